@@ -256,7 +256,7 @@ def verify_files(
     from taction.verification.studies.scene_files import scene_files
 
     files = scene_files([str(name) for name in scenes], exclude)
-    from taction.verification.studies.running.collecting import for_each_file
+    from taction.verification.studies.running.study import for_each_file
     from taction.verification.studies.verify_files import VerifiedFiles, document_of, verify_file
 
     describe: Callable[..., dict[str, Any]]

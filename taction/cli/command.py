@@ -331,7 +331,7 @@ CLUSTER = option(
 )
 ANY_PART = option("any_part", is_flag=True)
 OUTPUT = option("output", "-o", "--output", type=click.Path(dir_okay=False), writes=True)
-DATABASE = replace(OUTPUT, check="verification.studies.store_file:check_database")
+DATABASE = replace(OUTPUT, check="verification.studies.store:check_database")
 
 
 def folder(name: str, *flags: str, **attributes: Any) -> CommandParameter:

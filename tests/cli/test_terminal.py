@@ -10,7 +10,7 @@ import pytest
 
 from taction.cli.terminal import SparseLines
 from taction.verification.studies.running import collecting
-from taction.verification.studies.running.collecting import Pace
+from taction.verification.studies.running.study import Pace
 from tests.support.command_lines import LINES
 from tests.support.entries import write_fast
 from tests.support.printed import printed_objects, shown_at, words_of

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Iterator
-from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.studies.running.worker import Workers
+from taction.verification.studies.running.pool import Workers
 from tests.support.making import NEAR_IDEAL, make_scene
 
 QUIET = {"resistor": 0, "capacitor": 0, "stray": 0, "opamp_gbw": 0, "opamp_gain": 0}
@@ -55,7 +55,7 @@ def scene_file(folder: Path, rest: str = "") -> str:
 def one_thread() -> Iterator[Workers]:
     """Run samples in this process, one at a time."""
     with ThreadPoolExecutor(1) as executor:
-        yield Workers(executor, lambda: 2, (BrokenExecutor,))
+        yield Workers(executor, 1, spare=1)
 
 
 def stored_samples(file: Path) -> list[dict[str, Any]]:

@@ -31,7 +31,7 @@ from taction.verification.design.ranges import SearchRange, parse_ranges
 from taction.verification.design.search import search_range
 from taction.verification.design.trials import Trial, Trials
 from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.studies.running.collecting import Pace
+from taction.verification.studies.running.study import Pace
 from taction.verification.verdict.record import ERROR
 from taction.verification.verdict.verify import Verdict, verify
 

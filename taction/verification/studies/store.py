@@ -12,24 +12,35 @@ from __future__ import annotations
 import json
 import sqlite3
 import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from taction.system.documents import plain, read
-from taction.verification.studies.store_file import (
-    ACCEPTED,
-    CORRUPT,
-    PATIENCE,
-    check_database,
-    explained,
-    unusable,
-)
-from taction.verification.verdict.record import ERROR
+from taction.system.errors import Complaint, InputError, OutOfDisk
 
 T = TypeVar("T")
 
+PATIENCE = 60.0  # s to wait for another process that has locked the file
 APPLICATION = 0x7461_6374  # "tact", in the file's header
-FORMAT = 4  # of the results; a change in what a record means gets a new number
+FORMAT = 5  # of the results; a change in what a record or a key means gets a new number
+HEAD = b"SQLite format 3\0"
 
+ACCEPTED = "expected a database of `taction sweep` or `montecarlo`, or the name of a new file"
+CORRUPT = (
+    "the database is damaged and was not changed; `sqlite3 FILE .recover` may save its points;"
+    " start anew with another name"
+)
+NOT_A_DATABASE = f"the file is no SQLite database; {ACCEPTED}. It was not changed"
+MESSAGES = {  # by the beginnings of SQLite's error names
+    "SQLITE_NOTADB": NOT_A_DATABASE,
+    "SQLITE_CORRUPT": CORRUPT,
+    "SQLITE_READONLY": "the file cannot be written; give it write permission, or another name",
+    "SQLITE_CANTOPEN": "the file cannot be opened or made; does the folder exist, and may you"
+    " write to it?",
+    "SQLITE_BUSY": "another process has locked the file for a minute; is that process suspended?",
+}
 SCHEMA = f"""
 begin immediate;
 create table if not exists points (
@@ -44,7 +55,7 @@ commit;
 """
 PUT = """
 insert into points (key, outcome, record) values (?, ?, ?) on conflict (key)
-do update set outcome = excluded.outcome, record = excluded.record where outcome = ?
+do update set outcome = excluded.outcome, record = excluded.record where outcome = 'error'
 """
 
 
@@ -53,7 +64,7 @@ class HasOutcome(Protocol):
 
     @property
     def outcome(self) -> str:
-        """``"pass"``, ``"fail"``, ``"inconclusive"`` or `ERROR`."""
+        """``"pass"``, ``"fail"``, ``"inconclusive"`` or ``"error"``."""
 
 
 class Store:
@@ -75,16 +86,16 @@ class Store:
     def __init__(self, path: str) -> None:
         self.path = path
         check_database(path)
-        with explained(self.path):
+        with self._explained():
             self._db = sqlite3.connect(
                 path, timeout=PATIENCE, isolation_level=None, check_same_thread=False
             )  # the garbage collector may close it in another thread
+            weakref.finalize(self, self._db.close)  # for a store that a SweepResult keeps open
             try:
                 self._prepare()
             except BaseException:
                 self._db.close()
                 raise
-        weakref.finalize(self, self._db.close)  # for a store that a SweepResult keeps open
 
     def __enter__(self) -> Store:
         return self
@@ -107,7 +118,7 @@ class Store:
         try:
             return None if text is None else read(kind, json.loads(text))
         except ValueError as error:
-            raise unusable(self.path, f"{CORRUPT} (a stored record: {error})") from None
+            raise _unusable(self.path, f"{CORRUPT} (a stored record: {error})") from None
 
     def count(self) -> int:
         """Return the number of stored points."""
@@ -119,12 +130,12 @@ class Store:
         `key` is the digest of all that the result depends on.
         """
         text = json.dumps(plain(result), allow_nan=False, separators=(",", ":"))
-        with explained(self.path):
-            self._db.execute(PUT, (key, result.outcome, text, ERROR))
+        with self._explained():
+            self._db.execute(PUT, (key, result.outcome, text))
 
     def _value(self, query: str, *parameters: object) -> Any:
         """Return the first column of the first row, or None without a row."""
-        with explained(self.path):
+        with self._explained():
             row = self._db.execute(query, parameters).fetchone()
         return None if row is None else row[0]
 
@@ -133,18 +144,51 @@ class Store:
         if not self._value("select count(*) from sqlite_master"):
             self._db.executescript(SCHEMA)
         if self._value("pragma application_id") != APPLICATION:
-            raise unusable(
-                self.path, f"a database of another program; {ACCEPTED}. It was not changed"
-            )
+            text = f"a database of another program; {ACCEPTED}. It was not changed"
+            raise _unusable(self.path, text)
         if (other := self._value("pragma user_version")) != FORMAT:
-            raise unusable(
-                self.path,
-                f"results of format {other}, this taction has {FORMAT}; the two cannot be mixed."
-                " The file was not changed; start anew with another name",
-            )
-        problem = self._value("pragma quick_check(1)")
-        if problem != "ok":
-            raise unusable(self.path, f"{CORRUPT} ({problem})")
+            text = f"results of format {other}, this taction has {FORMAT}; the two cannot be mixed."
+            text += " The file was not changed; start anew with another name"
+            raise _unusable(self.path, text)
+        if (problem := self._value("pragma quick_check(1)")) != "ok":
+            raise _unusable(self.path, f"{CORRUPT} ({problem})")
         if self._value("pragma journal_mode") != "wal":
             self._db.execute("pragma journal_mode = wal")
         self._db.execute("pragma synchronous = normal")
+
+    @contextmanager
+    def _explained(self) -> Iterator[None]:
+        """Turn an error of SQLite in the block into an `InputError` or `OutOfDisk`."""
+        try:
+            yield
+        except sqlite3.Error as error:
+            name = getattr(error, "sqlite_errorname", "")
+            if name.startswith(("SQLITE_FULL", "SQLITE_IOERR")):
+                raise OutOfDisk(
+                    f"{self.path}: {error}. All earlier points are stored; make room on the disk"
+                    " and run the same command again to continue"
+                ) from error
+            texts = (text for known, text in MESSAGES.items() if name.startswith(known))
+            raise _unusable(self.path, next(texts, f"{error}; {ACCEPTED}")) from error
+        except UnicodeDecodeError as error:  # SQLite's message quotes a damaged name
+            raise _unusable(self.path, CORRUPT) from error
+
+
+def check_database(path: str) -> None:
+    """Refuse a file that is no database, before any work is done.
+
+    Raises
+    ------
+    InputError
+        `path` is no regular file, or begins otherwise than a database.
+    """
+    file = Path(path)
+    if file.exists() and not file.is_file():
+        raise _unusable(path, f"not a regular file; {ACCEPTED}")
+    with suppress(OSError), file.open("rb") as opened:  # SQLite says why it cannot be read
+        if opened.read(len(HEAD)) not in (b"", HEAD):
+            raise _unusable(path, NOT_A_DATABASE)
+
+
+def _unusable(path: str, text: str) -> InputError:
+    return InputError(path, Complaint("database", "", text))

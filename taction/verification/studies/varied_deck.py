@@ -23,8 +23,8 @@ from taction.verification.studies.foreign_board import ForeignBoard
 from taction.verification.studies.measured_board import MeasuredBoard, measure_boards
 from taction.verification.studies.part_influence import influences
 from taction.verification.studies.questions import QUESTIONS, Wanted
-from taction.verification.studies.running.collecting import Pace
-from taction.verification.studies.running.executors import in_this_process
+from taction.verification.studies.running.pool import HERE
+from taction.verification.studies.running.study import Pace
 from taction.verification.studies.running.versions import own_version
 from taction.verification.studies.tolerance.corners import CornerStudy, worst_of
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
@@ -170,9 +170,8 @@ def varied_outcomes(
     """
     count, seed = samples
     board, tally, pace = VariedDeck.of(found, deck, spread, asked), SampleCollection(count), Pace()
-    with in_this_process() as workers:
-        corners = worst_of(board, workers, progress)
-        for _ in run_samples(board, range(count), seed, workers, tally):
-            left = pace.ended(count - len(tally.samples))
-            progress(f"yield: {len(tally.samples)} of {count} samples{left}")
+    corners = worst_of(board, HERE, progress)
+    for _ in run_samples(board, range(count), seed, HERE, tally):
+        left = pace.ended(count - len(tally.samples))
+        progress(f"yield: {len(tally.samples)} of {count} samples{left}")
     return corners, summarise_samples(board, tally.samples, seed)

@@ -14,7 +14,7 @@ import pytest
 
 from taction.system.errors import InputError, OutOfDisk
 from taction.verification.studies import store as module
-from taction.verification.studies.store import ERROR, FORMAT, Store
+from taction.verification.studies.store import FORMAT, Store
 from tests.support.paths import ROOT
 
 
@@ -55,7 +55,7 @@ def test_the_file_is_one_file_when_nothing_runs(tmp_path: Path) -> None:
 
 def test_only_an_error_is_replaced(tmp_path: Path) -> None:
     with Store(str(tmp_path / "a.sqlite")) as store:
-        put(store, 1, ERROR)
+        put(store, 1, "error")
         put(store, 1, "fail")
         put(store, 1, "pass")
         assert store.outcome_of(key(1)) == "fail"

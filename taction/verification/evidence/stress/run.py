@@ -18,7 +18,7 @@ from taction.verification.evidence.stress.compare import (
     worst,
     wrong_checks,
 )
-from taction.verification.studies.running.collecting import for_each_file
+from taction.verification.studies.running.study import for_each_file
 from taction.verification.studies.running.versions import describe_machine
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.verify import Verdict, verify

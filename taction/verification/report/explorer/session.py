@@ -30,7 +30,7 @@ from taction.verification.report.explorer.parts import (
     verdict_part,
 )
 from taction.verification.stability.edges import Edges
-from taction.verification.studies.running.worker import Worker, WorkerDiedError
+from taction.verification.studies.running.pool import Worker, WorkerDiedError
 from taction.verification.verdict.record import ERROR
 
 T = TypeVar("T")

@@ -38,7 +38,7 @@ from taction.verification.stability.edges import Edge, Scan
 from taction.verification.stability.families import Family, unrounded
 from taction.verification.stability.poles import count_unstable, poles
 from taction.verification.studies.onset.transient_trial import TransientTest, confirm
-from taction.verification.studies.running.collecting import Pace
+from taction.verification.studies.running.study import Pace
 
 NOT_ASKED = "transients were not requested"
 AROUND = 30.0  # the default range is from the scene's value / 30 to its value * 30

@@ -36,7 +36,7 @@ from taction.verification.studies.regression.baseline import (
     load_baseline,
     observe,
 )
-from taction.verification.studies.running.collecting import for_each_file
+from taction.verification.studies.running.study import for_each_file
 from taction.verification.studies.scene_files import find_scenes
 from taction.verification.verdict.cause import causes, named
 from taction.verification.verdict.checks import Check, Outcome

@@ -1,8 +1,4 @@
-"""Workers of a Dask cluster: its address, its scheduler, and the wait for its workers.
-
-The scheduler is asked who it is before a client is made, because a client of Dask waits for ever
-where something else listens at the port.
-"""
+"""Workers of a Dask cluster, behind the same interface as the processes of this machine."""
 
 from __future__ import annotations
 
@@ -10,27 +6,23 @@ import importlib
 import logging
 import pickle
 import re
-import time
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager, suppress
-from functools import partial
 from typing import Any, TypeVar
 
 from taction.system.errors import Complaint, InputError, NoVerdictError
-from taction.verification.studies.running.worker import Workers
+from taction.verification.studies.running.pool import Workers
 
 T = TypeVar("T")
 
 PATIENCE = 15.0  # s to wait for an answer of a scheduler
 WORKER_PATIENCE = 60.0  # s to wait for a worker, at the start and after the loss of the last one
-INTERVAL = 1.0  # s between two counts of the workers
 CLOSING = 5.0  # s to take leave of a scheduler
+SPARE = 100  # calls that wait for a worker: others may join
 ADDRESS = re.compile(r"(?:(?:tcp|tls)://)?(?:[\w.-]+|\[[0-9A-Fa-f:.%\w]+\]):([0-9]{1,5})", re.ASCII)
 EXPECTED = "expected tcp://HOST:PORT or tls://HOST:PORT, with a port from 1 to 65535"
-LOGGERS = ("distributed", "tornado", "asyncio")  # our errors say the same
-SILENT = logging.CRITICAL + 1
 
 
 @contextmanager
@@ -49,27 +41,32 @@ def cluster(address: str, announce: Callable[[str], None] = lambda text: None) -
     InputError
         The address cannot be one, dask.distributed is not installed, or no scheduler answers at
         `address` within `PATIENCE`.
+    NoVerdictError
+        No worker comes within `WORKER_PATIENCE`.
     """
     check_address(address)
     try:
         distributed: Any = importlib.import_module("distributed")
     except ImportError:
         raise _refusal(address, "needs dask.distributed: pip install 'taction[cluster]'") from None
-    with _silent():
+    before = logging.root.manager.disable
+    logging.disable()  # Dask logs what our errors say
+    try:
         client = _client(distributed, address)
         try:
-            threads = _ClusterThreads(client, announce)
-            yield Workers(
-                _Cluster(client.get_executor()),
-                lambda: 2 * threads() + 2,
-                lost=(distributed.KilledWorker,),
-                closed=(RuntimeError, OSError, distributed.client.ClosedClientError),
-                processes=threads,
-                check=threads.check,
-            )
+
+            def check() -> None:
+                _wait_for_worker(client, announce)
+
+            check()
+            threads = sum(client.nthreads().values())
+            lost = (distributed.KilledWorker,)
+            yield Workers(_Cluster(client.get_executor()), threads, SPARE, lost, check)
         finally:
             with suppress(OSError, RuntimeError):  # a scheduler that is gone
                 client.close(timeout=CLOSING)
+    finally:
+        logging.disable(before)
 
 
 def check_address(address: str) -> None:
@@ -84,28 +81,42 @@ def _refusal(address: str, text: str) -> InputError:
 
 
 def _client(distributed: Any, address: str) -> Any:
-    """Return a client of the scheduler at `address`, or raise InputError with the reason."""
+    """Return a client of the scheduler at `address`, or raise InputError with the reason.
+
+    A client of Dask waits for ever where something else listens at the port, so the program there
+    is asked first what it is.
+    """
     import asyncio  # 30 ms that a study without a cluster does not need
 
+    async def kind() -> str:
+        security = distributed.Security().get_connection_args("client")
+        async with distributed.rpc(address, timeout=PATIENCE, connection_args=security) as other:
+            return str((await other.identity())["type"])
+
     try:
-        kind = asyncio.run(asyncio.wait_for(_kind(distributed, address), PATIENCE))
-        if kind != "Scheduler":
-            raise _refusal(address, f"a Dask {kind.lower()} answers there; expected the scheduler")
-        with warnings.catch_warnings():  # other versions: the workers compare what counts
-            warnings.simplefilter("ignore", distributed.versions.VersionMismatchWarning)
-            return distributed.Client(address, timeout=PATIENCE, set_as_default=False)
-    except InputError:
-        raise
+        found = asyncio.run(asyncio.wait_for(kind(), PATIENCE))
+        if found == "Scheduler":
+            with warnings.catch_warnings():  # other versions: the workers compare what counts
+                warnings.simplefilter("ignore", distributed.versions.VersionMismatchWarning)
+                return distributed.Client(address, timeout=PATIENCE, set_as_default=False)
     except Exception as error:  # whatever the other program sends: Dask has no list of its errors
         text = f"no Dask scheduler answers within {PATIENCE:g} s ({error or 'no answer'});"
         raise _refusal(address, f"{text} start one with `dask scheduler`") from None
+    raise _refusal(address, f"a Dask {found.lower()} answers there; expected the scheduler")
 
 
-async def _kind(distributed: Any, address: str) -> str:
-    """Ask the program at `address` what it is: ``"Scheduler"``, ``"Worker"``."""
-    security = distributed.Security().get_connection_args("client")
-    async with distributed.rpc(address, timeout=PATIENCE, connection_args=security) as other:
-        return str((await other.identity())["type"])
+def _wait_for_worker(client: Any, announce: Callable[[str], None]) -> None:
+    """Return if the cluster has a worker, or as soon as one comes; else raise NoVerdictError."""
+    if client.scheduler is None:
+        raise OSError("the connection to the scheduler is closed")
+    if client.sync(client.scheduler.ncores, callback_timeout=PATIENCE):
+        return
+    announce(f"the cluster has no worker: waiting for one, {WORKER_PATIENCE:g} s")
+    try:
+        client.wait_for_workers(1, timeout=WORKER_PATIENCE)
+    except TimeoutError:
+        text = f"the cluster had no worker for {WORKER_PATIENCE:g} s; start one with `dask worker`"
+        raise NoVerdictError(text) from None
 
 
 class _Call:
@@ -115,11 +126,11 @@ class _Call:
     the task is known everywhere, and what it lacks is the error of the task.
     """
 
-    def __init__(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
-        self._parts = (function, arguments)
+    def __init__(self, *parts: Any) -> None:
+        self._parts = parts
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        return self._parts
+        return self._parts[0], self._parts[1:]
 
 
 class _Cluster(Executor):
@@ -129,55 +140,5 @@ class _Cluster(Executor):
         self._executor = executor
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        call = pickle.dumps(_Call(partial(fn, **kwargs) if kwargs else fn, args))
-        future: Future[T] = self._executor.submit(pickle.loads, call)
+        future: Future[T] = self._executor.submit(pickle.loads, pickle.dumps(_Call(fn, *args)))
         return future
-
-
-class _ClusterThreads:
-    """The threads of a cluster, counted every `INTERVAL`, since workers join and leave."""
-
-    def __init__(self, client: Any, announce: Callable[[str], None]) -> None:
-        self._client, self._announce = client, announce
-        self._counted, self._threads = -INTERVAL, 0
-        self._alone: float | None = None  # when the last worker left
-
-    def __call__(self) -> int:
-        """Return the number of threads of all workers; OSError if the scheduler is silent."""
-        if time.monotonic() - self._counted > INTERVAL:
-            scheduler = self._client.scheduler
-            if scheduler is None:
-                raise OSError("the connection to the scheduler is closed")
-            found = self._client.sync(scheduler.identity, n_workers=-1, callback_timeout=PATIENCE)
-            self._threads = sum(worker["nthreads"] for worker in found["workers"].values())
-            self._counted = time.monotonic()
-        return self._threads
-
-    def check(self) -> None:
-        """Say that the cluster has no worker, and raise NoVerdictError after `WORKER_PATIENCE`."""
-        if self():
-            self._alone = None
-            return
-        if self._alone is None:
-            self._alone = time.monotonic()
-            self._announce(f"the cluster has no worker: waiting for one, {WORKER_PATIENCE:g} s")
-        if time.monotonic() - self._alone > WORKER_PATIENCE:
-            text = f"the cluster had no worker for {WORKER_PATIENCE:g} s; start one with `dask"
-            raise NoVerdictError(
-                f"{text} worker`. The stored results are intact, the same command continues"
-            )
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    """Silence the log of Dask, whose loggers set their own levels."""
-    known = logging.root.manager.loggerDict
-    names = [name for name in (*known, *LOGGERS) if name.partition(".")[0] in LOGGERS]
-    levels = {name: logging.getLogger(name).level for name in names}
-    for name in levels:
-        logging.getLogger(name).setLevel(SILENT)
-    try:
-        yield
-    finally:
-        for name, level in levels.items():
-            logging.getLogger(name).setLevel(level)

@@ -1,21 +1,15 @@
-"""Versions and machine of a study, equal in all its processes, and the digests of its inputs.
-
-Digests of plain data are the keys of stored results. The encoding contains the type of every value
-and the shape of every array, and mappings are sorted, so equal content gives equal digests on any
-machine and in any version of Python.
-"""
+"""Versions and machine of a study, equal in all its processes, and the digests of its inputs."""
 
 from __future__ import annotations
 
 import dataclasses
 import enum
-import functools
 import hashlib
-import operator
+import json
 import os
 import platform
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -25,73 +19,37 @@ from pydantic import BaseModel
 
 from taction import netlist_gen, spice_models, system, verification
 from taction.system import plugins
-from taction.system.errors import SimulationError, SimulatorNotFound, SimulatorTooOld
+from taction.system.errors import NoVerdictError, SimulationError
 from taction.system.processes import THREADS
 from taction.verification.engines.ngspice.executable import Simulator, find_simulator
-
-PLAIN = frozenset((type(None), bool, int, float, str))
 
 
 def digest(*values: object) -> bytes:
     """Return the SHA-256 of `values`: dataclasses, models, containers, arrays, plain values.
 
-    Raises
-    ------
-    TypeError
-        A value of another type has no canonical encoding.
+    The text that is hashed shows types and borders, and mappings are sorted, so equal content has
+    equal digests on any machine. TypeError: a value of another type.
     """
-    parts: list[bytes] = []
-    _encode(values, parts)
-    return hashlib.sha256(b"".join(parts)).digest()
+    return hashlib.sha256(json.dumps(values, default=_plain, sort_keys=True).encode()).digest()
 
 
-def _encode(value: object, parts: list[bytes]) -> None:
-    kind: Any = type(value)
-    if kind in PLAIN:
-        parts.append(_word(repr(value)))
-    elif isinstance(value, tuple | list):
-        _encode_items(b"t", value, parts)
-    elif (fields := _fields(kind)) is not None:
-        _encode_items(kind.__name__.encode(), fields(value), parts)
-    elif isinstance(value, np.ndarray):
+def _plain(value: Any) -> Any:
+    """Return the content of a value as plain data."""
+    if isinstance(value, bytes):
+        return {"bytes": value.hex()}
+    if isinstance(value, np.ndarray):
         little = np.ascontiguousarray(value, dtype=value.dtype.newbyteorder("<"))
-        parts += [f"a{little.dtype.str}{little.shape}:".encode(), little.tobytes()]
-    elif isinstance(value, Mapping):
-        _encode(tuple(sorted(value.items())), parts)
-    elif isinstance(value, bytes):
-        parts.append(b"y%d:" % len(value) + value)
-    elif isinstance(value, BaseModel):
-        _encode(value.model_dump(by_alias=True), parts)
-    elif isinstance(value, enum.Enum):
-        _encode(value.value, parts)
-    else:
-        raise TypeError(f"no canonical encoding of {kind.__name__}")
-
-
-def _encode_items(name: bytes, values: Sequence[object], parts: list[bytes]) -> None:
-    """Encode some values; plain ones together, because a board has hundreds of small parts."""
-    parts.append(b"%b%d:" % (name, len(values)))
-    if PLAIN.issuperset(map(type, values)):
-        parts.append(_word(repr(tuple(values))))
-        return
-    for value in values:
-        _encode(value, parts)
-
-
-def _word(text: str) -> bytes:
-    """Encode the text of plain values, which shows their types."""
-    return f"{len(text)}:{text}".encode()
-
-
-@functools.cache
-def _fields(kind: Any) -> Callable[[Any], tuple[object, ...]] | None:
-    """Return what reads the fields of a dataclass that its digest needs; None of another type."""
-    if not dataclasses.is_dataclass(kind):
-        return None
-    names = [f.name for f in dataclasses.fields(kind) if f.metadata.get("digest", True)]
-    if len(names) > 1:
-        return operator.attrgetter(*names)
-    return lambda value: tuple(getattr(value, name) for name in names)
+        return {little.dtype.str: little.shape, "bytes": little.tobytes().hex()}
+    if isinstance(value, BaseModel):
+        return value.model_dump(by_alias=True)
+    if isinstance(value, Mapping):
+        return dict(value)
+    if isinstance(value, enum.Enum):
+        return value.value
+    if dataclasses.is_dataclass(value):
+        known = [f.name for f in dataclasses.fields(value) if f.metadata.get("digest", True)]
+        return {type(value).__name__: [getattr(value, name) for name in known]}
+    raise TypeError(f"no digest of {type(value).__name__}")
 
 
 @plugins.cached
@@ -110,10 +68,6 @@ def own_code() -> bytes:
     return digest(texts, *([tuple(plugins.sources())] if plugins.offers() else []))
 
 
-class OtherVersionsError(Exception):
-    """A worker has other versions than the study; its results would not be comparable."""
-
-
 @plugins.cached
 def own_version(ngspice: bool) -> str:
     """Return taction, its source, its plug-ins and ngspice, as far as they can change a result.
@@ -130,13 +84,14 @@ def own_version(ngspice: bool) -> str:
 
 
 def check_version(version: str) -> None:
-    """Raise OtherVersionsError if this process has another version than the study."""
+    """Raise NoVerdictError if this process has another version than the study."""
     try:
         here = own_version(not version.endswith("no ngspice"))
-    except (SimulatorNotFound, SimulatorTooOld) as error:
+    except SimulationError as error:
         here = f"no usable ngspice ({str(error).partition('. ')[0]})"
     if here != version:
-        raise OtherVersionsError(f"{platform.node()} has {here} instead of {version}")
+        text = f"{platform.node()} has {here} instead of {version}"
+        raise NoVerdictError(f"{text}; a study needs equal versions everywhere")
 
 
 def simulator_name(simulator: Simulator) -> str:

@@ -25,9 +25,8 @@ from taction.system.errors import Complaint, InputError
 from taction.system.progress import Notice, Progress
 from taction.system.results import Result
 from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.studies.running.collecting import Pace
-from taction.verification.studies.running.executors import workers_at
-from taction.verification.studies.running.worker import Workers
+from taction.verification.studies.running.pool import Workers
+from taction.verification.studies.running.study import Pace, workers_at
 from taction.verification.studies.tolerance.samples import (
     BoardSample,
     Quantity,

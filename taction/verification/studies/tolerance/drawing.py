@@ -18,10 +18,9 @@ from taction.system.array_types import Floats
 from taction.system.errors import Interrupted
 from taction.system.progress import Notice, Progress
 from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.studies.running.collecting import Pace
-from taction.verification.studies.running.executors import workers_at
+from taction.verification.studies.running.pool import Workers
+from taction.verification.studies.running.study import Pace, workers_at
 from taction.verification.studies.running.versions import digest
-from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.tolerance.samples import (
     BoardSample,

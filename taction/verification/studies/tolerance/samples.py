@@ -20,9 +20,9 @@ from taction.system.array_types import Floats
 from taction.system.documents import INLINE
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import banded, fraction
-from taction.verification.studies.running.collecting import attempted, collected_together, together
+from taction.verification.studies.running.pool import Workers
+from taction.verification.studies.running.study import attempted, study
 from taction.verification.studies.running.versions import check_version
-from taction.verification.studies.running.worker import Workers
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import ERROR, Record, finite
 
@@ -220,11 +220,11 @@ def evaluate_all(
     Raises
     ------
     InputError, NoVerdictError
-        As `taction.verification.studies.running.collecting.collected`.
+        As `taction.verification.studies.running.study.study`.
     """
     calls = ((number, (board, number, z)) for number, z in requests)
-    size = 1 if board.runs_alone else together(count, workers)
-    for number, sample in collected_together(workers, evaluate_together, calls, size, stopped):
+    count = 1 if board.runs_alone else count
+    for number, sample in study(workers, evaluate_together, calls, count, stopped):
         if isinstance(sample, BaseException):
             reason = f"its worker was killed: {sample}"
             sample = without_verdict(number, sample, reason, board)

@@ -30,8 +30,8 @@ from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.reference.ideal_answer import ideal_network, initial_voltages
 from taction.verification.reference.lambda_rule import read_scene
+from taction.verification.studies.running.pool import FAILURES, START_UP, Worker
 from taction.verification.studies.running.versions import describe_machine
-from taction.verification.studies.running.worker import FAILURES, START_UP, Worker
 from taction.verification.studies.work_precision.methods import (
     BASE_POINTS,
     EXACT,

@@ -21,7 +21,7 @@ from taction.verification.design import outcomes_along
 from taction.verification.design.explorer_settings import Settings, Start
 from taction.verification.report.explorer import server, session
 from taction.verification.report.explorer.session import ExplorerJob, Session
-from taction.verification.studies.running.worker import WorkerDiedError
+from taction.verification.studies.running.pool import WorkerDiedError
 from taction.verification.verdict.checks import Outcome
 from tests.support.paths import SCENES
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import Result
 
-from taction.verification.studies.running import executors
-from taction.verification.studies.running.worker import Workers
+from taction.verification.studies.running import study
+from taction.verification.studies.running.pool import HERE
 from tests.support.making import write_matrix_scene
 from tests.support.running import taction as command
 
@@ -27,21 +26,12 @@ OVER = ("--over", "C=50p:200p:3", "--over", "gain=50k,100k")
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A scene, and a command line that computes in this process."""
     write_matrix_scene(tmp_path, [[1.0, 0.2], [0.2, 1.0]], [1.0, 0.5], DESIGN)
-    with ThreadPoolExecutor(1) as executor:
-
-        class Here:
-            def __enter__(self) -> Workers:
-                return Workers(executor, lambda: 2, ())
-
-            def __exit__(self, *error: object) -> None:
-                return None
-
-        monkeypatch.setattr(executors, "local", lambda jobs: Here())
-        monkeypatch.chdir(tmp_path)
-        yield tmp_path
+    monkeypatch.setattr(study, "local", lambda jobs: nullcontext(HERE))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
 def taction(*words: str) -> Result:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +20,12 @@ from taction.system.errors import (
     SimulationError,
     SimulatorNotFound,
 )
-from taction.verification.studies.running.versions import OtherVersionsError, own_version
-from taction.verification.studies.running.worker import Workers
+from taction.verification.studies.running.pool import WorkerDiedError, Workers
+from taction.verification.studies.running.versions import own_version
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, grid_points, plan_sweep
-from taction.verification.studies.sweep.point import compute
 from taction.verification.studies.sweep.result import records
-from taction.verification.studies.sweep.run import SweepCounts, sweep_points
+from taction.verification.studies.sweep.run import SweepCounts, compute_points, sweep_points
 from taction.verification.verdict import verify_together as module_of_batches
 from taction.verification.verdict.verify import verify
 from taction.verification.verdict.verify_together import Request
@@ -39,7 +38,7 @@ DAMPED = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0.0, "
 @pytest.fixture
 def workers() -> Iterator[Workers]:
     with ThreadPoolExecutor(1) as executor:
-        yield Workers(executor, lambda: 2, (BrokenExecutor,))
+        yield Workers(executor, 1, spare=1)
 
 
 def scene(**tables: Any) -> Scene:
@@ -166,17 +165,17 @@ def test_a_changed_file_is_another_problem(tmp_path: Path, workers: Workers) -> 
 def test_another_version_at_the_worker_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     job = Request(scene())
     text = f"has {re.escape(own_version(False))} instead of taction 0.0.9, no ngspice"
-    with pytest.raises(OtherVersionsError, match=text):
-        compute("taction 0.0.9, no ngspice", job)
+    with pytest.raises(NoVerdictError, match=text):
+        compute_points("taction 0.0.9, no ngspice", job)
     monkeypatch.setenv("TACTION_NGSPICE", "/missing/ngspice")
     own_version.cache_clear()
     text = "has no usable ngspice .no executable '/missing/ngspice'. instead of taction, ngspice-46"
-    with pytest.raises(OtherVersionsError, match=text):
-        compute("taction, ngspice-46", job)
+    with pytest.raises(NoVerdictError, match=text):
+        compute_points("taction, ngspice-46", job)
     own_version.cache_clear()
 
 
-def failing(error: Exception, *broken: type[Exception]) -> Workers:
+def failing(error: Exception) -> Workers:
     """Workers of which every task ends with an error."""
 
     class Failing(ThreadPoolExecutor):
@@ -185,11 +184,11 @@ def failing(error: Exception, *broken: type[Exception]) -> Workers:
             future.set_exception(error)
             return future
 
-    return Workers(Failing(1), lambda: 1, broken)
+    return Workers(Failing(1), 1)
 
 
 def test_a_skewed_worker_ends_the_sweep(tmp_path: Path) -> None:
-    workers = failing(OtherVersionsError("node7 has ngspice-39 instead of ngspice-46"))
+    workers = failing(NoVerdictError("node7 has ngspice-39 instead of ngspice-46"))
     with pytest.raises(NoVerdictError, match="node7 has ngspice-39 instead of ngspice-46"):
         run(plan("C=50p"), tmp_path / "a.sqlite", workers)
     with Store(str(tmp_path / "a.sqlite")) as store:
@@ -197,10 +196,10 @@ def test_a_skewed_worker_ends_the_sweep(tmp_path: Path) -> None:
 
 
 def test_a_point_that_no_worker_survives_is_a_row(tmp_path: Path) -> None:
-    workers = failing(BrokenExecutor("abrupt end"), BrokenExecutor)
+    workers = failing(WorkerDiedError("abrupt end"))
     count, rows = run(plan("C=50p,60p"), tmp_path / "a.sqlite", workers)
     assert count.outcomes == {"error": 2}
-    assert rows[0]["failure"] == "BrokenExecutor"
+    assert rows[0]["failure"] == "WorkerDiedError"
     assert "killed" in rows[0]["reason"]
 
 
@@ -211,7 +210,7 @@ def test_workers_without_taction_or_without_a_scheduler_are_named(tmp_path: Path
     closed = ThreadPoolExecutor(1)
     closed.shutdown()
     with pytest.raises(NoVerdictError, match="the same command continues"):
-        run(plan("C=50p"), path, Workers(closed, lambda: 1, ()))
+        run(plan("C=50p"), path, Workers(closed, 1))
 
 
 def test_the_engine_is_no_axis() -> None:

@@ -6,7 +6,6 @@ A twentieth of the scenes is verified by default, all with ``TACTION_RANDOM_SCEN
 from __future__ import annotations
 
 import os
-from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from typing import Any
 
 import pytest
@@ -19,13 +18,13 @@ from taction.system.documents import plain
 from taction.system.errors import TactionError
 from taction.system.progress import Clock
 from taction.system.reading_definitions import READINGS
+from taction.verification.studies.running.pool import HERE
 from taction.verification.studies.running.versions import own_version
-from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import plan_sweep
-from taction.verification.studies.sweep.point import compute
 from taction.verification.studies.sweep.result import records
 from taction.verification.studies.sweep.run import POINT_EFFORT, sweep_points
+from taction.verification.studies.sweep.run import compute_points as compute
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.record import FIGURES, Record
 from taction.verification.verdict.verify import verify
@@ -128,7 +127,7 @@ def test_no_point_of_a_sweep_depends_on_the_points_before(ngspice: str, engine: 
 def swept(over: str, engine: str) -> dict[float, dict[str, Any]]:
     """Return the records of a sweep of one worker by capacitance, without the time they took."""
     plan = plan_sweep(PAPER, over, engine, fix="gain=1M")
-    with Store(":memory:") as store, ThreadPoolExecutor(1) as executor:
-        sweep_points(plan, store, Workers(executor, lambda: 1, (BrokenExecutor,)))
+    with Store(":memory:") as store:
+        sweep_points(plan, store, HERE)
         found = list(records(plan, store))
     return {record.pop("values")["C"]: record | {"seconds": 0.0} for record in found}

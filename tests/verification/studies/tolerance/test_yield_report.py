@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from concurrent.futures import BrokenExecutor, Executor, Future
+from concurrent.futures import Executor, Future
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,7 @@ from scipy.stats import binom, binomtest
 
 from taction.netlist_gen.board.variation import draw
 from taction.system.errors import InputError, NoVerdictError
-from taction.verification.studies.running.executors import local
-from taction.verification.studies.running.worker import Workers
+from taction.verification.studies.running.pool import WorkerDiedError, Workers, local
 from taction.verification.studies.tolerance import yield_report
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
 from taction.verification.studies.tolerance.samples import BoardSample, evaluate
@@ -141,7 +140,7 @@ class _Failing(Executor):
 
 
 def test_a_lost_worker_costs_its_sample_only() -> None:
-    workers = Workers(_Failing(BrokenExecutor("gone")), lambda: 3, (BrokenExecutor,))
+    workers = Workers(_Failing(WorkerDiedError("gone")), 2)
     samples = drawn(study(), 9, workers)
     assert [s.number for s in samples if s.undecided] == [0, 3, 6]
     assert samples[0].lost == "its worker was killed: gone"
@@ -165,7 +164,7 @@ def test_workers_that_are_gone_are_an_error() -> None:
             return future
 
     with pytest.raises(NoVerdictError, match="the workers are gone"):
-        drawn(study(), 9, Workers(Gone(), lambda: 3, (BrokenExecutor,)))
+        drawn(study(), 9, Workers(Gone(), 2))
 
 
 def test_a_worker_with_another_taction_is_refused() -> None:

@@ -17,20 +17,29 @@ from pathlib import Path
 import pytest
 
 from taction.system.errors import NoVerdictError
-from taction.verification.studies.running import worker
-from taction.verification.studies.running.collecting import collected
-from taction.verification.studies.running.executors import ATTEMPTS, LocalPool, local
-from taction.verification.studies.running.worker import Worker, WorkerDiedError
+from taction.verification.studies.running import pool as module
+from taction.verification.studies.running.pool import (
+    ATTEMPTS,
+    LocalPool,
+    Worker,
+    WorkerDiedError,
+    local,
+)
+from taction.verification.studies.running.study import study
 from tests.support.paths import ROOT
 
 
 @pytest.fixture
 def pool() -> Iterator[LocalPool]:
     pool = LocalPool(2)
-    for each in pool._all:
+    for each in pool.workers:
         each.start()
     yield pool
     pool.shutdown(wait=False, cancel_futures=True)
+
+
+def pids(pool: LocalPool) -> list[int | None]:
+    return [worker.pid for worker in pool.workers]
 
 
 def gone(pid: int) -> bool:
@@ -51,7 +60,7 @@ def gone_within(seconds: float, *pids: int | None) -> bool:
 
 SCRIPT = """
 import sys
-from taction.verification.studies.running.executors import LocalPool
+from taction.verification.studies.running.pool import LocalPool
 print("top level", __name__, flush=True)
 pool = LocalPool(1)
 print(pool.submit(pow, 2, 3).result(60), sys.modules["__main__"].__file__ == __file__)
@@ -81,13 +90,13 @@ def test_one_blas_thread_a_worker(pool: LocalPool) -> None:
 
 
 def test_a_killed_worker_costs_its_own_task_only(pool: LocalPool, tmp_path: Path) -> None:
-    victim, other = pool.pids()
+    victim, other = pids(pool)
     log = tmp_path / "log"
     futures = [pool.submit(_note, str(log), k) for k in range(12)]
     os.kill(victim, signal.SIGKILL)
     assert sorted(future.result(60) for future in futures) == list(range(12))
-    assert other in pool.pids()
-    assert victim not in pool.pids()
+    assert other in pids(pool)
+    assert victim not in pids(pool)
     assert len(log.read_text().split()) <= 13
 
 
@@ -99,7 +108,7 @@ def _note(log: str, number: int) -> int:
 
 
 def test_an_idle_worker_may_die_too(pool: LocalPool) -> None:
-    for pid in pool.pids():
+    for pid in pids(pool):
         os.kill(pid, signal.SIGKILL)
     time.sleep(0.2)
     assert pool.submit(pow, 2, 5).result(60) == 32
@@ -120,9 +129,9 @@ def test_a_study_without_processes_ends(monkeypatch: pytest.MonkeyPatch) -> None
     def refuse() -> None:
         raise OSError("no process")
 
-    monkeypatch.setattr(worker.multiprocessing, "Pipe", refuse)
+    monkeypatch.setattr(module.multiprocessing, "Pipe", refuse)
     with local(2) as workers, pytest.raises(NoVerdictError, match="did not start: no process"):
-        list(collected(workers, pow, [(k, (2, k)) for k in range(4)]))
+        list(study(workers, max, [(k, k) for k in range(4)]))
 
 
 HOSTILE = ("random", "platform", "socket", "pickle", "multiprocessing", "verification", "numpy")
@@ -134,10 +143,10 @@ def test_no_module_of_the_working_folder_is_imported(tmp_path: Path) -> None:
     code = """
 import sys
 sys.path[:] = [each for each in sys.path if each]
-from taction.verification.studies.running import worker
+from taction.verification.studies.running import pool as module
 from taction.verification.studies.running.cluster import cluster
-from taction.verification.studies.running.collecting import collected
-from taction.verification.studies.running.executors import LocalPool
+from taction.verification.studies.running.study import one_by_one, study
+from taction.verification.studies.running.pool import LocalPool
 pool = LocalPool(1)
 print(pool.submit(pow, 2, 5).result(60))
 pool.shutdown()
@@ -155,12 +164,12 @@ def test_no_result_is_lost_where_workers_are_killed_while_they_send_it(pool: Loc
     futures = [pool.submit(bytes, 3_000_000) for _ in range(60)]
     for k in (10, 20, 30, 40):
         futures[k].result(60)
-        os.kill(pool.pids()[k // 10 % 2], signal.SIGKILL)
+        os.kill(pids(pool)[k // 10 % 2], signal.SIGKILL)
     assert {len(future.result(60)) for future in futures} == {3_000_000}
 
 
 def test_shutdown_ends_what_runs(pool: LocalPool) -> None:
-    pids = pool.pids()
+    first = pids(pool)
     running = [pool.submit(time.sleep, 100) for _ in range(2)]
     waiting = pool.submit(pow, 2, 5)
     time.sleep(0.3)
@@ -168,24 +177,24 @@ def test_shutdown_ends_what_runs(pool: LocalPool) -> None:
     pool.shutdown(wait=False, cancel_futures=True)
     assert waiting.cancelled()
     wait(running, timeout=20)
-    while not all(map(gone, pids)) and time.monotonic() < began + 20:
+    while not all(map(gone, first)) and time.monotonic() < began + 20:
         time.sleep(0.01)
-    assert all(map(gone, pids))
+    assert all(map(gone, first))
     with pytest.raises(RuntimeError):
         pool.submit(pow, 2, 5)
 
 
 PARENT = """
 import sys, time
-from taction.verification.studies.running import worker
+from taction.verification.studies.running import pool as module
 from taction.verification.studies.running.cluster import cluster
-from taction.verification.studies.running.collecting import collected
-from taction.verification.studies.running.executors import LocalPool
+from taction.verification.studies.running.study import one_by_one, study
+from taction.verification.studies.running.pool import LocalPool
 if __name__ == "__main__":
     pool = LocalPool(2)
-    for each in pool._all:
+    for each in pool.workers:
         each.start()
-    print(*pool.pids(), flush=True)
+    print(*(each.pid for each in pool.workers), flush=True)
     pool.submit(time.sleep, 100)
     time.sleep(100)
 """
@@ -208,7 +217,7 @@ def test_a_worker_ends_whatever_drops_its_end(
     pool: LocalPool, function: Callable[..., object], arguments: tuple[float, ...]
 ) -> None:
     """Such a process ignores the next SIGTERM, and Python's end waited for the process for ever."""
-    first = pool.pids()
+    first = pids(pool)
     running = pool.submit(function, *arguments)
     time.sleep(0.2)
     pool.shutdown(wait=False)
@@ -227,7 +236,7 @@ def end_in_a_callback() -> None:
 
 
 def test_an_end_in_a_callback_is_silent(pool: LocalPool, capfd: pytest.CaptureFixture[str]) -> None:
-    first = pool.pids()
+    first = pids(pool)
     with pytest.raises(BrokenExecutor):
         pool.submit(end_in_a_callback).result(30.0)
     assert gone_within(1.0, *first[:1]) or gone_within(1.0, *first[1:])
@@ -237,10 +246,10 @@ def test_an_end_in_a_callback_is_silent(pool: LocalPool, capfd: pytest.CaptureFi
 def test_python_ends_although_a_worker_is_stopped() -> None:
     script = """
 import os, signal
-from taction.verification.studies.running.executors import local
+from taction.verification.studies.running.pool import local
 with local(1) as workers:
     workers.executor.submit(pow, 2, 5).result()
-    os.kill(workers.executor.pids()[0], signal.SIGSTOP)
+    os.kill(workers.executor.workers[0].pid, signal.SIGSTOP)
 """
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, timeout=60, check=False)
     assert done.returncode == 0

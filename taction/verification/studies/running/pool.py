@@ -1,0 +1,257 @@
+"""Processes that compute the points of a study, with the interface of `concurrent.futures`.
+
+Each worker has its own pipe, so that a process which is killed while it answers spoils no answer of
+another one: the pools of `concurrent.futures` and of pebble share a pipe among all processes.
+"""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
+from types import ModuleType
+from typing import Any, TypeVar
+
+from taction.system.errors import NoVerdictError
+from taction.system.processes import THREADS
+from taction.verification.studies.running.worker_process import GRACE, serve
+
+T = TypeVar("T")
+
+START_UP = 60.0  # s to start Python and load SciPy on a busy machine
+ATTEMPTS = 3  # to compute a point whose worker is killed
+ENVIRONMENT = {
+    "PYTHONSAFEPATH": "1",  # Python does not import from the working folder
+    "PYTHONWARNINGS": os.environ.get("PYTHONWARNINGS", "ignore"),
+}
+_STARTING = threading.Lock()  # all threads share the environment
+
+
+class WorkerDiedError(BrokenExecutor):
+    """The process ended before the call was complete."""
+
+
+class NotStartedError(WorkerDiedError, NoVerdictError):
+    """No process starts: the next call would fail, too."""
+
+
+# Errors of one computation or its process; the next computation may succeed.
+FAILURES = (NoVerdictError, ArithmeticError, MemoryError, ValueError, WorkerDiedError)
+
+
+@dataclass(frozen=True, slots=True)
+class Workers:
+    """An executor, and what a study must know of it."""
+
+    executor: Executor
+    processes: int  # number of calls that are computed at a time
+    spare: int = 2  # number of calls that wait beside them, so that no worker does
+    lost: tuple[type[BaseException], ...] = (WorkerDiedError,)  # of a call that killed its workers
+    check: Callable[[], None] = lambda: None  # raises NoVerdictError if no worker will answer
+
+
+class Worker:
+    """One process, started by the first call and again after a call that ended the process.
+
+    Parameters
+    ----------
+    threads : int, optional
+        Threads of its BLAS libraries; by default as in this process.
+    """
+
+    def __init__(self, threads: int | None = None) -> None:
+        limits = {} if threads is None else dict.fromkeys(THREADS, str(threads))
+        self._variables, self._ended = {**ENVIRONMENT, **limits}, False
+        self._process: multiprocessing.process.BaseProcess | None = None
+        self._pipe: Connection | None = None
+
+    def __enter__(self) -> Worker:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stop()
+
+    @property
+    def pid(self) -> int | None:
+        """Process id; None before the first call."""
+        return None if self._process is None else self._process.pid
+
+    def call(self, timeout: float | None, function: Callable[..., T], *args: Any, **kw: Any) -> T:
+        """Return ``function(*args, **kw)``, computed in the process, or raise its exception.
+
+        Parameters
+        ----------
+        timeout : float or None
+            s, None for no limit; the time to start the process does not count.
+        function : callable
+            Can be pickled, as its arguments and its result.
+
+        Raises
+        ------
+        TimeoutError
+            The call took longer; the process was stopped.
+        WorkerDiedError
+            The process ended.
+        NotStartedError
+            No process starts.
+        """
+        try:
+            pipe = self.start()
+            pipe.send((function, args, kw))
+            in_time = pipe.poll(None if timeout in (None, math.inf) else max(timeout or 0.0, 0.0))
+            answer: tuple[bool, Any] = pipe.recv() if in_time else (False, None)
+        except (EOFError, OSError):
+            self._stop()
+            raise WorkerDiedError("the process died during the call") from None
+        if not in_time:
+            self._stop()
+            raise TimeoutError(f"not done after {timeout:.3g} s")
+        done, value = answer
+        if not done:
+            raise value
+        result: T = value
+        return result
+
+    def start(self) -> Connection:
+        """Start the process, unless it is running; raise NotStartedError if it does not start."""
+        if self._pipe is not None and self._process is not None and self._process.is_alive():
+            return self._pipe
+        self._stop()
+        try:
+            self._pipe, theirs = multiprocessing.Pipe()
+            with theirs, _STARTING, _environment(self._variables):
+                context = multiprocessing.get_context("spawn")
+                self._process = context.Process(target=serve, args=(theirs,), daemon=True)
+                self._process.start()
+        except OSError as error:
+            self._process = None
+            raise NotStartedError(f"a second Python process did not start: {error}") from error
+        if self._ended:  # by another thread while the process started
+            self._stop()
+            raise WorkerDiedError("the process was ended")
+        if not self._pipe.poll(START_UP):
+            self._stop()
+            raise NotStartedError(f"a second Python process gave no answer within {START_UP:g} s")
+        self._pipe.recv()
+        return self._pipe
+
+    def _stop(self) -> None:
+        """End the process; its `finally` clauses run first and end its simulator."""
+        process, pipe, self._process, self._pipe = self._process, self._pipe, None, None
+        if process is not None:
+            process.terminate()
+            process.join(GRACE)
+            process.kill()
+            process.join()
+        if pipe is not None:
+            pipe.close()
+
+    def end(self) -> None:
+        """End the process for good, from any thread and without a wait; a running call is lost."""
+        self._ended, process = True, self._process
+        if process is not None:
+            with suppress(AttributeError, ValueError):  # it was just closed
+                process.terminate()
+                hard_end = threading.Timer(GRACE, process.kill)  # Python's end waits for it
+                hard_end.daemon = True
+                hard_end.start()
+
+
+@contextmanager
+def _environment(variables: dict[str, str]) -> Iterator[None]:
+    """Set what a new process inherits, and hide the user's script, whose top level may be a study.
+
+    multiprocessing imports the file and the name of the module ``__main__``. Calls of a study need
+    neither: what they pass is taction's. Everything else of the module stays in reach.
+    """
+    before, script = dict(os.environ), sys.modules["__main__"]
+    stand_in = ModuleType("__main__")
+    stand_in.__dict__.update({**vars(script), "__file__": None, "__spec__": None})
+    os.environ.update(variables)
+    sys.modules["__main__"] = stand_in
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = script
+        for name in variables.keys() - before.keys():
+            del os.environ[name]
+        os.environ.update(before)
+
+
+class LocalPool(ThreadPoolExecutor):
+    """A pool of threads with one process each; a killed process costs only its own call.
+
+    A call whose process was killed is repeated in a new process, `ATTEMPTS` times in all; then its
+    future raises `WorkerDiedError`.
+    """
+
+    def __init__(self, jobs: int) -> None:
+        super().__init__(jobs)
+        self._closed, self.workers = False, [Worker(threads=1) for _ in range(jobs)]
+        self._idle: SimpleQueue[Worker] = SimpleQueue()
+        for worker in self.workers:
+            self._idle.put(worker)
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        """Run ``fn(*args, **kwargs)`` in the next free process."""
+        return super().submit(self._run, fn, *args, **kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the pool; without `wait` end running calls and their simulators, too."""
+        self._closed = True
+        super().shutdown(wait=wait, cancel_futures=cancel_futures or not wait)
+        for worker in self.workers:
+            worker.end()
+
+    def _run(self, fn: Callable[..., T], *args: Any, **kwargs: Any) -> T:
+        worker = self._idle.get()
+        try:
+            for _ in range(ATTEMPTS - 1):
+                try:
+                    return worker.call(None, fn, *args, **kwargs)
+                except WorkerDiedError as error:
+                    if self._closed or isinstance(error, NotStartedError):
+                        raise
+            return worker.call(None, fn, *args, **kwargs)
+        finally:
+            self._idle.put(worker)
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+
+
+@contextmanager
+def local(jobs: int | None = None) -> Iterator[Workers]:
+    """Run points in `jobs` processes on this machine, by default one process a core."""
+    pool = LocalPool(jobs or cores())
+    try:
+        busy = min(len(pool.workers), cores())
+        yield Workers(pool, busy, len(pool.workers) - busy + 2)
+    finally:
+        pool.shutdown(wait=False)
+
+
+class _Here(Executor):
+    """Computes each call when it is submitted, in this process."""
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        future: Future[T] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+HERE = Workers(_Here(), 1, spare=-1)
+"""Runs points in this process, one at a time, where each takes less time than another process."""

@@ -1,0 +1,273 @@
+"""The loop of every study: points go to workers, a few at a time, and their rows come back."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import CancelledError, Future
+from contextlib import AbstractContextManager
+from functools import partial
+from importlib import metadata
+from itertools import islice
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any, TypeVar
+
+from taction.system.errors import MACHINE_FAILURES, Killed, NoVerdictError, TactionError
+from taction.system.own_folders import remove_own_folder
+from taction.verification.studies.running.cluster import cluster
+from taction.verification.studies.running.pool import Workers, cores, local
+
+K = TypeVar("K")
+P = TypeVar("P")
+R = TypeVar("R")
+T = TypeVar("T")
+
+WATCH = 1.0  # s between two looks at the workers, while none of them answers
+AT_ONCE = 16  # largest number of points in a call: a longer one saves no more
+SHARES = 4  # least number of calls for each process
+INTACT = "The stored results are intact, the same command continues"
+
+
+def workers_at(
+    address: str | None,
+    jobs: int | None = None,
+    announce: Callable[[str], None] = lambda text: None,
+) -> AbstractContextManager[Workers]:
+    """Return the cluster at `address`, or `jobs` processes here if `address` is None.
+
+    `announce` receives a line of text when a wait for workers of the cluster begins.
+    """
+    return local(jobs) if address is None else cluster(address, announce)
+
+
+def study(
+    workers: Workers,
+    compute: Callable[..., Sequence[R | None]],
+    points: Iterable[tuple[K, P]],
+    count: int = 1,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Iterator[tuple[K, R | BaseException]]:
+    """Yield the key and the row of each point as it ends, until `stopped` returns true.
+
+    Memory does not grow with the number of points, which are read only as workers become free.
+
+    Parameters
+    ----------
+    compute : callable
+        Gets several points and returns the row of each, or None of a point that needs a call of its
+        own. It raises only what is wrong with the worker: a `NoVerdictError`.
+    points : iterable of (key, point)
+        A call that killed its workers gives an exception in the place of its row; if it has several
+        points, each of them gets another call of its own.
+    count : int, optional
+        About how many points there are; 1: each gets a call of its own.
+
+    Raises
+    ------
+    NoVerdictError
+        No worker answers, one cannot run `compute`, or its machine or its versions are unfit. The
+        message says that what is stored is intact.
+
+    Examples
+    --------
+    >>> def halves(*points):
+    ...     return [x / 2 if x > 1 or len(points) == 1 else None for x in points]
+    >>> list(study(HERE, halves, [("a", 1), ("b", 2), ("c", 4)], 8))
+    [('b', 1.0), ('a', 0.5), ('c', 2.0)]
+    """
+    size = min(max(count // (SHARES * workers.processes), 1), AT_ONCE)
+    waiting, alone = iter(points), list[tuple[K, P]]()
+    running: dict[Future[Sequence[R | None]], tuple[tuple[K, P], ...]] = {}
+    ended: SimpleQueue[Future[Any]] = SimpleQueue()
+    try:
+        while not stopped():
+            while len(running) < workers.processes + workers.spare or not running:
+                batch = tuple(islice(waiting, size)) or tuple(alone.pop(0) for _ in alone[:1])
+                if not batch:
+                    break
+                given = (point for _, point in batch)
+                future = _ask(workers.executor.submit, compute, *given)
+                running[future] = batch
+                future.add_done_callback(ended.put)
+            if not running:
+                return
+            future = _next(ended, workers)
+            batch = running.pop(future)
+            for point, row in zip(batch, _rows(future, workers, len(batch)), strict=True):
+                if len(batch) > 1 and (row is None or isinstance(row, BaseException)):
+                    alone.append(point)
+                elif row is not None:
+                    yield point[0], row
+    finally:
+        for future in running:
+            future.cancel()
+
+
+def one_by_one(function: Callable[..., R], *points: tuple[Any, ...]) -> list[R]:
+    """Return ``function(*point)`` of each point: what `study` calls where no two share work."""
+    return [function(*point) for point in points]
+
+
+def _next(ended: SimpleQueue[Future[T]], workers: Workers) -> Future[T]:
+    """Wait for the end of a call, as long as there are workers."""
+    while True:
+        try:
+            return ended.get(timeout=WATCH)
+        except Empty:
+            _ask(workers.check)
+
+
+def _ask(method: Callable[..., T], *arguments: Any) -> T:
+    """Call a method of the executor or of a future; raise NoVerdictError without workers."""
+    try:
+        return method(*arguments)
+    except NoVerdictError as error:
+        raise type(error)(f"{error}. {INTACT}") from error
+    except (CancelledError, RuntimeError, OSError) as error:
+        reason = str(error) or "the connection is lost"
+        raise NoVerdictError(f"the workers are gone ({reason}). {INTACT}") from error
+
+
+def _rows(
+    future: Future[Sequence[R | None]], workers: Workers, count: int
+) -> Sequence[R | BaseException | None]:
+    """Return the rows of a call, its error for each if it killed its workers; raise any other."""
+    error = _ask(future.exception)
+    if error is None:
+        return future.result()
+    if isinstance(error, NoVerdictError):
+        raise type(error)(f"{error}. {INTACT}") from error
+    if isinstance(error, workers.lost):
+        return [error] * count
+    text = f"no worker can compute ({type(error).__name__}: {error}); is the same taction"
+    raise NoVerdictError(f"{text} ({metadata.version('taction')}) installed there?") from error
+
+
+def for_each_file(
+    function: Callable[..., R],
+    files: Sequence[Path],
+    arguments: Sequence[tuple[Any, ...]],
+    *,
+    jobs: int | None = None,
+    progress: Callable[[str], None] = lambda stage: None,
+) -> list[R | BaseException | None]:
+    """Return ``function(file, *arguments[i])`` of each file, in the order of `files`.
+
+    Parameters
+    ----------
+    function : callable
+        With several processes it can be pickled, as its arguments and its results. It raises no
+        exception of one file.
+    arguments : sequence of tuple
+        The further arguments for each file.
+    jobs : int, optional
+        Number of processes; by default one for each core. One file, or one job, is computed in
+        this process.
+
+    Returns
+    -------
+    list
+        An exception where a call killed its process again and again; None where Ctrl-C came before
+        the result.
+
+    Raises
+    ------
+    NoVerdictError
+        The processes do not start.
+
+    Examples
+    --------
+    >>> files = [Path("b.toml"), Path("a.toml")]
+    >>> for_each_file(lambda path, more: path.stem + more, files, [("1",), ("2",)], jobs=1)
+    ['b1', 'a2']
+    """
+    results: list[R | BaseException | None] = [None] * len(files)
+    processes, pace, left = min(jobs or cores(), len(files)), Pace(), ""
+    try:
+        if processes <= 1:
+            for number, path in enumerate(files):
+                progress(f"{number + 1} of {len(files)}: {path.stem}{left}")
+                results[number] = function(path, *arguments[number])
+                left = pace.ended(len(files) - number - 1)
+            return results
+        points = ((k, (path, *arguments[k])) for k, path in enumerate(files))
+        with local(processes) as workers:
+            progress(f"{len(files)} runs in {processes} processes")
+            rows = study(workers, partial(one_by_one, function), points)
+            for done, (number, result) in enumerate(rows, 1):
+                results[number] = result
+                left = pace.ended(len(files) - done)
+                progress(f"{done} of {len(files)} done: {files[number].stem}{left}")
+    except KeyboardInterrupt:
+        pass
+    return results
+
+
+LEAST = 3  # tasks before anything is said
+SETTLED = 1.0  # s before anything is said
+
+
+class Pace:
+    """The pace of a study since its first task ended: workers take some seconds to start."""
+
+    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
+        self._clock, self._first, self._done = clock, 0.0, 0
+
+    def ended(self, left: int) -> str:
+        """Count one task that ended; return the time that the `left` others need.
+
+        Empty for the first tasks, in the first second, and where none is left.
+
+        Examples
+        --------
+        >>> seconds = iter([0.0, 10.0, 20.0])
+        >>> pace = Pace(lambda: next(seconds))
+        >>> [pace.ended(left) for left in (602, 601, 600)]
+        ['', '', ', about 1:40:00 left']
+        """
+        self._done += 1
+        now = self._clock()
+        if self._done == 1:
+            self._first = now
+        elapsed = now - self._first
+        if self._done < LEAST or elapsed < SETTLED or not left:
+            return ""
+        seconds = round(elapsed / (self._done - 1) * left)
+        return f", about {seconds // 3600}:{seconds // 60 % 60:02}:{seconds % 60:02} left"
+
+
+RUNS = 3  # as often as a point is computed whose simulator is killed
+
+
+def attempted(function: Callable[[], T], without: Callable[[BaseException, str], T]) -> T:
+    """Return ``function()``, or what `without` makes of an error and its words: a failure is a row.
+
+    This is what a worker does with each point and each sample, also with a defect of taction: it
+    must not end a study of ten thousand. A run whose ngspice was killed by a signal is repeated.
+
+    Raises
+    ------
+    SimulatorNotFound, SimulatorTooOld, OutOfDisk
+        This machine can compute nothing; the point itself may be right.
+
+    Examples
+    --------
+    >>> print(attempted(lambda: [][0], lambda error, text: text).splitlines()[0])
+    unforeseen: IndexError: list index out of range
+    """
+    for run in range(RUNS):
+        try:
+            return function()
+        except MACHINE_FAILURES:
+            raise
+        except TactionError as error:
+            if not isinstance(error, Killed) or run == RUNS - 1:
+                return without(error, str(error))
+            if error.folder is not None:  # nobody will be told of this reproducer
+                remove_own_folder(error.folder)
+        except Exception as error:
+            where = traceback.format_tb(error.__traceback__)[-1].strip()
+            return without(error, f"unforeseen: {type(error).__name__}: {error}\n{where}")
+    raise AssertionError("the last run returns")
