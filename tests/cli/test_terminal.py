@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from taction.cli.terminal import SparseLines
-from taction.verification.studies.running import collecting
 from taction.verification.studies.running.study import Pace
 from tests.support.command_lines import LINES
 from tests.support.entries import write_fast
@@ -51,7 +50,7 @@ def test_every_long_study_says_what_is_left(
     write_fast(tmp_path / "a.toml", more="[tolerances]\nresistor = 0.01\n")
     monkeypatch.setattr("taction.cli.terminal.FIRST", 0.0)
     monkeypatch.setattr("taction.cli.terminal.GROWTH", 0.0)
-    monkeypatch.setattr(collecting, "SETTLED", 0.0)
+    monkeypatch.setattr(study, "SETTLED", 0.0)
     lines = [line for line in taction(*words).stderr.splitlines() if "left" in line]
     assert len(lines) > 5
     assert all(re.search(r", about \d+:\d\d:\d\d left$", line) for line in lines)

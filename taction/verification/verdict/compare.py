@@ -86,6 +86,11 @@ def within_uncertainties(times: float = 1.0) -> Tolerance:
     return allowed
 
 
+Row = tuple[Group, str, int | None]
+"""Group, name and channel of a quantity."""
+WORDS = ("outcome", "checks", "states")
+
+
 def compare(
     first: Record,
     second: Record,
@@ -116,23 +121,39 @@ def compare(
     >>> found[0].name, found[0].off, found[0].beyond
     ('rise_time', 0.5, False)
     """
-    found: list[Difference] = []
-    if "outcome" in groups:
-        found.append(words("outcome", "outcome", None, first.outcome, second.outcome))
-    found += _checks(first, second, tolerance, groups)
-    if "figures" in groups:
-        for name in figures:
-            pair = first.figure(name), second.figure(name)
-            if pair[0].value is not None or pair[1].value is not None:
-                found.append(numbers("figures", name, None, *pair, tolerance))
-    found += _channels(first, second, tolerance, groups, channel_figures)
-    notes = {
-        ("values", "steady_state"): _of_both(boards_text, first, second),
-        ("values", "settling_time"): (bands := _of_both(band_text, first, second)),
-        ("figures", "settling_time"): bands,
-        ("channels", "settling_time"): bands,
-    }
-    return tuple(replace(d, note=notes.get((d.group, d.name), d.note)) for d in found)
+    one, two = (dict(_rows(each, figures, channel_figures)) for each in (first, second))
+    bands = _of_both(band_text, first, second)
+    notes = {("values", "steady_state"): _of_both(boards_text, first, second)}
+    notes |= {(group, "settling_time"): bands for group in ("values", "figures", "channels")}
+    found = []
+    for row in {**one, **two}:
+        a, b = one.get(row), two.get(row)
+        if row[0] in WORDS:
+            found.append(words(*row, *(None if each is None else str(each) for each in (a, b))))
+        else:
+            one_of, two_of = (each if isinstance(each, Figure) else Figure(None) for each in (a, b))
+            made = numbers(*row, one_of, two_of, tolerance)
+            found.append(replace(made, note=notes.get(row[:2], "")))
+    return tuple(each for each in found if each.group in groups)
+
+
+def _rows(
+    record: Record, figures: Sequence[str], channel_figures: Sequence[str]
+) -> Iterator[tuple[Row, Figure | str]]:
+    """Yield every quantity of a record: a word, or a figure; no figure that it lacks."""
+    yield ("outcome", "outcome", None), record.outcome
+    for check in record.checks:
+        yield ("checks", check.name, None), check.outcome.value
+        value = Figure(finite(check.value), check.unit, finite(check.uncertainty))
+        yield ("values", check.name, None), value
+    for name in figures:
+        if (figure := record.figure(name)).value is not None:
+            yield ("figures", name, None), figure
+    for channel in record.channels:
+        yield ("states", "state", channel.index), channel.state
+        for name in channel_figures:
+            if (figure := channel.figure(name)).value is not None:
+                yield ("channels", name, channel.index), figure
 
 
 def _of_both(text: Callable[[Check], str], first: Record, second: Record) -> str:
@@ -140,44 +161,6 @@ def _of_both(text: Callable[[Check], str], first: Record, second: Record) -> str
     texts = ("".join(map(text, record.checks)) for record in (first, second))
     known = [*dict.fromkeys(filter(None, texts))]
     return "A {}, B {}".format(*known) if len(known) > 1 else "".join(known)
-
-
-def _checks(
-    first: Record, second: Record, tolerance: Tolerance, groups: Collection[Group]
-) -> Iterator[Difference]:
-    one, two = ({check.name: check for check in each.checks} for each in (first, second))
-    for name in {**one, **two}:
-        pair = one.get(name), two.get(name)
-        if "checks" in groups:
-            outcomes = [None if check is None else check.outcome.value for check in pair]
-            yield words("checks", name, None, outcomes[0], outcomes[1])
-        if "values" in groups:
-            yield numbers("values", name, None, _stated(pair[0]), _stated(pair[1]), tolerance)
-
-
-def _stated(check: Check | None) -> Figure:
-    if check is None:
-        return Figure(None)
-    return Figure(finite(check.value), check.unit, finite(check.uncertainty))
-
-
-def _channels(
-    first: Record,
-    second: Record,
-    tolerance: Tolerance,
-    groups: Collection[Group],
-    figures: Sequence[str],
-) -> Iterator[Difference]:
-    one, two = ({channel.index: channel for channel in each.channels} for each in (first, second))
-    for index in {**one, **two}:
-        a, b = one.get(index), two.get(index)
-        if "states" in groups:
-            states = [None if each is None else each.state for each in (a, b)]
-            yield words("states", "state", index, states[0], states[1])
-        for name in figures if "channels" in groups else ():
-            pair = [Figure(None) if each is None else each.figure(name) for each in (a, b)]
-            if pair[0].value is not None or pair[1].value is not None:
-                yield numbers("channels", name, index, pair[0], pair[1], tolerance)
 
 
 def words(
