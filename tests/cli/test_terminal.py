@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from taction.cli.terminal import SparseLines
+from taction.verification.studies.running import study
 from taction.verification.studies.running.study import Pace
 from tests.support.command_lines import LINES
 from tests.support.entries import write_fast

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from taction.system.documents import plain
 from taction.verification.studies.regression.baseline import baseline_text, load_baseline
 from taction.verification.studies.store import Store
-from taction.verification.studies.tolerance.drawing import SampleStore
+from taction.verification.studies.tolerance.drawing import sample_keys
 from taction.verification.studies.tolerance.samples import BoardSample
 from taction.verification.studies.tolerance.varied_board import prepare
 from taction.verification.verdict.record import Record
@@ -59,7 +59,7 @@ def _fill(path: Path) -> None:
         for key, result in zip(KEYS, RESULTS, strict=True):
             store.put(key, result)
         for sample in SAMPLES:
-            SampleStore(store, _study(), 1).put(sample)
+            store.put(sample_keys(_study(), 1)(sample.number), sample)
 
 
 @functools.cache
@@ -110,12 +110,12 @@ def _examine_samples(content: bytes, folder: Path) -> str:
     path = folder / "a.sqlite"
     path.write_bytes(content)
     with Store(str(path)) as store:
-        samples = SampleStore(store, _study(), 1)
-        found = [samples.get(sample.number) for sample in SAMPLES]
+        keys = sample_keys(_study(), 1)
+        found = [store.record_of(keys(sample.number), BoardSample) for sample in SAMPLES]
         for sample, read in zip(SAMPLES, found, strict=True):
             if read is None:
-                samples.put(sample)
-                assert samples.get(sample.number) == sample
+                store.put(keys(sample.number), sample)
+                assert store.record_of(keys(sample.number), BoardSample) == sample
     return "some samples drawn again" if None in found else "all samples read"
 
 

@@ -35,30 +35,26 @@ BATCH = 5000  # rows in memory at a time
 UNITS = {"step": "1", "": "1"}  # the unit of a plain number in the conventions of netCDF
 
 
-def records(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
-    """Yield the record of every stored point of `plan`, in the order of the grid.
+def all_records(plan: Plan, store: Store) -> Iterator[dict[str, Any] | None]:
+    """Yield every point of `plan` in the order of the grid; None for one that is not stored.
 
     ``values`` holds the values on the axes by name. The other keys are those of a `Record`.
     """
-    return (record for record in all_records(plan, store) if record is not None)
-
-
-def all_records(plan: Plan, store: Store) -> Iterator[dict[str, Any] | None]:
-    """Yield as `records` does, with None for a point that is not stored."""
     names = {axis.key.path: axis.name for axis in plan.axes}
     for point in grid_points(plan):
         record = store.plain_of(point.key)
         if record is None:
             yield None
             continue
+        rate, frequency = record["growth_rate"], record["frequency"]
+        pole = None if rate is None else [rate, 2.0 * math.pi * frequency]
         values = {names[path]: value for path, value in point.values.items()}
-        yield {"values": values, **record, "rightmost_pole": _pole(record)}
+        yield {"values": values, **record, "rightmost_pole": pole}
 
 
-def _pole(record: dict[str, Any]) -> list[float] | None:
-    if record["growth_rate"] is None:
-        return None
-    return [record["growth_rate"], 2.0 * math.pi * record["frequency"]]
+def records(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
+    """Yield the stored points of `plan`, as `all_records` does."""
+    return (record for record in all_records(plan, store) if record is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +168,7 @@ class SweepResult(Result):
         _need("pandas")
         import pandas as pd
 
-        return pd.DataFrame(_rows(self), columns=_titles(self.plan))
+        return pd.DataFrame(_rows(self), columns=[*_columns(self.plan)])
 
     def to_xarray(self) -> Any:
         """Return an ``xarray.Dataset``: the axes are its coordinates.
@@ -277,75 +273,21 @@ def _need(package: str) -> None:
         raise InputError(f"to_{package}", Complaint("package", repr(package), text))
 
 
-def export_sweep(result: SweepResult, path: str) -> None:
-    """Write every point of a sweep to `path`.
-
-    CSV and Parquet have one row for each point; netCDF has one dimension for each group of axes,
-    the axes as coordinates, and a unit for every variable.
-
-    Raises
-    ------
-    InputError
-        See `check_sweep_export`; or the file cannot be written.
-    """
-    check_sweep_export(path)
-    with replacing(path) as temporary:
-        WRITERS[Path(path).suffix.lower()](result, temporary)
-
-
-def _numbers(plan: Plan) -> dict[str, str]:
-    """Return the units of the numbers by name, without figures that are an axis, such as lambda."""
-    names = {axis.name for axis in plan.axes}
-    return {name: figure.unit for name, figure in FIGURES.items() if name not in names}
-
-
-def _titles(plan: Plan) -> list[str]:
-    names = (axis.name for axis in plan.axes)
-    return [*names, "engine", "stable", *_numbers(plan), *TEXT_COLUMNS]
+def _columns(plan: Plan) -> dict[str, tuple[str, str]]:
+    """Return kind and unit of every column of a table, by name."""
+    columns: dict[str, tuple[str, str]] = {
+        axis.name: (axis.key.kind, axis.key.unit) for axis in plan.axes
+    }
+    columns |= {"engine": ("choice", ""), "stable": ("flag", "")}
+    # A figure that is an axis, such as lambda, has one column.
+    columns |= {n: ("real", figure.unit) for n, figure in FIGURES.items() if n not in columns}
+    return columns | dict.fromkeys(TEXT_COLUMNS, ("choice", ""))
 
 
 def _rows(result: SweepResult) -> Iterator[dict[str, Any]]:
-    kept = _titles(result.plan)[len(result.plan.axes) :]
+    kept = [*_columns(result.plan)][len(result.plan.axes) :]
     for record in result.records():
         yield record["values"] | {name: record[name] for name in kept}
-
-
-def _csv(result: SweepResult, path: Path) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(_titles(result.plan))
-        for row in _rows(result):
-            writer.writerow(
-                repr(v) if isinstance(v, float) else "" if v is None else v for v in row.values()
-            )
-
-
-def _parquet(result: SweepResult, path: Path) -> None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    plan = result.plan
-    kinds = {"real": pa.float64(), "integer": pa.int64(), "choice": pa.string()}
-
-    def column(name: str, kind: Any, unit: str) -> Any:
-        return pa.field(name, kind, metadata={"unit": unit} if unit else None)
-
-    schema = pa.schema(
-        [
-            *(column(axis.name, kinds[axis.key.kind], axis.key.unit) for axis in plan.axes),
-            column("engine", pa.string(), ""),
-            column("stable", pa.bool_(), ""),
-            *(column(name, pa.float64(), unit) for name, unit in _numbers(plan).items()),
-            *(column(name, pa.string(), "") for name in TEXT_COLUMNS),
-        ]
-    )
-    choices = [axis.name for axis in plan.axes if axis.key.kind == "choice"]
-    with pq.ParquetWriter(path, schema) as writer:
-        rows = _rows(result)
-        while batch := list(itertools.islice(rows, BATCH)):
-            for row in batch:
-                row.update({name: str(row[name]) for name in choices})
-            writer.write_table(pa.Table.from_pylist(batch, schema=schema))
 
 
 def grids(result: SweepResult) -> dict[str, np.ndarray[Any, Any]]:
@@ -360,12 +302,11 @@ def grids(result: SweepResult) -> dict[str, np.ndarray[Any, Any]]:
     }
     arrays["outcome"] = np.full(plan.shape, -1, dtype=np.int8)
     for place, record in enumerate(all_records(plan, result.store)):
-        if record is None:
-            continue
-        arrays["outcome"].flat[place] = OUTCOMES.index(record["outcome"])
-        for name in FIGURES:
-            if record[name] is not None:
-                arrays[name].flat[place] = record[name]
+        if record is not None:
+            arrays["outcome"].flat[place] = OUTCOMES.index(record["outcome"])
+            for name in FIGURES:
+                if record[name] is not None:
+                    arrays[name].flat[place] = record[name]
     return arrays
 
 
@@ -373,7 +314,7 @@ def dataset(result: SweepResult) -> Any:
     """Return the grid as an xarray Dataset: the dimensions of netCDF."""
     import xarray as xr
 
-    plan = result.plan
+    plan, arrays = result.plan, grids(result)
     dimensions = [group[0].name for group in plan.groups]
     coordinates: dict[str, Any] = {}
     for group, dimension in zip(plan.groups, dimensions, strict=True):
@@ -381,19 +322,40 @@ def dataset(result: SweepResult) -> Any:
             values = axis.values if axis.key.kind != "choice" else [str(v) for v in axis.values]
             about = {"long_name": axis.key.path, "units": axis.key.unit or "1"}
             coordinates[axis.name] = (dimension, list(values), about)
-    arrays = grids(result)
     variables: dict[str, Any] = {
         name: (dimensions, arrays[name], {"units": UNITS.get(unit, unit)})
-        for name, unit in _numbers(plan).items()
+        for name, (kind, unit) in _columns(plan).items()
+        if kind == "real" and name not in coordinates
     }
-    flags = {
-        "flag_values": np.arange(len(OUTCOMES), dtype=np.int8),
-        "flag_meanings": " ".join(OUTCOMES),
-    }
+    places = np.arange(len(OUTCOMES), dtype=np.int8)
+    flags = {"flag_values": places, "flag_meanings": " ".join(OUTCOMES)}
     variables["outcome"] = (dimensions, arrays["outcome"], flags)
     about = {"scene": plan.scene.name, "engine": plan.engine}
     about |= {"Conventions": "CF-1.8", "source": "taction sweep"}
     return xr.Dataset(variables, coordinates, about)
+
+
+def _csv(result: SweepResult, path: Path) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(_columns(result.plan))
+        writer.writerows(row.values() for row in _rows(result))
+
+
+def _parquet(result: SweepResult, path: Path) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    types = {"real": pa.float64(), "integer": pa.int64(), "choice": pa.string(), "flag": pa.bool_()}
+    schema = pa.schema(
+        pa.field(name, types[kind], metadata={"unit": unit} if unit else None)
+        for name, (kind, unit) in _columns(result.plan).items()
+    )
+    choices = [axis.name for axis in result.plan.axes if axis.key.kind == "choice"]
+    rows = (row | {name: str(row[name]) for name in choices} for row in _rows(result))
+    with pq.ParquetWriter(path, schema) as writer:
+        while batch := list(itertools.islice(rows, BATCH)):
+            writer.write_table(pa.Table.from_pylist(batch, schema=schema))
 
 
 def _netcdf(result: SweepResult, path: Path) -> None:
@@ -405,13 +367,10 @@ WRITERS: dict[str, Callable[[SweepResult, Path], None]] = {
     ".parquet": _parquet,
     ".nc": _netcdf,
 }
-
-
 PACKAGES = {  # by ending: the package and how to install it
     ".parquet": ("pyarrow", "Parquet needs pyarrow: pip install 'taction[parquet]'"),
     ".nc": ("xarray", "netCDF needs xarray: pip install 'taction[netcdf]'"),
 }
-ENDINGS = (".csv", *PACKAGES)
 
 
 def check_sweep_export(path: str) -> None:
@@ -422,4 +381,20 @@ def check_sweep_export(path: str) -> None:
     InputError
         An unknown ending, a missing folder, or a package that is not installed.
     """
-    check_file(path, "--export", ENDINGS, PACKAGES)
+    check_file(path, "--export", tuple(WRITERS), PACKAGES)
+
+
+def export_sweep(result: SweepResult, path: str) -> None:
+    """Write every point of a sweep to `path`.
+
+    CSV and Parquet have one row for each point; netCDF has one dimension for each group of axes,
+    the axes as coordinates, and a unit for every variable.
+
+    Raises
+    ------
+    InputError
+        See `check_sweep_export`; or the file cannot be written.
+    """
+    check_sweep_export(path)
+    with replacing(path) as temporary:
+        WRITERS[Path(path).suffix.lower()](result, temporary)

@@ -12,13 +12,12 @@ quantity than that quantity's own corner, it is reported for both.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from taction.netlist_gen.board.variation import Parameter
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
@@ -188,16 +187,11 @@ def worst_of(
             corner,
             name=f"worst {quantity.name}",
             quantity=quantity.name,
-            largest=_largest(gradient[quantity.name], board, corner.deviations),
+            largest=largest_parts(gradient[quantity.name], board.varied, corner.deviations),
         )
         for quantity, corner in zip(reported, worst, strict=True)
     ]
     return CornerStudy(board.name, reported, (nominal, *named), directions)
-
-
-def _largest(gradient: Floats, board: Varied, deviations: Mapping[str, float]) -> tuple[str, ...]:
-    signs = np.array([deviations.get(parameter.name, 0.0) for parameter in board.varied])
-    return largest_parts(gradient, board.varied, signs, NAMED)
 
 
 def named_corner(board: Varied, name: str, ends: Mapping[str, float]) -> Corner:
@@ -214,7 +208,12 @@ def named_corner(board: Varied, name: str, ends: Mapping[str, float]) -> Corner:
     InputError
         A key names neither a component that varies nor a kind.
     """
-    refuse_unknown(board.varied, ends)
+    kinds = sorted({parameter.kind for parameter in board.varied})
+    known = [*kinds, *(parameter.name for parameter in board.varied)]
+    for key in ends:
+        if key not in known:
+            text = f"neither a component that varies nor one of {', '.join(kinds)}"
+            raise InputError("--corner", Complaint(key, "", text))
     z = [ends.get(p.name, ends.get(p.kind, 0.0)) for p in board.varied]
     return _corner(board, name, np.array(z))
 
@@ -256,22 +255,6 @@ def _worse(quantity: Quantity, moved: BoardSample, centre: BoardSample) -> float
     if after is None or before is None:
         return float(before is not None) - float(after is not None)
     return quantity.worse * float(after - before)
-
-
-def refuse_unknown(varied: Collection[Parameter], ends: Iterable[str]) -> None:
-    """Refuse a key that names neither a component of `varied` nor a kind of these.
-
-    Raises
-    ------
-    InputError
-        The message has the kinds.
-    """
-    kinds = {parameter.kind for parameter in varied}
-    known = kinds.union(parameter.name for parameter in varied)
-    for key in ends:
-        if key not in known:
-            text = f"neither a component that varies nor one of {', '.join(sorted(kinds))}"
-            raise InputError("--corner", Complaint(key, "", text))
 
 
 def deviations_of(corner: str | Mapping[str, float]) -> tuple[str, Mapping[str, float]]:

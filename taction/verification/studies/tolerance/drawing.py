@@ -7,16 +7,16 @@ without being mixed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from taction.netlist_gen.board.variation import draw
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.errors import Interrupted
+from taction.system.errors import Complaint, InputError, Interrupted
 from taction.system.progress import Notice, Progress
+from taction.system.quantities import fraction
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.pool import Workers
 from taction.verification.studies.running.study import Pace, workers_at
@@ -26,7 +26,6 @@ from taction.verification.studies.tolerance.samples import (
     BoardSample,
     Varied,
     evaluate_all,
-    half_width,
 )
 from taction.verification.studies.tolerance.varied_board import VariedBoard, prepare
 from taction.verification.studies.tolerance.yield_report import (
@@ -37,24 +36,11 @@ from taction.verification.studies.tolerance.yield_report import (
 )
 
 
-class SampleStore:
-    """The samples of one board and seed in a store."""
-
-    def __init__(self, store: Store, board: VariedBoard, seed: int) -> None:
-        problem = (board.problem.matrix, board.problem.strain)
-        self._store = store
-        self._base = digest(board.version, board.scene, *problem, board.nominal, seed)
-
-    def get(self, number: int) -> BoardSample | None:
-        """Return a sample, if it is stored; errors as `Store.record_of`."""
-        return self._store.record_of(self._key(number), BoardSample)
-
-    def put(self, sample: BoardSample) -> None:
-        """Store a sample; errors as `taction.verification.studies.store.Store.put`."""
-        self._store.put(self._key(sample.number), sample)
-
-    def _key(self, number: int) -> bytes:
-        return digest(self._base, number)
+def sample_keys(board: VariedBoard, seed: int) -> Callable[[int], bytes]:
+    """Return the function that gives the key of a sample in a store, by its number."""
+    problem = (board.problem.matrix, board.problem.strain)
+    base = digest(board.version, board.scene, *problem, board.nominal, seed)
+    return lambda number: digest(base, number)
 
 
 @dataclass(slots=True)
@@ -92,32 +78,34 @@ def run_samples(
     seed: int,
     workers: Workers,
     collection: SampleCollection,
-    store: SampleStore | None = None,
+    store: Store | None = None,
+    key: Callable[[int], bytes] = lambda number: b"",
 ) -> Iterator[BoardSample]:
     """Draw samples into `collection` until it has enough; yield the computed ones as they end.
 
-    Samples in `store` are not computed again; computed samples are added to it.
+    Samples in `store`, where each has its `key`, are not computed again; computed samples are added
+    to it.
 
     Raises
     ------
     InputError, NoVerdictError, OutOfDisk
-        As `taction.verification.studies.tolerance.samples.evaluate_all` and `SampleStore`.
+        As `taction.verification.studies.tolerance.samples.evaluate_all` and `Store`.
     """
 
     def missing() -> Iterator[tuple[int, Floats]]:
         for number in numbers:
             if collection.enough:
                 return
-            if store is not None and (stored := store.get(number)) is not None:
-                collection.add(stored)
+            stored = None if store is None else store.record_of(key(number), BoardSample)
+            if stored is None:
+                yield number, board.drawn(seed, number)
             else:
-                yield number, draw(board.tolerances, board.varied, seed, number)
+                collection.add(stored)
 
-    for sample in evaluate_all(
-        board, missing(), workers, collection.limit, lambda: collection.enough
-    ):
+    limit = collection.limit
+    for sample in evaluate_all(board, missing(), workers, limit, lambda: collection.enough):
         if store is not None:
-            store.put(sample)
+            store.put(key(sample.number), sample)
         collection.add(sample)
         yield sample
 
@@ -189,26 +177,37 @@ def montecarlo(
     """
     tally = SampleCollection(samples, half_width(until))
     board = prepare(read_scene(scene, engine))
-    complete = True
+    complete, path = True, ":memory:" if output is None else str(output)
     try:
-        with ExitStack() as stack:
-            store = None
-            if output is not None:
-                store = SampleStore(stack.enter_context(Store(str(output))), board, seed)
-            announced = workers_at(cluster, jobs, lambda text: progress(Notice(text)))
-            workers, pace = stack.enter_context(announced), Pace()
-            for _ in run_samples(board, range(samples), seed, workers, tally, store):
+        announced = workers_at(cluster, jobs, lambda text: progress(Notice(text)))
+        with Store(path) as store, announced as workers:
+            pace, keys = Pace(), sample_keys(board, seed)
+            for _ in run_samples(board, range(samples), seed, workers, tally, store, keys):
                 done = len(tally.samples)
                 left = pace.ended(samples - done)
                 progress(f"yield: {done} of {samples} samples, {tally.passed} pass{left}")
     except KeyboardInterrupt:
         complete = False
-    report = replace(
-        summarise_samples(board, tally.samples, seed),
-        min_yield=min_yield,
-        complete=complete,
-        scene=board.scene,
-    )
+    report = summarise_samples(board, tally.samples, seed)
+    report = replace(report, min_yield=min_yield, complete=complete, scene=board.scene)
     if not complete:
         raise Interrupted("the report holds the finished samples", report)
     return report
+
+
+def half_width(until: str | float | None) -> float | None:
+    """Return the requested half width of the confidence interval, from ``"1%"`` or 0.01.
+
+    Raises
+    ------
+    InputError
+        The half width is not between 0 and 0.5.
+    """
+    value = None
+    if until is not None:
+        with suppress(ValueError):
+            value = fraction(until)
+        if value is None or not 0 < value < 0.5:
+            accepted = "expected a half width such as 1% or 0.01"
+            raise InputError("--until", Complaint("WIDTH", repr(until), accepted))
+    return value

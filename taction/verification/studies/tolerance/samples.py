@@ -14,12 +14,11 @@ from functools import cached_property, lru_cache, partial
 from typing import Annotated
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.variation import Parameter, vary
+from taction.netlist_gen.board.variation import Parameter, draw, vary
 from taction.netlist_gen.scene.checks import Tolerances
 from taction.system.array_types import Floats
 from taction.system.documents import INLINE
-from taction.system.errors import Complaint, InputError
-from taction.system.quantities import banded, fraction
+from taction.system.quantities import banded
 from taction.verification.studies.running.pool import Workers
 from taction.verification.studies.running.study import attempted, study
 from taction.verification.studies.running.versions import check_version
@@ -145,14 +144,13 @@ class Varied(ABC):
     def measured_together(self, requests: Sequence[tuple[int, Floats]]) -> list[BoardSample | None]:
         """Return several samples, None for each one that needs a call of its own."""
 
-    @property
-    def runs_alone(self) -> bool:
-        """Whether each sample is computed in a call of its own."""
-        return False
-
     def at(self, z: Floats) -> Circuit:
         """Return the board with deviations `z`, (components,), in tolerances."""
         return vary(self.nominal, self.tolerances, z)
+
+    def drawn(self, seed: int, number: int) -> Floats:
+        """Return the deviations of a sample, (components,), in tolerances."""
+        return draw(self.tolerances, self.varied, seed, number)
 
     @cached_property
     def _packed(self) -> bytes:
@@ -167,40 +165,29 @@ def _unpickled(kind: type[Varied], packed: bytes) -> Varied:
     return kind(*pickle.loads(packed))  # noqa: S301 - part of a pickle
 
 
-def evaluate_together(*requests: tuple[Varied, int, Floats]) -> list[BoardSample | None]:
-    """Evaluate several boards; None for each one that needs a call of its own.
-
-    Raises
-    ------
-    OtherVersionsError, SimulatorNotFound, SimulatorTooOld, OutOfDisk
-        As `evaluate`.
-    """
-    if len(requests) == 1:
-        return [evaluate(*requests[0])]
-    board = requests[0][0]
-    check_version(board.version)
-    return board.measured_together([(number, z) for _, number, z in requests])
-
-
 def evaluate(board: Varied, number: int, z: Floats) -> BoardSample:
     """Verify the board with deviations `z`; a verification that fails gives a sample, too.
 
     Raises
     ------
-    OtherVersionsError
-        This process has other versions of taction or ngspice than `board`.
-    SimulatorNotFound, SimulatorTooOld, OutOfDisk
-        This machine can compute no sample; the sample itself may be right.
+    NoVerdictError
+        This process has other versions of taction or ngspice than `board`, or it can compute no
+        sample; the sample itself may be right.
     """
     check_version(board.version)
-    return attempted(
-        partial(board.measured, number, z),
-        lambda error, reason: without_verdict(number, error, reason, board),
-    )
+    return attempted(partial(board.measured, number, z), partial(_without_verdict, number, board))
 
 
-def without_verdict(number: int, error: BaseException, reason: str, board: Varied) -> BoardSample:
-    """Return the sample of a verification that `error` ended."""
+def _evaluate_together(*requests: tuple[Varied, int, Floats]) -> list[BoardSample | None]:
+    """Evaluate several boards; None for each one that needs a call of its own."""
+    board = requests[0][0]
+    if len(requests) == 1:
+        return [evaluate(*requests[0])]
+    check_version(board.version)
+    return board.measured_together([(number, z) for _, number, z in requests])
+
+
+def _without_verdict(number: int, board: Varied, error: BaseException, reason: str) -> BoardSample:
     return BoardSample(number, Record.without_verdict(type(error).__name__, reason, board.engine))
 
 
@@ -213,39 +200,17 @@ def evaluate_all(
 ) -> Iterator[BoardSample]:
     """Yield the samples of `requests`, (number, z) each, as they end, until `stopped` is true.
 
-    There are at most `count` of them.
-
-    A sample whose worker was killed several times has no verdict.
+    There are at most `count` of them. A sample whose worker was killed several times has no
+    verdict.
 
     Raises
     ------
-    InputError, NoVerdictError
+    NoVerdictError
         As `taction.verification.studies.running.study.study`.
     """
-    calls = ((number, (board, number, z)) for number, z in requests)
-    count = 1 if board.runs_alone else count
-    for number, sample in study(workers, evaluate_together, calls, count, stopped):
+    points = ((number, (board, number, z)) for number, z in requests)
+    size = 1 if board.engine == "ngspice" else count  # processes share no work
+    for number, sample in study(workers, _evaluate_together, points, size, stopped):
         if isinstance(sample, BaseException):
-            reason = f"its worker was killed: {sample}"
-            sample = without_verdict(number, sample, reason, board)
+            sample = _without_verdict(number, board, sample, f"its worker was killed: {sample}")
         yield sample
-
-
-def half_width(until: str | float | None) -> float | None:
-    """Return the requested half width of the confidence interval, from ``"1%"`` or 0.01.
-
-    Raises
-    ------
-    InputError
-        The half width is not between 0 and 0.5.
-    """
-    if until is None:
-        return None
-    try:
-        value = fraction(until)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < 0.5:
-        accepted = "expected a half width such as 1% or 0.01"
-        raise InputError("--until", Complaint("WIDTH", repr(until), accepted))
-    return value

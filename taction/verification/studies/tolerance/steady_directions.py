@@ -7,7 +7,9 @@ says: ``e_n + sum_p |S_pn|``. That corner is solved, too, and both numbers stand
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -46,15 +48,16 @@ def rest_slopes(board: Varied) -> Floats:
     return tolerance_slopes(RestSensitivity.of(LinearBoard(board.nominal)), board.varied, at)
 
 
+NAMED = 5  # components listed with each direction, and with each corner
+
+
 def largest_parts(
-    slopes: Floats, varied: tuple[Parameter, ...], signs: Floats, count: int
+    slopes: Floats, varied: Sequence[Parameter], deviations: Mapping[str, float]
 ) -> tuple[str, ...]:
-    """Return the components with the largest `slopes` (components,), with their `signs`."""
-    order = np.argsort(-np.abs(slopes), kind="stable")[:count].tolist()
-    return tuple(f"{'+' if signs[k] > 0 else '-'}{varied[k].name}" for k in order if signs[k])
-
-
-NAMED = 5  # components listed with each direction
+    """Return the components with the largest `slopes` (components,), and where they deviate to."""
+    order = np.argsort(-np.abs(slopes), kind="stable")[:NAMED].tolist()
+    moved = [(varied[k].name, deviations.get(varied[k].name, 0.0)) for k in order]
+    return tuple(f"{'+' if z > 0 else '-'}{name}" for name, z in moved if z)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,24 +114,22 @@ def steady_directions(board: Varied) -> tuple[Direction, ...]:
     if math.isnan(amplitude):
         return ()
     slopes, centre = rest_slopes(board) / amplitude, _errors(board, np.zeros(len(board.varied)))
-    names, found = [parameter.name for parameter in board.varied], []
-    for n in range(len(centre)):
-        for sign in (1, -1):
-            towards = sign * slopes[:, n]
-            corner = np.sign(towards)
-            found.append(
-                Direction(
-                    channel=n + 1,
-                    sign=sign,
-                    predicted=float(centre[n] + sign * np.abs(towards).sum()),
-                    solved=float(_errors(board, corner)[n]),
-                    largest=largest_parts(towards, board.varied, corner, NAMED),
-                    deviations={
-                        name: z for name, z in zip(names, corner.tolist(), strict=True) if z
-                    },
-                    slopes=towards,
-                )
+    found = []
+    for n, sign in itertools.product(range(len(centre)), (1, -1)):
+        towards = sign * slopes[:, n]
+        corner = np.sign(towards)
+        moved = {p.name: z for p, z in zip(board.varied, corner.tolist(), strict=True) if z}
+        found.append(
+            Direction(
+                channel=n + 1,
+                sign=sign,
+                predicted=float(centre[n] + sign * np.abs(towards).sum()),
+                solved=float(_errors(board, corner)[n]),
+                largest=largest_parts(towards, board.varied, moved),
+                deviations=moved,
+                slopes=towards,
             )
+        )
     return tuple(sorted(found, key=lambda direction: -direction.sign * direction.solved))
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.board.variation import draw, parameters
+from taction.netlist_gen.board.variation import parameters
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
@@ -91,11 +91,6 @@ class VariedBoard(Varied):
     ideal: IdealAnswer  # independent of the components
     full_margin: bool  # see `taction.verification.verdict.verify.Effort`
 
-    @property
-    def runs_alone(self) -> bool:
-        """Whether ngspice simulates the samples."""
-        return choose_engine(self.scene) == "ngspice"
-
     def by_statespace(self) -> VariedBoard:
         """Return the same board with samples by the state-space engine."""
         return replace(self, scene=self.scene.with_engine("statespace"), engine="statespace")
@@ -135,7 +130,7 @@ def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
     ideal = ideal_answer(ideal_network(problem, scene), scene)
     return VariedBoard(
         name=scene.name,
-        engine=scene.analysis.engine,
+        engine=choose_engine(scene),
         nominal=nominal,
         varied=varied,
         tolerances=scene.tolerances,
@@ -192,9 +187,8 @@ def verify_sample(
     True
     """
     study = prepare(read_scene(scene, engine))
-    z = draw(study.tolerances, study.varied, seed, sample)
-    board = study.at(z)
-    verdict = verify(study.scene, problem=study.problem, circuit=board, ideal=study.ideal)
+    z = study.drawn(seed, sample)
+    verdict = verify(study.scene, problem=study.problem, circuit=study.at(z), ideal=study.ideal)
     deviations = {p.name: float(v) for p, v in zip(study.varied, z, strict=True)}
     return VerifiedSample(verdict, evaluate(study, sample, z), seed, deviations)
 

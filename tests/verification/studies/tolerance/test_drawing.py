@@ -20,8 +20,8 @@ from taction.verification.report.views.sweep import columns_of
 from taction.verification.studies.store import Store
 from taction.verification.studies.tolerance.drawing import (
     SampleCollection,
-    SampleStore,
     run_samples,
+    sample_keys,
 )
 from taction.verification.studies.tolerance.samples import BoardSample, evaluate
 from taction.verification.studies.tolerance.varied_board import VariedBoard, prepare, quantities
@@ -42,13 +42,15 @@ SAMPLES = [
 def filled(path: Path, study: VariedBoard = STUDY, seed: int = 1) -> str:
     with Store(str(path)) as store:
         for sample in SAMPLES:
-            SampleStore(store, study, seed).put(sample)
+            store.put(sample_keys(study, seed)(sample.number), sample)
     return str(path)
 
 
 def found(path: str, study: VariedBoard = STUDY, seed: int = 1) -> list[BoardSample | None]:
     with Store(path) as store:
-        return [SampleStore(store, study, seed).get(number) for number in range(3)]
+        return [
+            store.record_of(key, BoardSample) for key in map(sample_keys(study, seed), range(3))
+        ]
 
 
 def test_what_was_kept_is_read_again(tmp_path: Path) -> None:
@@ -76,11 +78,11 @@ def test_samples_of_another_taction_or_ngspice_are_not_found(tmp_path: Path) -> 
 def test_only_what_is_missing_is_drawn_and_the_yield_is_the_same(tmp_path: Path) -> None:
     path, fresh, again = str(tmp_path / "a"), SampleCollection(6), SampleCollection(6)
     with Store(path) as store, one_thread() as workers:
-        kept = SampleStore(store, STUDY, 1)
-        first = list(run_samples(STUDY, range(4), 1, workers, SampleCollection(4), kept))
-        second = list(run_samples(STUDY, range(6), 1, workers, again, kept))
+        kept = store, sample_keys(STUDY, 1)
+        first = list(run_samples(STUDY, range(4), 1, workers, SampleCollection(4), *kept))
+        second = list(run_samples(STUDY, range(6), 1, workers, again, *kept))
         list(run_samples(STUDY, range(6), 1, workers, fresh))
-        assert list(run_samples(STUDY, range(6), 1, workers, SampleCollection(6), kept)) == []
+        assert list(run_samples(STUDY, range(6), 1, workers, SampleCollection(6), *kept)) == []
     assert sorted(s.number for s in first) == [0, 1, 2, 3]
     assert sorted(s.number for s in second) == [4, 5]
     assert again.samples == fresh.samples
