@@ -74,7 +74,7 @@ def _scenes(results: Sequence[SceneResult]) -> Table:
         "scene": lambda each: each.file.removesuffix(".toml"),
         "status": lambda each: outcome_cell(each.status.value, OUTCOMES.get(each.status, "fail")),
         "checks": _passing,
-        "tolerances off": lambda each: _off(each.worst) if each.differences else None,
+        "tolerances off": lambda each: None if each.worst is None else _off(each.worst),
         "simulator": lambda each: each.entry and each.entry.solved_by.partition(",")[0],
         "baseline from": lambda each: each.baseline and _short(each.baseline.revision),
     }

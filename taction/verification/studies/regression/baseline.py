@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from taction.netlist_gen.scene.keys import all_keys, files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.documents import INLINE, plain, read, unknown_keys
+from taction.system.documents import INLINE, plain, read
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.quantities import written
@@ -238,6 +238,15 @@ def _samples(u: Floats) -> dict[str, tuple[float, ...]]:
     return {f"u_{n}": tuple(float(f"{x:.9g}") for x in column) for n, column in enumerate(u.T, 1)}
 
 
+@dataclass(frozen=True, slots=True)
+class BaselineFile:
+    """What is in the file of a baseline."""
+
+    taction_baseline: int  # the format
+    scenes: dict[str, Entry]
+    commit: Commit = NO_COMMIT  # at which it was written
+
+
 def load_baseline(path: str | Path) -> tuple[dict[str, Entry], Commit]:
     """Read the entries of a baseline, and the commit at which it was written.
 
@@ -246,60 +255,31 @@ def load_baseline(path: str | Path) -> tuple[dict[str, Entry], Commit]:
     InputError
         The file cannot be read, is damaged, is no baseline, or has another format.
     """
-    path = Path(path)
-    data = _table(path)
-    scenes = data.get("scenes")
-    if not isinstance(scenes, dict):
-        reason = f"damaged: expected a table of scenes; restore the file, or {MOVE_AWAY}"
-        raise InputError(path, Complaint("scenes", "", reason))
-    entries, complaints, commit = {}, list[Complaint](), NO_COMMIT
 
-    def damaged(place: str, error: ValueError) -> None:
-        inside, _, what = str(error).rpartition(": ")
-        key = ".".join(filter(None, (place, inside)))
-        reason = f"damaged: {what}; restore the file, or {MOVE_AWAY}"
-        complaints.append(Complaint(key, "", reason))
+    def unusable(key: str, value: str, reason: str) -> InputError:
+        return InputError(path, Complaint(key, value, reason))
+
+    def damaged(key: str, what: object) -> InputError:
+        return unusable(key, "", f"damaged{what}; restore the file, or {MOVE_AWAY}")
 
     try:
-        commit = read(Commit, data.get("commit", {}))
-    except ValueError as error:
-        damaged("commit", error)
-    for name, entry in scenes.items():
-        try:
-            entries[name] = _entry(entry)
-        except ValueError as error:
-            damaged(f"scenes.{name}", error)
-    if complaints:
-        raise InputError(path, *complaints)
-    return entries, commit
-
-
-def _table(path: Path) -> dict[str, Any]:
-    """Return the content of a baseline."""
-    try:
-        text = read_bounded(path, LARGEST)
+        data = json.loads(read_bounded(Path(path), LARGEST))
     except UnusableFileError as error:
-        reason = f"{error}; `--update` writes a baseline"
-        raise InputError(path, Complaint("baseline", "", reason)) from None
-    try:
-        data = json.loads(text)
+        raise unusable("baseline", "", f"{error}; `--update` writes a baseline") from None
     except (ValueError, RecursionError) as error:
-        reason = f"damaged, no JSON: {error}; restore the file, or {MOVE_AWAY}"
-        raise InputError(path, Complaint("baseline", "", reason)) from None
+        raise damaged("baseline", f", no JSON: {error}") from None
     if not isinstance(data, dict) or MARK not in data:
         reason = f"JSON, but no baseline of taction ('{MARK}' is missing); give another file"
-        raise InputError(path, Complaint("baseline", "", reason))
+        raise unusable("baseline", "", reason)
     if data[MARK] != FORMAT:
         reason = f"another format; this taction reads {FORMAT}. Use the taction that wrote it, or "
-        raise InputError(path, Complaint(MARK, repr(data[MARK]), reason + MOVE_AWAY))
-    return data
-
-
-def _entry(data: Any) -> Entry:
-    made = read(Entry, data)
-    if extra := unknown_keys(made, data):
-        raise ValueError(f"{extra[0]}: no key of an entry")
-    return made
+        raise unusable(MARK, repr(data[MARK]), reason + MOVE_AWAY)
+    try:
+        found = read(BaselineFile, data)
+    except ValueError as error:
+        place, _, what = str(error).rpartition(": ")
+        raise damaged(place or "scenes", f": {what}") from None
+    return found.scenes, found.commit
 
 
 def baseline_text(entries: Baseline, written: Commit = NO_COMMIT) -> str:

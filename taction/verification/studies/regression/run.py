@@ -49,7 +49,7 @@ from taction.verification.verdict.compare import (
     words,
 )
 from taction.verification.verdict.record import POLE_READINGS, Figure
-from taction.verification.verdict.verify import Verdict, verify
+from taction.verification.verdict.verify import verify
 
 STENCIL = 4  # cubic interpolation: error 1e-7 of the amplitude at 125 points on a ringing period
 
@@ -84,7 +84,7 @@ def scene_tolerance(allowed: Regression, then: Entry) -> Tolerance:
 
     An absolute tolerance of a voltage counts in step amplitudes, one of a pole in its magnitude.
     """
-    amplitude = then.record.value("step_amplitude") or 0.0
+    amplitude = _amplitude(then)
 
     def tolerance(name: str, first: Figure, second: Figure) -> float | None:
         size, unit = abs(first.value or 0.0), first.unit
@@ -99,47 +99,34 @@ def scene_tolerance(allowed: Regression, then: Entry) -> Tolerance:
     return tolerance
 
 
+def _amplitude(entry: Entry) -> float:
+    return entry.record.value("step_amplitude") or 0.0
+
+
 def _waveforms(now: Observation, then: Entry, allowed: WaveformTolerance) -> Iterator[Difference]:
     """Compare the outputs at the baseline's instants by interpolation of the record."""
     if not then.outputs or not now.entry.outputs:
         return
-    common = [k for k, t in enumerate(then.time) if now.time[0] <= t <= now.time[-1]]
-    at = np.array(then.time)[common]
+    at = np.array([t for t in then.time if now.time[0] <= t <= now.time[-1]])
     u = lagrange(now.time, now.u, at, STENCIL)
-    new = dict(zip(now.entry.outputs, u.T, strict=True))
-    amplitude = then.record.value("step_amplitude") or 0.0
-    for name in {**then.outputs, **now.entry.outputs}:
-        if name in new and name in then.outputs and len(common) > 1:
-            old = np.array(then.outputs[name])[common]
-            yield _waveform(name, at, new[name], old, allowed, amplitude)
-        else:
+    new, amplitude = dict(zip(now.entry.outputs, u.T, strict=True)), _amplitude(then)
+    for name in {**then.outputs, **new}:
+        if name not in new or name not in then.outputs or len(at) < 2:
             sides = ["there" if name in side else None for side in (then.outputs, new)]
-            missing = words("waveforms", name, None, *sides)
-            yield missing if missing.beyond else _incomparable(name)
-
-
-def _incomparable(name: str) -> Difference:
-    note = "the records have no instants in common"
-    return Difference("waveforms", name, None, "there", "there", "", None, None, math.inf, note)
-
-
-def _waveform(
-    name: str,
-    time: Floats,
-    new: Floats,
-    old: Floats,
-    allowed: WaveformTolerance,
-    amplitude: float,
-) -> Difference:
-    """Return the norms of both outputs, and that of their difference over what is allowed."""
-    size, distance = _norm(allowed, time, old), _norm(allowed, time, new - old)
-    tolerance = allowed.absolute * amplitude + allowed.relative * size
-    apart = np.abs(new - old)
-    worst = int(np.argmax(apart))
-    note = f"{allowed.norm} norm; {apart[worst]:.3g} V apart at {time[worst]:.4g} s"
-    norms = size, _norm(allowed, time, new)
-    off = relative(distance, tolerance)
-    return Difference("waveforms", name, None, *norms, "V", distance, tolerance, off, note)
+            note = "the records have no instants in common" if all(sides) else ""
+            yield replace(words("waveforms", name, None, *sides), off=math.inf, note=note)
+            continue
+        known = dict(zip(then.time, then.outputs[name], strict=True))
+        old = np.array([known[t] for t in at.tolist()])
+        apart = np.abs(new[name] - old)
+        worst = int(np.argmax(apart))
+        size, distance = _norm(allowed, at, old), _norm(allowed, at, apart)
+        most = allowed.absolute * amplitude + allowed.relative * size
+        yield Difference(
+            *("waveforms", name, None, size, _norm(allowed, at, new[name]), "V", distance, most),
+            off=relative(distance, most),
+            note=f"{allowed.norm} norm; {apart[worst]:.3g} V apart at {at[worst]:.4g} s",
+        )
 
 
 def _norm(allowed: WaveformTolerance, time: Floats, u: Floats) -> float:
@@ -170,24 +157,15 @@ KEPT = (Status.NO_VERDICT, Status.BAD_INPUT, Status.NOT_RUN)  # an update keeps 
 
 
 @dataclass(frozen=True, slots=True)
-class BaselineOrigin:
-    """Where an entry of a baseline comes from."""
-
-    outcome: str
-    revision: str
-    taction: str
-    simulator: str
-    fingerprint: str
-
-
-@dataclass(frozen=True, slots=True)
 class SceneResult:
     """Comparison of one scene with its baseline."""
 
     DOCUMENT = (
         *("file", "status", "outcome = entry.record.outcome", "reason", "notes"),
-        *("simulator = entry.solved_by", "baseline = origin"),
-        *("worst = worst_known # of the differences, over what is allowed", "checks"),
+        *("simulator = entry.solved_by", "baseline.outcome = baseline.record.outcome"),
+        *("baseline.revision = baseline.revision", "baseline.taction = baseline.taction"),
+        *("baseline.simulator = baseline.solved_by", "baseline.fingerprint = baseline.fingerprint"),
+        *("worst # of the differences, over what is allowed", "checks"),
         *("differences # the baseline is the first", "seconds [s]"),
     )
 
@@ -216,23 +194,9 @@ class SceneResult:
         return tuple(sorted(changed, key=lambda d: -d.off))
 
     @property
-    def worst(self) -> float:
-        """Largest difference, in tolerances."""
-        return max((d.off for d in self.differences), default=0.0)
-
-    @property
-    def worst_known(self) -> float | None:
-        """The same, or None without differences."""
-        return self.worst if self.differences else None
-
-    @property
-    def origin(self) -> BaselineOrigin | None:
-        """Where the entry of the baseline comes from."""
-        then = self.baseline
-        if then is None:
-            return None
-        known = then.revision, then.taction, then.solved_by, then.fingerprint
-        return BaselineOrigin(then.record.outcome, *known)
+    def worst(self) -> float | None:
+        """Largest difference, in tolerances; None without differences."""
+        return max((d.off for d in self.differences), default=None)
 
     @property
     def failed(self) -> bool:
@@ -351,7 +315,14 @@ def regress(
     names = [printable(path.name) for path in files]
     arguments = [(entries.get(name), commit.revision) for name in names]
     found = for_each_file(compare_scene, files, arguments, jobs=jobs, progress=progress)
-    results = [_result(name, result) for name, result in zip(names, found, strict=True)]
+    results = [
+        SceneResult(name, Status.NOT_RUN, reason="interrupted")
+        if result is None
+        else SceneResult(name, Status.NO_VERDICT, reason=f"the process was killed: {result}")
+        if isinstance(result, BaseException)
+        else result
+        for name, result in zip(names, found, strict=True)
+    ]
     reason = "in the baseline, but not in the folder"
     results += [
         SceneResult(name, Status.MISSING, reason=reason, baseline=entries[name])
@@ -367,31 +338,32 @@ def regress(
     return report
 
 
-def _result(name: str, found: SceneResult | BaseException | None) -> SceneResult:
-    """Return what was found for a scene, also if its process was killed or never began."""
-    if found is None:
-        return SceneResult(name, Status.NOT_RUN, reason="interrupted")
-    if isinstance(found, BaseException):
-        return SceneResult(name, Status.NO_VERDICT, reason=f"the process was killed: {found}")
-    return found
-
-
 def compare_scene(path: Path, then: Entry | None, revision: str) -> SceneResult:
     """Verify one scene and compare it with its entry; bad input gives a result, too."""
-    started = time.perf_counter()
+    started, file = time.perf_counter(), printable(path.name)
     try:
-        try:
-            verdict = verify(load_scene(path))
-        except MemoryError:
-            raise NoVerdictError("out of memory: the scene is too large") from None
+        verdict = verify(load_scene(path))
     except InputError as error:
-        return SceneResult(printable(path.name), Status.BAD_INPUT, reason=str(error), baseline=then)
-    except NoVerdictError as error:
-        result = SceneResult(
-            printable(path.name), Status.NO_VERDICT, reason=str(error), baseline=then
-        )
-        return replace(result, seconds=time.perf_counter() - started)
-    return _compared(printable(path.name), verdict, then, revision, time.perf_counter() - started)
+        return SceneResult(file, Status.BAD_INPUT, reason=str(error), baseline=then)
+    except (NoVerdictError, MemoryError) as error:
+        large = "out of memory: the scene is too large"
+        reason = large if isinstance(error, MemoryError) else str(error)
+        seconds = time.perf_counter() - started
+        return SceneResult(file, Status.NO_VERDICT, reason=reason, baseline=then, seconds=seconds)
+    now = observe(verdict, revision)
+    differences = () if then is None else compare_entry(now, then, verdict.scene.regression)
+    changed = any(difference.beyond for difference in differences)
+    return SceneResult(
+        file=file,
+        status=_status(verdict.outcome, then, changed),
+        checks=verdict.checks,
+        differences=differences,
+        notes=() if then is None else tuple(_notes(now.entry, then)),
+        reason="; ".join(found.text for found in causes(verdict.checks)),
+        entry=now.entry,
+        baseline=then,
+        seconds=time.perf_counter() - started,
+    )
 
 
 def updated_baseline(report: RegressionReport, baseline: Baseline) -> dict[str, Entry]:
@@ -410,25 +382,6 @@ def updated_baseline(report: RegressionReport, baseline: Baseline) -> dict[str, 
     return entries
 
 
-def _compared(
-    file: str, verdict: Verdict, then: Entry | None, revision: str, seconds: float
-) -> SceneResult:
-    now = observe(verdict, revision)
-    differences = () if then is None else compare_entry(now, then, verdict.scene.regression)
-    changed = any(difference.beyond for difference in differences)
-    return SceneResult(
-        file=file,
-        status=_status(verdict.outcome, then, changed),
-        checks=verdict.checks,
-        differences=differences,
-        notes=() if then is None else tuple(_notes(now.entry, then)),
-        reason="; ".join(found.text for found in causes(verdict.checks)),
-        entry=now.entry,
-        baseline=then,
-        seconds=seconds,
-    )
-
-
 def _status(outcome: Outcome, then: Entry | None, changed: bool) -> Status:
     if outcome is Outcome.INCONCLUSIVE:
         return Status.NO_VERDICT
@@ -444,7 +397,7 @@ def _status(outcome: Outcome, then: Entry | None, changed: bool) -> Status:
 
 def _unchanged(result: SceneResult) -> bool:
     new, old = result.entry, result.baseline
-    if new is None or old is None or math.isinf(result.worst):
+    if new is None or old is None or math.isinf(result.worst or 0.0):
         return False
     same = new.record.outcome == old.record.outcome and new.checks == old.checks
     return same and new.fingerprint == old.fingerprint and not result.changes
