@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from taction.netlist_gen.scene.keys import all_keys, files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.documents import INLINE, plain, read
+from taction.system.documents import INLINE, plain, read, unknown_keys
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.quantities import written
@@ -276,6 +276,8 @@ def load_baseline(path: str | Path) -> tuple[dict[str, Entry], Commit]:
         raise unusable(MARK, repr(data[MARK]), reason + MOVE_AWAY)
     try:
         found = read(BaselineFile, data)
+        if extra := unknown_keys(found, data):
+            raise ValueError(f"{extra[0]}: no key of a baseline")
     except ValueError as error:
         place, _, what = str(error).rpartition(": ")
         raise damaged(place or "scenes", f": {what}") from None

@@ -65,6 +65,7 @@ WRONG = {
     '{"taction_baseline": 2}': "scenes: damaged",
     broken({"step_amplitude": "much"}): r"scenes\.a\.toml\.step_amplitude = 'much': damaged",
     broken({"step_amplitude": float("nan")}): r"scenes\.a\.toml\.step_amplitude = nan: damaged",
+    broken({"surprise": 1}): r"scenes\.a\.toml\.surprise: damaged",
     broken({"time": [0.0, 0.0, 1.0]}): "time does not increase",
     broken({"outputs": {"u_1": [1.0]}}): "an output and the time differ in length",
     broken({"growth_rate": None}): "growth_rate",
