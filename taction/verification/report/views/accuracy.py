@@ -182,7 +182,7 @@ def _power(value: float | None) -> str:
 def _scale_text(study: WorkPrecisionStudy, problem: str) -> str:
     """Return how the errors of a problem are measured."""
     found = study.problems[problem]
-    text = f"Largest error over time and outputs, over the step. Reference: "
+    text = "Largest error over time and outputs, over the step. Reference: "
     text += found.references[0] if found.references else "none, all failed"
     if len(found.references) > 1:
         text += f", checked by {found.references[1]}; the largest difference of the two is"
@@ -191,17 +191,16 @@ def _scale_text(study: WorkPrecisionStudy, problem: str) -> str:
 
 
 def _cheapest(study: WorkPrecisionStudy) -> Table:
+    rows = [(e, study.cheapest(e), study.cheapest(e, ["ngspice"])) for e in ERRORS]
     columns = {
-        "largest error": lambda each: Cell(f"{each.error:.0e}", each.error),
-        "cheapest": lambda each: _choice(each.any and each.any.point),
-        "time": lambda each: each.any and SECONDS(each.any.point),
-        "ngspice": lambda each: _choice(each.ngspice and each.ngspice.point),
-        "time of ngspice": lambda each: each.ngspice and SECONDS(each.ngspice.point),
+        "largest error": lambda row: Cell(f"{row[0]:.0e}", row[0]),
+        "cheapest": lambda row: _choice(row[1]),
+        "time": lambda row: row[1] and SECONDS(row[1]),
+        "ngspice": lambda row: _choice(row[2]),
+        "time of ngspice": lambda row: row[2] and SECONDS(row[2]),
     }
     note = "Largest error over time on the board, as measured."
-    return Table.of(
-        "Cheapest setting that reaches an error", study.cheapest_settings, columns, note
-    )
+    return Table.of("Cheapest setting that reaches an error", rows, columns, note)
 
 
 (SECONDS,) = fields("seconds 3").values()
