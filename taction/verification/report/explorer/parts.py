@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,7 @@ from taction.verification.design.exploration import (
 )
 from taction.verification.design.explorer_settings import STEPS, Control, Settings, Start
 from taction.verification.design.outcomes_along import CELLS
+from taction.verification.report.blocks import Bars
 from taction.verification.report.renderers.plotly import plotly_spec
 from taction.verification.report.texts import figure, quantity, readable
 from taction.verification.report.views.answer import answer_text, true_error_text
@@ -42,7 +43,6 @@ from taction.verification.report.views.stability import pole_map, ranges_text
 from taction.verification.report.views.waveforms import end_names, recovered_stress
 from taction.verification.stability.edges import Edges
 from taction.verification.verdict.cause import band_text
-from taction.verification.verdict.checks import Check
 from taction.verification.verdict.record import ERROR
 
 POINTS = 500  # of a curve
@@ -129,25 +129,31 @@ def boundary_part(found: Edges | EngineError, control: Control) -> Part:
     """Return the stable values of a knob as parts of its slider, and in words."""
     if isinstance(found, EngineError):
         text = f"not known: {readable(str(found))}"
-        return {"boundary": {"parts": [], "text": text, "unknown": True}}
-    parts = [[control.place(low), control.place(high)] for low, high in found.stable_ranges]
+        return {"boundary": _boundary(control, text, [], unknown=True)}
+    parts = [(control.place(low), control.place(high)) for low, high in found.stable_ranges]
     text = ranges_text(found, control.low, control.high, control.unit)
-    return {"boundary": {"parts": parts, "text": text, "unknown": False}}
+    return {"boundary": _boundary(control, text, parts)}
+
+
+def _boundary(
+    control: Control, text: str, parts: list[tuple[float, float]], *, unknown: bool = False
+) -> Part:
+    return {"symbol": control.symbol, "text": text, "parts": parts, "unknown": unknown}
 
 
 def verdict_part(found: Judgement) -> Part:
     """Return the checks of a verdict, and its numbers."""
-    record = found.record
+    record, warnings = found.record, found.warnings
+    text = f"{decisive_text(record.checks, record.outcome)} {_answer(found)}".rstrip()
     if record.outcome == ERROR:
-        text = "there is no verdict on these values"
-        return {"verdict": {"outcome": ERROR, "text": text, "error": readable(record.reason)}}
+        text, warnings = "there is no verdict on these values", (record.reason,)
     return {
         "verdict": {
             "outcome": record.outcome,
-            "text": f"{decisive_text(record.checks, record.outcome)} {_answer(found)}".rstrip(),
-            "checks": [_bar(check) for check in record.checks],
-            "figures": _figures(found),
-            "warnings": [readable(text) for text in found.warnings],
+            "text": text,
+            "checks": Bars("", tuple(map(check_bar, record.checks))),
+            "figures": {} if record.outcome == ERROR else _figures(found),
+            "warnings": [readable(text) for text in warnings],
         }
     }
 
@@ -203,11 +209,6 @@ def _figures(found: Judgement) -> dict[str, str]:
         "rise time": quantity(value("rise_time"), "s"),
         "overshoot": figure(value("overshoot") if found.record.stable else None, "step"),
     }
-
-
-def _bar(check: Check) -> Part:
-    bar = check_bar(check)
-    return {**asdict(bar), "width": bar.width, "used": bar.used}
 
 
 def outputs_chart(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import gc
 import importlib.util
 import json
@@ -15,7 +16,7 @@ import webbrowser
 from collections.abc import Callable, Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError
@@ -24,11 +25,16 @@ from taction.verification.report.explorer.guard import HOST, Guard
 from taction.verification.report.explorer.parts import Part, start_part
 from taction.verification.report.explorer.session import ExplorerJob, Session
 from taction.verification.report.renderers.page import FILES as PAGE_FILES
+from taction.verification.report.renderers.page import templates
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 PACKAGES = {"nicegui": "NiceGUI", "plotly": "Plotly"}
 REMEDY = "the explorer needs {}: pip install 'taction[explore]'"
 PAGE = Path(__file__).parent / "page"
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
+SENT = ("refused", "simulating")  # what the program of the page needs beside the markup
 AGAIN = 0.02  # s between two looks whether the server listens
 HEAD = (
     '<link rel="stylesheet" href="/taction/explorer.css">'
@@ -142,14 +148,15 @@ def _open_page(start: Start, jobs: list[ExplorerJob]) -> None:
 
     def send(part: Part) -> None:
         if client.has_socket_connection:
-            client.run_javascript(f"window.taction?.({json.dumps(part, allow_nan=False)})")
+            told = json.dumps(markup_of(part), allow_nan=False)
+            client.run_javascript(f"window.taction?.({told})")
 
     session = Session(start, send, jobs[0], jobs[1])
     ui.add_head_html(HEAD)
-    ui.html((PAGE / "explorer.html").read_text("utf-8"), sanitize=False)
+    page = _templates().get_template("explorer.html").render(start=start_part(start))
+    ui.html(page, sanitize=False)
 
     async def ready() -> None:
-        send({"start": start_part(start)})
         await session.move({})
 
     async def move(event: Any) -> None:
@@ -164,6 +171,22 @@ def _open_page(start: Start, jobs: list[ExplorerJob]) -> None:
     ui.on("taction-simulate", simulate)
     ui.on("taction-cancel", session.cancel)
     ui.on("taction-save", lambda event: session.save(str(event.args)))
+
+
+@functools.cache
+def _templates() -> Environment:
+    return templates(PAGE)
+
+
+def markup_of(part: Part) -> Part:
+    """Return a part for the browser: its texts as markup, by the macros of their names."""
+    macros: Any = _templates().get_template("parts.html").module
+    shown = {key: getattr(macros, key, None) for key in part}
+    kept = {key: value for key, value in part.items() if shown[key] is None or key in SENT}
+    if "verdict" in part:
+        kept["outcome"] = part["verdict"]["outcome"]
+    kept["html"] = "".join(macro(part[key]) for key, macro in shown.items() if macro is not None)
+    return kept
 
 
 def _mapping(value: Any) -> Mapping[str, Any]:

@@ -38,7 +38,6 @@ Send = Callable[[Part], None]
 Stage = Callable[[SliderLook], tuple[SliderLook, Part]]
 REST = 0.12  # s without new values, after which the hand rests
 WINDOWS = ("rise", "whole")
-KEPT_KEYS = ("stress", "facts", "boundary", "along")  # which many moves leave as they are
 SLOW = 2.0  # s of a verdict, above which the sliders show no checks
 PATIENCE = 3.0  # s that a verdict on values that have moved on may still take
 
@@ -112,7 +111,6 @@ class Session:
     _look: SliderLook | None = None  # at the newest values
     _boundary: tuple[object, Edges | EngineError] | None = None  # and the values that it holds for
     _along: dict[str, tuple[Settings, dict[int, tuple[str, str]]]] = field(default_factory=dict)
-    _sent: Part = field(default_factory=dict)  # the last of `KEPT_KEYS` that the page has
     _simulates: bool = False
     _turn: asyncio.Lock = field(default_factory=asyncio.Lock)
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
@@ -139,7 +137,7 @@ class Session:
             try:
                 self._look = await asyncio.to_thread(look_at, self.start, settings, self.window)
             except TactionError as error:
-                self._look, self._sent = None, {}
+                self._look = None
                 self._tell(**shown, refused=readable(str(error)))
                 return
             cost = time.perf_counter() - began
@@ -165,11 +163,7 @@ class Session:
         return settings
 
     def _tell(self, **part: Any) -> None:
-        """Send a part of the page without what the page has; `same` names it."""
-        same = [key for key in KEPT_KEYS if key in part and part[key] == self._sent.get(key)]
-        self._sent |= {key: part[key] for key in KEPT_KEYS if key in part}
-        new = {key: value for key, value in part.items() if key not in same}
-        self.send({"number": self._number, **new, "same": same})
+        self.send({"number": self._number, **part})
 
     def _begin(self, work: Any) -> None:
         task = asyncio.create_task(work)

@@ -14,7 +14,7 @@ import hashlib
 from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from taction.system.atomic_files import write_atomically
 from taction.system.foreign_text import escaped, visible
@@ -22,6 +22,9 @@ from taction.verification.report.blocks import PAGE as MEDIUM
 from taction.verification.report.blocks import Block, Page, Section
 from taction.verification.report.output_checks import check_report_file
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 FILES = Path(__file__).parent / "page_files"
 
@@ -34,16 +37,7 @@ def write_page(page: Page, path: str) -> None:
 
 def page_html(page: Page) -> str:
     """Return `page` as the text of one HTML file."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    environment = Environment(
-        loader=FileSystemLoader(FILES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        finalize=_shown,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = templates()
     environment.filters |= {"spec": plotly_spec, "code": _code}
     environment.globals["view_layout"] = view_layout
     program = _read("charts.js") + _read("page.js")
@@ -58,6 +52,20 @@ def page_html(page: Page) -> str:
         program=program,
         plotly=packed,
         digests=[_digest(program.encode()), digest],
+    )
+
+
+def templates(*folders: Path) -> Environment:
+    """Return the templates of the pages and those of `folders`; what they show is escaped."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    return Environment(
+        loader=FileSystemLoader([FILES, *folders]),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=_shown,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
 
 

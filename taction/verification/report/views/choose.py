@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.charts import Axis, Chart, Curve, Grid, segments, zero_lines
+from taction.system.charts import Axis, Chart, Curve, Grid, Mark, segments, zero_lines
 from taction.system.foreign_text import shortened
 from taction.verification.design.choice_plan import CAPACITANCE, FEEDBACK, G0, GAIN, NAMES, U0
 from taction.verification.design.choose import Choice, ChosenDesign, Confirmation
@@ -170,21 +170,15 @@ def _best(best: Sequence[ChosenDesign], confirmations: Sequence[Confirmation]) -
         share = None if verdict is None else verdict.answer.yield_at_most
         return Cell("-" if share is None else f"at most {percent(share)}", share)
 
-    columns = {**_columns(best), "yield": built, "ngspice": ngspice}
-    yield Table.of("Best designs", best, columns)
-    lines = (
-        f"{design.opamp}: {text}"
-        for design in best
-        if (verdict := said[design.place].verdict) is not None
-        and verdict.outcome is Outcome.PASS
-        and (text := yield_text(verdict.answer))
-    )
+    yield Table.of("Best designs", best, {**_columns(best), "yield": built, "ngspice": ngspice})
+    lines, reasons = [], []
+    for design in best:
+        verdict, reason = said[design.place].verdict, said[design.place].reason
+        passes = verdict is not None and verdict.outcome is Outcome.PASS
+        if verdict is not None and passes and (text := yield_text(verdict.answer)):
+            lines.append(f"{design.opamp}: {text}")
+        reasons += [f"{design.opamp}: {readable(reason)}"] if reason else []
     yield Notes("Built boards", tuple(lines))
-    reasons = (
-        f"{design.opamp}: {readable(said[design.place].reason)}"
-        for design in best
-        if said[design.place].reason
-    )
     yield Notes("What ngspice says", tuple(reasons))
 
 
@@ -277,39 +271,32 @@ def _maps(designs: Sequence[ChosenDesign], best: Sequence[ChosenDesign]) -> Iter
 
 
 def _map(name: str, own: Sequence[ChosenDesign], best: Sequence[ChosenDesign]) -> Chart:
-    farads, ohms = (sorted(set(values)) for values in zip(*map(_values, own), strict=True))
+    farads, ohms = (np.array(sorted(set(each))) for each in zip(*map(_values, own), strict=True))
     at = {_values(design): design for design in own}
-    cells = [[at.get((x, y)) for x in farads] for y in ohms]
-    chosen = {design.place for design in best}
-    passing = sum(design.good for design in own)
+    cells = [[at.get((x, y)) for x in farads.tolist()] for y in ohms.tolist()]
     grid = Grid(
-        np.array(farads),
-        np.array(ohms),
+        farads,
+        ohms,
         np.array([[_level(design) for design in row] for row in cells]),
         scale="share",
         limits=(LOW, HIGH),
-        title="worst value over its limit",
         bar=False,
         texts=tuple(tuple(map(_hover, row)) for row in cells),
     )
+    chosen = {design.place for design in best}
     others = [design for design in own if design.good and design.place not in chosen]
     stars = [design for design in own if design.place in chosen]
-    x_path, y_path = own[0].keys
-    return Chart(
-        name,
-        Axis(NAMES[x_path], UNITS[x_path], "log"),
-        Axis(NAMES[y_path], UNITS[y_path], "log"),
-        (
-            grid,
-            *_limit_line(grid),
-            *_points(others, "passes", "circle-open", 6.0),
-            *_points(stars, "among the best", "star", 13.0),
-        ),
-        message=f"{passing} of {len(own)} pass and can be bought",
-        summary=f"{name}: {passing} of {counted(len(own), 'design')} pass and can be bought.",
-        legend="",
-        height=230,
+    x, y = (Axis(NAMES[path], UNITS[path], "log") for path in own[0].keys)
+    marks: tuple[Mark, ...] = (
+        grid,
+        *_limit_line(grid),
+        *_points(others, "passes", "circle-open", 6.0),
+        *_points(stars, "among the best", "star", 13.0),
     )
+    passing, text = sum(design.good for design in own), "pass and can be bought"
+    summary = f"{name}: {passing} of {counted(len(own), 'design')} {text}."
+    said = f"{passing} of {len(own)} {text}"
+    return Chart(name, x, y, marks, said, summary, legend="", height=230)
 
 
 def _limit_line(grid: Grid) -> Iterator[Curve]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +33,7 @@ from taction.verification.report.views.verdict_screen import on_screen
 from taction.verification.stability.margin import first_knob
 from taction.verification.verdict.verify import Verdict
 
-LINE = 0.08  # of the height of the picture: two texts at the same place lie over each other
+TRADE = "Settling time against overshoot of the designs on the trade-off curve; dotted: the limit."
 LEAST_REACH, EDGE = 1e-3, 0.12  # of the step, and of the width: around the points of the picture
 
 
@@ -56,20 +58,16 @@ def view(result: Tuned) -> Page:
 
 def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
     units, circuit = _units(tuning), verdict.circuit
-    rows = tuple(
-        (
-            Cell(name),
-            *(number_cell(value, units[path], 5) for path, value in trial.values.items()),
-            number_cell(trial.settling_time, "s"),
-            number_cell(trial.overshoot, "step", 3)
-            if math.isfinite(trial.overshoot)
-            else Cell("–"),
-        )
-        for name, trial in (("before", tuning.before), ("after", tuning.after))
-    )
+    columns: dict[str, Callable[[Any], Any]] = {"design": lambda each: each[0]}
+    for path, unit in units.items():
+        columns[_key_name(path)] = partial(_value, path=path, unit=unit)
     settling = banded("settling_time", tuning.scene.checks.settling_time.band)
-    titles = ("design", *map(_key_name, units), settling, "overshoot")
-    yield Table("Before and after", titles, rows)
+    columns[settling] = lambda each: number_cell(each[1].settling_time, "s")
+    columns["overshoot"] = lambda each: (
+        number_cell(each[1].overshoot, "step", 3) if math.isfinite(each[1].overshoot) else "–"
+    )
+    designs = ("before", tuning.before), ("after", tuning.after)
+    yield Table.of("Before and after", designs, columns)
     facts = (
         ("designs tried", str(tuning.tried)),
         ("designs on the trade-off curve", str(len(tuning.frontier))),
@@ -94,6 +92,10 @@ def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
     yield Notes("", edges)
 
 
+def _value(design: tuple[str, Trial], path: str, unit: str) -> Cell:
+    return number_cell(design[1].values[path], unit, 5)
+
+
 def _units(tuning: Tuning) -> dict[str, str]:
     return {path: find_key(tuning.scene, path).unit for path in tuning.after.values}
 
@@ -103,94 +105,48 @@ def _key_name(path: str) -> str:
 
 
 def _tradeoff(tuning: Tuning) -> Chart:
-    """Return the frontier, the limit, and the designs before and after with their values.
+    """Return the frontier, the limit, and the designs before and after with their values."""
+    units, limit = _units(tuning), tuning.overshoot_limit
 
-    The neighbours of the chosen design on the frontier have their values, too.
-    """
-    units = _units(tuning)
-
-    def text(candidate: Trial) -> str:
-        return ", ".join(
-            f"{_key_name(path)} {quantity(value, units[path])}"
-            for path, value in candidate.values.items()
-        )
+    def text(trial: Trial) -> str:
+        pairs = trial.values.items()
+        return ", ".join(f"{_key_name(path)} {quantity(v, units[path])}" for path, v in pairs)
 
     frontier = sorted(tuning.frontier, key=lambda each: each.overshoot)
-    near = _neighbours(frontier, tuning)
-    curve = Curve(
-        *_places(*frontier),
-        "no design tried is better than these",
-        "true",
-        mark="circle",
-        hover=tuple(map(text, frontier)),
-        written=tuple(text(each) if each in near else "" for each in frontier),
-    )
-    limit = f"overshoot limit, {figure(tuning.overshoot_limit, 'step', 3)}"
-    marks: list[Mark] = [curve]
-    ends = _ends([*frontier, tuning.before, tuning.after], tuning.overshoot_limit)
-    if ends is None or ends[0] <= tuning.overshoot_limit <= ends[1]:
-        marks.append(Limit(tuning.overshoot_limit, "x", limit, "ink", "dot"))
-    else:
-        marks.append(Text(f"{limit} →", None, None, ("left", "below")))
-    for name, candidate, mark, outcome in (
-        ("before", tuning.before, "square-open", "fail"),
-        ("after", tuning.after, "star", "pass"),
-    ):
-        if math.isfinite(candidate.settling_time + candidate.overshoot):
-            title = f"{name}: {quantity(candidate.settling_time, 's')}"
-            texts = (text(candidate),)
-            moved = name == "after" or candidate.values != tuning.after.values
-            marks.append(
-                Curve(
-                    *_places(candidate), title, outcome, "", mark, size=13.0, hover=texts,
-                    written=(f"{name}: {texts[0]}" if moved else "",),
-                )
-            )  # fmt: skip
-    return Chart(
-        "Trade-off",
-        Axis("overshoot", "step", limits=ends),
-        Axis(banded("settling_time", tuning.scene.checks.settling_time.band), "s", "log"),
-        tuple(marks),
-        message=_gain(tuning),
-        summary=(
-            "Settling time against overshoot of the designs on the trade-off curve; dotted: the"
-            " limit."
-        ),
-        legend="below",
-    )
+    hover = tuple(map(text, frontier))
+    name = "no design tried is better than these"
+    marks: list[Mark] = [Curve(*_places(frontier), name, "true", mark="circle", hover=hover)]
+    first, last = (tuning.before, "square-open", "fail"), (tuning.after, "star", "pass")
+    for name, (trial, mark, outcome) in {"before": first, "after": last}.items():
+        if _is_finite(trial):
+            title, values = f"{name}: {quantity(trial.settling_time, 's')}", text(trial)
+            moved = name == "after" or trial.values != tuning.after.values
+            words = (f"{name}: {values}" if moved else "",)
+            curve = Curve(*_places([trial]), title, outcome, "", mark, size=13.0)
+            marks.append(replace(curve, hover=(values,), written=words))
+    ends, near = None, True
+    shown = filter(_is_finite, (*frontier, tuning.before, tuning.after))
+    if known := [each.overshoot for each in shown]:
+        low, high = min(known), max(known)
+        reach = max(high - low, 0.1 * high, LEAST_REACH)
+        near = low <= limit <= high + reach
+        high = max(high, limit) if near else high
+        ends = max(0.0, low - EDGE * reach), high + 2.0 * EDGE * reach  # texts are on the right
+    said = f"overshoot limit, {figure(limit, 'step', 3)}"
+    far = Text(f"{said} →", None, None, ("left", "below"))
+    marks.append(Limit(limit, "x", said, "ink", "dot") if near else far)
+    x = Axis("overshoot", "step", limits=ends)
+    y = Axis(banded("settling_time", tuning.scene.checks.settling_time.band), "s", "log")
+    return Chart("Trade-off", x, y, tuple(marks), _gain(tuning), TRADE, legend="below")
 
 
-def _ends(shown: list[Trial], limit: float) -> tuple[float, float] | None:
-    """Return the overshoots that the chart shows: those of its points, and a limit near them."""
-    known = [each.overshoot for each in shown if math.isfinite(each.settling_time + each.overshoot)]
-    if not known:
-        return None
-    low, high = min(known), max(known)
-    reach = max(high - low, 0.1 * high, LEAST_REACH)
-    if low <= limit <= high + reach:
-        high = max(high, limit)
-    return max(0.0, low - EDGE * reach), high + 2.0 * EDGE * reach  # texts stand on the right
+def _is_finite(trial: Trial) -> bool:
+    return math.isfinite(trial.settling_time + trial.overshoot)
 
 
-def _places(*candidates: Trial) -> tuple[np.ndarray, np.ndarray]:
-    x, y = np.array([(each.overshoot, each.settling_time) for each in candidates]).reshape(-1, 2).T
+def _places(trials: list[Trial]) -> tuple[np.ndarray, np.ndarray]:
+    x, y = np.array([(each.overshoot, each.settling_time) for each in trials]).reshape(-1, 2).T
     return x, y
-
-
-def _neighbours(frontier: list[Trial], tuning: Tuning) -> list[Trial]:
-    """Return the designs of the frontier beside the chosen one whose text has room on the chart."""
-    if tuning.after not in frontier:
-        return []
-    place = frontier.index(tuning.after)
-    beside = [frontier[k] for k in (place - 1, place + 1) if 0 <= k < len(frontier)]
-    times = [math.log(each.settling_time) for each in frontier]
-    room = LINE * (max(times) - min(times))
-
-    def apart(one: Trial, other: Trial) -> bool:
-        known = math.isfinite(other.settling_time)
-        return not known or abs(math.log(one.settling_time / other.settling_time)) > room
-
-    return [one for one in beside if all(apart(one, p) for p in (tuning.before, tuning.after))]
 
 
 def _gain(tuning: Tuning) -> str:

@@ -113,14 +113,6 @@ def test_only_the_newest_values_have_a_verdict() -> None:
     assert job.calls == 1
 
 
-def test_what_has_not_changed_is_not_sent_again() -> None:
-    parts = told({}, {"places": {C: 600}})
-    first, second = (part for part in parts if "outputs" in part)
-    assert "stress" in first
-    assert "stress" in second["same"]
-    assert "stress" not in second
-
-
 def test_strips_show_the_checks_along_every_slider(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nine values of each; after a move of C the outcomes along C still hold, the others do not."""
     monkeypatch.setattr(outcomes_along, "verify", first := Stub())
