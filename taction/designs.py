@@ -235,8 +235,8 @@ def build(
     from taction.netlist_gen.board.bill_of_materials import bill_of_materials
     from taction.netlist_gen.board.synthesis import synthesise
     from taction.netlist_gen.kicad.board import kicad_project
-    from taction.netlist_gen.kicad.parts import Catalogue
-    from taction.netlist_gen.kicad.wiring import wiring
+    from taction.netlist_gen.kicad.lists import wiring
+    from taction.netlist_gen.kicad.parts import BoardParts
     from taction.system.atomic_files import write_together
     from taction.system.errors import TactionError
     from taction.system.output_files import check_own_folder, make_folder
@@ -254,7 +254,10 @@ def build(
     drawn = {f"{KICAD}/{name}": text for name, text in kicad_project(circuit, scene).files.items()}
     check_own_folder(place, [*OWN, *drawn])
     parts = bill_of_materials(circuit, scene)
-    texts = {"parts.csv": parts_csv(parts), "wiring.csv": wiring(Catalogue(circuit, scene))} | drawn
+    texts = {
+        "parts.csv": parts_csv(parts),
+        "wiring.csv": wiring(BoardParts(circuit, scene)),
+    } | drawn
     verdict, refused, status = None, "", None
     try:
         texts["deck.cir"] = deck_of(scene)[1].text

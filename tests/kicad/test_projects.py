@@ -13,8 +13,8 @@ import pytest
 
 import taction
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.kicad.parts import Catalogue
-from taction.netlist_gen.kicad.wiring import wiring
+from taction.netlist_gen.kicad.lists import wiring
+from taction.netlist_gen.kicad.parts import BoardParts
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from tests.kicad.conftest import Opened, rows
@@ -231,7 +231,7 @@ def test_every_sheet_is_one_page(opened: Opened) -> None:
 
 
 def test_the_list_of_wires_is_that_of_kicad(opened: Opened) -> None:
-    text = wiring(Catalogue(opened.circuit, opened.scene))
+    text = wiring(BoardParts(opened.circuit, opened.scene))
     listed = {(row["Part"], row["Pin"]): row["Net"] for row in csv.DictReader(text.splitlines())}
     assert len(listed) == len(text.splitlines()) - 1
     for reference in {reference for reference, _ in listed}:

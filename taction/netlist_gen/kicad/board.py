@@ -1,26 +1,32 @@
 """A whole board as one KiCad project: a sheet for each channel and each sensor row.
 
-The first sheet has these as boxes, whose pins are joined by the names of their nets, and the
-supplies of all packages.
+The first sheet has these as boxes, and the supplies of all packages. Nets that several sheets have
+are joined by the names of their labels.
 """
 
 from __future__ import annotations
 
+import json
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import count
-from typing import Literal
 
-from taction.netlist_gen.board.bill_of_materials import packages
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.kicad.drawing import LEFT, TOP, BranchDrawing
-from taction.netlist_gen.kicad.parts import Catalogue, knob_values
-from taction.netlist_gen.kicad.project import project_files
-from taction.netlist_gen.kicad.sheet import TITLE, Below, Label, SchematicSheet
-from taction.netlist_gen.kicad.stages import branches
+from taction.netlist_gen.kicad.drawing import LEFT, TOP, Drawing, branches
+from taction.netlist_gen.kicad.lists import COLUMNS, GROUPED, OWN, parts_list
+from taction.netlist_gen.kicad.parts import BoardParts, printed_value
+from taction.netlist_gen.kicad.sheet import TITLE, Label, SchematicSheet, library
+from taction.netlist_gen.kicad.symbols import FLAG, LIBRARY
 from taction.netlist_gen.scene.scene import Scene
 
-ROW = 270  # width of the first sheet, steps of the grid; a large board has a wider one
+ACROSS, CELL = 8, (30, 22)  # places of a row of the first sheet, and their size on the grid
+TABLE = """(sym_lib_table
+  (version 7)
+  (lib (name "taction")(type "KiCad")(uri "${{KIPRJMOD}}/{}.kicad_sym")(options "")(descr ""))
+)
+"""
+NAMES = {"Qty": "${QUANTITY}", "DNP": "${DNP}"}  # as KiCad names its columns
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,28 +52,41 @@ def kicad_project(circuit: Circuit, scene: Scene) -> KicadProject:
     >>> files[0], files[1], len(files)
     ('custom-matrix.kicad_sch', 'channel-1.kicad_sch', 15)
     """
-    catalogue, ports, name = Catalogue(circuit, scene), count(1), circuit.name
-    first = BranchDrawing(catalogue, SchematicSheet(name), ports)
-    first.shared = set()  # nets of the first sheet, which no sheet above shares
+    parts, ports, name = BoardParts(circuit, scene), count(1), circuit.name
     sheets = {}
-    for title, start, words in branches(circuit):
-        drawing = BranchDrawing(catalogue, SchematicSheet(name, title), ports)
-        drawing.branch(TOP, words, start)
-        sheets[title] = drawing.sheet
-    _supplies(first, _boxes(first, list(sheets.values())))
+    for branch in branches(parts):
+        sheets[branch.name] = SchematicSheet(name, branch.name)
+        Drawing(parts, sheets[branch.name], ports).branch(TOP, branch)
+    first = Drawing(parts, SchematicSheet(name), ports)
+    _draw_first(first, list(sheets))
+    drawn = {name: first.sheet} | sheets
+    named = Counter(net for sheet in drawn.values() for net in sheet.nets)
+    shared = {net for net, sheets in named.items() if sheets > 1}
     comments = (
-        knob_values(circuit),
+        _knob_values(circuit),
         "Field Deck: the name in the deck; packages U as in taction export bom",
     )
-    drawn = {name: first.sheet} | sheets
-    schematics = {
-        f"{title}.kicad_sch": sheet.schematic(
-            scene.name if sheet.name == "" else f"{scene.name}: {title}", comments
-        )
+    titles = {sheet: f"{scene.name}: {sheet}" for sheet in sheets} | {name: scene.name}
+    files = {
+        f"{title}.kicad_sch": sheet.schematic(titles[title], comments, shared)
         for title, sheet in drawn.items()
     }
-    files = schematics | project_files(catalogue, scene, name)
+    symbols = {unit.part.symbol.name: unit.part.symbol for unit in (*parts.supply, *parts.signal)}
+    symbols |= {each.name: each for each in (FLAG, *first.supplies.values())}
+    files |= {
+        f"{name}.kicad_pro": f"{json.dumps(_settings(name), indent=2)}\n",
+        f"{scene.name}.kicad_sym": library(symbols.values()),
+        "sym-lib-table": TABLE.format(scene.name),
+        f"{scene.name}-bom.csv": parts_list(parts),
+    }
     return KicadProject(scene, files, tuple(_not_drawn(circuit)))
+
+
+def _knob_values(circuit: Circuit) -> str:
+    """Return the values of the knobs with a margin, and lambda, as a schematic has them."""
+    facts = (circuit.facts[knob.name] for knob in circuit.knobs if knob.margin)
+    values = [f"{fact.words} = {printed_value(fact.value)}{fact.unit}" for fact in facts]
+    return ", ".join([*values, f"lambda = {circuit.value('lambda'):.4g}"])
 
 
 def _not_drawn(circuit: Circuit) -> Iterator[str]:
@@ -83,47 +102,40 @@ def _not_drawn(circuit: Circuit) -> Iterator[str]:
         yield f"parts of the {circuit.amplifier} amplifier, which is ideal in this scene"
 
 
-def _boxes(drawing: BranchDrawing, sheets: list[SchematicSheet]) -> int:
-    """Draw the boxes of `sheets` in rows, each net named at the pins; return the end below."""
-    root = drawing.sheet
-    root.labels.append(Label("Channels and sensor rows", (LEFT, TOP), size=TITLE))
-    boxes = [_box(sheet) for sheet in sheets]
-    margins = [
-        [max(map(len, nets), default=0) + 4 for nets in (box.inputs, box.outputs)] for box in boxes
+def _draw_first(drawing: Drawing, names: list[str]) -> None:
+    """Draw the sheets as boxes, the supplies, which KiCad must know as driven, and their parts."""
+    sheet, units = drawing.sheet, drawing.parts.supply
+    across = max(ACROSS, round((len(units) + len(names)) ** 0.5))
+    places = ((LEFT + CELL[0] * (k % across), TOP + 6 + CELL[1] * (k // across)) for k in count())
+    sheet.labels.append(Label("Channels and sensor rows, supplies", (LEFT, TOP), size=TITLE))
+    for name, at in zip(names, places, strict=False):
+        sheet.below[name] = at
+    for symbol, (x, y) in zip(drawing.supplies.values(), places, strict=False):
+        drawing.port(symbol, (x + 6, y + 6))
+        drawing.port(FLAG, sheet.wire((x + 6, y + 6), (x + 12, y + 6)))
+    for unit, (x, y) in zip(units, places, strict=False):
+        drawing.named(unit, (x + 12, y + 8))
+
+
+def _settings(name: str) -> dict[str, object]:
+    """Return the project file: KiCad takes its defaults for all that is missing."""
+    fields = [
+        {
+            "group_by": title in GROUPED,
+            "label": title,
+            "name": NAMES.get(title, title),
+            "show": True,
+        }
+        for title in (*COLUMNS, *OWN)
     ]
-    widths = [sum(aside) + round(box.size[0]) for box, aside in zip(boxes, margins, strict=True)]
-    area = sum(wide * box.size[1] for box, wide in zip(boxes, widths, strict=True))
-    row = max(ROW, round((2.0 * area) ** 0.5))
-    x, y, height = LEFT, TOP + 6, 0
-    for box, aside, width in zip(boxes, margins, widths, strict=True):
-        if x > LEFT and x + width > row:
-            x, y, height = LEFT, y + height + 10, 0
-        placed = replace(box, at=(x + aside[0], y))
-        root.below.append(placed)
-        for net, side, pin in placed.pins:
-            end = root.wire(pin, (pin[0] + (2 if side == "right" else -2), pin[1]))
-            anchor: Literal["left", "right"] = "left" if side == "right" else "right"
-            root.labels.append(Label(net, end, anchor, "label"))
-        x, height = x + width + 4, max(height, round(box.size[1]))
-    return y + height
-
-
-def _box(sheet: SchematicSheet) -> Below:
-    """Return the box of a sheet, its shared nets as pins: a net that it drives is an output."""
-    named = {kind: dict.fromkeys(label.text for label in sheet.labels if label.kind == kind)
-             for kind in ("input", "output")}  # fmt: skip
-    inputs = tuple(net for net in named["input"] if net not in named["output"])
-    return Below(sheet.name, (0, 0), inputs, tuple(named["output"]))
-
-
-def _supplies(drawing: BranchDrawing, top: int) -> None:
-    """Draw the supplies, all voltages, and the op-amps without use, below `top`."""
-    held = list(packages(drawing.circuit))
-    across = max(ROW // 30, round(len(held) ** 0.5))
-    names = [each.reference for each in held]
-    end = drawing.supplies((LEFT + 6, top + 8), names, across)
-    spare = [(each.reference, 1 + len(each.opamps) + more)
-             for each in held for more in range(each.spare)]  # fmt: skip
-    for place, each in enumerate(spare):
-        row, column = divmod(place, across)
-        drawing.unused((LEFT + 16 + 30 * column, end + 24 * row), *each)
+    preset = {
+        **{"name": LIBRARY, "fields_ordered": fields, "sort_field": "Reference", "sort_asc": True},
+        **{"filter_string": "", "group_symbols": True, "exclude_dnp": False},
+        "include_excluded_from_bom": False,
+    }
+    return {
+        "meta": {"filename": f"{name}.kicad_pro", "version": 3},
+        "schematic": {"bom_settings": preset, "bom_presets": [preset]},
+        "sheets": [],
+        "text_variables": {},
+    }

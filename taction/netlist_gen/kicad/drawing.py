@@ -1,234 +1,221 @@
-"""The stages of a branch, drawn on a sheet: wires within a stage, labels between stages.
+"""The stages of a board, found from its nets alone and drawn: one below the other.
 
-A stage has the parts into its summing node, one below the other, and its amplifier. Places are in
-steps of the grid; what is drawn starts at a point on its left and returns where its output is on
-its right.
+A branch is a part of the board that is connected without the matrices, ground and the constant
+voltages: a channel, or a sensor row. So every topology can be drawn, also one of another package.
+A stage is an amplifier with the parts into its input node and its feedback; wires join the parts of
+a stage, labels join stages. Places are in steps of the grid.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
 from itertools import count
 from typing import Literal
 
-from taction.netlist_gen.board.circuit import GROUND, Circuit
-from taction.netlist_gen.board.parts import OpAmpCell, SignalAmplifier, TransistorCell
+import numpy as np
+
+from taction.netlist_gen.board.circuit import GROUND, Circuit, Role
 from taction.netlist_gen.kicad import symbols
-from taction.netlist_gen.kicad.parts import Catalogue, spare_node
-from taction.netlist_gen.kicad.sheet import TITLE, Label, Placed, SchematicSheet, SymbolPart
-from taction.netlist_gen.kicad.stages import (
-    DrawnBranch,
-    Passive,
-    Rung,
-    Stage,
-    branch,
-    branches,
-    shared_nodes,
-)
-from taction.netlist_gen.kicad.symbols import Point, Symbol
+from taction.netlist_gen.kicad.parts import BoardParts, Unit
+from taction.netlist_gen.kicad.sheet import TITLE, Label, Placed, SchematicSheet
+from taction.netlist_gen.kicad.symbols import Point, Symbol, SymbolPart
 
 LEFT, TOP = 12, 14  # of the drawing
 RUNG, WIDTH = 4, 31  # distance of the parts into a node, and their width with wires and label
-WIDE = 120  # of a row: more stages begin the next one
 LEVEL = 8  # height of one feedback part over an op-amp
+ROW, COLUMN = 14, 72  # least height of a stage, and its width
+KINDS = {Role.FEEDBACK: ("channel", "Signal plane, channel"),
+         Role.FORWARD: ("row", "Constraint plane, sensor row")}  # fmt: skip
 
 
-def channel_sheet(circuit: Circuit, n: int, k: int) -> SchematicSheet:
-    """Draw channel `n` with row `k`, counted from 1, for a picture.
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """A node with the parts into it, its amplifier, and the parts from the output to the node."""
 
-    It has one resistor of each matrix, that between channel and row, and no supplies.
-    """
-    drawing = BranchDrawing(Catalogue(circuit), SchematicSheet(circuit.name))
-    hidden = {each.card for matrix in circuit.matrices for each in matrix.resistors()}
-    hidden -= {f"{matrix.name}_{k}_{n}" for matrix in circuit.matrices}
-    y = TOP
-    for name, start, title in branches(circuit):
-        if name in (f"channel-{n}", f"row-{k}"):
-            y = drawing.branch(y, title, start, hidden)
-    return drawing.sheet
+    node: str
+    rungs: tuple[Unit, ...]
+    amplifier: Unit | None = None
+    feedback: tuple[Unit, ...] = ()
 
 
-class BranchDrawing:
+@dataclass(frozen=True, slots=True)
+class Branch:
+    """A channel or a sensor row: the name of its sheet, its title, and its nodes in their order."""
+
+    name: str
+    title: str
+    nodes: tuple[str, ...]
+
+
+def driven_row(circuit: Circuit, n: int) -> int:
+    """Return the sensor row that channel `n` drives most; 0 without a matrix resistor."""
+    ohms = circuit.forward_ohms[:, n - 1]
+    return 1 + int(np.argmin(ohms)) if np.isfinite(ohms).any() else 0
+
+
+def branches(parts: BoardParts) -> Iterator[Branch]:
+    """Yield each branch of a board once."""
+    circuit = parts.circuit
+    fixed = {GROUND, *(source.node for source in circuit.voltages)}
+    joined: dict[str, list[str]] = defaultdict(list)
+    for unit in parts.signal:
+        if not unit.entry:
+            for net in unit.nets:
+                joined[net] += (each for each in unit.nets if each not in fixed)
+    known = set(fixed)
+
+    def found(start: str) -> tuple[str, ...]:
+        """Return the nodes of a branch, in the order in which a signal reaches them."""
+        nodes = {start: None}
+        for node in iter(waiting := [start]):
+            new = [net for net in dict.fromkeys(joined[node]) if net not in nodes]
+            nodes |= dict.fromkeys(new)
+            waiting += new
+        known.update(nodes)
+        return tuple(nodes)
+
+    for role, (word, title) in KINDS.items():
+        matrices = [each for each in circuit.matrices if each.name in circuit.named(role)]
+        for number, start in (pair for each in matrices for pair in enumerate(each.sinks, 1)):
+            if start and start not in known:
+                yield Branch(f"{word}-{number}", f"{title} {number}", found(start))
+    for number, start in enumerate(filter(None, (unit.entrance for unit in parts.signal)), 1):
+        if start not in known:
+            yield Branch(f"more-{number}", f"More stages, {number}", found(start))
+
+
+def _stages(branch: Branch, units: Collection[Unit]) -> tuple[list[Stage], list[Unit]]:
+    """Return the stages of a branch in the order of the signal, and its transistors."""
+    left = {unit.deck: unit for unit in units}
+    stages = []
+
+    def taken(node: str) -> list[Unit]:
+        """Take the parts with two ends at a node."""
+        found = [each for each in left.values() if node in each.nets and each.two_ended]
+        for each in found:
+            del left[each.deck]
+        return found
+
+    for node in branch.nodes:
+        for amplifier in [each for each in left.values() if each.entrance == node]:
+            del left[amplifier.deck]
+            ends, over = {node, amplifier.nets[-1]}, amplifier.nets[0] == node
+            passives = taken(node)
+            feedback = [each for each in passives if over and set(each.nets) == ends]
+            rungs = [each for each in passives if each not in feedback]
+            stages.append(Stage(node, tuple(rungs), amplifier, tuple(feedback)))
+    for node in branch.nodes:
+        if rungs := taken(node):
+            stages.append(Stage(node, tuple(rungs)))
+    return stages, list(left.values())
+
+
+@dataclass
+class Drawing:
     """A sheet on which branches of a board are drawn; `ports` counts the symbols of supplies."""
 
-    def __init__(
-        self, catalogue: Catalogue, sheet: SchematicSheet, ports: Iterator[int] | None = None
-    ) -> None:
-        self.catalogue, self.sheet = catalogue, sheet
-        self.circuit, self.shared = catalogue.circuit, shared_nodes(catalogue.circuit)
-        self.ports = count(1) if ports is None else ports
+    parts: BoardParts
+    sheet: SchematicSheet
+    ports: Iterator[int] = field(default_factory=lambda: count(1))
 
-    def branch(self, top: int, title: str, start: str, hidden: Collection[str] = ()) -> int:
+    def branch(self, top: int, branch: Branch) -> int:
         """Draw a branch below `top`; return the top of the next one."""
-        self.sheet.labels.append(Label(title, (LEFT, top), size=TITLE))
-        found, x, y, bottom = branch(self.circuit, start), LEFT, top, top
-        above = max((LEVEL * len(stage.feedback) for stage in found.stages), default=0)
-        for stage in found.stages:
-            rungs = [rung for rung in stage.rungs if rung[1].card not in hidden]
-            if x == LEFT or len(stage.rungs) > 1 or x > WIDE:
-                x, y = LEFT, bottom + max(above, LEVEL + 2) + 6
-            bottom = max(bottom, y + max(RUNG * (len(rungs) + 1), 22))
-            x = self.stage((x, y), stage, rungs) + 2
-        return self.others(bottom, found)
+        self.sheet.labels.append(Label(branch.title, (LEFT, top), size=TITLE))
+        stages, others = _stages(branch, self.parts.of(branch.nodes))
+        y = top + 6
+        for pair in (stages[k : k + 2] for k in range(0, len(stages), 2)):
+            y += LEVEL * max(len(stage.feedback) for stage in pair)
+            for column, stage in enumerate(pair):
+                self.stage((LEFT + COLUMN * column, y), stage)
+            y += max(ROW, *(RUNG * len(stage.rungs) + 4 for stage in pair))
+        for place, unit in enumerate(others):
+            self.named(unit, (LEFT + 20 + 30 * place, y + 8))
+        return y + 22 * bool(others)
 
-    def stage(self, at: Point, stage: Stage, rungs: Sequence[Rung]) -> int:
-        """Draw a stage with some of its rungs; return the right end."""
-        end = self.amplifier(self.ladder(at, stage.node, rungs), stage)
-        end = self.sheet.wire(end, (end[0] + 4, end[1]))
-        self.label(stage.output, end, "right")
-        return round(end[0]) + len(stage.output)
-
-    def ladder(self, at: Point, node: str, rungs: Sequence[Rung]) -> Point:
-        """Draw parts from signals to one node; return the node at the upper right."""
-        if not rungs:
-            self.label(node, at, "left")
-            return at
+    def stage(self, at: Point, stage: Stage) -> None:
+        """Draw the parts into a node, one below the other, and its amplifier on their right."""
         x, y = at
-        for place, (signal, part) in enumerate(rungs):
-            self.rung((x, y + RUNG * place), signal, self.catalogue.part(part))
-        bus = x + WIDTH, y
-        self.sheet.wire(bus, (bus[0], y + RUNG * (len(rungs) - 1)))
-        return self.sheet.wire(bus, (bus[0] + 4, y))
+        ends = [
+            self.rung((x, y + RUNG * k), stage.node, part) for k, part in enumerate(stage.rungs)
+        ]
+        node = x + WIDTH + 4, y
+        self.sheet.wire(*reversed(ends), node)
+        self.label(stage.node, node, "right" if ends else "left")
+        if stage.amplifier is not None:
+            self.amplifier(node, stage, stage.amplifier)
 
-    def rung(self, at: Point, signal: str, part: SymbolPart) -> Point:
-        """Draw a part from a signal to the right, its texts above its wires; return its end."""
+    def rung(self, at: Point, node: str, unit: Unit) -> Point:
+        """Draw a part from its other net to the right; return its end at the node."""
         x, y = at
         texts = {"reference": (x + 13.0, y - 1.0), "value": (x + 26.0, y - 1.0)}
-        drawn = self.sheet.place(part, (x + 20, y), angle=90, **texts)
+        drawn = self.sheet.place(unit.part, (x + 20, y), angle=90, **texts)
+        signal = unit.nets[0] if unit.nets[1] == node else unit.nets[1]
         self.label(signal, self.sheet.wire(drawn.pin(0), (x + 9, y)), "left")
         return self.sheet.wire(drawn.pin(1), (x + WIDTH, y))
 
-    def amplifier(self, at: Point, stage: Stage) -> Point:
-        """Draw the parts from the input of a stage to ground, and its amplifier."""
-        cell = stage.cell
-        for part in stage.shunts:
-            place = at[0] + 6
-            drawn = self.down(self.catalogue.part(part), (place, at[1] + 6))
-            self.sheet.wire((place, at[1]), drawn.pin(0))
-            self.port(symbols.GROUND, drawn.pin(1))
-            at = self.sheet.wire(at, (at[0] + 14, at[1]))
-        if cell is not None and stage.rungs and stage.node not in self.shared:
-            self.name(stage.node, (at[0] + 1, at[1]))
-        if cell is None:
-            return at
-        if isinstance(cell, SignalAmplifier):
-            return self.function(at, cell)
-        if cell.inverting == stage.node:
-            return self.summing(at, cell, stage.feedback)
-        return self.open(at, cell)
+    def amplifier(self, node: Point, stage: Stage, unit: Unit) -> None:
+        """Draw an amplifier with its input at the right of a node, its feedback above it."""
+        place = unit.nets.index(stage.node)
+        begin = self.sheet.wire(node, (node[0] + 8, node[1]))
+        x, y = Placed(unit.part, (0, 0)).pin(place)
+        drawn = self.block(unit, (begin[0] + 2 - x, begin[1] - y))
+        self.sheet.wire(begin, drawn.pin(place))
+        for other, net in enumerate(unit.nets[:-1]):
+            if other != place:
+                self.label(net, drawn.pin(other), "left")
+        end = drawn.pin(len(unit.nets) - 1)
+        left, right = begin, self.sheet.wire(end, (end[0] + 2, end[1]))
+        for number, part in enumerate(stage.feedback, 1):
+            level = node[1] - LEVEL * number
+            over = self.across(part.part, ((begin[0] + right[0]) // 2, level))
+            left = self.sheet.wire(left, (begin[0], level))
+            right = self.sheet.wire(right, (right[0], level))
+            self.sheet.wire(left, over.pin(0))
+            self.sheet.wire(over.pin(1), right)
+        end = self.sheet.wire((end[0] + 2, end[1]), (end[0] + 6, end[1]))
+        self.label(unit.nets[-1], end, "right")
 
-    def function(self, at: Point, cell: SignalAmplifier) -> Point:
-        """Draw an ideal amplifier."""
-        x, y = at[0] + 20, at[1]
-        part = self.catalogue.function(cell)
-        drawn = self.sheet.place(part, (x, y), reference=(x, y - 5.2), value=(x, y + 5.2))
-        self.sheet.labels.append(Label("ideal: no part", (x, y), "middle"))
-        self.sheet.wire(at, drawn.pin(0))
-        return drawn.pin(1)
+    def named(self, unit: Unit, at: Point) -> None:
+        """Draw a part alone, each of its pins named."""
+        drawn = self.across(unit.part, at) if unit.two_ended else self.block(unit, at)
+        for place, net in enumerate(unit.nets):
+            x, y = drawn.pin(place)
+            side: Literal["left", "right"] = "left" if x < at[0] else "right"
+            out = 4 * unit.two_ended * (1 if side == "right" else -1)
+            self.label(net, self.sheet.wire((x, y), (x + out, y)), side)
 
-    def summing(self, at: Point, cell: OpAmpCell, feedback: Sequence[Passive]) -> Point:
-        """Draw an op-amp from its summing node, its feedback parts above it."""
-        y, left, right = at[1], at[0] + 8, at[0] + 24
-        self.sheet.wire(at, (left, y), (left + 2, y))
-        drawn = self.cell(cell, (left + 8, y + 2))
-        output = self.sheet.wire(drawn.pin(2), (right, drawn.pin(2)[1]))
-        self.label(cell.noninverting, self.sheet.wire(drawn.pin(1), (left + 2, y + 6)), "left")
-        for number, each in enumerate(feedback, 1):
-            level = y - LEVEL * number
-            over = self.across(self.catalogue.part(each), ((left + right) // 2, level))
-            self.sheet.wire((left, level), over.pin(0))
-            self.sheet.wire(over.pin(1), (right, level))
-        if feedback:
-            self.sheet.wire((left, y), (left, y - LEVEL * len(feedback)))
-            self.sheet.wire(output, (right, y - LEVEL * len(feedback)))
-        return output
+    def block(self, unit: Unit, at: Point) -> Placed:
+        """Place a part with its name in the deck, for an amplifier in it, else on its right."""
+        (x, y), inside = at, bool(unit.entrance)
+        middle, above, below = (
+            ((x - 1, y), (x + 3, y - 4.2), (x + 3, y + 4.2))
+            if inside
+            else ((x + 8, y - 2), (x + 8, y), (x + 8, y + 2))
+        )
+        self.sheet.labels.append(Label(unit.deck.removeprefix("X"), middle, "middle"))
+        return self.sheet.place(unit.part, at, reference=above, value=below)
 
-    def open(self, at: Point, cell: OpAmpCell) -> Point:
-        """Draw an op-amp from its non-inverting input: a buffer, or without feedback of its own."""
-        drawn = self.cell(cell, (at[0] + 12, at[1] - 2))
-        self.sheet.wire(at, drawn.pin(1))
-        (left, y), (x, out) = drawn.pin(0), drawn.pin(2)
-        if cell.inverting == cell.output:
-            self.sheet.wire((left, y), (left, y - 6), (x + 2, y - 6), (x + 2, out))
+    def across(self, part: SymbolPart, at: Point) -> Placed:
+        """Place a part with two pins from left to right, its texts above and below it."""
+        (x, y), away = at, 2.8 if part.symbol is symbols.CAPACITOR else 2.2
+        return self.sheet.place(part, at, angle=90, reference=(x, y - away), value=(x, y + away))
+
+    def label(self, net: str, at: Point, side: Literal["left", "right"]) -> None:
+        """Name a net at an end of its wire, the text on a `side` of it; supplies have symbols."""
+        if net in self.supplies:
+            self.port(self.supplies[net], at)
         else:
-            self.label(cell.inverting, self.sheet.wire((left, y), (left - 2, y)), "left")
-        return self.sheet.wire((x, out), (x + 2, out))
+            self.sheet.labels.append(
+                Label(net, at, "left" if side == "right" else "right", "label")
+            )
 
-    def cell(self, cell: OpAmpCell, at: Point) -> Placed:
-        """Place an op-amp with the name of the deck in it."""
-        x, y = at
-        part = self.catalogue.opamp(*self.catalogue.units[cell.name])
-        self.sheet.labels.append(Label(cell.name, (x - 1, y), "middle"))
-        return self.sheet.place(part, at, reference=(x + 3, y - 4.2), value=(x + 3, y + 4.2))
-
-    def others(self, top: int, found: DrawnBranch) -> int:
-        """Draw parts between labels, and the transistors, below `top`; return the next top."""
-        y = top + 10 * bool(found.loose or found.transistors)
-        for place, part in enumerate(found.loose):
-            at = LEFT, y + RUNG * place
-            self.label(part.b, self.rung(at, part.a, self.catalogue.part(part)), "right")
-        for place, cell in enumerate(found.transistors):
-            self.transistor((LEFT + 64 + 26 * place, y + 4), cell)
-        size = max(RUNG * len(found.loose), 14 * bool(found.transistors))
-        return y + size + 6 * bool(size)
-
-    def transistor(self, at: Point, cell: TransistorCell) -> None:
-        """Draw a transistor, its pins named."""
-        x, y = at
-        part = self.catalogue.transistor(self.circuit.transistors.index(cell))
-        self.sheet.labels.append(Label(cell.card, (x + 8, y - 2), "middle"))
-        drawn = self.sheet.place(part, at, reference=(x + 8, y), value=(x + 8, y + 2))
-        for place, node in enumerate((cell.base, cell.collector, cell.emitter)):
-            end = drawn.pin(place)
-            self.label(node, end, "right" if place else "left")
-
-    def supplies(self, at: Point, packages: Sequence[str], across: int) -> int:
-        """Draw the supplies of packages, their sources for KiCad, and voltages; return the end."""
-        x, y = at
-        self.sheet.labels.append(Label("Supplies", (x - 6, y), size=TITLE))
-        for place, symbol in enumerate((*self.catalogue.rails, symbols.GROUND)):
-            start = (x + 12 * place, y + 10)
-            self.port(symbol, start)
-            self.port(symbols.FLAG, self.sheet.wire(start, (start[0] + 4, start[1])))
-        y += 30
-        for place, package in enumerate(packages):
-            self.supply((x + 30 * (place % across), y + 34 * (place // across)), package)
-        y += 34 * -(-len(packages) // across)
-        sources = self.circuit.voltages
-        for place, source in enumerate(sources):
-            column, row = place % (2 * across), place // (2 * across)
-            drawn = self.down(self.catalogue.part(source), (x + 24 * column, y + 20 * row))
-            (left, top) = drawn.pin(0)
-            end = self.sheet.wire((left, top), (left, top - 3), (left + 2, top - 3))
-            self.label(source.node, end, "right")
-            self.port(symbols.GROUND, drawn.pin(1))
-        return round(y + 20 * -(-len(sources) // (2 * across)))
-
-    def unused(self, at: Point, package: str, unit: int) -> None:
-        """Draw an op-amp without use: a follower at ground, so that it rests."""
-        part = self.catalogue.opamp(package, unit)
-        drawn = self.sheet.place(part, at, reference=(at[0] + 3, at[1] - 4.2))
-        self.sheet.labels.append(Label("not used", (at[0] - 1, at[1]), "middle"))
-        (x, y), ground = drawn.pin(2), drawn.pin(1)
-        end = self.sheet.wire(drawn.pin(0), (at[0] - 8, at[1] - 2), (at[0] - 8, at[1] - 8),
-                              (x + 2, at[1] - 8), (x + 2, y))  # fmt: skip
-        self.sheet.wire((x, y), end)
-        self.name(spare_node(package, unit), end)
-        self.port(symbols.GROUND, self.sheet.wire(ground, (ground[0], ground[1] + 4)))
-
-    def supply(self, at: Point, package: str) -> None:
-        """Draw the supply pins of a package with two decoupling capacitors."""
-        x, y = at
-        texts = {"reference": (x - 5, y - 1), "value": (x - 5, y + 1)}
-        drawn = self.sheet.place(self.catalogue.opamp(package), at, **texts)
-        upper = self.down(self.catalogue.decoupling(package, 1), (x + 10, y - 6))
-        lower = self.down(self.catalogue.decoupling(package, 2), (x + 10, y + 6))
-        ends = (drawn.pin(0), upper.pin(0), y - 10), (drawn.pin(1), lower.pin(1), y + 10)
-        for symbol, (end, part, level) in zip(self.catalogue.rails, ends, strict=True):
-            self.sheet.wire(end, (x, level), (x + 10, level), part)
-            self.port(symbol, (x, level))
-        self.sheet.wire(upper.pin(1), (x + 10, y), lower.pin(0))
-        self.port(symbols.GROUND, self.sheet.wire((x + 10, y), (x + 16, y)))
+    @property
+    def supplies(self) -> dict[str, Symbol]:
+        """The symbols of ground and of both supplies, by their nets."""
+        rails = {net: symbols.rail(net) for net in self.parts.rails}
+        return {GROUND: symbols.GROUND} | rails
 
     def port(self, symbol: Symbol, at: Point) -> None:
         """Place the symbol of ground, of a supply or of a power flag, with its name."""
@@ -237,28 +224,15 @@ class BranchDrawing:
         part = SymbolPart(symbol, f"{symbol.prefix}{next(self.ports):03d}", symbol.name)
         self.sheet.place(part, at, value=(at[0], at[1] + up) if shown else None)
 
-    def across(self, part: SymbolPart, at: Point) -> Placed:
-        """Place a part with two pins from left to right, its texts above and below it."""
-        (x, y), away = at, 2.8 if part.symbol is symbols.CAPACITOR else 2.2
-        return self.sheet.place(part, at, angle=90, reference=(x, y - away), value=(x, y + away))
 
-    def down(self, part: SymbolPart, at: Point) -> Placed:
-        """Place a part with two pins from above to below, its texts on the right."""
-        (x, y), letters = at, max(len(part.reference), len(part.value))
-        right = x + 0.45 * letters + (3.0 if part.symbol.radius else 2.4)
-        return self.sheet.place(part, at, reference=(right, y - 1.0), value=(right, y + 1.0))
+def channel_sheet(circuit: Circuit, n: int, k: int) -> SchematicSheet:
+    """Draw channel `n` with row `k`, counted from 1, for a picture.
 
-    def name(self, net: str, at: Point) -> None:
-        """Name a net of this sheet above its wire."""
-        self.sheet.labels.append(Label(net, at, "left", "label"))
-
-    def label(self, net: str, at: Point, side: Literal["left", "right"]) -> None:
-        """Name a net at an end of its wire, the text on a `side` of it; ground has a symbol."""
-        anchor: Literal["left", "right"] = "left" if side == "right" else "right"
-        if net == GROUND:
-            self.port(symbols.GROUND, at)
-        elif net in self.shared:
-            kind: Literal["input", "output"] = "output" if side == "right" else "input"
-            self.sheet.labels.append(Label(net, at, anchor, kind))
-        else:
-            self.sheet.labels.append(Label(net, at, anchor, "label"))
+    It has one resistor of each matrix, that between channel and row, and no supplies.
+    """
+    parts = BoardParts(circuit, None, {f"{matrix.name}_{k}_{n}" for matrix in circuit.matrices})
+    drawing, y = Drawing(parts, SchematicSheet(circuit.name)), TOP
+    for branch in branches(parts):
+        if branch.name in (f"channel-{n}", f"row-{k}"):
+            y = drawing.branch(y, branch)
+    return drawing.sheet

@@ -1,17 +1,21 @@
-"""The parts of a board as symbols with reference, value and fields."""
+"""The parts of a board as units of symbols: reference, value, fields, and the net of each pin.
+
+The drawing, the lists and the library of symbols are all of this one list.
+"""
 
 from __future__ import annotations
 
 import re
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 
 from taction.netlist_gen.board import parts as boards
 from taction.netlist_gen.board.bill_of_materials import changed_figures, packages, tolerance_of
-from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.netlist_gen.kicad import symbols
-from taction.netlist_gen.kicad.sheet import SymbolPart
-from taction.netlist_gen.kicad.symbols import Symbol
+from taction.netlist_gen.kicad.symbols import Symbol, SymbolPart
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.quantities import percent, show
@@ -20,7 +24,8 @@ INNER = re.compile(r"(_\d+)(_[a-z]+)$")
 ODD = re.compile(r"[^A-Za-z0-9_.+-]")  # not in the name of a symbol
 DIGITS = 4  # of a value; the field Exact has all of them
 DECOUPLING = 100e-9  # F, from each supply pin to ground: no part of the deck
-TwoEnded = boards.Resistor | boards.Capacitor | boards.CurrentSource | boards.VoltageSource
+Passive = boards.Resistor | boards.Capacitor
+TwoEnded = Passive | boards.CurrentSource | boards.VoltageSource
 KINDS: dict[type, tuple[Symbol, str, str, str, str]] = {  # field, unit, letter of the value, words
     boards.Resistor: (symbols.RESISTOR, "ohms", "ohm", "", "resistor"),
     boards.Capacitor: (symbols.CAPACITOR, "farads", "F", "", "capacitor"),
@@ -41,13 +46,6 @@ def printed_value(value: float, digits: int = DIGITS) -> str:
     return show(value, "", digits).replace(" ", "")
 
 
-def knob_values(circuit: Circuit) -> str:
-    """Return the values of the knobs with a margin, and lambda, as a schematic has them."""
-    facts = (circuit.facts[knob.name] for knob in circuit.knobs if knob.margin)
-    values = [f"{fact.words} = {printed_value(fact.value)}{fact.unit}" for fact in facts]
-    return ", ".join([*values, f"lambda = {circuit.value('lambda'):.4g}"])
-
-
 def reference(name: str) -> str:
     """Return the reference of a part of the deck: KiCad wants a number at the end.
 
@@ -60,20 +58,112 @@ def reference(name: str) -> str:
     return moved if moved[-1].isdigit() else f"{moved}_1"
 
 
-def spare_node(package: str, unit: int) -> str:
-    """Return the net at the output of an op-amp without use, which is a follower at ground."""
-    return f"unused_{package}_{unit}"
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """A unit of a part, its name in the deck, and the net of each of its pins."""
+
+    part: SymbolPart
+    deck: str  # empty for supply pins and decoupling, which the deck does not have
+    nets: tuple[str, ...]
+    entry: bool = False  # a resistor of a matrix, from its driver into its summing node
+
+    @property
+    def two_ended(self) -> bool:
+        """Whether it is a resistor, a capacitor or a source."""
+        return self.part.symbol.prefix in ("R", "C", "I", "V")
+
+    @property
+    def entrance(self) -> str:
+        """The net at which the stage of an amplifier begins; empty for other parts."""
+        if all(pin.kind != "output" for pin in self.part.pins):
+            return ""
+        *inputs, output = self.nets
+        return inputs[-1] if inputs[0] in (output, GROUND) else inputs[0]
 
 
 @dataclass(frozen=True)
-class Catalogue:
-    """The parts of a board as symbols; op-amps are named as in ``taction export bom``."""
+class BoardParts:
+    """The parts of a board; op-amps are named as in ``taction export bom``."""
 
     circuit: Circuit
     scene: Scene | None = None  # without it op-amps have the name of their model
+    entries: Collection[str] | None = None  # the matrix resistors that are wanted; None: all
 
     @cached_property
-    def _opamp(self) -> tuple[Symbol, str, dict[str, str]]:
+    def signal(self) -> tuple[Unit, ...]:
+        """The units between the signals of a board."""
+        return tuple(self._signal())
+
+    @cached_property
+    def supply(self) -> tuple[Unit, ...]:
+        """Voltages, supply pins and their capacitors, and op-amps without use."""
+        return tuple(self._supply())
+
+    @property
+    def rails(self) -> tuple[str, str]:
+        """The nets of both supplies."""
+        return f"+{self.circuit.supply:g}V", f"-{self.circuit.supply:g}V"
+
+    @cached_property
+    def _at(self) -> dict[str, list[Unit]]:
+        """The units at each net; a resistor of a matrix only at its summing node."""
+        found: dict[str, list[Unit]] = defaultdict(list)
+        for unit in self.signal:
+            for net in unit.nets[-1:] if unit.entry else unit.nets:
+                found[net].append(unit)
+        return found
+
+    def of(self, nets: Iterable[str]) -> list[Unit]:
+        """Return the units at some nets, each once, with the matrix resistors that end there."""
+        return list({unit.deck: unit for net in nets for unit in self._at.get(net, ())}.values())
+
+    def _signal(self) -> Iterator[Unit]:
+        circuit = self.circuit
+        passives: tuple[Passive, ...] = (*circuit.resistors, *circuit.real_capacitors)
+        for passive in passives:
+            yield self._two_ended(passive, (passive.a, passive.b))
+        for matrix in circuit.matrices:
+            for each in matrix.resistors():
+                if self.entries is None or each.card in self.entries:
+                    yield self._two_ended(each, (each.a, each.b), entry=True)
+        for current in circuit.currents:
+            yield self._two_ended(current, (GROUND, current.node))
+        for amplifier in circuit.amplifiers:
+            kind, out = amplifier.kind, printed_value(-amplifier.u_scale)
+            fields = {"Deck": amplifier.card, "Description": f"ideal {kind} amplifier, no part"}
+            value = f"{out}V {kind}(v/{printed_value(amplifier.v_scale)}V)"
+            part = SymbolPart(symbols.FUNCTION, reference(amplifier.card), value, fields)
+            yield Unit(part, amplifier.card, (amplifier.input, amplifier.output))
+        for place, cell in enumerate(circuit.transistors):
+            name, pair = next(iter(circuit.transistor_models.items()))
+            symbol = symbols.transistor_pair(name.upper(), pair.polarity)
+            fields = {"MPN": name.upper(), "Description": "matched pair"}
+            part = SymbolPart(symbol, f"Q{place // 2 + 1}", name.upper(), fields, place % 2 + 1)
+            yield Unit(part, cell.card, (cell.base, cell.collector, cell.emitter))
+        cells = {cell.name: cell for cell in circuit.opamps}
+        for package in packages(circuit):
+            for unit, held in enumerate(package.opamps, 1):
+                nets = cells[held].inverting, cells[held].noninverting, cells[held].output
+                yield Unit(self._opamp(package.reference, unit), cells[held].card, nets)
+
+    def _supply(self) -> Iterator[Unit]:
+        (plus, minus), size = self.rails, len(self._package[0].units)
+        for voltage in self.circuit.voltages:
+            yield self._two_ended(voltage, (voltage.node, GROUND))
+        fields = {"Exact": f"{DECOUPLING!r} F", "Description": "decoupling, not in the deck"}
+        for package in packages(self.circuit):
+            name = package.reference
+            yield Unit(self._opamp(name, size), "", self.rails)
+            for number, nets in enumerate(((plus, GROUND), (GROUND, minus)), 1):
+                value = printed_value(DECOUPLING)
+                part = SymbolPart(symbols.CAPACITOR, f"C{name}_{number}", value, fields)
+                yield Unit(part, "", nets)
+            for unit in range(size - package.spare, size):  # a follower at ground, so that it rests
+                node = f"unused_{name}_{unit}"
+                yield Unit(self._opamp(name, unit), "not used", (node, GROUND, node))
+
+    @cached_property
+    def _package(self) -> tuple[Symbol, str, dict[str, str]]:
         """The symbol of a package of op-amps, their name, and their fields.
 
         Op-amps with figures that no part of this name has are no parts that can be bought.
@@ -92,22 +182,11 @@ class Catalogue:
             return symbol, name, {"MPN": "", "Description": text}
         return symbol, name, {"MPN": name, "Description": "op-amp"}
 
-    @cached_property
-    def units(self) -> dict[str, tuple[str, int]]:
-        """Package and unit, from 1, of each op-amp by its name."""
-        return {
-            name: (package.reference, unit)
-            for package in packages(self.circuit)
-            for unit, name in enumerate(package.opamps, 1)
-        }
+    def _opamp(self, package: str, unit: int) -> SymbolPart:
+        symbol, name, fields = self._package
+        return SymbolPart(symbol, package, name, fields, unit)
 
-    @cached_property
-    def rails(self) -> tuple[Symbol, Symbol]:
-        """The symbols of both supplies."""
-        supply = f"{self.circuit.supply:g}V"
-        return symbols.rail(f"+{supply}"), symbols.rail(f"-{supply}")
-
-    def part(self, part: TwoEnded) -> SymbolPart:
+    def _two_ended(self, part: TwoEnded, nets: tuple[str, str], *, entry: bool = False) -> Unit:
         """Return a part with two ends; its field Deck has the name in the deck."""
         symbol, key, unit, letter, words = KINDS[type(part)]
         value: float = getattr(part, key)
@@ -117,28 +196,5 @@ class Catalogue:
         if words in ("resistor", "capacitor"):
             share = None if self.scene is None else tolerance_of(self.scene, words, part.card)
             fields["Tolerance"] = "" if share is None else percent(share)
-        return SymbolPart(symbol, reference(part.card), f"{printed_value(value)}{letter}", fields)
-
-    def decoupling(self, package: str, number: int) -> SymbolPart:
-        """Return the first or second capacitor from the supply pins of a package to ground."""
-        fields = {"Exact": f"{DECOUPLING!r} F", "Description": "decoupling, not in the deck"}
-        name = f"C{package}_{number}"
-        return SymbolPart(symbols.CAPACITOR, name, printed_value(DECOUPLING), fields)
-
-    def opamp(self, package: str, unit: int | None = None) -> SymbolPart:
-        """Return a unit of a package of op-amps, by default that with the supply pins."""
-        symbol, name, fields = self._opamp
-        return SymbolPart(symbol, package, name, fields, unit or len(symbol.units))
-
-    def transistor(self, place: int) -> SymbolPart:
-        """Return a transistor by its place in the circuit; two are a pair."""
-        name, pair = next(iter(self.circuit.transistor_models.items()))
-        symbol = symbols.transistor_pair(name.upper(), pair.polarity)
-        fields = {"MPN": name.upper(), "Description": "matched pair"}
-        return SymbolPart(symbol, f"Q{place // 2 + 1}", name.upper(), fields, place % 2 + 1)
-
-    def function(self, part: boards.SignalAmplifier) -> SymbolPart:
-        """Return an ideal amplifier, which is no part that can be bought."""
-        fields = {"Deck": part.card, "Description": f"ideal {part.kind} amplifier, no part"}
-        value = f"{printed_value(-part.u_scale)}V {part.kind}(v/{printed_value(part.v_scale)}V)"
-        return SymbolPart(symbols.FUNCTION, reference(part.card), value, fields)
+        shown = f"{printed_value(value)}{letter}"
+        return Unit(SymbolPart(symbol, reference(part.card), shown, fields), part.card, nets, entry)

@@ -5,12 +5,11 @@ It has one resistor of each matrix, values as a person reads them, and no suppli
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.kicad.drawing import channel_sheet
+from taction.netlist_gen.kicad.drawing import channel_sheet, driven_row
 from taction.netlist_gen.kicad.sheet import GRID, Label, SchematicSheet
-from taction.netlist_gen.kicad.stages import driven_row, middle_channel
 from taction.netlist_gen.kicad.symbols import Point
 from taction.spice_models.presets import opamp_name
 from taction.system.quantities import quantity
@@ -67,21 +66,24 @@ class Strokes:
 
 def schematic_strokes(circuit: Circuit) -> Strokes:
     """Return the drawing of the middle channel and the sensor row that it drives most."""
-    n = middle_channel(circuit)
+    n = _middle_channel(circuit)
     drawn = Strokes.of(channel_sheet(circuit, n, driven_row(circuit, n)))
-    drawn.texts = [
-        replace(text, at=(text.at[0] + 0.6 * (1 if text.anchor == "left" else -1), text.at[1]))
-        if text.kind in ("input", "output") else text for text in drawn.texts
-    ]  # fmt: skip
     left, _, _, bottom = drawn.frame
     text = ", ".join(f"{fact.symbol} = {fact.text}" for fact in circuit.facts.values())
     drawn.texts.append(Label(text, (left + MARGIN, bottom), "left"))
     return drawn
 
 
+def _middle_channel(circuit: Circuit) -> int:
+    """Return the middle channel, or the first one that has a matrix resistor."""
+    channels = range(1, 1 + circuit.shape[1])
+    middle = channels[(len(channels) - 1) // 2]
+    return int(next(n for n in (middle, *channels) if driven_row(circuit, n)))
+
+
 def schematic_summary(circuit: Circuit) -> str:
     """Return in words what the schematic shows."""
-    n = middle_channel(circuit)
+    n = _middle_channel(circuit)
     k = driven_row(circuit, n)
     ohms = circuit.forward_ohms
     present = ohms < float("inf")

@@ -5,7 +5,8 @@ They stand in the schematic itself and in a library beside it, so no library of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 LIBRARY = "taction"
 RIGHT, UP, LEFT, DOWN = 0, 90, 180, 270  # from the end of a pin to its symbol
@@ -42,6 +43,22 @@ class Symbol:
     names: bool = False
     power: bool = False
     bought: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class SymbolPart:
+    """A unit of a symbol, counted from 1, with its reference, its value and its other fields."""
+
+    symbol: Symbol
+    reference: str
+    value: str
+    fields: Mapping[str, str] = field(default_factory=dict)
+    unit: int = 1
+
+    @property
+    def pins(self) -> tuple[Pin, ...]:
+        """The pins of the unit."""
+        return self.symbol.units[self.unit - 1]
 
 
 def _path(text: str, up: float = 1.0) -> Path:
