@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from itertools import count
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.kicad.drawing import LEFT, TOP, Drawing, branches
+from taction.netlist_gen.kicad.drawing import LEFT, TOP, BranchDrawing, branches
 from taction.netlist_gen.kicad.lists import COLUMNS, GROUPED, OWN, parts_list
 from taction.netlist_gen.kicad.parts import BoardParts, printed_value
 from taction.netlist_gen.kicad.sheet import TITLE, Label, SchematicSheet, library
@@ -56,8 +56,8 @@ def kicad_project(circuit: Circuit, scene: Scene) -> KicadProject:
     sheets = {}
     for branch in branches(parts):
         sheets[branch.name] = SchematicSheet(name, branch.name)
-        Drawing(parts, sheets[branch.name], ports).branch(TOP, branch)
-    first = Drawing(parts, SchematicSheet(name), ports)
+        BranchDrawing(parts, sheets[branch.name], ports).branch(TOP, branch)
+    first = BranchDrawing(parts, SchematicSheet(name), ports)
     _draw_first(first, list(sheets))
     drawn = {name: first.sheet} | sheets
     named = Counter(net for sheet in drawn.values() for net in sheet.nets)
@@ -102,7 +102,7 @@ def _not_drawn(circuit: Circuit) -> Iterator[str]:
         yield f"parts of the {circuit.amplifier} amplifier, which is ideal in this scene"
 
 
-def _draw_first(drawing: Drawing, names: list[str]) -> None:
+def _draw_first(drawing: BranchDrawing, names: list[str]) -> None:
     """Draw the sheets as boxes, the supplies, which KiCad must know as driven, and their parts."""
     sheet, units = drawing.sheet, drawing.parts.supply
     across = max(ACROSS, round((len(units) + len(names)) ** 0.5))

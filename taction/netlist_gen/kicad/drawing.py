@@ -18,7 +18,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Circuit, Role
 from taction.netlist_gen.kicad import symbols
-from taction.netlist_gen.kicad.parts import BoardParts, Unit
+from taction.netlist_gen.kicad.parts import BoardParts, PartUnit
 from taction.netlist_gen.kicad.sheet import TITLE, Label, Placed, SchematicSheet
 from taction.netlist_gen.kicad.symbols import Point, Symbol, SymbolPart
 
@@ -35,13 +35,13 @@ class Stage:
     """A node with the parts into it, its amplifier, and the parts from the output to the node."""
 
     node: str
-    rungs: tuple[Unit, ...]
-    amplifier: Unit | None = None
-    feedback: tuple[Unit, ...] = ()
+    rungs: tuple[PartUnit, ...]
+    amplifier: PartUnit | None = None
+    feedback: tuple[PartUnit, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Branch:
+class DrawnBranch:
     """A channel or a sensor row: the name of its sheet, its title, and its nodes in their order."""
 
     name: str
@@ -55,7 +55,7 @@ def driven_row(circuit: Circuit, n: int) -> int:
     return 1 + int(np.argmin(ohms)) if np.isfinite(ohms).any() else 0
 
 
-def branches(parts: BoardParts) -> Iterator[Branch]:
+def branches(parts: BoardParts) -> Iterator[DrawnBranch]:
     """Yield each branch of a board once."""
     circuit = parts.circuit
     fixed = {GROUND, *(source.node for source in circuit.voltages)}
@@ -80,18 +80,18 @@ def branches(parts: BoardParts) -> Iterator[Branch]:
         matrices = [each for each in circuit.matrices if each.name in circuit.named(role)]
         for number, start in (pair for each in matrices for pair in enumerate(each.sinks, 1)):
             if start and start not in known:
-                yield Branch(f"{word}-{number}", f"{title} {number}", found(start))
+                yield DrawnBranch(f"{word}-{number}", f"{title} {number}", found(start))
     for number, start in enumerate(filter(None, (unit.entrance for unit in parts.signal)), 1):
         if start not in known:
-            yield Branch(f"more-{number}", f"More stages, {number}", found(start))
+            yield DrawnBranch(f"more-{number}", f"More stages, {number}", found(start))
 
 
-def _stages(branch: Branch, units: Collection[Unit]) -> tuple[list[Stage], list[Unit]]:
+def _stages(branch: DrawnBranch, units: Collection[PartUnit]) -> tuple[list[Stage], list[PartUnit]]:
     """Return the stages of a branch in the order of the signal, and its transistors."""
     left = {unit.deck: unit for unit in units}
     stages = []
 
-    def taken(node: str) -> list[Unit]:
+    def taken(node: str) -> list[PartUnit]:
         """Take the parts with two ends at a node."""
         found = [each for each in left.values() if node in each.nets and each.two_ended]
         for each in found:
@@ -113,14 +113,14 @@ def _stages(branch: Branch, units: Collection[Unit]) -> tuple[list[Stage], list[
 
 
 @dataclass
-class Drawing:
+class BranchDrawing:
     """A sheet on which branches of a board are drawn; `ports` counts the symbols of supplies."""
 
     parts: BoardParts
     sheet: SchematicSheet
     ports: Iterator[int] = field(default_factory=lambda: count(1))
 
-    def branch(self, top: int, branch: Branch) -> int:
+    def branch(self, top: int, branch: DrawnBranch) -> int:
         """Draw a branch below `top`; return the top of the next one."""
         self.sheet.labels.append(Label(branch.title, (LEFT, top), size=TITLE))
         stages, others = _stages(branch, self.parts.of(branch.nodes))
@@ -146,7 +146,7 @@ class Drawing:
         if stage.amplifier is not None:
             self.amplifier(node, stage, stage.amplifier)
 
-    def rung(self, at: Point, node: str, unit: Unit) -> Point:
+    def rung(self, at: Point, node: str, unit: PartUnit) -> Point:
         """Draw a part from its other net to the right; return its end at the node."""
         x, y = at
         texts = {"reference": (x + 13.0, y - 1.0), "value": (x + 26.0, y - 1.0)}
@@ -155,7 +155,7 @@ class Drawing:
         self.label(signal, self.sheet.wire(drawn.pin(0), (x + 9, y)), "left")
         return self.sheet.wire(drawn.pin(1), (x + WIDTH, y))
 
-    def amplifier(self, node: Point, stage: Stage, unit: Unit) -> None:
+    def amplifier(self, node: Point, stage: Stage, unit: PartUnit) -> None:
         """Draw an amplifier with its input at the right of a node, its feedback above it."""
         place = unit.nets.index(stage.node)
         begin = self.sheet.wire(node, (node[0] + 8, node[1]))
@@ -177,7 +177,7 @@ class Drawing:
         end = self.sheet.wire((end[0] + 2, end[1]), (end[0] + 6, end[1]))
         self.label(unit.nets[-1], end, "right")
 
-    def named(self, unit: Unit, at: Point) -> None:
+    def named(self, unit: PartUnit, at: Point) -> None:
         """Draw a part alone, each of its pins named."""
         drawn = self.across(unit.part, at) if unit.two_ended else self.block(unit, at)
         for place, net in enumerate(unit.nets):
@@ -186,7 +186,7 @@ class Drawing:
             out = 4 * unit.two_ended * (1 if side == "right" else -1)
             self.label(net, self.sheet.wire((x, y), (x + out, y)), side)
 
-    def block(self, unit: Unit, at: Point) -> Placed:
+    def block(self, unit: PartUnit, at: Point) -> Placed:
         """Place a part with its name in the deck, for an amplifier in it, else on its right."""
         (x, y), inside = at, bool(unit.entrance)
         middle, above, below = (
@@ -231,7 +231,7 @@ def channel_sheet(circuit: Circuit, n: int, k: int) -> SchematicSheet:
     It has one resistor of each matrix, that between channel and row, and no supplies.
     """
     parts = BoardParts(circuit, None, {f"{matrix.name}_{k}_{n}" for matrix in circuit.matrices})
-    drawing, y = Drawing(parts, SchematicSheet(circuit.name)), TOP
+    drawing, y = BranchDrawing(parts, SchematicSheet(circuit.name)), TOP
     for branch in branches(parts):
         if branch.name in (f"channel-{n}", f"row-{k}"):
             y = drawing.branch(y, branch)

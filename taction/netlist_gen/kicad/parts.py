@@ -59,7 +59,7 @@ def reference(name: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Unit:
+class PartUnit:
     """A unit of a part, its name in the deck, and the net of each of its pins."""
 
     part: SymbolPart
@@ -90,12 +90,12 @@ class BoardParts:
     entries: Collection[str] | None = None  # the matrix resistors that are wanted; None: all
 
     @cached_property
-    def signal(self) -> tuple[Unit, ...]:
+    def signal(self) -> tuple[PartUnit, ...]:
         """The units between the signals of a board."""
         return tuple(self._signal())
 
     @cached_property
-    def supply(self) -> tuple[Unit, ...]:
+    def supply(self) -> tuple[PartUnit, ...]:
         """Voltages, supply pins and their capacitors, and op-amps without use."""
         return tuple(self._supply())
 
@@ -105,19 +105,19 @@ class BoardParts:
         return f"+{self.circuit.supply:g}V", f"-{self.circuit.supply:g}V"
 
     @cached_property
-    def _at(self) -> dict[str, list[Unit]]:
+    def _at(self) -> dict[str, list[PartUnit]]:
         """The units at each net; a resistor of a matrix only at its summing node."""
-        found: dict[str, list[Unit]] = defaultdict(list)
+        found: dict[str, list[PartUnit]] = defaultdict(list)
         for unit in self.signal:
             for net in unit.nets[-1:] if unit.entry else unit.nets:
                 found[net].append(unit)
         return found
 
-    def of(self, nets: Iterable[str]) -> list[Unit]:
+    def of(self, nets: Iterable[str]) -> list[PartUnit]:
         """Return the units at some nets, each once, with the matrix resistors that end there."""
         return list({unit.deck: unit for net in nets for unit in self._at.get(net, ())}.values())
 
-    def _signal(self) -> Iterator[Unit]:
+    def _signal(self) -> Iterator[PartUnit]:
         circuit = self.circuit
         passives: tuple[Passive, ...] = (*circuit.resistors, *circuit.real_capacitors)
         for passive in passives:
@@ -133,34 +133,34 @@ class BoardParts:
             fields = {"Deck": amplifier.card, "Description": f"ideal {kind} amplifier, no part"}
             value = f"{out}V {kind}(v/{printed_value(amplifier.v_scale)}V)"
             part = SymbolPart(symbols.FUNCTION, reference(amplifier.card), value, fields)
-            yield Unit(part, amplifier.card, (amplifier.input, amplifier.output))
+            yield PartUnit(part, amplifier.card, (amplifier.input, amplifier.output))
         for place, cell in enumerate(circuit.transistors):
             name, pair = next(iter(circuit.transistor_models.items()))
             symbol = symbols.transistor_pair(name.upper(), pair.polarity)
             fields = {"MPN": name.upper(), "Description": "matched pair"}
             part = SymbolPart(symbol, f"Q{place // 2 + 1}", name.upper(), fields, place % 2 + 1)
-            yield Unit(part, cell.card, (cell.base, cell.collector, cell.emitter))
+            yield PartUnit(part, cell.card, (cell.base, cell.collector, cell.emitter))
         cells = {cell.name: cell for cell in circuit.opamps}
         for package in packages(circuit):
             for unit, held in enumerate(package.opamps, 1):
                 nets = cells[held].inverting, cells[held].noninverting, cells[held].output
-                yield Unit(self._opamp(package.reference, unit), cells[held].card, nets)
+                yield PartUnit(self._opamp(package.reference, unit), cells[held].card, nets)
 
-    def _supply(self) -> Iterator[Unit]:
+    def _supply(self) -> Iterator[PartUnit]:
         (plus, minus), size = self.rails, len(self._package[0].units)
         for voltage in self.circuit.voltages:
             yield self._two_ended(voltage, (voltage.node, GROUND))
         fields = {"Exact": f"{DECOUPLING!r} F", "Description": "decoupling, not in the deck"}
         for package in packages(self.circuit):
             name = package.reference
-            yield Unit(self._opamp(name, size), "", self.rails)
+            yield PartUnit(self._opamp(name, size), "", self.rails)
             for number, nets in enumerate(((plus, GROUND), (GROUND, minus)), 1):
                 value = printed_value(DECOUPLING)
                 part = SymbolPart(symbols.CAPACITOR, f"C{name}_{number}", value, fields)
-                yield Unit(part, "", nets)
+                yield PartUnit(part, "", nets)
             for unit in range(size - package.spare, size):  # a follower at ground, so that it rests
                 node = f"unused_{name}_{unit}"
-                yield Unit(self._opamp(name, unit), "not used", (node, GROUND, node))
+                yield PartUnit(self._opamp(name, unit), "not used", (node, GROUND, node))
 
     @cached_property
     def _package(self) -> tuple[Symbol, str, dict[str, str]]:
@@ -186,7 +186,7 @@ class BoardParts:
         symbol, name, fields = self._package
         return SymbolPart(symbol, package, name, fields, unit)
 
-    def _two_ended(self, part: TwoEnded, nets: tuple[str, str], *, entry: bool = False) -> Unit:
+    def _two_ended(self, part: TwoEnded, nets: tuple[str, str], *, entry: bool = False) -> PartUnit:
         """Return a part with two ends; its field Deck has the name in the deck."""
         symbol, key, unit, letter, words = KINDS[type(part)]
         value: float = getattr(part, key)
@@ -197,4 +197,6 @@ class BoardParts:
             share = None if self.scene is None else tolerance_of(self.scene, words, part.card)
             fields["Tolerance"] = "" if share is None else percent(share)
         shown = f"{printed_value(value)}{letter}"
-        return Unit(SymbolPart(symbol, reference(part.card), shown, fields), part.card, nets, entry)
+        return PartUnit(
+            SymbolPart(symbol, reference(part.card), shown, fields), part.card, nets, entry
+        )
