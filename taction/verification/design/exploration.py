@@ -26,7 +26,7 @@ from taction.verification.reference.problem import Solution
 from taction.verification.reference.solve import solve
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.margin import stable_values
-from taction.verification.stability.poles import Poles, poles_behind
+from taction.verification.stability.poles import Poles, poles
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.headroom import PartLoads, describe
 from taction.verification.verdict.record import Record
@@ -206,7 +206,7 @@ def view_poles(view: RestView) -> PoleView:
     EngineError
         The board has no state-space form.
     """
-    found = poles_behind(view.board, view.scales)
+    found = poles(view.board)
     if not view.has_curves:
         return PoleView(found, None, _doubts(found))
     checks, scales = view.scene.checks, view.scales

@@ -50,7 +50,7 @@ from taction.verification.engines.statespace.linearised.time_scales import time_
 from taction.verification.reference.dynamics import lambda_times_resistance
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.stability.poles import Poles, poles_behind
+from taction.verification.stability.poles import Poles, poles
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.headroom import FULL, Load, PartLoads, describe
 from taction.verification.verdict.transient_plan import plan_transient
@@ -438,7 +438,7 @@ def _with_passing_capacitance(
 
 def _poles(scene: Scene, problem: InverseProblem) -> Poles:
     board = LinearBoard(synthesise(scene, problem))
-    return poles_behind(board, time_scales(board, initial=scene.analysis.initial))
+    return poles(board)
 
 
 def _with_loads(
@@ -449,7 +449,7 @@ def _with_loads(
     for _ in range(ROUNDS):
         board = LinearBoard(synthesise(scene, problem))
         scales = time_scales(board, initial=scene.analysis.initial)
-        found = poles_behind(board, scales)
+        found = poles(board)
         if not found.known_stable:
             notes.append("the loads of an unstable board are not known: U0 is that of the outputs")
             return scene, ()

@@ -143,6 +143,7 @@ class Sample:
     errors: Floats | float = 0.0  # rounding errors of the poles' real parts, 1/s
     complete: bool = True  # whether `poles` holds all poles; of an incomplete set the first counts
     failure: str = ""  # why there are no poles
+    counted: int | None = None  # unstable poles by another method, which decides
 
     @property
     def known(self) -> int:
@@ -152,6 +153,8 @@ class Sample:
     @cached_property
     def unstable(self) -> int:
         """Number of poles on or right of the imaginary axis; at most 1 of an incomplete set."""
+        if self.counted is not None:
+            return self.counted
         return int(np.sum(self.poles.real[: self.known] >= 0.0))
 
     @property
@@ -162,12 +165,20 @@ class Sample:
     @cached_property
     def certain(self) -> bool:
         """Whether all known poles are off the imaginary axis by more than rounding."""
+        if self.counted is not None:
+            return True
         off = np.abs(self.poles.real) > self.errors
         return not self.failure and bool(np.all(off[: self.known]))
 
-    def nearest(self, place: complex) -> complex:
-        """Return the known pole nearest to a place in the complex plane, 1/s."""
-        return complex(self.nearest_each(np.array([place]))[0])
+    def agrees(self, unstable: int) -> bool | None:
+        """Tell whether so many poles are unstable; None where rounding hides it."""
+        if self.certain:
+            same = self.unstable == unstable
+            return same if self.complete else bool(self.unstable) == bool(unstable)
+        real = self.poles.real[: self.known]
+        least, most = int(np.sum(real > self.errors)), int(np.sum(real >= -self.errors))
+        open_ = bool(self.failure) or not self.complete or least <= unstable <= most
+        return None if open_ else False
 
     def nearest_each(self, places: Complexes) -> Complexes:
         """Return the known pole nearest to each place (P,) in the complex plane, 1/s."""

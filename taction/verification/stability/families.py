@@ -1,14 +1,14 @@
 """Boards that differ in one number, and every edge of stability among them.
 
 Where the number only scales equal parts, and the equilibrium stays, the loci of these parts find
-every edge from one board (`loci`). Otherwise poles at samples of the number find them (`scan`).
+every edge from one board (`loci`), and poles beside the edges confirm them (`certificate`).
+Otherwise, and where poles do not confirm them, poles at samples of the number find them (`scan`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -25,7 +25,13 @@ from taction.system.errors import EngineError, InputError, TactionError
 from taction.verification.engines.statespace.equations.exact_count import characteristic
 from taction.verification.engines.statespace.linearised.board import LinearBoard, stamp_boards
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
-from taction.verification.stability.certificate import EdgeClaim, ExactCount, certify, counted_edges
+from taction.verification.stability.certificate import (
+    BESIDE,
+    Count,
+    EdgeClaim,
+    certify,
+    exact_count,
+)
 from taction.verification.stability.edges import Edges, Scan
 from taction.verification.stability.loci import LociSearch, trace_together
 from taction.verification.stability.poles import (
@@ -35,13 +41,11 @@ from taction.verification.stability.poles import (
     poles,
     poles_together,
 )
-from taction.verification.stability.port_response import PortResponse, share_elimination
-from taction.verification.stability.scan import TOLERANCE, scan
+from taction.verification.stability.port_response import PortResponse
+from taction.verification.stability.scan import scan
 
-PER_DECADE = 20  # values of the first grid of a scan
-APART_FROM_ZERO = 1e3  # times its bound: a pole beyond it is not at zero
+PER_DECADE, COUNTED = 20, 40  # values of the first grid of a scan: by poles, and by exact counts
 Parts = tuple[Capacitor | Resistor, ...]
-BESIDE = 1e-6  # relative distance of the samples beside an edge of the loci
 PRECISE = 1e-6  # largest relative bound of a pole of a board whose loci are trusted
 APART, SAME = 1.01, 1e-9  # of two boards that are compared: ratio of their values, and tolerance
 
@@ -84,12 +88,7 @@ class Family:
                 ports[knob.name] = PortResponse.of_parts(board, parts)
             elif not parts and circuit.is_linear and not circuit.scales_arrays(knob):
                 laws.append(knob.name)
-        known = [each for each in ports.values() if each]
         ports |= zip(laws, PortResponse.of_laws(board, laws), strict=True)
-        for some in ([each for each in ports.values() if each], known):
-            with suppress(EngineError):  # a capacitor at the source of a law
-                share_elimination(some)
-                break
         return [
             cls._of(board, knob, parts, ports.get(knob.name))
             for knob, parts in zip(knobs, scaled, strict=True)
@@ -165,100 +164,26 @@ class Family:
         values: Sequence[float],
         *,
         logarithmic: bool = True,
-        tolerance: float = TOLERANCE,
         fine: bool = True,
         start: float | None = None,
+        count: Count = lambda value: None,
     ) -> Scan:
         """Find every edge among `values`, with the poles at samples; see `scan`.
 
         With samples beside the edges of the loci no edge is too narrow to be found. The poles are
         those of `poles_together`: eigenvalues where these leave no side open.
         """
-        located = self._located(min(values), max(values)) if logarithmic else []
+        beside = self._beside_edges(min(values), max(values)) if logarithmic else []
         return scan(
-            [*values, *located],
-            self._read,
+            [*values, *beside],
+            lambda some: poles_together(or_error(self.board, value) for value in some),
+            count=count,
             logarithmic=logarithmic,
-            tolerance=tolerance,
             fine=fine,
             start=start,
         )
 
-    def _read(self, values: Sequence[float]) -> list[Poles | TactionError]:
-        return poles_together(or_error(self.board, value) for value in values)
-
-    def count(self, value: float, edges: Edges) -> int:
-        """Count the unstable poles at a value by a winding number, without poles."""
-        return edges.unstable_at(value) if self.ports else count_unstable(self.board(value))
-
-    def shares(self, low: float, high: float) -> tuple[float, float]:
-        """Return the shares of the parts of `ports` between two values, the smaller one first."""
-        first, last = sorted((self._share(low), self._share(high)))
-        return first, last
-
-    def _share(self, value: float) -> float:
-        return float((value / self.own) ** self.power)
-
-    def at_values(self, found: Edges) -> Edges:
-        """Return edges over the share of the parts of `ports` as edges over the number."""
-        return found.mapped(lambda share: float(self.own * share ** (1.0 / self.power)))
-
-    def confirmed(self, found: Edges, unstable: int, own: Poles | None = None) -> Edges:
-        """Return the edges without those at which no real pole crosses; `unstable` is of `own`.
-
-        A pole that stays at zero, such as that of a loop of coils, hides a locus there. An edge
-        that rounding hides stays, and its value comes to the near ones. `own` are the poles at
-        the value `own`, where a part of a deck may change the sign of ``det K``.
-        """
-        near, changes = list(found.near), list[tuple[float, float, int]]()
-        for edge in found.edges:
-            known = edge.frequency or self._is_simple(edge.value, own)
-            crosses = True if known else self._crosses(edge.value)
-            if crosses is None:
-                near.append(edge.value)
-            if crosses is not False:
-                changes.append((edge.value, edge.frequency, edge.above - edge.below))
-        if len(changes) == len(found.edges) and len(near) == len(found.near):
-            return found
-        return Edges.counted((found.low, found.high), changes, near, (self.own, unstable))
-
-    def _is_simple(self, value: float, own: Poles | None) -> bool:
-        """Tell whether a real pole is known to cross zero at a value, without other poles.
-
-        ``det(-K)`` is that of the board at `own` times ``1 + (share - 1) W(0)``, for a single part:
-        it changes its sign there, and so does one pole, if no pole at `own` is at zero.
-        """
-        ports = self.ports
-        if own is None or ports is None or ports.count != 1 or not own.complete:
-            return False
-        if np.any(np.abs(own.poles) <= APART_FROM_ZERO * own.errors):
-            return False
-        if not ports.board.circuit.is_linear:
-            return False
-        share = self._share(value)
-        with suppress(EngineError):
-            (response,) = ports.exact(0j)[0].real.tolist()
-            return bool(abs(1.0 + (share - 1.0) * response) <= BESIDE * abs(share))
-        return False
-
-    def _crosses(self, value: float) -> bool | None:
-        """Return whether the unstable count changes at a value; None where rounding hides it."""
-        counts = list[tuple[int, int]]()
-        for side in (1.0 - BESIDE, 1.0 + BESIDE):
-            try:
-                there = self.poles(value * side)
-            except EngineError:
-                return None
-            if not there.complete:
-                return True
-            real = there.poles.real
-            counts.append((int((real > there.errors).sum()), int((real >= -there.errors).sum())))
-        (least, most), (lower, upper) = counts
-        if most < lower or upper < least:
-            return True
-        return False if least == most == lower == upper else None
-
-    def _located(self, low: float, high: float) -> list[float]:
+    def _beside_edges(self, low: float, high: float) -> list[float]:
         """Return values on both sides of the edges that the loci show."""
         if self.ports is None:
             return []
@@ -267,8 +192,17 @@ class Family:
             return []
         found = self.at_values(traced)
         places = [*(edge.value for edge in found.edges), *found.near]
-        sides = (1.0 - BESIDE, 1.0, 1.0 + BESIDE)
-        return [v for each in places for side in sides if low < (v := each * side) < high]
+        sides = (0.0, *(by for distance in BESIDE[:2] for by in (-distance, distance)))
+        return [v for at in places for by in sides if low < (v := at * (1.0 + by)) < high]
+
+    def shares(self, low: float, high: float) -> tuple[float, float]:
+        """Return the shares of the parts of `ports` between two values, the smaller one first."""
+        first, last = sorted(float((value / self.own) ** self.power) for value in (low, high))
+        return first, last
+
+    def at_values(self, found: Edges) -> Edges:
+        """Return edges over the share of the parts of `ports` as edges over the number."""
+        return found.mapped(lambda share: float(self.own * share ** (1.0 / self.power)))
 
 
 def scaled_parts(circuit: Circuit, knobs: Sequence[Knob]) -> list[Parts]:
@@ -298,7 +232,7 @@ class EdgeSearch:
     """A search for every edge of a family from `low` to `high`; `found`: poles at `own`.
 
     With `nearest` the board at `own`, one of the two, is stable, and only the edge next to it need
-    be found; whoever asks certifies it. The edges agree with the poles at `values`, too.
+    be found and confirmed. The edges agree with the poles at `values`, too.
     """
 
     family: Family
@@ -308,30 +242,35 @@ class EdgeSearch:
     nearest: bool = False
     values: tuple[float, ...] = ()
 
-    def begun(self) -> Edges | tuple[LociSearch, Poles]:
-        """Return the edges by a scan, or the search by loci, and the poles at `own`."""
+    def begun(self) -> tuple[LociSearch, Poles] | None:
+        """Return the search by loci, and the poles at `own`; None where only a scan is left."""
         family = self.family
         if family.ports is None:
-            return self.scanned()
+            return None
         own = poles(family.ports.board) if self.found is None else self.found
         known = own.complete or own.stable  # else the poles are too few to be counted
         count = own.unstable_count if known else count_unstable(family.ports.board)
-        shares = family.shares(self.low, self.high)
-        return LociSearch(family.ports, *shares, count), own
+        return LociSearch(family.ports, *family.shares(self.low, self.high), count), own
 
-    def scanned(self) -> Edges:
+    def claim(self, own: Poles, traced: Edges, count: Count | None) -> EdgeClaim:
+        """Return what is to be confirmed of the edges that the loci show."""
+        edges, within = self.family.at_values(traced), (self.low, self.high)
+        if self.nearest and edges.edges:
+            upwards = self.family.own == self.low
+            at = edges.edges[0 if upwards else -1].value
+            within = (self.low, at) if upwards else (at, self.high)
+        precise = own.complete and bool(np.all(own.errors <= PRECISE * np.abs(own.poles)))
+        own_value, board = self.family.own, self.family.board
+        return EdgeClaim(edges, board, within, own_value, self.values, count, precise)
+
+    def scanned(self, count: Count | None = None) -> Edges:
         """Return the edges by poles at samples alone."""
-        points = 2 + math.ceil(PER_DECADE * math.log10(self.high / self.low))
+        density = COUNTED if count else PER_DECADE
+        points = 2 + math.ceil(density * math.log10(self.high / self.low))
         values = np.geomspace(self.low, self.high, points).tolist()
         values[0], values[-1] = self.low, self.high
-        start = self.family.own if self.nearest else None
-        return self.family.scan([*values, *self.values], start=start)
-
-    def ended(self, search: LociSearch, own: Poles, found: Edges | EngineError) -> Edges:
-        """Return what the loci found, confirmed."""
-        if isinstance(found, EngineError):
-            raise found
-        return self.family.confirmed(self.family.at_values(found), search.unstable, own)
+        start, of = self.family.own if self.nearest else None, count or (lambda value: None)
+        return self.family.scan([*values, *self.values], start=start, count=of)
 
 
 def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]:
@@ -341,49 +280,46 @@ def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]
     finds the edges.
     """
     begun = [or_error(EdgeSearch.begun, one) for one in searches]
-    loci = [each[0] for each in begun if not isinstance(each, Edges | TactionError)]
-    traced = iter(trace_together(loci))
-    found, claims = list[Edges | TactionError](), dict[int, EdgeClaim]()
-    for k, (one, each) in enumerate(zip(searches, begun, strict=True)):
-        if isinstance(each, Edges | TactionError):
-            found.append(each)
-            continue
-        edges = or_error(partial(one.ended, *each), next(traced))
-        found.append(edges)
-        large = each[0].ports.board.descriptor.is_large
-        if isinstance(edges, Edges) and not one.nearest and not large:
-            claims[k] = EdgeClaim(edges, one.family.board, one.values, precise=_precise(each[1]))
-    counts = _exact_counts([searches[k].family for k in claims])
-    claims = {k: replace(claim, count=counts.get(n)) for n, (k, claim) in enumerate(claims.items())}
-    for (k, claim), certified in zip(claims.items(), certify(list(claims.values())), strict=True):
-        if certified is None and claim.count:
-            found[k] = counted_edges(claim)
+    loci = {k: each for k, each in enumerate(begun) if isinstance(each, tuple)}
+    traced = dict(zip(loci, trace_together([one for one, _ in loci.values()]), strict=True))
+    counts = _exact_counts({k: searches[k].family for k in loci})
+    claims = {
+        k: searches[k].claim(loci[k][1], edges, counts.get(k))
+        for k, edges in traced.items()
+        if isinstance(edges, Edges)
+    }
+    large = {k for k in claims if loci[k][0].ports.board.descriptor.is_large}
+    asked = {k: each for k, each in claims.items() if k not in large or searches[k].nearest}
+    certified: dict[int, Edges | None] = {k: each.edges for k, each in claims.items()}
+    certified |= zip(asked, certify(list(asked.values())), strict=True)
+    found = list[Edges | TactionError]()
+    for k, one in enumerate(searches):
+        failed = begun[k] if isinstance(begun[k], TactionError) else traced.get(k)
+        if isinstance(failed, TactionError):
+            found.append(failed)
+        elif k in certified and (edges := certified[k]) is not None:
+            found.append(edges)
         else:
-            found[k] = or_error(EdgeSearch.scanned, searches[k]) if certified is None else certified
+            found.append(or_error(one.scanned, counts.get(k)))
     return found
 
 
-def _precise(found: Poles) -> bool:
-    """Tell whether every pole is known well: then so are the loci, which follow from the modes."""
-    return found.complete and bool(np.all(found.errors <= PRECISE * np.abs(found.poles)))
-
-
-def _exact_counts(families: Sequence[Family]) -> dict[int, ExactCount]:
+def _exact_counts(families: Mapping[int, Family]) -> dict[int, Count]:
     """Return the count of unstable poles of each family of a deck over one part, by its place."""
     decks = {
-        k: family.ports.board
-        for k, family in enumerate(families)
+        k: (family, family.ports.board)
+        for k, family in families.items()
         if family.ports and family.ports.count == 1 and family.ports.board.descriptor.has_branches
     }
-    doubled = {k: or_error(families[k].board, 2.0 * families[k].own) for k in decks}
+    doubled = {k: or_error(family.board, 2.0 * family.own) for k, (family, _) in decks.items()}
     stamp_boards([each for each in doubled.values() if isinstance(each, LinearBoard)])
-    first = {board: characteristic(board.descriptor) for board in dict.fromkeys(decks.values())}
-    found = dict[int, ExactCount]()
-    for k, board in decks.items():
-        other, family = doubled[k], families[k]
-        if isinstance(other, LinearBoard):
-            count = ExactCount.of(first[board], other, family.own, family.power)
-            found |= {k: count} if count else {}
+    boards = dict.fromkeys(board for _, board in decks.values())
+    first, found = {b: characteristic(b.descriptor) for b in boards}, dict[int, Count]()
+    for k, (family, board) in decks.items():
+        own, there = first[board], doubled[k]
+        second = characteristic(there.descriptor) if isinstance(there, LinearBoard) else None
+        if own and second and abs(family.power) == 1.0:
+            found[k] = exact_count(own, second, family.own, family.power)
     return found
 
 

@@ -11,7 +11,7 @@ the count is the same: c is not sampled, so no interval is too narrow to be foun
 
 The loci are smooth over the distance to the board's nearest pole, which sets the first steps of
 omega. A step is halved until each locus avoids the interval of c by more than its own bend, or
-crosses the real axis once.
+crosses the real axis once, nearly straight.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import numpy as np
 from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.stability.edges import Edges
-from taction.verification.stability.port_response import PortResponse, eliminate_together
+from taction.verification.stability.port_response import PortResponse
 
 SPACING = 0.5  # of the first frequencies: times the distance to the nearest pole
 TINY = 1e-9  # relative distance of a pole from the axis below which steps get no shorter
@@ -39,21 +39,11 @@ ONCE = 0.25  # of the change of its height: largest bend of a locus that crosses
 NARROW = 1e-12  # relative width of the narrowest step of omega
 FAR = 1e8  # times the highest frequency: where only what has no charge counts
 LARGEST = 5000  # frequencies; with more, the loci still undecided count as near
-PRECISE, ITERATIONS = 1e-14, 60  # of the search of a crossing's frequency
-ON_AXIS = 1e-3  # of the height of a step: largest height of a locus at its crossing
+STRAIGHT = 1e-7  # largest error of a crossing's share without the bend of the locus
+ITERATIONS = 5  # for the crossing of a parabola so flat
 
-Crossing = tuple[
-    float, float, int
-]  # share, frequency (Hz), change of the unstable count as it grows
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _States:
-    """What K loci do over P steps, (P, K) each; all other loci avoid the interval."""
-
-    near: Bools  # come near the real axis without crossing
-    crosses: Bools  # cross the real axis once
-    undecided: Bools  # need shorter steps
+Crossing = tuple[float, float, int]
+"""Share, frequency (Hz), and change of the unstable count as the share grows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +68,7 @@ def trace_together(searches: Sequence[LociSearch]) -> list[Edges | EngineError]:
     on the axis.
 
     Boards with equally many loci are followed together: an operation on an array in the place of
-    one for each board, with the digits of each alone.
+    one for each board.
 
     Notes
     -----
@@ -87,7 +77,6 @@ def trace_together(searches: Sequence[LociSearch]) -> list[Edges | EngineError]:
     """
     found: dict[int, Edges | EngineError] = {}
     grids: dict[tuple[int, ...], dict[int, Floats]] = {}
-    eliminate_together(one.ports for one in searches)
     for place, one in enumerate(searches):
         try:
             omega = _frequencies(one.ports.poles.tobytes(), one.low, one.high)
@@ -148,20 +137,14 @@ class _Trace:
         responses = [np.zeros((len(omega), n, n), np.complex128) for n in self.sizes]
         for k, some in _each(board):
             try:
-                for W, own in zip(responses, self._response(k, omega[some]), strict=True):
+                found = self.searches[k].ports.at(omega[some])
+                for W, own in zip(responses, found, strict=True):
                     W[some] = own
             except EngineError as error:
                 self.failed[k] = error
         w = np.concatenate([np.linalg.eigvals(W) for W in responses], axis=1)
         shares = 1.0 - 1.0 / np.where(np.abs(w) < SMALLEST, SMALLEST, w)
         return np.log(np.where(np.abs(shares) < SMALLEST, SMALLEST, shares))
-
-    def _response(self, k: int, omega: Floats) -> list[Complexes]:
-        """Return the responses of a board at frequencies; EngineError where they have no value."""
-        found = self.searches[k].ports.at(omega)
-        if not all(np.isfinite(each).all() for each in found):
-            raise EngineError("a pole of the board is on the imaginary axis")
-        return found
 
     def run(self, grids: Sequence[Floats]) -> None:
         """Follow all loci of each board from the lowest to the highest of its frequencies."""
@@ -185,19 +168,20 @@ class _Trace:
             zm = self.loci(m, board)
             z = np.stack([_follow(zm, za), zm, _follow(zm, zb)])
             states = self._judge(z, board)
-            self._cross_all(a, b, z, board, states)
-            again = states.undecided.any(axis=1)
+            again = states[2].any(axis=1)
             again &= (b - a > NARROW * b) & (taken <= LARGEST)[board]
-            close = (states.near | states.undecided) & ~again[:, None]
-            for k, some in _each(board):
-                self.near[k] += z[:, some][:, close[some]].ravel().tolist()
             again &= ~np.isin(board, list(self.failed))
+            self._end(a[~again], b[~again], z[:, ~again], board[~again], states[:, ~again])
             halves = ((a, m), (m, b), (z[0], zm), (zm, z[2]), (board, board))
             a, b, za, zb, board = (np.concatenate([x[again], y[again]]) for x, y in halves)
             steps = a, b, za, zb, board
 
-    def _judge(self, z: Complexes, board: Ints) -> _States:
-        """Judge the loci at the ends and in the middle of steps (P,) of boards, (3, P, K)."""
+    def _judge(self, z: Complexes, board: Ints) -> Bools:
+        """Judge the loci at the ends and in the middle of steps (P,) of boards, (3, P, K).
+
+        Returns which come near the real axis without crossing, which cross it once as far as is
+        known, and which need shorter steps, (3, P, K); all others avoid the interval.
+        """
         bend = z[0] - 2.0 * z[1] + z[2]
         height = np.maximum(np.abs(bend.imag), NEAR)
         avoids = self._avoids(z, np.abs(bend.real), height, board)
@@ -205,8 +189,11 @@ class _Trace:
         first, last = (4.0 * z[1] - 3.0 * z[0] - z[2]).imag, (3.0 * z[2] + z[0] - 4.0 * z[1]).imag
         turns = first * last <= 0.0  # the slopes at the ends
         near = ~avoids & one_side & (height < np.where(turns, FLAT, NEAR))
-        crosses = ~avoids & ~one_side & (height < ONCE * np.abs(z[2].imag - z[0].imag))
-        return _States(near, crosses, ~(avoids | near | crosses))
+        change = np.abs(z[2].imag - z[0].imag)
+        crosses = ~avoids & ~one_side & (height < ONCE * change)
+        off = height * np.abs(z[2] - z[0])
+        straight = crosses & ((off <= STRAIGHT * change) | (height <= FLAT))
+        return np.stack([near, crosses, ~(avoids | near | straight)])
 
     def _avoids(self, z: Complexes, width: Floats, height: Floats, board: Ints) -> Bools:
         """Tell which loci, (J, P, K) at points of steps, avoid the interval by their bends."""
@@ -225,56 +212,23 @@ class _Trace:
         inside = [min(max(z.real, low), high) for z in kept]
         return tuple(sorted(map(math.exp, inside), reverse=True))
 
-    def _cross_all(self, a: Floats, b: Floats, z: Complexes, board: Ints, states: _States) -> None:
-        """Find the crossings of the steps in which every locus is decided.
-
-        What seems to cross may also be two loci that were taken for one: such a step is undecided.
-        """
-        complete = np.asarray(states.crosses.any(axis=1) & ~states.undecided.any(axis=1))
-        step, locus = np.nonzero(states.crosses & complete[:, None])
-        if not step.size:
-            return
-        found, frequency, known = self._cross(a[step], b[step], z[:, step], locus, board[step])
-        states.undecided[step[~known], locus[~known]] = True
-        q = np.arange(len(step))
-        falls = z[2, step, locus].imag < z[0, step, locus].imag
-        for i in q[~states.undecided[step].any(axis=1)].tolist():
-            share, change = math.exp(found[i].real), -2 if falls[i] else 2
-            self._keep(board[step[i]], share, float(frequency[i]) / (2.0 * math.pi), change)
-
-    def _cross(
-        self, a: Floats, b: Floats, z: Complexes, k: Ints, board: Ints
-    ) -> tuple[Complexes, Floats, Bools]:
-        """Find where loci k (Q,) cross the real axis between two frequencies (Illinois method).
-
-        `z` (3, Q, K) are all loci at both ends and in the middle. Returns the loci at the crossing,
-        its angular frequency, and whether the locus is there.
-        """
-        start, end, kept, every = a, b, np.zeros(len(a)), np.arange(len(a))
-        a, b, (low, high) = a.copy(), b.copy(), z[[0, 2]][:, every, k].imag
-        rise, bend = z[2] - z[0], z[0] - 2.0 * z[1] + z[2]
-        height = np.abs(high - low)
-        m, found, active = (a * high - b * low) / (high - low), z[0, every, k], every
+    def _end(self, a: Floats, b: Floats, z: Complexes, board: Ints, states: Bools) -> None:
+        """Keep where loci cross the real axis, or come near, in steps that are not halved."""
+        near, crosses, undecided = states
+        for k, some in _each(board):
+            close = (near | (undecided & ~crosses))[some]
+            self.near[k] += z[:, some][:, close].ravel().tolist()
+        step, locus = np.nonzero(crosses)
+        first, middle, last = z[:, step, locus]
+        rise, bend, t = last - first, first - 2.0 * middle + last, np.full(len(step), 0.5)
         for _ in range(ITERATIONS):
-            t = ((m - start) / (end - start))[active, None]
-            expected = z[0, active] + t * rise[active] - 2.0 * t * (1.0 - t) * bend[active]
-            loci = _follow(expected, self.loci(m[active], board[active]))
-            here = loci[np.arange(len(active)), k[active]]
-            found[active] = here
-            above, y = (here.imag > 0.0) == (high[active] > 0.0), here.imag
-            up, down = active[above], active[~above]
-            b[up], high[up], a[down], low[down] = m[up], y[above], m[down], y[~above]
-            low[up] *= np.where(kept[up] > 0, 0.5, 1.0)
-            high[down] *= np.where(kept[down] < 0, 0.5, 1.0)
-            kept[up], kept[down] = 1, -1
-            with np.errstate(invalid="ignore", divide="ignore"):  # both ends are on the axis
-                following = (a * high - b * low) / (high - low)
-            moved = np.abs(following - m) > PRECISE * b
-            active = active[(y != 0.0) & moved[active]]
-            if not active.size:
-                break
-            m[active] = following[active]
-        return found, m, np.abs(found.imag) <= ON_AXIS * height
+            t = (2.0 * t * (1.0 - t) * bend.imag - first.imag) / rise.imag
+        shares = np.exp((first + t * rise - 2.0 * t * (1.0 - t) * bend).real)
+        frequencies = (a[step] + t * (b - a)[step]) / math.tau
+        changes = np.where(rise.imag > 0.0, 2, -2)
+        found = (board[step], shares, frequencies, changes)
+        for k, *crossing in zip(*(each.tolist() for each in found), strict=True):
+            self._keep(k, *crossing)
 
     def _real_poles(self, k: int, omega: float, beside: Complexes, sign: int) -> None:
         """Find the shares at which a real pole is at zero, or passes through infinity.
@@ -283,7 +237,8 @@ class _Trace:
         `sign` is the change of the unstable count where these are above the axis.
         """
         try:
-            w = np.linalg.eigvals(self._response(k, np.full(1, omega))[0].real)
+            found = self.searches[k].ports.at(np.full(1, omega))
+            w = np.concatenate([np.linalg.eigvals(W[0].real) for W in found])
         except EngineError as error:
             self.failed[k] = error
             return

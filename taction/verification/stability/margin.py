@@ -1,34 +1,29 @@
 """Stability margins: the factor by which a knob can move until a stable board oscillates.
 
-A margin is the nearest edge over a knob of the board, such as its C or its gain. Poles on both
-sides and on the way there confirm it, and a winding number that needs no poles.
+A margin is the nearest edge over a knob of the board, such as its C or its gain, which poles on
+both sides and on the way there confirm.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 from taction.netlist_gen.board.circuit import Circuit, Knob
 from taction.system.errors import EngineError, TactionError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.stability.certificate import WIDE
-from taction.verification.stability.edges import Edges
+from taction.verification.stability.edges import Edge, Edges, Scan
 from taction.verification.stability.families import (
     EdgeSearch,
     Family,
     all_but_a_knob,
     edges_together,
 )
-from taction.verification.stability.poles import Poles, or_error, poles, poles_together
+from taction.verification.stability.poles import Poles, count_unstable, or_error, poles
 
 REACH = 100.0  # the largest factor
-CLOSE, DECADES = 1e-6, 4  # relative distance of the poles that confirm an edge, and farther
-SAME = 1e-12  # relative distance of edges that count as one
-ALIKE = 1e-9  # relative distance of values at which the same poles confirm an edge
+CLOSE = 1e-6  # relative distance behind `REACH` up to which edges are searched
 AROUND = 30.0  # stable values: from the board's own value / 30 to its value * 30
 
 
@@ -61,24 +56,6 @@ def margins(board: LinearBoard, found: Poles) -> dict[str, Margin]:
     return {
         knob.key.rpartition(".")[2]: find_margin(board, knob.name, found=found) for knob in knobs
     }
-
-
-class Families:
-    """The values at which poles have confirmed edges of linear boards, for many margins.
-
-    Boards that differ only in the knob of the margin are the same board at a value of it. Each
-    finds its edges itself: its digits do not depend on which boards are measured with it.
-    """
-
-    def __init__(self) -> None:
-        self._confirmed: dict[Hashable, list[float]] = {}
-
-    def confirmed(self, circuit: Circuit, knob: Knob) -> list[float]:
-        """Return the values for boards like this one; `find_margin` adds to them."""
-        if not circuit.is_linear:
-            return []
-        rest, numbers = all_but_a_knob(circuit, knob)
-        return self._confirmed.setdefault((rest, numbers.tobytes()), [])
 
 
 def first_knob(circuit: Circuit) -> str:
@@ -123,7 +100,6 @@ def find_margin(
     name: str = "",
     reach: float = REACH,
     found: Poles | None = None,
-    families: Families | None = None,
 ) -> Margin:
     """Find the factor by which a knob can move until a pole crosses the imaginary axis.
 
@@ -137,8 +113,6 @@ def find_margin(
         The largest factor of interest.
     found : Poles, optional
         Poles of the board, if they have been computed before.
-    families : Families, optional
-        At which values margins of other boards were confirmed; this one adds to it.
 
     Raises
     ------
@@ -149,8 +123,7 @@ def find_margin(
     -----
     Costs the edges (`Family.edges`), and the poles of two or three boards.
     """
-    search = MarginSearch(LinearBoard.of(circuit), name, reach, found)
-    (margin,) = margins_together([search], families)
+    (margin,) = margins_together([MarginSearch(LinearBoard.of(circuit), name, reach, found)])
     if isinstance(margin, TactionError):
         raise margin
     return margin
@@ -166,23 +139,26 @@ class MarginSearch:
     found: Poles | None = None
 
 
-def margins_together(
-    searches: Sequence[MarginSearch], families: Families | None = None
-) -> list[Margin | TactionError]:
+def margins_together(searches: Sequence[MarginSearch]) -> list[Margin | TactionError]:
     """Return the margin of each search, or why there is none; see `find_margin`.
 
-    The edges of all boards are found together, with the digits of each alone.
+    The edges of all boards are found together. Linear boards that differ only in the knob of the
+    margin have the same edges, which are found once, from the first of them.
     """
-    begun = [or_error(partial(_begun, families=families), search) for search in searches]
-    ways = [each for each in begun if not isinstance(each, Margin | TactionError)]
-    every = iter(edges_together([search for _, search in ways]))
+    begun = [or_error(_begun, search) for search in searches]
+    alike = dict[Hashable, list[_Way]]()
+    for way in begun:
+        if isinstance(way, _Way):
+            alike.setdefault(way.alike, []).append(way)
+    found = edges_together([_search(ways) for ways in alike.values()])
+    edges = dict(zip(alike, found, strict=True))
     return [
-        each if isinstance(each, Margin | TactionError) else or_error(each[0].margin, next(every))
+        or_error(each.margin, edges[each.alike]) if isinstance(each, _Way) else each
         for each in begun
     ]
 
 
-def _begun(search: MarginSearch, families: Families | None) -> Margin | tuple[_Way, EdgeSearch]:
+def _begun(search: MarginSearch) -> Margin | _Way:
     """Return the way of the knob of a stable board; the margin of any other board."""
     board, name = search.board, search.name or first_knob(search.board.circuit)
     if not name:
@@ -190,25 +166,45 @@ def _begun(search: MarginSearch, families: Families | None) -> Margin | tuple[_W
     own = poles(board) if search.found is None else search.found
     if own.known_stable:
         knob = board.circuit.knob(name)
-        unit = board.circuit.facts[name].unit
-        confirmed = [] if families is None else families.confirmed(board.circuit, knob)
-        way = _Way(Family.of(board, knob), knob, unit, search.reach, confirmed)
-        return way, EdgeSearch(way.family, *way.ends, own, nearest=True)
+        return _Way(board, knob, search.reach, own)
     if own.certain:
         return Margin(0.0, 0.0, "the board is unstable")
     text = "the board itself may be stable or unstable"
     return Margin(0.0, 0.0, text, text)
 
 
-@dataclass(frozen=True, slots=True)
+def _search(ways: Sequence[_Way]) -> EdgeSearch:
+    """Return the search for the edges of boards that differ only in the knob."""
+    first, last = (
+        ways[0],
+        1.0 + 2.0 * CLOSE,
+    )  # an edge at the largest factor is found with certainty
+    ends = [end for way in ways for end in (way.own, way.value(way.reach * last))]
+    family = Family.of(first.board, first.knob)
+    return EdgeSearch(family, min(ends), max(ends), first.poles, nearest=len(ways) == 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Way:
     """The way of a knob from the value of a stable board to where the board becomes unstable."""
 
-    family: Family
+    board: LinearBoard
     knob: Knob
-    unit: str
     reach: float
-    confirmed: list[float]
+    poles: Poles
+
+    @property
+    def alike(self) -> Hashable:
+        """What boards have in common that differ only in the knob."""
+        if not self.board.circuit.is_linear:
+            return self
+        rest, numbers = all_but_a_knob(self.board.circuit, self.knob)
+        return rest, numbers.tobytes(), self.reach
+
+    @property
+    def own(self) -> float:
+        """The board's value of the knob."""
+        return self.board.circuit.value(self.knob.name)
 
     @property
     def upwards(self) -> bool:
@@ -217,41 +213,55 @@ class _Way:
 
     def value(self, factor: float) -> float:
         """Return the value of the knob at a factor."""
-        return self.family.own * factor if self.upwards else self.family.own / factor
+        return self.own * factor if self.upwards else self.own / factor
 
     def factor(self, value: float) -> float:
         """Return the factor of a value of the knob."""
-        return value / self.family.own if self.upwards else self.family.own / value
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """Between which values the edge lies: one at `reach` is found with certainty."""
-        end = self.value(self.reach * (1.0 + 2.0 * CLOSE))
-        return min(self.family.own, end), max(self.family.own, end)
+        return value / self.own if self.upwards else self.own / value
 
     def margin(self, edges: Edges | TactionError) -> Margin:
-        """Confirm the first edge, or that there is none, by the poles beside it."""
+        """Return the factor of the first edge, and what leaves a doubt before it."""
         if isinstance(edges, EngineError):
             return Margin(1.0, 0.0, "no margin is known", str(edges))
         if isinstance(edges, TactionError):
             raise edges
-        factors = [self.factor(edge.value) for edge in edges.edges]
-        factor = min(factors, default=self.reach)
-        near = sorted(self.factor(value) for value in edges.near)
-        steps = range(1, math.ceil(math.log(factor, WIDE)))
-        before = [*(by for by in near if by < factor), *(factor / WIDE**k for k in steps)]
-        doubts = [self._doubt(by, edges) for by in before]
-        if not factors:
-            doubts.append(self._doubt(factor, edges))
-            return Margin(factor, 0.0, f"no crossing up to {self._last}", _first(doubts))
-        others = [by / factor - 1.0 for by in factors if by > factor * (1.0 + SAME)]
-        room = 0.5 * min([factor - 1.0, *others])
-        for distance in (min(CLOSE * 10.0**decade, room) for decade in range(DECADES)):
-            sides = (factor / (1.0 + distance), factor * (1.0 + distance))
-            beside = [self._doubt(by, edges) for by in sides]
-            if not any(beside):
-                break
-        return Margin(factor, distance * factor, self._words(factor), _first(doubts + beside))
+        last = self.reach * (1.0 + 2.0 * CLOSE)
+        ahead = {f: e for e in edges.edges if 1.0 < (f := self.factor(e.value)) <= last}
+        factor = min(ahead, default=self.reach)
+        near = sorted(by for at in edges.near if 1.0 < (by := self.factor(at)) <= factor)
+        doubt = f"at the factor {near[0]:.6g} {self._unknown(near[0])}" if near else ""
+        if not ahead:
+            return Margin(factor, 0.0, f"no crossing up to {self._last}", doubt)
+        first = ahead[factor]
+        bound = first.bound / first.value
+        return Margin(
+            factor, bound * factor, self._words(factor), doubt or self._contradicted(first, edges)
+        )
+
+    def _unknown(self, by: float) -> str:
+        """Return why a board does not tell whether it is stable."""
+        try:
+            poles(self.board.circuit.turned(self.knob.name, self.value(by)))
+        except EngineError as error:
+            return f"there are no poles: {error}"
+        return "a pole is on the imaginary axis to within rounding"
+
+    def _contradicted(self, edge: Edge, edges: Edges) -> str:
+        """Return where winding numbers contradict an edge that only poles show; empty if nowhere.
+
+        Loci are such a number themselves.
+        """
+        if not isinstance(edges, Scan):
+            return ""
+        for side, counted in ((1.0 - CLOSE, edge.below), (1.0 + CLOSE, edge.above)):
+            where = f"at the factor {self.factor(edge.value * side):.6g}"
+            try:
+                wound = count_unstable(self.board.circuit.turned(self.knob.name, edge.value * side))
+            except EngineError as error:
+                return f"{where} there is no winding number: {error}"
+            if wound != counted and (edges.complete or bool(wound) != bool(counted)):
+                return f"{where} {counted} poles are unstable and the winding number is {wound}"
+        return ""
 
     @property
     def _last(self) -> str:
@@ -261,29 +271,6 @@ class _Way:
 
     def _words(self, factor: float) -> str:
         moves = "grow" if self.upwards else "shrink"
-        by = f"by the factor {factor:.4g}, to {show(self.value(factor), self.unit)}"
+        unit = self.board.circuit.facts[self.knob.name].unit
+        by = f"by the factor {factor:.4g}, to {show(self.value(factor), unit)}"
         return f"{self.knob.words} can {moves} {by}"
-
-    def _doubt(self, by: float, edges: Edges) -> str:
-        """Return why poles and winding number at a factor do not agree; empty if they do."""
-        where, value = f"at the factor {by:.6g}", self.value(by)
-        if any(abs(value - other) <= ALIKE * other for other in self.confirmed):
-            return ""
-        try:
-            (found,) = poles_together([self.family.board(value)])
-            if isinstance(found, TactionError):
-                raise found
-            wound = self.family.count(value, edges)
-        except EngineError as error:
-            return f"{where} there are no poles: {error}"
-        if not found.certain:
-            return f"{where} a pole is on the imaginary axis to within rounding"
-        counted = found.unstable_count
-        if counted == wound or (not found.complete and bool(counted) == bool(wound)):
-            self.confirmed.append(value)
-            return ""
-        return f"{where} {counted} poles are unstable and the winding number is {wound}"
-
-
-def _first(doubts: list[str]) -> str:
-    return next(filter(None, doubts), "")

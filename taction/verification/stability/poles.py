@@ -27,7 +27,6 @@ from taction.verification.engines.statespace.linearised.lead_pole import (
     lead_poles,
 )
 from taction.verification.engines.statespace.linearised.rightmost_poles import rightmost_poles
-from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 
 LOST = "some poles are so far away that rounding hides them, and on which side of the axis they are"
 STACK = 16  # boards of a stack: their matrices fit into the memory of a processor
@@ -186,19 +185,6 @@ def or_error(job: Callable[[Wanted], Found], of: Wanted) -> Found | TactionError
         return job(of)
     except TactionError as error:
         return error
-
-
-def poles_behind(board: LinearBoard, scales: TimeScales) -> Poles:
-    """Return the poles of the time scales, or the rightmost poles of a large board.
-
-    Raises
-    ------
-    EngineError
-        As `poles`.
-    """
-    if not scales.complete:
-        return poles(board)
-    return _of_modes(board)
 
 
 def _of_modes(board: LinearBoard) -> Poles:

@@ -1,16 +1,15 @@
 """Admittance of some parts times the impedance at their terminals, over frequency.
 
 It is the W(s) of the characteristic loci (`loci`): that of equal parts, or of one part that stands
-in the matrices as a product of a column and a row. The parts of a board that is its own mirror
-image have one W for currents that are even under the exchange, and one for odd ones: without them a
-point of a sweep with its margin takes up to 9 % more.
+in the matrices as a product of a column and a row. The modes of the board give it at all
+frequencies at once: each pole has a residue, and one solve of the equations tells what is left.
+The two blocks of a board that is its own mirror image have currents and loci of their own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,19 +18,14 @@ from taction.netlist_gen.board.circuit import GROUND
 from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.descriptor import Descriptor
-from taction.verification.engines.statespace.equations.mirror_symmetry import exchange_bases
 from taction.verification.engines.statespace.equations.stamps import stamp_together
+from taction.verification.engines.statespace.linearised.block_modes import BlockModes
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
-from taction.verification.engines.statespace.linearised.state_space import (
-    StateSpace,
-    driven,
-    driven_together,
-    linear_matrices,
-)
+from taction.verification.engines.statespace.linearised.state_space import linear_matrices
 
-WELL_CONDITIONED = 1e-8  # largest defect of the modes that are used for the response
+WELL_CONDITIONED = 1e-8  # largest defect of the modes, and error of the response by them
+SAME = 1e-9  # of the largest singular value: a smaller one is rounding
+ABOVE, FAR = 3.0, 1e3  # of the fastest pole: where solves tell what modes leave, and check it
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,48 +103,29 @@ class PortResponse:
         board = self.board.coarse if self.board.descriptor.is_large else self.board
         return board.state_space.modes.poles
 
-    def at(self, omega: Floats) -> list[Complexes]:
-        """Return the matrices of each of `bases` at angular frequencies (P,), 1/s; (P, k, k) each.
-
-        The eigenvalues of all of them are the loci.
-        """
-        if not self._modes_suffice:
-            whole = np.stack([self.exact(1j * each) for each in omega.tolist()])
-            return [basis.T @ whole @ basis for basis in self.bases]
-        poles, parts = self._residues
-        own, other = (1.0 / (1j * omega[:, None] - p) for p in (poles, poles.conj()))
-        # ``R / (s - p) + R* / (s - p*)`` of a pair in real matrices.
-        gain, found = np.concatenate([own + other, -1j * (own - other)], axis=1), list[Complexes]()
-        for residues, direct in parts:
-            pairs = gain.real @ residues + 1j * (gain.imag @ residues)
-            response = pairs.reshape(-1, *direct.shape) + direct
-            weighted = 1j * omega[:, None, None] * response if self.reactive else response
-            found.append(np.asarray(weighted))
-        return found
-
-    @cached_property
-    def bases(self) -> tuple[Floats, ...]:
-        """Orthogonal bases (K, k) of currents that do not meet: even and odd ones, or all.
-
-        Under an exchange of the parts, and of what they are, by that of the board.
-        """
-        every, small = np.eye(self.count), not self.board.descriptor.is_large
-        if self.count == 1 or not small or len(self.board.state_space.blocks) == 1:
-            return (every,)
-        mirrored = self.columns[self.board.descriptor.mirror]
-        alike = (mirrored[:, :, None] == self.columns[:, None]).all(axis=0)
-        sizes = np.abs(self.rows).max(axis=0)
-        alike &= sizes[:, None] == sizes
-        image = alike.argmax(axis=1)
-        if not np.all(alike.sum(axis=1) == 1) or np.array_equal(image, np.arange(self.count)):
-            return (every,)
-        even, odd = (basis / np.linalg.norm(basis, axis=0) for basis in exchange_bases(image))
-        return even, odd
-
     @property
     def sizes(self) -> tuple[int, ...]:
-        """Number of loci of each of `bases`."""
-        return tuple(basis.shape[1] for basis in self.bases)
+        """Numbers of loci that `at` gives apart from one another."""
+        return tuple(len(part.direct) for part in self._parts) or (self.count,)
+
+    def at(self, omega: Floats) -> list[Complexes]:
+        """Return matrices whose eigenvalues are the loci, at omega (P,), 1/s; (P, k, k) each.
+
+        Raises
+        ------
+        EngineError
+            The board has a pole there.
+        """
+        s = np.asarray(1j * omega, np.complex128)
+        found = [self._weighted(part.at(s), s) for part in self._parts]
+        if not found:
+            found = [np.stack([self.exact(each) for each in s.tolist()])]
+        if not all(np.isfinite(each).all() for each in found):
+            raise EngineError("a pole of the board is on the imaginary axis")
+        return found
+
+    def _weighted(self, impedance: Complexes, s: Complexes) -> Complexes:
+        return np.asarray(impedance * s[:, None, None]) if self.reactive else impedance
 
     def exact(self, s: complex) -> Complexes:
         """Return the matrix at s, 1/s, by a solve of the whole equations, shape (K, K).
@@ -163,8 +138,8 @@ class PortResponse:
         if self.board.descriptor.is_large:
             solved = self.board.structure.factor(s).solve(self.rows.astype(np.complex128))
         else:
-            dense = linear_matrices(self.board.descriptor, self.board.operating_point)
-            X = s * dense.mass - dense.stiffness
+            M, K = self._matrices
+            X = (s if s.imag else s.real) * M - K
             scale = np.abs(X).max(axis=1, keepdims=True)
             scale[scale == 0.0] = 1.0
             try:
@@ -173,94 +148,65 @@ class PortResponse:
                 raise EngineError("a pole of the board is on the imaginary axis") from None
         return np.asarray(self.columns.T @ solved * (s if self.reactive else 1.0))
 
+    @cached_property
+    def _matrices(self) -> tuple[Floats, Floats]:
+        dense = linear_matrices(self.board.descriptor, self.board.operating_point)
+        return dense.mass, dense.stiffness
+
     def rate(self, left: Complexes, right: Complexes, s: complex) -> complex:
         """Return ``left d(K - s M) right`` for a relative change of the values, to first order."""
         moved = complex((left @ self.rows) @ (self.columns.T @ right))
         return -s * moved if self.reactive else -moved
 
     @cached_property
-    def _modes_suffice(self) -> bool:
-        """Not so where a capacitor is at the output of a source: its current is a derivative."""
+    def _parts(self) -> list[_Part]:
+        """The response by the modes of each block of the board, in currents that do not meet.
+
+        Empty for a large board, where modes are not known well, or where more is left than a
+        constant: a capacitor at the output of a source has a current that is a derivative.
+        """
         if self.board.descriptor.is_large:
-            return False
+            return []
         modes = self.board.state_space.modes
-        with suppress(EngineError):
-            alone = bool(modes.alone.all()) and modes.defect < WELL_CONDITIONED
-            return alone and self._reduced is not None
-        return False
+        if not (len(modes.poles) and modes.alone.all() and modes.defect < WELL_CONDITIONED):
+            return []
+        every = map(self._part, modes.refined.blocks)
+        parts = [part for part in every if len(part.direct)]
+        s = float(np.abs(modes.poles).max()) * np.array([ABOVE, FAR], np.complex128)
+        weights = s.real if self.reactive else np.ones(2)
+        near, far = (self.exact(each) / by for each, by in zip(s.tolist(), weights, strict=True))
+        found, left = list[_Part](), far
+        for part in parts:
+            U, modal = part.basis, part.at(s)
+            direct = U.T @ near @ U - modal[0]
+            left = left - U @ (modal[1] + direct) @ U.T
+            found.append(replace(part, direct=direct.real))
+        size = max(1.0 / weights[1], float(np.abs(far).max()))
+        return found if np.abs(left).max() <= WELL_CONDITIONED * size else []
 
-    @cached_property
-    def _reduced(self) -> tuple[Floats, Floats, Floats]:
-        """B, C and D of the state space with currents into `rows` as inputs.
-
-        Raises
-        ------
-        EngineError
-            The time derivative of an input would be needed: a capacitor at the output of a source.
-        """
-        return _of_inputs(driven(*_inputs([self])))
-
-    @cached_property
-    def _residues(self) -> tuple[Complexes, list[tuple[Floats, Floats]]]:
-        """Poles (m,), one of each pair; of each of `bases` residues, and what has no pole, (k, k).
-
-        Real parts of the residues are above the imaginary parts, (2 m, k²).
-        """
-        (B, C, D), modes = self._reduced, self.board.state_space.modes
-        upper = np.flatnonzero(modes.poles.imag >= 0.0)
-        seen, left = self.columns.T @ C @ modes.right[:, upper], modes.left[upper] @ B
-        found = list[tuple[Floats, Floats]]()
-        for basis in self.bases:
-            outer = (basis.T @ seen).T[:, :, None] * (left @ basis)[:, None, :]
-            residues = outer.reshape(len(upper), basis.shape[1] ** 2)
-            residues[modes.poles[upper].imag == 0.0] *= 0.5
-            parts = np.concatenate([residues.real, -residues.imag])
-            found.append((parts, basis.T @ self.columns.T @ D @ basis))
-        return modes.poles[upper], found
+    def _part(self, block: BlockModes) -> _Part:
+        pencil = block.reduced.pencil
+        seen, driven = self.columns.T @ pencil.basis, pencil.left @ self.rows
+        vectors, sizes, _ = np.linalg.svd(seen)
+        U = vectors[:, : int((sizes > SAME * sizes.max(initial=0.0)).sum())]
+        right, left = U.T @ seen @ block.V, block.W @ (driven @ U)
+        residues = right.T[:, :, None] * left[:, None, :]
+        return _Part(
+            U, np.diag(block.T), residues.reshape(len(left), -1), np.zeros((U.shape[1],) * 2)
+        )
 
 
-def share_elimination(responses: Sequence[PortResponse]) -> None:
-    """Eliminate the unknowns without charge once for all parts of one board, if it is small.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """Impedance among the currents `basis` (K, k): residues (n, k²) at poles, and what has none."""
 
-    Each part would do it by itself, at many times the cost of one more column.
+    basis: Floats
+    poles: Complexes
+    residues: Complexes
+    direct: Floats
 
-    Raises
-    ------
-    EngineError
-        As `PortResponse`, where one of the parts needs the time derivative of an input.
-    """
-    if len(responses) < 2 or responses[0].board.descriptor.is_large:
-        return
-    B, C, D = _of_inputs(driven(*_inputs(responses)))
-    first = 0
-    for each in responses:
-        taken = slice(first, first := first + each.count)
-        vars(each)["_reduced"] = B[:, taken], C, D[:, taken]
-
-
-def eliminate_together(responses: Iterable[PortResponse]) -> None:
-    """Eliminate the unknowns without charge of several boards together, of those that have none.
-
-    Each has the digits that it has alone. What fails says why where it is asked.
-    """
-    new = [r for r in responses if "_reduced" not in vars(r) and not r.board.descriptor.is_large]
-    with suppress(EngineError):
-        for each, space in zip(new, driven_together([_inputs([r]) for r in new]), strict=True):
-            if not isinstance(space, EngineError):
-                vars(each)["_reduced"] = _of_inputs(space)
-
-
-def _inputs(
-    responses: Sequence[PortResponse],
-) -> tuple[Descriptor, Equilibrium | None, Floats]:
-    """Return a board with the currents into the rows of its responses as inputs.
-
-    The first two inputs of a state space are steps, here without effect.
-    """
-    board = responses[0].board
-    rows = np.hstack([np.zeros((board.descriptor.size, 2)), *(each.rows for each in responses)])
-    return board.descriptor, board.operating_point, rows
-
-
-def _of_inputs(space: StateSpace) -> tuple[Floats, Floats, Floats]:
-    return space.B[:, 2:], space.C, space.D[:, 2:]
+    def at(self, s: Complexes) -> Complexes:
+        """Return the impedance at s (P,), 1/s."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = (1.0 / (s[:, None] - self.poles)) @ self.residues
+        return np.asarray(found.reshape(-1, *self.direct.shape) + self.direct)

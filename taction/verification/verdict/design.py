@@ -20,7 +20,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.reference.lambda_rule import resolve_lambda
-from taction.verification.stability.poles import poles_behind
+from taction.verification.stability.poles import poles
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
 from taction.verification.verdict.planned_board import PlannedBoard, UnplannedBoard
 from taction.verification.verdict.simulation import ENGINES, choose_engine
@@ -119,17 +119,17 @@ def has_large_signal(board: LinearBoard) -> bool:
 def _designed(unplanned: UnplannedBoard) -> PlannedBoard:
     scene, board = unplanned.scene, unplanned.board
     scales = time_scales(board, initial=scene.analysis.initial)
-    poles = poles_behind(board, scales)
-    scales = scales.with_slower(poles.rightmost)
+    found = poles(board)
+    scales = scales.with_slower(found.rightmost)
     engine = choose_engine(scene)
-    stable = not poles.known_unstable
+    stable = not found.known_unstable
     plan = plan_transient(
         scene,
         board,
         scales,
         steps=ENGINES[engine].error is None,
         stable=stable,
-        resolution=poles.resolution,
+        resolution=found.resolution,
     )
     problem, network = unplanned.problem, unplanned.network
-    return PlannedBoard(scene, problem, board, network, scales, poles, engine, plan)
+    return PlannedBoard(scene, problem, board, network, scales, found, engine, plan)

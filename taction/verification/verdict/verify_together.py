@@ -20,7 +20,7 @@ from taction.verification.engines.statespace.linearised.board import (
 )
 from taction.verification.readings.exact_measures import ExactResponse, measure_responses
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
-from taction.verification.stability.margin import Families, MarginSearch, margins_together
+from taction.verification.stability.margin import MarginSearch, margins_together
 from taction.verification.verdict.companion import beside_steps, exact_response
 from taction.verification.verdict.design import planned_board, synthesised_board
 from taction.verification.verdict.planned_board import PlannedBoard, UnplannedBoard
@@ -115,7 +115,7 @@ def _verified(built: dict[int, Built]) -> Iterator[tuple[int, Verdict]]:
                 searches |= {} if search is None else {place: search}
             designs[place] = design, ideal
             clock.pause()
-    found = margins_together([*searches.values()], Families())
+    found = margins_together([*searches.values()])
     margins = dict(zip(searches, found, strict=True))
     readings = dict(zip(responses, measure_responses([*responses.values()]), strict=True))
     runs = begin_together([design for design, _ in designs.values()])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pytest
@@ -18,10 +18,19 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import EngineError, TactionError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.stability import certificate
 from taction.verification.stability import families as module
 from taction.verification.stability import margin as margin_module
 from taction.verification.stability.edges import Edges
-from taction.verification.stability.margin import REACH, Families, find_margin, stable_values
+from taction.verification.stability.loci import LociSearch
+from taction.verification.stability.margin import (
+    REACH,
+    Margin,
+    MarginSearch,
+    find_margin,
+    margins_together,
+    stable_values,
+)
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.stability.port_response import PortResponse
 from taction.verification.studies.onset.onset import onset
@@ -51,27 +60,25 @@ def test_c_may_shrink_to_its_crossing() -> None:
     assert margin.doubt == ""
 
 
-def test_boards_that_differ_in_c_alone_are_confirmed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    counted = []
-    count = module.Family.count
+def test_boards_that_differ_in_c_alone_share_their_edges(monkeypatch: pytest.MonkeyPatch) -> None:
+    traced, trace = list[int](), module.trace_together
 
-    def counting(family: module.Family, value: float, edges: Edges) -> int:
-        counted.append(value)
-        return count(family, value, edges)
+    def counting(searches: Sequence[LociSearch]) -> list[Edges | EngineError]:
+        traced.append(len(searches))
+        return trace(searches)
 
-    monkeypatch.setattr(module.Family, "count", counting)
-    families = Families()
-    for farads in (10e-12, 15e-12, 8e-12, 25e-12):
-        each = board("design.capacitance", farads)
-        before = len(counted)
-        shared = find_margin(each, families=families)
-        assert len(counted) - before == (2 if farads == 10e-12 else 0)
-        assert shared == find_margin(each)  # the same digits as alone
-        assert shared.factor == pytest.approx(farads / 4.1337463e-12, rel=1e-7)
-    other = board("design.gain", "1Mohm")
-    before = len(counted)
-    assert find_margin(other, families=families) == find_margin(other)
-    assert len(counted) - before == 4
+    monkeypatch.setattr(module, "trace_together", counting)
+    values = (10e-12, 15e-12, 8e-12, 25e-12)
+    boards = [LinearBoard(board("design.capacitance", farads)) for farads in values]
+    other = LinearBoard(board("design.gain", "1Mohm"))
+    *shared, alone = margins_together([MarginSearch(each) for each in (*boards, other)])
+    assert traced == [2]
+    for farads, each, margin in zip(values, boards, shared, strict=True):
+        assert isinstance(margin, Margin)
+        assert margin.factor == pytest.approx(farads / 4.1337463e-12, rel=1e-7)
+        assert margin.factor == pytest.approx(find_margin(each).factor, rel=1e-8)
+        assert margin.uncertainty <= 1.1e-6 * margin.factor
+    assert alone == find_margin(other)
 
 
 def test_the_gain_may_grow_to_its_crossing() -> None:
@@ -128,13 +135,13 @@ def test_a_window_within_rounding_is_no_pass(offset: float) -> None:
 def test_poles_and_winding_numbers_that_differ_leave_a_doubt(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(Edges, "unstable_at", lambda *_: 0)
+    """Where poles refute the loci, or there are none, a scan and winding numbers must agree."""
+    monkeypatch.setattr(Edges, "unstable_at", lambda *_: 7)
+    assert find_margin(board()).doubt == ""
+    monkeypatch.setattr(margin_module, "count_unstable", lambda _: 0)
     margin = find_margin(board())
+    assert margin.factor == pytest.approx(10e-12 / 4.1337463e-12, rel=1e-7)
     assert margin.doubt.endswith("2 poles are unstable and the winding number is 0")
-    monkeypatch.setattr(Edges, "unstable_at", lambda *_: 1)
-    margin = find_margin(board(), reach=2.0)
-    assert margin.text == "no crossing up to C/2"
-    assert margin.doubt == "at the factor 2 0 poles are unstable and the winding number is 1"
 
 
 def test_without_loci_no_margin_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -191,16 +198,18 @@ def test_an_unstable_board_gives_the_same_ranges() -> None:
     assert math.isclose(edge, from_below, rel_tol=1e-9)
 
 
-def test_a_window_that_the_loci_miss_is_a_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_poles_find_a_window_that_the_loci_miss(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Poles are asked between a board and an edge that is farther than a factor of 30."""
     edge = 4.1337463e-12
-    quiet, growing = board("design.capacitance", 40 * edge), board("design.capacitance", 3e-12)
-    assert find_margin(quiet).doubt == ""
-    find, unstable = margin_module.poles_together, poles(growing)
+    quiet = board("design.capacitance", 40 * edge)
+    assert find_margin(quiet).factor == pytest.approx(40.0, rel=1e-6)
+    asked, find = list[float](), certificate.poles_together
 
-    def with_window(boards: Iterable[LinearBoard]) -> list[Poles | TactionError]:
+    def watched(boards: Iterable[LinearBoard]) -> list[Poles | TactionError]:
         every = list(boards)
-        pairs = zip(every, find(every), strict=True)
-        return [unstable if 29 < b.circuit.value("C") / edge < 31 else own for b, own in pairs]
+        asked.extend(b.circuit.value("C") / edge for b in every)
+        return find(every)
 
-    monkeypatch.setattr(margin_module, "poles_together", with_window)
-    assert find_margin(quiet).doubt.startswith("at the factor 1.333")
+    monkeypatch.setattr(certificate, "poles_together", watched)
+    find_margin(quiet)
+    assert [value for value in asked if value > 1.1] == [pytest.approx(math.sqrt(40.0), rel=1e-6)]

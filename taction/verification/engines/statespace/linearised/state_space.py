@@ -189,19 +189,8 @@ def driven(descriptor: Descriptor, point: Equilibrium | None, inputs: Floats) ->
     EngineError
         As `linearise`.
     """
-    return _single(*driven_together([(descriptor, point, inputs)]))
-
-
-def driven_together(
-    boards: Sequence[tuple[Descriptor, Equilibrium | None, Floats]],
-) -> list[StateSpace | EngineError]:
-    """Return the state spaces of boards with other inputs, or why there is none; see `driven`.
-
-    Boards of one structure are eliminated together, and have the digits that each has alone.
-    """
-    return _state_spaces(
-        [LinearEquations(one, linear_matrices(one, point), b) for one, point, b in boards]
-    )
+    board = linear_matrices(descriptor, point)
+    return _single(*_state_spaces([LinearEquations(descriptor, board, inputs)]))
 
 
 def open_loop(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
