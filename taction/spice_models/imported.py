@@ -43,7 +43,7 @@ class LinearModel:
 class Figures:
     """What the simulation of an imported op-amp shows, SI base units, degrees, dB.
 
-    None: a file of an older version does not have it, or the netlist has no such limit.
+    None: the netlist has no such limit, or it is not known.
     """
 
     dc_gain: float

@@ -153,11 +153,10 @@ LIMITS = (
 
 def check_expanded(
     blocks: Mapping[str, Sequence[Card]], top: Sequence[Card], *, within: bool
-) -> list[str]:
+) -> None:
     """Refuse a netlist that is too large with every subcircuit in the place of its calls.
 
-    Parts and couplings count at the top, and in subcircuits where `within` says so. The subcircuits
-    that are called are returned, each after those that it calls.
+    Parts and couplings count at the top, and in subcircuits where `within` says so.
     """
     sizes = dict[str, list[int]]()
 
@@ -184,4 +183,3 @@ def check_expanded(
         return total
 
     size(top, ())
-    return list(sizes)

@@ -9,11 +9,10 @@ from taction.netlist_gen.deck.vendor_subcircuit import stored_subcircuit
 from taction.spice_models.branches import check_parts
 from taction.spice_models.imported import Figures, ImportedOpAmp, LinearModel, check_pins
 from taction.system.documents import plain, read, taken
-from taction.system.errors import InputError, listed
+from taction.system.errors import InputError
 
 FORMAT = 3
-READ = (1, 2, FORMAT)
-FITTED = "its file is of an older version and has a fitted model; import the netlist again"
+OLDER = "a file of an older version; import the netlist again"
 LEAST, MOST = 1e-30, 1e30  # SI base units: beyond is no op-amp, and no arithmetic
 FIGURES_LEAST = {
     "dc_gain": LEAST, "unity_gain_bandwidth": LEAST, "output_resistance": 0.0,
@@ -24,7 +23,7 @@ FIGURES_LEAST = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredOpAmp:
-    """The file of an imported op-amp; a file of version 1 has neither compensation nor doubts."""
+    """The file of an imported op-amp."""
 
     taction_opamp: int
     name: str
@@ -50,11 +49,12 @@ def to_document(name: str, opamp: ImportedOpAmp) -> dict[str, Any]:
 
 def from_document(data: Any) -> tuple[str, ImportedOpAmp]:
     """Return the name and the op-amp of JSON data, or raise ValueError; its netlist is checked."""
-    if isinstance(data, dict) and data.get("taction_opamp") in (1, 2):
-        data = data | {"linear": None, "missing": FITTED}
+    known = data.get("taction_opamp") if isinstance(data, dict) else FORMAT
+    if known in (1, 2):
+        raise ValueError(f"taction_opamp = {known}: {OLDER}")
     stored = read(StoredOpAmp, data)
-    if stored.taction_opamp not in READ:
-        raise ValueError(f"taction_opamp = {stored.taction_opamp}: expected one of {listed(READ)}")
+    if stored.taction_opamp != FORMAT:
+        raise ValueError(f"taction_opamp = {stored.taction_opamp}: expected {FORMAT}")
     if not (stored.name.isidentifier() and stored.name.isascii()):
         raise ValueError(f"name = {stored.name!r}: expected letters, digits and '_'")
     _check_range("supply", stored.supply, least=LEAST)

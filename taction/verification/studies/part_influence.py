@@ -22,9 +22,7 @@ from taction.verification.stability.margin import REACH, Margin
 from taction.verification.stability.poles import Poles
 
 MOST_MARGINS = 12  # parts whose margins are found unless a margin is checked
-MOST_UNKNOWNS = (
-    150  # of a board with margins unless one is checked: it takes up to 80 boards a part
-)
+MOST_UNKNOWNS = 150  # of a board with margins unless one is checked
 BESIDE = (1e-10, 1e-7, 1e-4, 1e-2)  # of the inverse iteration: relative distances from the pole
 ITERATIONS = 3
 MORE = 1.001  # of the largest factor: an edge at it is found with certainty

@@ -27,6 +27,7 @@ VENDOR = Path(__file__).parents[2] / "data" / "fet100.cir"
         ("r1 a b 1k\n.control\nshell touch /tmp/x\n.endc", "card '.control' is not accepted"),
         (".include other.cir", "card '.include'"),
         (".options klu", "card '.options'"),
+        (".param half=0.5", "card '.param'"),
         ("a1 a b gain", "card 'a1' is not accepted"),
         ("n1 a b osdi", "card 'n1'"),
         (".model m d_process(process_file=1)", "names a file or a program"),
@@ -37,9 +38,9 @@ VENDOR = Path(__file__).parents[2] / "data" / "fet100.cir"
         ("r1 a b 1k\x0bshell ls", r"character '\\x0b'"),
         ("r1 a b 1k\rshell ls", r"character '\\r'"),
         ("r1 a b 1k`ls`", "character '`'"),
-        ("x1 a b part", "calls itself"),
-        (".subckt inner a b", "its cards, and '.ends NAME'"),
-        (".ends\nr1 a b 1k", "its cards, and '.ends NAME'"),
+        ("x1 a b part", "card 'x1' is not accepted"),
+        (".subckt inner a b", "card '.subckt'"),
+        (".ends\nr1 a b 1k", "card '.ends'"),
         ("+ (", "whole subcircuit|not match|part"),
     ],
 )
@@ -85,8 +86,8 @@ def test_what_a_subcircuit_does_not_call_is_not_read(tmp_path: Path) -> None:
     found = vendor_subcircuit(file, "PART")
     assert found.ports == ("a", "b")
     assert found.lines == (
-        *(f".subckt {found.name} a b", "x1 a b m1", ".ends"),
-        *(".subckt m1 p q", "r1 p q 1k", ".ends"),
+        *(".subckt part a b", "x1 a b in/n.er", ".ends"),
+        *(".subckt in/n.er p q", "r1 p q 1k", ".ends"),
     )
 
 

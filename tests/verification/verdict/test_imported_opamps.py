@@ -139,9 +139,14 @@ def test_tolerances_leave_the_netlist_as_it_is(write: Callable[..., Scene]) -> N
         ({}, {"analysis": {"initial": "zero"}}, "analysis.initial.*expected 'rest'"),
         ({}, {"design": {"opamp": {"file": "x", "gbw": 1e6}}}, "'file' excludes 'gbw'"),
         ({}, {"design": {"opamp": {"file": "gone.json"}}}, "gone.json.*No such file"),
-        ({"netlist": [".subckt m_fet100 a b\n.control\nshell ls\n.endc"]}, {}, "card '.control'"),
+        (
+            {"netlist": [".subckt m_fet100 a", ".control", ".ends"]},
+            {},
+            "card '.control'",
+        ),
         ({"pins": ["inp", "inn"]}, {}, "one role for each of the 5 ports"),
-        ({"taction_opamp": 4}, {}, "taction_opamp = 4: expected one of 1, 2, 3"),
+        ({"taction_opamp": 4}, {}, "taction_opamp = 4: expected 3"),
+        ({"taction_opamp": 1, "linear": None}, {}, "of an older version; import the netlist again"),
         ({"figures": {}}, {}, "figures.dc_gain: missing; expected a finite number"),
         ({"supply": "15"}, {}, "supply = '15': expected a finite number"),
         ({"supply": 10**400}, {}, "supply = an integer of over 300 digits: expected"),
@@ -165,19 +170,6 @@ def test_a_document_is_read_as_it_was_written(document: dict[str, Any]) -> None:
     again = to_document(name, opamp)
     assert again["linear"] == document["linear"]
     assert again["netlist"][1:-1] == document["netlist"][1:-1]
-
-
-def test_a_document_of_the_first_format_is_read(document: dict[str, Any]) -> None:
-    first = ("dc_gain", "unity_gain_bandwidth", "phase_margin", "output_resistance")
-    old = {key: value for key, value in document.items() if key not in ("compensation", "doubts")}
-    old |= {
-        "taction_opamp": 1,
-        "figures": {key: document["figures"][key] for key in (*first, "supply_current")},
-    }
-    opamp = from_document(old)[1]
-    assert (opamp.figures.slew_rate, opamp.compensation, opamp.doubts) == (None, 0.0, ())
-    assert opamp.linear is None  # the older ones were fitted
-    assert "import the netlist again" in opamp.missing
 
 
 def test_a_board_knows_the_measured_limits_and_errors(write: Callable[..., Scene]) -> None:
