@@ -7,24 +7,27 @@ analyses, outputs and options are left out, and so is everything between ``.cont
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from taction.netlist_gen.deck.foreign_functions import check_functions
 from taction.netlist_gen.deck.foreign_lines import (
     DEEPEST_FILES,
+    FILES,
     LARGEST,
+    LEFT,
     MOST_CARDS,
     MOST_FILES,
     MOST_LINES,
     Card,
     beyond,
     called,
+    file_of,
     logical_lines,
-    physical_lines,
     subcircuits,
 )
 from taction.netlist_gen.deck.ltspice import DROPPED, LIBRARY, plain_cards, spelt
@@ -36,29 +39,12 @@ KEPT = (
     *(".subckt", ".ends", ".model", ".param", ".func", ".global"),
     *(".if", ".elseif", ".else", ".endif"),
 )
-FILES = (".include", ".inc", ".lib")
-_LEFT = """
-    .title .options .option .opt .temp .tran .ac .op .dc .noise .tf .sens .pz .pss .sp .disto
-    .four .fourier
-    .print .plot .probe .save .meas .measure .width .step .backanno .ic .nodeset .csparam
-"""
-LEFT = tuple(_LEFT.split())
-"""Cards that say what to simulate and to show, and nothing about the parts."""
 LETTERS = "rclkviefghxbdqjmsw"
 """Devices that may stand in the text: no A, which may start programs."""
 NODES = {"r": 2, "c": 2, "l": 2, "v": 2, "i": 2, "e": 4, "g": 4, "f": 3, "h": 3}
 """Parts with a value, and how many nodes and names stand before it."""
-_FILE = re.compile(
-    r"\.(?:include|inc|lib)\s+(?:\"([^\"]*)\"|'([^']*)'|(\S+))(?:\s+([^\s\\/]+))?", re.I
-)
-_SPACED = re.compile(
-    r"\.(?:include|inc|lib)\s+(?=\S)()()([^\"';]*[\\/][^\"';\\/]*)()", re.I
-)  # with blanks
-_UNUSUAL = tuple('=[]?()&%$"!:,')  # a line that begins so is a comment of ngspice
-_STRANGE = re.compile(r"[@\[\]\"'%\\~`]")  # such as in .save @v1[i]
 _BRACES = re.compile(r"\{[^{}]*\}")
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?[a-z]*")
-_QUOTED = re.compile(r"'([^']*)'")
 REFUSED = (
     (
         re.compile(r"^\.model \S+ (numd2?|nbjt2?|numos)\b"),
@@ -193,12 +179,13 @@ class _DeckReading:
     lines: int = 0  # of all files
     bytes: int = 0
 
-    def file(self, path: Path, caller: _Include | None = None) -> None:
+    def file(self, path: Path, caller: Card | None = None, section: str = "") -> None:
         """Read the deck, or the file or the section of a library that a card names."""
-        real, section = _real(path), "" if caller is None else caller.section
-        text = self._text(path)
-        raw = physical_lines(text, path)
-        self.lines += len(raw)
+        real, text = _real(path), self._text(path)
+        text = _section(path, text, section) if section else text
+        lines = logical_lines(text, path, title=caller is None)
+        self.lines += lines.count
+        self.remarks += lines.remarks
         if caller is not None:
             self.files += 1
             if (real, section) in self.open:
@@ -212,12 +199,12 @@ class _DeckReading:
                 if count > most:
                     raise caller.refused(beyond(count, what, most))
         self.open.append((real, section))
-        for card in _cards(path, raw, caller, self.remarks):
-            if isinstance(card, _Include):
-                self._include(card, path)
-            else:
-                self.depth += (card.word == ".subckt") - (card.word == ".ends")
-                self.found.append(card)
+        for card in itertools.takewhile(lambda card: card.word != ".end", lines.cards):
+            if card.word in FILES and (named := file_of(card.text)):
+                self._include(card, path, *named)
+                continue
+            self.depth += (card.word == ".subckt") - (card.word == ".ends")
+            self.found.append(card)
             if len(self.found) > MOST_CARDS:
                 raise card.refused(beyond(len(self.found), "cards", MOST_CARDS))
         self.open.pop()
@@ -243,29 +230,29 @@ class _DeckReading:
         except UnicodeDecodeError:
             return spelt(content.decode("latin-1"))
 
-    def _include(self, card: _Include, origin: Path) -> None:
+    def _include(self, card: Card, origin: Path, name: str, section: str) -> None:
         """Read the file that a card names, if it is inside the deck's folder."""
-        if not card.name.isprintable():
+        if not name.isprintable():
             raise card.refused("expected the name of a file, without control characters")
-        folder, last = _real(self.deck).parent, card.name.rpartition("/")[2]
-        target = _real(_real(origin).parent / card.name)
+        folder, last = _real(self.deck).parent, name.rpartition("/")[2]
+        target = _real(_real(origin).parent / name)
         inside = target.is_relative_to(folder) and _is_file(target)
         if not inside and _is_file(folder / last):
             target = _real(folder / last)
-            self.remarks.append(f"{card.name}: {last} in the deck's folder is read in its place")
+            self.remarks.append(f"{name}: {last} in the deck's folder is read in its place")
         elif not _is_file(target) and LIBRARY.fullmatch(last):
             self.remarks.append(f"{last}: a library of LTspice, which is not read")
             return
         if not target.is_relative_to(folder):
-            text = f"{card.name!r} is outside the deck's folder and not read; copy it there"
+            text = f"{name!r} is outside the deck's folder and not read; copy it there"
             raise card.refused(text)
         if not _is_file(target):
-            raise card.refused(f"the deck's folder has no file {card.name!r} ({folder.name}/)")
-        if self.depth == 0 and (target, card.section) in self.known:
-            self.remarks.append(f"{card.name}: included again, and read once")
+            raise card.refused(f"the deck's folder has no file {name!r} ({folder.name}/)")
+        if self.depth == 0 and (target, section) in self.known:
+            self.remarks.append(f"{name}: included again, and read once")
             return
-        self.known |= {(target, card.section)} if self.depth == 0 else set()
-        self.file(target, card)
+        self.known |= {(target, section)} if self.depth == 0 else set()
+        self.file(target, card, section)
 
     def _take(self, card: Card) -> None:
         word = card.word
@@ -314,19 +301,6 @@ LINEAR = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class _Include(Card):
-    """A card that names a file, and the section of a library."""
-
-    name: str = ""
-    section: str = ""
-
-
-def _braced(match: re.Match[str]) -> str:
-    """Return an expression in quotes in braces, with parentheses for those in it."""
-    return "{" + match[1].replace("{", "(").replace("}", ")") + "}"
-
-
 def _real(path: Path) -> Path:
     """Return a path with links followed; of links that loop some path."""
     return Path(os.path.realpath(path))
@@ -337,61 +311,10 @@ def _is_file(path: Path) -> bool:
     return os.path.isfile(path)  # noqa: PTH113 - `Path.is_file` raises for a name of 300 letters
 
 
-def _cards(
-    path: Path, raw: list[str], caller: _Include | None, remarks: list[str]
-) -> Iterator[Card]:
-    """Yield the cards of one file up to ``.end``, without what ``.control`` holds."""
-    if caller is not None and caller.section:
-        raw = _section(path, raw, caller.section)
-    if caller is None and not raw[0].lstrip().startswith((".", "*")):
-        raw[0] = ""  # whatever it says
-    files: dict[int, re.Match[str]] = {}
-    commands, unusual = 0, list[int]()
-    inside = left = False
-    for k, line in enumerate(raw):
-        word = line.strip().lower().split(maxsplit=1)[:1]
-        left = bool(word) and (word[0] in LEFT or (left and word[0].startswith("+")))
-        if inside or word == [".control"]:
-            inside = word != [".endc"]
-            commands += 1
-            raw[k] = ""
-        elif word and word[0] in FILES and (match := _file(line.strip())):
-            files[k + 1] = match
-            raw[k] = ".include"
-        elif left:
-            raw[k] = _STRANGE.sub(" ", line)
-        elif line.lstrip().startswith(_UNUSUAL):
-            raw[k] = ""
-            unusual.append(k + 1)
-        else:
-            raw[k] = _QUOTED.sub(_braced, line)
-    if unusual:
-        more = f" and {len(unusual) - 1} more" if len(unusual) > 1 else ""
-        found = f"{path.name}: line {unusual[0]}{more}"
-        remarks.append(f"{found}: begins with no letter, so that it is a comment, as in ngspice")
-    if commands:
-        remarks.append(f"{path.name}: {commands} lines of commands (.control) do not run")
-    for card in logical_lines(raw, path):
-        if card.word == ".end":
-            return
-        if match := files.get(card.number):
-            name = next(filter(None, match.groups()[:3]), "")
-            yield _Include(
-                card.number, card.text, path, name.replace("\\", "/"), (match[4] or "").lower()
-            )
-        else:
-            yield card
-
-
-def _file(line: str) -> re.Match[str] | None:
-    """Return the name of a file in a card, in one of three groups, and its section, in a fourth."""
-    return _FILE.fullmatch(line) or _SPACED.fullmatch(line)
-
-
-def _section(path: Path, raw: list[str], section: str) -> list[str]:
-    """Return the lines of one section of a library, the others empty."""
+def _section(path: Path, text: str, section: str) -> str:
+    """Return one section of a library, with empty lines for the others."""
     kept, inside, found = list[str](), False, False
-    for line in raw:
+    for line in text.split("\n"):
         words = line.lower().split()
         if words[:1] == [".endl"]:
             inside = False
@@ -401,4 +324,4 @@ def _section(path: Path, raw: list[str], section: str) -> list[str]:
     if not found:
         text = "the library has no such section ('.lib NAME' to '.endl')"
         raise InputError(path, Complaint(".lib", repr(section), text))
-    return kept
+    return "\n".join(kept)

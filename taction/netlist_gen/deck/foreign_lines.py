@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,18 +32,37 @@ _ENDS = re.compile(r"\.ends\*.*")  # of joined files: a comment without a line o
 _COMMENT = re.compile(r";|//|(?:^|(?<=\s))\$")
 
 
+FILES = (".include", ".inc", ".lib")
+_LEFT = """
+    .title .options .option .opt .temp .tran .ac .op .dc .noise .tf .sens .pz .pss .sp .disto
+    .four .fourier
+    .print .plot .probe .save .meas .measure .width .step .backanno .ic .nodeset .csparam
+"""
+LEFT = tuple(_LEFT.split())
+"""Cards that say what to simulate and to show, and nothing about the parts."""
+_FILE = re.compile(
+    r"\.(?:include|inc|lib)\s+(?:\"([^\"]*)\"|'([^']*)'|(\S+))(?:\s+([^\s\\/]+))?", re.I
+)
+_SPACED = re.compile(
+    r"\.(?:include|inc|lib)\s+(?=\S)()()([^\"';]*[\\/][^\"';\\/]*)()", re.I
+)  # with blanks
+_UNUSUAL = tuple('=[]?()&%$"!:,')  # a line that begins so is a comment of ngspice
+_STRANGE = re.compile(r"[@\[\]\"'%\\~`]")  # such as in .save @v1[i]
+_QUOTED = re.compile(r"'([^']*)'")
+
+
 @dataclass(frozen=True, slots=True)
 class Card:
     """A logical line of a netlist."""
 
     number: int  # the line of the file where it begins, from 1
-    text: str  # in lower case
+    text: str  # in lower case, if it names no file
     file: str | Path = "netlist"
 
     @property
     def word(self) -> str:
         """Its first word."""
-        return self.text.split(maxsplit=1)[0]
+        return self.text.split(maxsplit=1)[0].lower()
 
     def with_text(self, text: str) -> Card:
         """Return another card in its place."""
@@ -55,41 +74,62 @@ class Card:
         return InputError(self.file, Complaint(f"line {self.number}", shown, reason))
 
 
+@dataclass(frozen=True, slots=True)
+class Lines:
+    """The lines of a file."""
+
+    count: int  # as they stand in it
+    cards: list[Card]  # logical ones
+    remarks: tuple[str, ...]  # what is said of those that were left out
+
+
 def beyond(count: int, what: str, most: int) -> str:
     """Return the reason for a refusal, such as ``"9 cards; at most 8 are read"``."""
     return f"{count:,} {what}; at most {most:,} are read"
 
 
-def physical_lines(content: bytes | str, file: str | Path = "netlist") -> list[str]:
-    """Return the lines of a file, or of its text; refuse too many of them, and a long one."""
-    lines = (content if isinstance(content, str) else content.decode("latin-1")).split("\n")
-    if len(lines) > MOST_LINES:
-        raise Card(MOST_LINES + 1, "", file).refused(beyond(len(lines), "lines", MOST_LINES))
-    for place, line in enumerate(lines, 1):
-        if len(line) > LONGEST:
-            reason = beyond(len(line), "characters in a line", LONGEST)
-            raise Card(place, "", file).refused(reason)
-    return lines
+def logical_lines(text: str, file: str | Path = "netlist", *, title: bool = False) -> Lines:
+    r"""Return the logical lines of a file's text: no empty ones, and no commands.
 
-
-def logical_lines(content: bytes | str | Sequence[str], file: str | Path = "netlist") -> list[Card]:
-    r"""Return the logical lines of a file, of its text, or of its lines, without empty ones.
-
-    Refuse a character that is not accepted outside of comments, and what is too long.
+    A card that names a file has its text as it stands, any other one is in lower case. The first
+    line may be a `title`. Refuse too many lines, what is too long, and a character that is not
+    accepted outside of comments.
 
     Examples
     --------
-    >>> logical_lines(b"* title\nR1 a b 1K ; load\n+ tc1=0\n")
+    >>> logical_lines("* title\nR1 a b 1K ; load\n+ tc1=0\n").cards
     [Card(number=2, text='r1 a b 1k tc1=0', file='netlist')]
     """
-    found, length = list[tuple[int, list[str]]](), 0
-    raw = physical_lines(content, file) if isinstance(content, str | bytes) else content
+    raw = text.split("\n")
+    if len(raw) > MOST_LINES:
+        raise Card(MOST_LINES + 1, "", file).refused(beyond(len(raw), "lines", MOST_LINES))
+    if title and not raw[0].lstrip().startswith((".", "*")):
+        raw[0] = ""  # whatever it says
+    found, commands, unusual = list[tuple[int, list[str]]](), 0, list[int]()
+    inside = left = False
     for place, each in enumerate(raw, 1):
+        if len(each) > LONGEST:
+            reason = beyond(len(each), "characters in a line", LONGEST)
+            raise Card(place, "", file).refused(reason)
         # 0x1A ends a file of DOS; joined files have it between them.
-        line = each.strip("\x1a").rstrip("\r").replace("\t", " ").strip(" ").lower()
+        line = each.strip("\x1a").rstrip("\r").replace("\t", " ").strip(" ")
+        word = line.split(" ", maxsplit=1)[0].lower()
+        if inside or word == ".control":
+            inside = word != ".endc"
+            commands += 1
+            continue
         if line.startswith("*"):
             continue
-        line = _ENDS.sub(".ends", line)
+        left = word in LEFT or (left and word.startswith("+"))
+        if word in FILES and file_of(line):
+            found.append((place, [line]))
+            continue
+        if left:
+            line = _STRANGE.sub(" ", line)
+        elif line.startswith(_UNUSUAL):
+            unusual.append(place)
+            continue
+        line = _ENDS.sub(".ends", _QUOTED.sub(_braced, line).lower())
         if comment := _COMMENT.search(line):
             line = line[: comment.start()]
         if wrong := ALLOWED.sub("", line, count=1):
@@ -99,14 +139,36 @@ def logical_lines(content: bytes | str | Sequence[str], file: str | Path = "netl
             if not found:
                 raise Card(place, "", file).refused("a continuation of no line")
             found[-1][1].append(line[1:].strip())
-            length += 1 + len(found[-1][1][-1])
         elif line:
             found.append((place, [line]))
-            length = len(line)
-        if length > LONGEST:
-            text = beyond(length, "characters in a line with its continuations", LONGEST)
-            raise Card(found[-1][0], "", file).refused(text)
-    return [Card(begin, " ".join(parts), file) for begin, parts in found]
+    cards = [Card(begin, " ".join(parts), file) for begin, parts in found]
+    for card in cards:
+        if len(card.text) > LONGEST:
+            what = "characters in a line with its continuations"
+            raise Card(card.number, "", file).refused(beyond(len(card.text), what, LONGEST))
+    return Lines(len(raw), cards, tuple(_remarks(Path(file).name, unusual, commands)))
+
+
+def _remarks(name: str, unusual: Sequence[int], commands: int) -> Iterator[str]:
+    if unusual:
+        more = f" and {len(unusual) - 1} more" if len(unusual) > 1 else ""
+        place = f"{name}: line {unusual[0]}{more}"
+        yield f"{place}: begins with no letter, so that it is a comment, as in ngspice"
+    if commands:
+        yield f"{name}: {commands} lines of commands (.control) do not run"
+
+
+def _braced(match: re.Match[str]) -> str:
+    """Return an expression in quotes in braces, with parentheses for those in it."""
+    return "{" + match[1].replace("{", "(").replace("}", ")") + "}"
+
+
+def file_of(line: str) -> tuple[str, str] | None:
+    """Return the name of the file in a card, and the section of a library; None without one."""
+    if match := _FILE.fullmatch(line) or _SPACED.fullmatch(line):
+        name = next(filter(None, match.groups()[:3]), "")
+        return name.replace("\\", "/"), (match[4] or "").lower()
+    return None
 
 
 def subcircuits(

@@ -53,10 +53,13 @@ def stored_subcircuit(lines: Sequence[str], name: str, prefix: str) -> Subcircui
 
     Its name gets a `prefix`.
     """
-    cards = logical_lines("\n".join(lines))
+    found = logical_lines("\n".join(lines))
+    cards = found.cards
     words = [card.text.split() for card in (*cards[:1], *cards[-1:])]
     if not words or words[0][:2] != [".subckt", name] or words[-1][0] != ".ends":
         raise Card(1, "", "netlist").refused(f"expected a whole subcircuit {name!r}")
+    if found.remarks:
+        raise cards[0].refused(found.remarks[0])
     if len(cards) > MOST_CARDS:
         raise cards[-1].refused(beyond(len(cards), "cards", MOST_CARDS))
     for card in cards[1:-1]:

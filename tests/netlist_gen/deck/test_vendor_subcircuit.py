@@ -24,7 +24,7 @@ VENDOR = Path(__file__).parents[2] / "data" / "fet100.cir"
 @pytest.mark.parametrize(
     ("body", "reason"),
     [
-        ("r1 a b 1k\n.control\nshell touch /tmp/x\n.endc", "card '.control' is not accepted"),
+        ("r1 a b 1k\n.control\nshell touch /tmp/x\n.endc", "lines of commands"),
         (".include other.cir", "card '.include'"),
         (".options klu", "card '.options'"),
         (".param half=0.5", "card '.param'"),

@@ -140,9 +140,9 @@ def test_tolerances_leave_the_netlist_as_it_is(write: Callable[..., Scene]) -> N
         ({}, {"design": {"opamp": {"file": "x", "gbw": 1e6}}}, "'file' excludes 'gbw'"),
         ({}, {"design": {"opamp": {"file": "gone.json"}}}, "gone.json.*No such file"),
         (
-            {"netlist": [".subckt m_fet100 a", ".control", ".ends"]},
+            {"netlist": [".subckt m_fet100 a", ".options", ".ends"]},
             {},
-            "card '.control'",
+            "card '.options'",
         ),
         ({"pins": ["inp", "inn"]}, {}, "one role for each of the 5 ports"),
         ({"taction_opamp": 4}, {}, "taction_opamp = 4: expected 3"),
