@@ -377,7 +377,12 @@ def diff(
     >>> [(key.key, key.first, key.second) for key in found.keys]
     [('Cc_4', 1e-11, 2e-11)]
     """
-    from taction.verification.studies.compared_files import is_circuit, refuse_pair
+    from taction.verification.studies.difference import (
+        compare_verdicts,
+        is_circuit,
+        refuse_pair,
+        stored_verdict,
+    )
 
     refuse_pair(first, second)
     if is_circuit(first) or is_circuit(second):
@@ -387,7 +392,6 @@ def diff(
         return compare_circuits(first, second, agree)
     from taction.system.documents import plain
     from taction.verification.reference.lambda_rule import read_scene
-    from taction.verification.studies.difference import compare_verdicts, stored_verdict
     from taction.verification.verdict.verify import Verdict
 
     def document(one: str | Path | Scene | Verdict) -> tuple[dict[str, Any], Curves | None]:

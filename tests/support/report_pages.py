@@ -167,7 +167,7 @@ def swept(*over: str) -> SweepResult:
         )
         for place in range(plan.points)
     }
-    store, count = Store(":memory:"), SweepCounts(plan.points, done=plan.points)
+    store, count = Store(":memory:"), SweepCounts(plan.points)
     store_records(plan, store, stored)
     count.outcomes.update(record.outcome for record in stored.values())
     return SweepResult(plan, store, count)

@@ -29,12 +29,14 @@ from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.readings.measurements import measure as measure_record
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.board_checks import record_of
-from taction.verification.studies.compared_files import RECORDS, ends_with, is_circuit
 from taction.verification.studies.difference import (
     CHANNEL_FIGURES,
     FIGURES,
+    RECORDS,
     StoredKey,
     VerdictDifference,
+    ends_with,
+    is_circuit,
     key_differences,
 )
 from taction.verification.studies.foreign_board import ForeignBoard, read_board
@@ -145,9 +147,7 @@ def _with_record(
         _apart(time, node, pair, allowed) for node, *pair in zip(shared, one.T, two.T, strict=True)
     )
     curves = (lambda: (time, one)), (lambda: (time, two))
-    return VerdictDifference(
-        *names, None, (*apart, *readings), shared, notes, curves, has_record=True
-    )
+    return VerdictDifference(*names, None, (*apart, *readings), shared, notes, curves)
 
 
 def _board(given: Place) -> ForeignBoard:

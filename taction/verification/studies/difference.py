@@ -1,7 +1,7 @@
 """The difference of two boards: keys of their scenes or their parts, then readings with bounds.
 
 Both bounds of a reading are bounds, not standard deviations, so their sum bounds the error of a
-difference. A verdict may be a file that `taction verify SCENE --json` wrote, also an older one.
+difference. A verdict may be a file that `taction verify SCENE --json` wrote.
 """
 
 from __future__ import annotations
@@ -9,10 +9,11 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+from taction.netlist_gen.scene.loading import read_toml
 from taction.system.array_types import Floats
 from taction.system.documents import Inline, read
 from taction.system.errors import Complaint, InputError
@@ -28,7 +29,13 @@ Value = bool | int | float | str
 Curves = Callable[[], tuple[Floats, Floats] | None]
 """Returns instants (P,), s, and outputs (P, N), V; None where they cannot be drawn."""
 
-ACCEPTED = "the document of one verdict, from `taction verify SCENE --json`"
+DECKS = (".cir", ".ckt", ".cki", ".sp", ".spice", ".net", ".asc")
+RECORDS = (".raw",)
+DOCUMENT = "the document of one verdict, from `taction verify SCENE --json`"
+ACCEPTED = (
+    "a scene (.toml; `taction new` writes one), a deck (.cir), the raw file of one transient (.raw)"
+    " or a stored verdict (.json)"
+)
 FIGURES = ("growth_rate", "frequency", "step_amplitude")
 CHANNEL_FIGURES = ("equilibrium", *READINGS)
 
@@ -53,7 +60,7 @@ class VerdictDifference(Result):
     first, second : str
         How they are called.
     keys : tuple of KeyDifference, or None
-        What differs in their scenes, or in the parts of their decks; None where one has neither.
+        What differs in their scenes, or in the parts of their decks; None beside a raw file.
     readings : tuple of Difference
         Every reading of either.
     outputs : tuple of str
@@ -62,8 +69,6 @@ class VerdictDifference(Result):
         What was done with a deck.
     curves : tuple of callable or None
         Instants (P,), s, and outputs (P, N), V, of each; None of a stored verdict.
-    has_record : bool
-        Whether one of them is the record of a raw file.
     """
 
     VIEW = "taction.verification.report.views.difference:view"
@@ -76,7 +81,6 @@ class VerdictDifference(Result):
     outputs: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     curves: tuple[Curves | None, Curves | None] = (None, None)
-    has_record: bool = False
 
     @property
     def exit_status(self) -> int:
@@ -92,9 +96,8 @@ def compare_verdicts(
     curves: tuple[Curves | None, Curves | None] = (None, None),
 ) -> VerdictDifference:
     """Return the differences of two documents; `names` are those of their files."""
-    keys, one, two = None, read(_StoredVerdict, first), read(_StoredVerdict, second)
-    if one.keys is not None and two.keys is not None:
-        keys = tuple(key_differences(one.keys, two.keys))
+    one, two = (read(_StoredVerdict, document) for document in (first, second))
+    keys = tuple(key_differences(one.keys, two.keys))
     readings = compare(
         one.record,
         two.record,
@@ -117,7 +120,7 @@ class StoredKey:
 @dataclass(frozen=True, slots=True)
 class _StoredStability:
     rightmost_pole: tuple[float, float]
-    rightmost_pole_uncertainty: float | None = None
+    rightmost_pole_uncertainty: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,21 +128,21 @@ class _StoredChannel:
     index: int
     state: str
     figures: Annotated[dict[str, float | None], Inline(dict.fromkeys(CHANNEL_FIGURES, ""))]
-    uncertainties: dict[str, float | None] = field(default_factory=dict)
+    uncertainties: dict[str, float | None]
 
 
 @dataclass(frozen=True, slots=True)
 class _StoredVerdict:
-    """What is compared of the document of a verdict, of version 1 or 2."""
+    """What is compared of the document of a verdict."""
 
     outcome: str
     checks: tuple[Check, ...]
     channels: tuple[_StoredChannel, ...]
     step_amplitude: float | None
     stability: _StoredStability
-    engine: str = ""
-    step_amplitude_uncertainty: float | None = None
-    keys: dict[str, StoredKey] | None = None
+    engine: str
+    step_amplitude_uncertainty: float | None
+    keys: dict[str, StoredKey]
 
     @property
     def record(self) -> Record:
@@ -168,11 +171,6 @@ class _StoredVerdict:
         )
 
 
-def document_record(document: Document) -> Record:
-    """Return the record of a verdict's document; a `ValueError` names the place of a mistake."""
-    return read(_StoredVerdict, document).record
-
-
 def key_differences(
     first: Mapping[str, StoredKey], second: Mapping[str, StoredKey]
 ) -> Iterator[KeyDifference]:
@@ -192,16 +190,51 @@ def stored_verdict(path: str | Path) -> dict[str, Any]:
     try:
         document = json.loads(read_bounded(path, LARGEST))
     except UnusableFileError as error:
-        raise InputError(path, Complaint("file", "", f"{error}; expected {ACCEPTED}")) from None
+        raise InputError(path, Complaint("file", "", f"{error}; expected {DOCUMENT}")) from None
     except (ValueError, RecursionError) as error:
-        raise InputError(path, Complaint("JSON", "", f"{error}; expected {ACCEPTED}")) from None
+        raise InputError(path, Complaint("JSON", "", f"{error}; expected {DOCUMENT}")) from None
     if isinstance(document, dict) and "verdicts" in document:
-        text = f"holds the verdicts of several scenes; expected {ACCEPTED}"
+        text = f"holds the verdicts of several scenes; expected {DOCUMENT}"
         raise InputError(path, Complaint("verdicts", "", text))
     try:
-        document_record(document)
+        read(_StoredVerdict, document)
     except (ValueError, OverflowError) as error:
         place, _, what = str(error).rpartition(": ")
-        text = f"{what}; expected {ACCEPTED}"
+        text = f"{what}; expected {DOCUMENT}"
         raise InputError(path, Complaint(place or "JSON", "", text)) from None
     return dict(document)
+
+
+def is_circuit(given: object) -> bool:
+    """Return whether something is a file of a deck, or of a record of waveforms, by its ending."""
+    return ends_with(given, (*DECKS, *RECORDS))
+
+
+def ends_with(given: object, endings: tuple[str, ...]) -> bool:
+    """Return whether something is a file with one of these endings."""
+    return isinstance(given, str | Path) and Path(given).suffix.lower() in endings
+
+
+def refuse_pair(first: object, second: object) -> None:
+    """Refuse two things that cannot be compared.
+
+    Raises
+    ------
+    InputError
+        Two records, a stored verdict beside a deck or a record, or a file that is none of them.
+    """
+    for given, other in ((first, second), (second, first)):
+        if ends_with(given, (".json",)) and is_circuit(other):
+            text = f"a stored verdict has no circuit to compare with {other}; expected its scene"
+            raise InputError(str(given), Complaint("file", "", text))
+    if ends_with(first, RECORDS) and ends_with(second, RECORDS):
+        text = "a second record; expected the scene or the deck of the board (.toml, .cir)"
+        raise InputError(str(second), Complaint("file", "", text))
+    for given in (first, second):
+        if isinstance(given, str | Path):
+            path = Path(given)
+            if not path.is_file() and path.suffix.lower() != ".asc":
+                text = f"No such file or directory; expected {ACCEPTED}"
+                raise InputError(path, Complaint("file", "", text))
+            if not ends_with(given, (*DECKS, *RECORDS, ".json")):
+                read_toml(path, ACCEPTED)

@@ -73,10 +73,8 @@ def _summary(difference: VerdictDifference) -> str:
 
 
 def _keys(difference: VerdictDifference) -> Block:
-    if difference.has_record:
-        return Notes("", ("parts: not compared; a record has none",))
     if difference.keys is None:
-        return Notes("", ("keys: unknown; a document of an older taction has none",))
+        return Notes("", ("parts: not compared; a record has none",))
     if not difference.keys:
         return Notes("", ("keys: no difference",))
     columns = {
