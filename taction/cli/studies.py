@@ -109,7 +109,7 @@ CHOOSE = Command(
     function="choose",
     outputs=(picture("maps of C and gain for every op-amp"), REPORT),
     before=_choice_database,
-    files=lambda found, call: found.written.values(),
+    files=lambda found, call: [one.file for one in found.best if one.file],
     parameters=(
         SCENE,
         option("settling", metavar="TIME"),

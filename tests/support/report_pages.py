@@ -15,8 +15,8 @@ from taction.system.charts import Axis, Chart, Curve
 from taction.system.errors import InputError
 from taction.verification.design.choice_plan import ChoiceRequest, choice_plan
 from taction.verification.design.choose import (
+    BestDesign,
     Choice,
-    Confirmation,
     best_designs,
     design_scene,
     designs,
@@ -188,11 +188,10 @@ def _choice(settling: str = "1ms") -> Page:
             store.put(point.key, result)
         ranked = designs(plan, store)
     best = best_designs(ranked)
-    reading = best[0].settling_time if best else None
-    said = [Confirmation(Outcome.PASS, reading, "") for _ in best[:1]]
-    said += [Confirmation(None, None, HOSTILE) for _ in best[1:]]
     verdict = verify(design_scene(plan, asked, best[0], 1)) if best else None
-    return choose.view(Choice(asked, ranked, best, said, (), {}), verdict)
+    said = [BestDesign(one, asked, Outcome.PASS) for one in best[:1]]
+    said += [BestDesign(one, asked, None, HOSTILE) for one in best[1:]]
+    return choose.view(Choice(asked, ranked, said), verdict)
 
 
 def _setting(method: Method, setting: float, k: int) -> SettingResult:

@@ -24,8 +24,7 @@ from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import Complaint, EngineError, InputError, NoVerdictError
-from taction.system.quantities import fraction, number
-from taction.verification.design.ranges import SearchRange
+from taction.verification.design.nearest import SearchRange
 from taction.verification.design.scaling import SHARE, SMALLER, rescaled
 from taction.verification.design.trials import at_small_signal
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -69,46 +68,10 @@ class ChoiceRequest:
     points: int = POINTS
     limits: Point | None = None
 
-
-def request_of(
-    opamps: str | Sequence[str],
-    capacitances: str,
-    gains: str,
-    points: int,
-    **limits: str | float | None,
-) -> ChoiceRequest:
-    """Return what is asked for, from the arguments of `taction.choose`.
-
-    Raises
-    ------
-    InputError
-        The overshoot or the margin is no number.
-    """
-    names = [name.strip() for name in (opamps.split(",") if isinstance(opamps, str) else opamps)]
-    numbers = ("overshoot", "margin")
-    values = {
-        path: _number(f"--{name}", limits[name]) if name in numbers else limits[name]
-        for name, path in LIMITS.items()
-    }
-    return ChoiceRequest(
-        opamps=[*filter(None, names)],
-        capacitances=capacitances,
-        gains=gains,
-        points=points,
-        limits={path: value for path, value in values.items() if value is not None},
-    )
-
-
-def _number(option: str, given: str | float | None) -> float | None:
-    """Read a number; of the overshoot also a share in percent."""
-    if given is None:
-        return None
-    text = str(given).strip()
-    try:
-        return fraction(text) if option == "--overshoot" else number(text)
-    except ValueError:
-        complaint = Complaint("value", repr(given), "expected a number, such as 0.05 or 5%")
-        raise InputError(option, complaint) from None
+    @property
+    def names(self) -> Sequence[str]:
+        """The presets."""
+        return self.opamps or [name for name, o in OPAMPS.items() if math.isfinite(o.gbw)]
 
 
 def choice_plan(scene: Scene, request: ChoiceRequest) -> Plan:
@@ -135,21 +98,20 @@ def choice_plan(scene: Scene, request: ChoiceRequest) -> Plan:
     >>> plan.shape, sorted(set(plan.axes[1].values))
     ((18,), [1e-11, 2e-11, 4e-11])
     """
-    base = choice_base(scene, request)
+    base = _base(scene, request)
     rows: list[dict[str, Value]] = []
-    for opamp in dict.fromkeys(_names(request)):
+    for opamp in dict.fromkeys(request.names):
         rows += _rows(with_values(base, {OPAMP: opamp}), request)
     own = {path: _own(base, path) for path in NAMES}
-    held = {path for path in NAMES if all(row.get(path, own[path]) == own[path] for row in rows)}
-    kept = [path for path in NAMES if path in (OPAMP, *base_keys(base)) or path not in held]
     axes = []
-    for path in kept:
+    for path, name in NAMES.items():
         values = tuple(row.get(path, own[path]) for row in rows)
-        axes.append(SweepAxis(find_key(base, path), NAMES[path], values, "list"))
+        if path in (OPAMP, *searched_keys(base)) or any(value != own[path] for value in values):
+            axes.append(SweepAxis(find_key(base, path), name, values, "list"))
     return Plan(at_small_signal(base), [axes], "statespace")
 
 
-def base_keys(scene: Scene) -> tuple[str, str]:
+def searched_keys(scene: Scene) -> tuple[str, str]:
     """Return the two keys that the topology of a scene searches."""
     return topology_of(scene).searched
 
@@ -160,63 +122,22 @@ def _own(scene: Scene, path: str) -> Value:
     return scene.design.unit_conductance if value is None else value
 
 
-def _rows(start: Scene, request: ChoiceRequest) -> Iterator[dict[str, Value]]:
-    """Yield the designs of one op-amp: every pair of the two keys that it searches."""
-    paths = base_keys(start)
-    texts = {CAPACITANCE: request.capacitances, GAIN: request.gains}
-    options = {CAPACITANCE: "--c-range", GAIN: "--gain-range"}
-    if GAIN in paths:
-        start = _with_a_gain(start)
-        start = _with_own_scale(start) if not request.gains else start
-    design = start.design
-    own: dict[str, Value] = {
-        OPAMP: design.opamp.base, G0: design.unit_conductance, U0: design.unit_voltage,
-        GAIN: design.gain, CAPACITANCE: design.capacitance,
-    }  # fmt: skip
-    lists = [
-        _values(start, path, options.get(path, "--points"), texts.get(path, ""), request.points)
-        for path in paths
-    ]
-    for pair in product(*lists):
-        yield {**own, **dict(zip(paths, pair, strict=True))}
+def _base(scene: Scene, request: ChoiceRequest) -> Scene:
+    """Return the scene with the limits, a number for lambda, and an op-amp for its supply.
 
-
-def _with_a_gain(scene: Scene) -> Scene:
-    """Return a scene that gives no gain with the one at which R has the same value."""
-    lam = scene.design.lam
-    if "gain" in scene.design.model_fields_set or not isinstance(lam, int | float):
-        return scene
-    return with_values(scene, {GAIN: 1.0 / (math.sqrt(lam) * scene.design.unit_conductance)})
-
-
-def _names(request: ChoiceRequest) -> Sequence[str]:
-    return request.opamps or [name for name, o in OPAMPS.items() if math.isfinite(o.gbw)]
-
-
-def choice_base(scene: Scene, request: ChoiceRequest) -> Scene:
-    """Return the scene with the limits of a request, its lambda, and an op-amp for its supply.
-
-    Lambda is a number, and the op-amp the first of the request that works at the supply.
-
-    Raises
-    ------
-    InputError
-        An op-amp is unknown, a limit is no value of its key, or no op-amp works at the supply.
+    The op-amp is the first of the request that works at the supply.
     """
-    lam = ideal_network(make_problem(scene), scene).lam
-    limits = {path: value for path, value in (request.limits or {}).items() if value is not None}
+    limits = dict(request.limits or {})
     for option, path in LIMITS.items():
         if path in limits:
             tried(scene, {path: limits[path]}, f"--{option}")
     for name in request.opamps:
         refuse_unknown(name, "--opamps")
-    changed = {
-        **limits,
-        **({"design.lambda": lam} if lam > 0.0 else {}),
-        ERRORS: scene.design.opamp.input_errors,
-    }
+    lam = ideal_network(make_problem(scene), scene).lam
+    held = {"design.lambda": lam} if lam > 0.0 else {}
+    changed = {**limits, **held, ERRORS: scene.design.opamp.input_errors}
     refused = list[InputError]()
-    for name in _names(request):
+    for name in request.names:
         base = with_values(scene, {**changed, "design.opamp": name})
         try:
             choose_opamp(base)
@@ -227,15 +148,35 @@ def choice_base(scene: Scene, request: ChoiceRequest) -> Scene:
     raise refused[0]
 
 
-def _values(scene: Scene, path: str, option: str, text: str, points: int) -> tuple[float, ...]:
+def _rows(start: Scene, request: ChoiceRequest) -> Iterator[dict[str, Value]]:
+    """Yield the designs of one op-amp: every pair of the two keys that it searches."""
+    paths, lam = searched_keys(start), start.design.lam
+    if GAIN in paths:
+        if "gain" not in start.design.model_fields_set and isinstance(lam, int | float):
+            gain = 1.0 / (math.sqrt(lam) * start.design.unit_conductance)  # R has the same value
+            start = with_values(start, {GAIN: gain})
+        start = start if request.gains else _with_own_scale(start)
+    design = start.design
+    own: dict[str, Value] = {
+        OPAMP: design.opamp.base, G0: design.unit_conductance, U0: design.unit_voltage,
+        GAIN: design.gain, CAPACITANCE: design.capacitance,
+    }  # fmt: skip
+    for pair in product(*(_values(start, path, request) for path in paths)):
+        yield {**own, **dict(zip(paths, pair, strict=True))}
+
+
+def _values(scene: Scene, path: str, request: ChoiceRequest) -> tuple[float, ...]:
+    option = {CAPACITANCE: "--c-range", GAIN: "--gain-range"}.get(path, "--points")
+    text = {CAPACITANCE: request.capacitances, GAIN: request.gains}.get(path, "")
     found = SearchRange.around(scene, path, AROUND)
     if text and found is not None:
         low, high = read_ends(scene, path, text, option)
         found = replace(found, low=low, high=high)
-    if found is None or not (0.0 < found.low <= found.high and 1 <= points <= MOST_POINTS):
+    usable = found is not None and 0.0 < found.low <= found.high
+    if found is None or not (usable and 1 <= request.points <= MOST_POINTS):
         accepted = f"expected LOW:HIGH above zero, and 1 to {MOST_POINTS} points"
         raise InputError(option, Complaint(path, repr(text), accepted))
-    return found.values(points)
+    return found.values(request.points)
 
 
 def _with_own_scale(scene: Scene) -> Scene:

@@ -15,25 +15,32 @@ from pathlib import Path
 
 from taction.netlist_gen.board.part_warnings import ANY_PART, AcceptedParts
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.axes import LIMITS, with_values
 from taction.netlist_gen.scene.checks import Checks, unitless_times
 from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.questions import value_questions
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.scene.writing import write_scene
-from taction.system.errors import NoVerdictError, SimulatorNotFound, SimulatorTooOld
+from taction.system.errors import (
+    Complaint,
+    InputError,
+    NoVerdictError,
+    SimulatorNotFound,
+    SimulatorTooOld,
+)
 from taction.system.output_files import check_empty_folder, make_folder
 from taction.system.progress import Progress, ask
+from taction.system.quantities import fraction, number
 from taction.system.reading_definitions import READINGS
 from taction.system.results import RENDERERS, Result, load
 from taction.verification.design.choice_plan import (
     CAPACITANCE,
     GAIN,
     OPAMP,
-    base_keys,
+    ChoiceRequest,
     choice_plan,
-    request_of,
+    searched_keys,
 )
 from taction.verification.design.trials import KEPT, Trial, accepted_parts, broken_at_rest
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -110,33 +117,57 @@ class ChosenDesign(Trial):
 
 
 @dataclass(frozen=True, slots=True)
-class Confirmation:
-    """What ngspice says about a design; `outcome` is None without ngspice, then with `reason`."""
-
-    outcome: Outcome | None
-    settling_time: float | None
-    reason: str
-    verdict: Verdict | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class BestDesign:
-    """One of the best designs, with what ngspice says."""
+    """One of the best designs, with what ngspice says.
+
+    Attributes
+    ----------
+    design : ChosenDesign
+        Its place and its figures by the state-space engine.
+    scene : Scene
+        To be written, with the op-amp's level of the original scene.
+    outcome : Outcome or None
+        Of ngspice; None without ngspice, then with a `reason`.
+    verdict : Verdict or None
+        Of ngspice.
+    file : str or None
+        The scene file that was written.
+    """
 
     DOCUMENT = (
-        *("* = design", "ngspice = said.outcome", "ngspice_settling_time [s] = said.settling_time"),
-        *("ngspice_reason = said.reason", "file"),
+        *("* = design", "ngspice = outcome", "ngspice_settling_time [s] = settling_time"),
+        *("ngspice_reason = reason", "file"),
         "yield_at_most # of the built boards, by the place of rest alone, to first order",
     )
 
     design: ChosenDesign
-    said: Confirmation
-    file: str | None
+    scene: Scene
+    outcome: Outcome | None
+    reason: str = ""
+    verdict: Verdict | None = None
+    file: str | None = None
+
+    @classmethod
+    def of(cls, design: ChosenDesign, scene: Scene, file: str | None = None) -> BestDesign:
+        """Return a design with what ngspice says about its scene."""
+        try:
+            verdict = verify(scene.with_engine("ngspice"))
+        except (SimulatorNotFound, SimulatorTooOld) as error:
+            return cls(design, scene, None, str(error), file=file)
+        except NoVerdictError as error:
+            return cls(design, scene, Outcome.INCONCLUSIVE, str(error), file=file)
+        return cls(design, scene, verdict.outcome, decisive_reason(verdict), verdict, file)
+
+    @property
+    def settling_time(self) -> float | None:
+        """The settling time by ngspice, s."""
+        reading = None if self.verdict is None else self.verdict.measurements.settling_time
+        return None if reading is None else reading.value
 
     @property
     def yield_at_most(self) -> float | None:
         """Bound on the yield under the tolerances of the scene; None where nothing says it."""
-        return None if self.said.verdict is None else self.said.verdict.answer.yield_at_most
+        return None if self.verdict is None else self.verdict.answer.yield_at_most
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,37 +180,21 @@ class Choice(Result):
         The scene as it was.
     designs : sequence of ChosenDesign
         All designs of the grid, the best first.
-    best : sequence of ChosenDesign
+    best : sequence of BestDesign
         Those that ngspice has verified.
-    confirmations : sequence of Confirmation
-        What ngspice says about each of them.
-    scenes : sequence of Scene
-        The scene of each of them.
-    written : mapping of int to str
-        Their files by place of the grid.
     """
 
     VIEW = f"{VIEWS}:view"
-    DOCUMENT = ("designs", "best = chosen")
+    DOCUMENT = ("designs", "best")
 
     scene: Scene = field(repr=False)
     designs: Sequence[ChosenDesign] = field(repr=False)
-    best: Sequence[ChosenDesign] = field(repr=False)
-    confirmations: Sequence[Confirmation] = field(repr=False)
-    scenes: Sequence[Scene] = field(repr=False)
-    written: Mapping[int, str]
-
-    @property
-    def chosen(self) -> tuple[BestDesign, ...]:
-        """The best designs with what ngspice says, and their files."""
-        pairs = zip(self.best, self.confirmations, strict=True)
-        return tuple(BestDesign(one, said, self.written.get(one.place)) for one, said in pairs)
+    best: Sequence[BestDesign] = field(repr=False)
 
     @property
     def outcome(self) -> str:
         """``pass`` if ngspice contradicts not every one of the best, else ``fail``."""
-        said = self.confirmations
-        outcomes = {"pass" if c.outcome is None else c.outcome.value for c in said}
+        outcomes = {"pass" if one.outcome is None else one.outcome.value for one in self.best}
         return next((name for name in ("pass", "inconclusive") if name in outcomes), "fail")
 
     def report(self, path: str | Path) -> None:
@@ -204,7 +219,7 @@ def designs(plan: Plan, store: Store, accepted: AcceptedParts | None = None) -> 
             scene = with_values(plan.scene, point.values)
             refused = accepted.refused(broken_at_rest(LinearBoard(synthesise(scene, problem))))
         shares = dict(_shares(record, plan.scene.checks)) if record.stable else {}
-        keys = base_keys(plan.scene)
+        keys = searched_keys(plan.scene)
         found.append(ChosenDesign(dict(point.values), record, refused, point.place, shares, keys))
     return sorted(found, key=lambda design: design.rank)
 
@@ -246,19 +261,6 @@ def best_designs(ranked: list[ChosenDesign], count: int = BEST) -> list[ChosenDe
     chosen = list(first.values())[:count]
     chosen += [design for design in good if design not in chosen][: count - len(chosen)]
     return chosen
-
-
-def confirmed(scene: Scene) -> Confirmation:
-    """Return what ngspice says about a scene."""
-    try:
-        verdict = verify(scene.with_engine("ngspice"))
-    except (SimulatorNotFound, SimulatorTooOld) as error:
-        return Confirmation(None, None, str(error))
-    except NoVerdictError as error:
-        return Confirmation(Outcome.INCONCLUSIVE, None, str(error))
-    reading = verdict.measurements.settling_time
-    settling = None if reading is None else reading.value
-    return Confirmation(verdict.outcome, settling, decisive_reason(verdict), verdict)
 
 
 def choose(
@@ -354,27 +356,46 @@ def choose(
     if output is not None:
         check_empty_folder(output)
     original = read_scene(scene)
-    request = request_of(
-        opamps, c_range, gain_range, points,
-        settling=settling, rise=rise, overshoot=overshoot, noise=noise, margin=margin,
-        supply=supply,
-    )  # fmt: skip
+    limits = {
+        "settling": settling, "rise": rise, "noise": noise, "supply": supply,
+        "overshoot": _number("--overshoot", overshoot), "margin": _number("--margin", margin),
+    }  # fmt: skip
+    names = opamps.split(",") if isinstance(opamps, str) else opamps
+    request = ChoiceRequest(
+        opamps=[name.strip() for name in names if name.strip()],
+        capacitances=c_range,
+        gains=gain_range,
+        points=points,
+        limits={LIMITS[name]: value for name, value in limits.items() if value is not None},
+    )
     plan = choice_plan(original, request)
     times = {"settling_time": settling, "rise_time": rise}
     ask(_limit_questions(original, plan.scene, times), progress)
     with Store(":memory:" if store is None else str(store)) as results:
         computed(plan, results, jobs=jobs, cluster=cluster, progress=progress)
         ranked = designs(plan, results, ANY_PART if any_part else None)
-    best = best_designs(ranked)
-    scenes = [design_scene(plan, original, design, k) for k, design in enumerate(best, 1)]
-    said = [confirmed(one) for one in scenes]
-    files = {}
+    best = []
+    for rank, design in enumerate(best_designs(ranked), 1):
+        one = design_scene(plan, original, design, rank)
+        file = None if output is None else str(Path(output) / f"{one.name}.toml")
+        best.append(BestDesign.of(design, one, file))
     if output is not None:
         make_folder(output)
-        for design, one in zip(best, scenes, strict=True):
-            files[design.place] = str(Path(output) / f"{one.name}.toml")
-            write_scene(one, files[design.place])
-    return Choice(original, ranked, best, said, scenes, files)
+        for each in best:
+            write_scene(each.scene, str(each.file))
+    return Choice(original, ranked, best)
+
+
+def _number(option: str, given: str | float | None) -> float | None:
+    """Read a number; of the overshoot also a share in percent."""
+    if given is None:
+        return None
+    text = str(given).strip()
+    try:
+        return fraction(text) if option == "--overshoot" else number(text)
+    except ValueError:
+        complaint = Complaint("value", repr(given), "expected a number, such as 0.05 or 5%")
+        raise InputError(option, complaint) from None
 
 
 def _limit_questions(

@@ -8,7 +8,7 @@ a movement of the hand and runs in a process of its own.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,19 +17,20 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, TactionError
-from taction.system.quantities import show, show_rate
-from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
+from taction.system.quantities import show, show_rate, spaced
+from taction.verification.design.explorer_settings import Control, Settings, Start
+from taction.verification.design.trials import BARE
+from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
 from taction.verification.reference.ideal_answer import ideal_network
-from taction.verification.reference.problem import Solution
 from taction.verification.reference.solve import solve
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.margin import stable_values
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.headroom import PartLoads, describe
-from taction.verification.verdict.record import Record
+from taction.verification.verdict.record import ERROR, Record
 from taction.verification.verdict.transient_plan import settled_after
 from taction.verification.verdict.verify import Effort, Verdict, verify
 
@@ -42,6 +43,8 @@ RISEN, TIMES_RISE = 0.9, 6.0  # of a channel's step; the window of the rise in t
 SEARCHED = 400  # instants at which the rise is looked for
 EARLIEST = 1e-5  # of the record: the first of them
 
+CELLS = 9  # of a slider: one verdict in the middle of each
+ON_THE_AXIS = "a pole is so close to the axis that rounding decides whether the board is stable"
 GROWS = "the board is unstable: the smallest disturbance {how}, until the op-amps limit it"
 LIMITED = (
     "the curves show the linear board, and its op-amps cannot follow: {load}. The verdict is of"
@@ -51,14 +54,9 @@ LIMITED = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplorerCurves:
-    """Outputs of every channel.
+    """Outputs of every channel: `time` (P,), s, and `outputs` (P, N), V.
 
-    Attributes
-    ----------
-    time, outputs : ndarray (P,) and (P, N)
-        s and V.
-    rise, stop : float
-        Ends of the window of the first rise and of the whole record, s.
+    `rise` and `stop` are the ends of the window of the first rise and of the whole record, s.
     """
 
     time: Floats
@@ -69,37 +67,21 @@ class ExplorerCurves:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearResponse:
-    """The step response of a linear board of some channels, at any instant.
-
-    Attributes
-    ----------
-    rise, stop : float
-        As in `ExplorerCurves`.
-    """
+    """The step response of a linear board of some channels, at any instant."""
 
     solution: Exact
     signs: Floats
     scales: TimeScales
-    rise: float
+    rise: float  # s, as in `ExplorerCurves`
     stop: float
-
-    @classmethod
-    def of(
-        cls, board: LinearBoard, scales: TimeScales, stop: float, initial: Initial
-    ) -> LinearResponse:
-        """Solve a small linear board; raises `EngineError` as `exact_solution`."""
-        solution = exact_solution(board, initial=initial)
-        signs = np.array([output.sign for output in board.circuit.outputs])
-        return cls(solution, signs, scales, _rise(solution, stop), stop)
 
     def curves(self, end: float) -> ExplorerCurves:
         """Return the outputs from 0 to `end`, s, with `PER_PERIOD` points a period of ringing."""
         period = min((r.period for r in self.scales.ringing), default=math.inf)
         wanted = PER_PERIOD * end / period if period > 0.0 else 0.0
         count = int(min(max(wanted, POINTS), MOST))
-        step = end / (count - 1)
         with np.errstate(over="ignore", invalid="ignore"):
-            values = self.solution.uniform(step, count) * self.signs
+            values = self.solution.uniform(end / (count - 1), count) * self.signs
         return ExplorerCurves(np.linspace(0.0, end, count), values, self.rise, self.stop)
 
 
@@ -119,25 +101,14 @@ def _rise(solution: Exact, stop: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestView:
-    """The board at rest, beside the solution of the problem.
-
-    Attributes
-    ----------
-    rest : ndarray (N,)
-        Equilibrium of the board, V.
-    solution : Solution
-        The reference solution, with its certificate.
-    answer : AnswerError
-        How far it is from the true stress.
-    """
+    """The board at rest, beside the solution of the problem, and how far it is from the truth."""
 
     scene: Scene
     problem: InverseProblem
     board: LinearBoard
     scales: TimeScales
-    solution: Solution
     answer: AnswerError
-    rest: Floats
+    rest: Floats  # (N,), V: equilibrium of the board
 
     @property
     def targets(self) -> Floats:
@@ -157,17 +128,21 @@ class RestView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoleView:
-    """Poles of the board, and its response if it has a closed form.
-
-    Attributes
-    ----------
-    doubts : tuple of str
-        Why the response of the linear board is not that of the board.
-    """
+    """Poles of the board, and its response if it has a closed form."""
 
     poles: Poles
     response: LinearResponse | None
-    doubts: tuple[str, ...] = ()
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why the response of the linear board is not that of the board."""
+        lead = self.poles.rightmost
+        if self.poles.known_unstable:
+            how = f"grows with {show_rate(lead.real)}"
+            if lead.imag:
+                how += f" and oscillates at {show(abs(lead.imag) / math.tau, 'Hz')}"
+            return (GROWS.format(how=how),)
+        return () if self.poles.known_stable else (ON_THE_AXIS,)
 
     @property
     def state(self) -> str:
@@ -190,12 +165,11 @@ def view_rest(scene: Scene, problem: InverseProblem) -> RestView:
     board = LinearBoard(synthesise(scene, problem))
     scales = time_scales(board, initial=scene.analysis.initial)
     network = ideal_network(problem, scene)
-    solution = solve(network.problem)
     rest = np.array(
         [output.sign * board.equilibrium[output.node] for output in board.circuit.outputs]
     )
-    answer = AnswerError.of(network, solution, problem.stress)
-    return RestView(scene, problem, board, scales, solution, answer, rest)
+    answer = AnswerError.of(network, solve(network.problem), problem.stress)
+    return RestView(scene, problem, board, scales, answer, rest)
 
 
 def view_poles(view: RestView) -> PoleView:
@@ -206,30 +180,18 @@ def view_poles(view: RestView) -> PoleView:
     EngineError
         The board has no state-space form.
     """
-    found = poles(view.board)
+    found, scales, analysis = poles(view.board), view.scales, view.scene.analysis
     if not view.has_curves:
-        return PoleView(found, None, _doubts(found))
-    checks, scales = view.scene.checks, view.scales
-    if found.known_unstable:
+        return PoleView(found, None)
+    if analysis.stop != "auto":
+        stop = analysis.stop
+    elif found.known_unstable:
         stop = scales.growth_time
     else:
-        stop = settled_after(checks, scales, found.resolution)
-    if view.scene.analysis.stop != "auto":
-        stop = view.scene.analysis.stop
-    response = LinearResponse.of(view.board, scales, stop, view.scene.analysis.initial)
-    return PoleView(found, response, _doubts(found))
-
-
-def _doubts(poles: Poles) -> tuple[str, ...]:
-    lead = poles.rightmost
-    if poles.known_unstable:
-        how = f"grows with {show_rate(lead.real)}"
-        if lead.imag:
-            how += f" and oscillates at {show(abs(lead.imag) / math.tau, 'Hz')}"
-        return (GROWS.format(how=how),)
-    if not poles.known_stable:
-        return ("a pole is so close to the axis that rounding decides whether the board is stable",)
-    return ()
+        stop = settled_after(view.scene.checks, scales, found.resolution)
+    solution = exact_solution(view.board, initial=analysis.initial)
+    signs = np.array([output.sign for output in view.board.circuit.outputs])
+    return PoleView(found, LinearResponse(solution, signs, scales, _rise(solution, stop), stop))
 
 
 def view_limits(view: RestView, poles: PoleView) -> tuple[str, ...]:
@@ -267,29 +229,13 @@ def view_boundary(view: RestView, poles: PoleView, name: str, low: float, high: 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
-    """A verdict without what the page does not show.
+    """A verdict without what the page does not show."""
 
-    Attributes
-    ----------
-    record : Record
-        Of the verdict, or why there is none.
-    warnings : tuple of str
-        Remarks of the verdict.
-    engine : str
-        The simulator of the record.
-    curves : ExplorerCurves or None
-        The record.
-    difference : float or None
-        Largest difference of the two engines, fraction of the step; None if only one ran.
-    answer : AnswerError or None
-        How far the board is from the answer, and the answer from the true stress.
-    """
-
-    record: Record
+    record: Record  # of the verdict, or why there is none
     warnings: tuple[str, ...] = ()
-    engine: str = ""
+    engine: str = ""  # the simulator
     curves: ExplorerCurves | None = None
-    difference: float | None = None
+    difference: float | None = None  # of the two engines, fraction of the step
     answer: AnswerError | None = None
 
     @classmethod
@@ -299,22 +245,7 @@ class Judgement:
 
 
 def judge(scene: Scene, engine: str, budget: int) -> Judgement:
-    """Verify a scene with an engine.
-
-    Parameters
-    ----------
-    engine : str
-        ``"statespace"`` or ``"ngspice"``.
-    budget : int
-        Points of a curve, about.
-
-    Examples
-    --------
-    >>> from taction.netlist_gen.scene.loading import load_scene
-    >>> found = judge(load_scene("scenes/paper-breadboard.toml"), "statespace", 500)
-    >>> found.record.outcome, f"{found.record.value('settling_time'):.3g}"
-    ('pass', '0.00242')
-    """
+    """Verify a scene with an engine; its curves have about `budget` points."""
     try:
         verdict = verify(scene.with_engine(engine), effort=WHOLE_MARGIN)
     except TactionError as error:
@@ -351,3 +282,42 @@ def _kept(time: Floats, outputs: Floats, rise: float, budget: int) -> tuple[Floa
                 places += [begin + part.argmin(axis=0), begin + part.argmax(axis=0)]
     kept = np.unique(np.concatenate(places))
     return time[kept], outputs[kept]
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """A value of one slider; all others are as they stand."""
+
+    control: Control
+    cell: int
+    settings: Settings
+
+
+def others(control: Control, settings: Settings) -> Settings:
+    """Return what the outcomes along a slider depend on: all values but its own."""
+    values = {path: v for path, v in settings.values.items() if path != control.path}
+    return replace(settings, values=values)
+
+
+def spots(start: Start, settings: Settings) -> list[Spot]:
+    """Return the middles of the cells of all sliders, those nearest to the present values first."""
+    found = []
+    for control in start.controls:
+        here = control.place(settings.values.get(control.path, control.own))
+        for cell in range(CELLS):
+            place = (cell + 0.5) / CELLS
+            values = {**settings.values, control.path: control.chosen(place)}
+            spot = Spot(control, cell, Settings.of(start, values, settings.opamp))
+            found.append((round(CELLS * abs(place - here)), spot))
+    return [spot for _, spot in sorted(found, key=lambda each: each[0])]
+
+
+def outcome_of(scene: Scene) -> tuple[str, str]:
+    """Return the outcome of a verdict by the state-space engine, and why it is no pass."""
+    try:
+        verdict = verify(scene.with_engine("statespace"), effort=BARE)
+    except TactionError as error:
+        return ERROR, str(error).partition("\n")[0]
+    outcome = verdict.outcome
+    names = [spaced(check.name) for check in verdict.checks if check.outcome is outcome]
+    return outcome.value, "" if outcome.value == "pass" else ", ".join(names)

@@ -1,9 +1,9 @@
 """What to change on a board whose checks fail: the nearest changes that mend it, each verified.
 
-Every failed check has its own keys (`mending_keys`). Over each key the search starts from the
-scene's value and ends at the nearest value with which the state-space engine's verdict passes. What
-an unstable board needs is solved on the poles first: the search begins at the edge of the stable
-range. Where no single key mends a transient, two knobs are changed together.
+Every failed check has its own keys (`mending_keys`). Over each key one walk goes outwards from the
+scene's value to the nearest value with which the state-space engine's verdict passes. What an
+unstable board needs is solved on the poles first: the walk begins at the edge of the stable range.
+Where no single key mends a transient, two knobs are changed together.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.reading_definitions import READINGS
-from taction.verification.design.search import Searched, search_list, search_pair, search_range
+from taction.verification.design.nearest import Search, search_pair, walk
 from taction.verification.design.stable_ranges import StableRange, stable_ranges
 from taction.verification.design.trials import OPAMP, Trial, Trials, knobs_with_margin
 from taction.verification.verdict.cause import following
@@ -77,7 +77,7 @@ class Remedies:
         The nearest stable ranges of an unstable board.
     changes : tuple of Change
         Those that mend everything, else those of them that mend most, with a verdict.
-    without : tuple of Searched
+    without : tuple of Search
         The searches over keys that mend nothing.
     searched : tuple of str
         The keys that were searched, each once.
@@ -105,7 +105,7 @@ class Remedies:
     failed: tuple[str, ...]
     stability: tuple[StableRange, ...]
     changes: tuple[Change, ...]
-    without: tuple[Searched, ...]
+    without: tuple[Search, ...]
     searched: tuple[str, ...]
     cut: tuple[tuple[str, ...], ...]
     unmendable: tuple[str, ...]
@@ -146,131 +146,92 @@ def mending_keys(scene: Scene) -> dict[str, tuple[str, ...]]:
 
 
 def find_remedies(
-    verdict: Verdict,
-    work: float = LIMIT,
-    *,
-    any_part: bool = False,
+    verdict: Verdict, work: float = LIMIT, *, any_part: bool = False
 ) -> Remedies | None:
     """Return the nearest changes that mend a failed verdict; None for any other outcome.
 
     `work` and the errors are those of `taction.what_to_change`; the result is the same on every
-    machine. Seven channels: 30 to 60 designs of 20 ms.
+    machine. Seven channels: 30 to 130 verdicts of 20 ms.
     """
     failed = tuple(check.name for check in verdict.checks if check.outcome is Outcome.FAIL)
     if not failed:
         return None
     trials = Trials(verdict.scene, work, ANY_PART if any_part else None)
-    follows = following(verdict.checks)
-    causes = tuple(name for name in failed if name not in follows)
-    search = _RemedySearch(trials, failed, causes)
+    follows, keys = following(verdict.checks), mending_keys(verdict.scene)
+    knobs = knobs_with_margin(verdict.scene)
+    causes = [name for name in failed if name not in follows]
+    unmendable = tuple(name for name in failed if name not in keys)
+    paths = [] if unmendable else list(dict.fromkeys(p for name in causes for p in keys[name]))
+    unstable = verdict.poles.known_unstable and paths
+    ranges = stable_ranges(trials, knobs) if unstable else ()
+    edges = {each.path: each.edge for each in ranges if each.edge is not None}
     if verdict.parts.largest_unit_voltage is not None:
-        search.edges["design.unit_voltage"] = verdict.parts.largest_unit_voltage
-    search.run(unstable=verdict.poles.known_unstable)
-    return search.result()
+        edges["design.unit_voltage"] = verdict.parts.largest_unit_voltage
+    hopeless = [each for each in ranges if not each.found and not each.reason]
+    searches = [Search((each.path,), each.least, each.most) for each in hopeless]
+    known = {each.path for each in hopeless}
+    asked = [_search(verdict.scene, path, edges.get(path)) for path in paths if path not in known]
+    of_knobs = [search for search in asked if search is not None and search.paths[0] in knobs]
+    others = [search for search in asked if search is not None and search not in of_knobs]
+    walk(trials, of_knobs)
+    transient = all(name in ("stability", *READINGS) for name in causes)
+    if len(knobs) > 1 and transient and paths and not any(each.found for each in of_knobs):
+        pair = search_pair(trials, (knobs[0], knobs[1]))
+        of_knobs += [] if pair is None else [pair]
+    walk(trials, others)
+    searches += [*of_knobs, *others]
+    passing = [trial for search in searches for trial in search.found[:SHOWN]]
+    opamps = (t.values[OPAMP] for t in trials.tried if {OPAMP} == {*t.values} and _stable(t))
+    return Remedies(
+        failed=failed,
+        stability=ranges,
+        changes=tuple(_change(trials, failed, trial) for trial in passing or _best(trials, failed)),
+        without=tuple(each for each in searches if each.complete and not each.found),
+        searched=tuple(dict.fromkeys(path for each in searches for path in each.paths)),
+        cut=tuple(each.paths for each in searches if not each.complete),
+        unmendable=unmendable,
+        opamps=tuple(map(str, opamps)) if ranges else (),
+        trials=len(trials.tried),
+        undecided=tuple(t.reason for t in trials.tried if t.outcome == ERROR),
+        work=trials.spent,
+        limit=trials.limit,
+    )
 
 
-class _RemedySearch:
-    """A search in progress."""
+def _stable(trial: Trial) -> bool:
+    return trial.passed("stability")
 
-    def __init__(self, trials: Trials, failed: tuple[str, ...], causes: tuple[str, ...]) -> None:
-        self.trials, self.scene = trials, trials.scene
-        self.keys, self.knobs = mending_keys(self.scene), knobs_with_margin(self.scene)
-        self.failed, self.causes = failed, causes
-        self.ranges: tuple[StableRange, ...] = ()
-        self.edges: dict[str, float] = {}  # where a search begins, if not at the scene's value
-        self.searched: list[Searched] = []
-        self.passing: list[Trial] = []
 
-    @property
-    def paths(self) -> tuple[str, ...]:
-        """The keys that can mend the failed checks, each once."""
-        if any(name not in self.keys for name in self.failed):
-            return ()
-        return tuple(dict.fromkeys(path for name in self.causes for path in self.keys[name]))
+def _mended(failed: Sequence[str], trial: Trial) -> tuple[str, ...]:
+    """Return the failed checks that pass."""
+    return tuple(name for name in failed if trial.passed(name))
 
-    def run(self, *, unstable: bool) -> None:
-        """Search over every key, then over C and the gain together."""
-        paths = self.paths
-        if unstable and paths:
-            self.trials.share(2)
-            self.ranges = stable_ranges(self.trials, self.knobs)
-        known = {each.path: each for each in self.ranges}
-        self.edges |= {path: one.edge for path, one in known.items() if one.edge is not None}
-        for number, path in enumerate(paths):
-            self.trials.share(len(paths) - number + 1)
-            found = known.get(path)
-            if found is not None and not found.found and not found.reason:
-                self.searched.append(Searched((path,), None, found.least, found.most))
-                continue
-            self._over(path)
-        single = any(set(self.knobs).intersection(t.values) for t in self.passing)
-        transient = all(name in ("stability", *READINGS) for name in self.causes)
-        if len(self.knobs) > 1 and transient and not single:
-            self.trials.share(1)
-            self._keep(search_pair(self.trials, self.knobs[:2]))
-        self.trials.share(1)
 
-    def _over(self, path: str) -> None:
-        values = _listed(self.scene, path)
-        if values is None:
-            found = search_range(self.trials, path, self.edges.get(path))
-            if found is not None:
-                self._keep(found)
-            return
-        if not values:
-            return
-        listed, accepted = search_list(self.trials, path, values)
-        self.searched.append(listed)
-        self.passing += accepted[:SHOWN]
+def _best(trials: Trials, failed: Sequence[str]) -> list[Trial]:
+    """Return the first trial that mends most checks, for each set of keys."""
+    best: dict[frozenset[str], Trial] = {}
+    most = max((len(_mended(failed, t)) for t in trials.tried if not t.refused), default=0)
+    for trial in trials.tried:
+        if most and not trial.refused and len(_mended(failed, trial)) == most:
+            best.setdefault(frozenset(trial.values), trial)
+    return list(best.values())
 
-    def _keep(self, found: Searched) -> None:
-        self.searched.append(found)
-        if found.found is not None:
-            self.passing.append(found.found)
 
-    def result(self) -> Remedies:
-        """Return what was found."""
-        best = self.passing or self._partial()
-        return Remedies(
-            failed=self.failed,
-            stability=self.ranges,
-            changes=tuple(self._change(trial) for trial in best),
-            without=tuple(s for s in self.searched if s.found is None and s.complete),
-            searched=tuple(dict.fromkeys(path for s in self.searched for path in s.paths)),
-            cut=tuple(s.paths for s in self.searched if not s.complete),
-            unmendable=tuple(name for name in self.failed if name not in self.keys),
-            opamps=self._stable_opamps() if self.ranges else (),
-            trials=len(self.trials.tried),
-            undecided=tuple(t.reason for t in self.trials.tried if t.outcome == ERROR),
-            work=self.trials.spent,
-            limit=self.trials.limit,
-        )
+def _change(trials: Trials, failed: Sequence[str], trial: Trial) -> Change:
+    values, resistance = trials.completed(trial.values), None
+    if "design.lambda" in values:
+        scene = trials.scene_at(trial.values)
+        fact = topology_of(scene).facts(scene).get("R")
+        resistance = None if fact is None else fact.value
+    return Change(values, _mended(failed, trial), trial.left, resistance)
 
-    def _stable_opamps(self) -> tuple[str, ...]:
-        stable = (t for t in self.trials.tried if t.passed("stability"))
-        return tuple(str(t.values[OPAMP]) for t in stable if t.values.keys() == {OPAMP})
 
-    def _partial(self) -> list[Trial]:
-        """Return the trial nearest to the scene that mends most checks, for each set of keys."""
-        mended: dict[tuple[str, ...], Trial] = {}
-        for trial in self.trials.tried:
-            paths, count = tuple(sorted(trial.values)), len(self._mends(trial))
-            known = mended.get(paths)
-            if count and not trial.refused and (known is None or count > len(self._mends(known))):
-                mended[paths] = trial
-        most = max((len(self._mends(trial)) for trial in mended.values()), default=0)
-        return [trial for trial in mended.values() if len(self._mends(trial)) == most]
-
-    def _mends(self, trial: Trial) -> tuple[str, ...]:
-        """Return the failed checks that pass."""
-        return tuple(name for name in self.failed if trial.passed(name))
-
-    def _change(self, trial: Trial) -> Change:
-        values = self.trials.completed(trial.values)
-        resistance = None
-        if "design.lambda" in values:
-            resistance = self.trials.resistance_at(trial.values)
-        return Change(values, self._mends(trial), trial.left, resistance)
+def _search(scene: Scene, path: str, edge: float | None) -> Search | None:
+    """Return the search over a key; None where it has no values."""
+    values = _listed(scene, path)
+    if values is None:
+        return Search.of_key(scene, path, edge)
+    return Search.of_list(path, values) if values else None
 
 
 def _listed(scene: Scene, path: str) -> Sequence[Value] | None:

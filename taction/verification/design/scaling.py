@@ -12,6 +12,7 @@ a linear board, and the highest output voltage becomes the wanted share of the s
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -37,9 +38,9 @@ from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.progress import Progress
 from taction.system.quantities import show
 from taction.system.results import Result
-from taction.verification.design.search import search_range
-from taction.verification.design.stable_ranges import stable_ranges
+from taction.verification.design.nearest import Search, is_good, walk
 from taction.verification.design.trials import (
+    Trial,
     Trials,
     accepted_parts,
     at_small_signal,
@@ -50,23 +51,19 @@ from taction.verification.engines.statespace.linearised.time_scales import time_
 from taction.verification.reference.dynamics import lambda_times_resistance
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.stability.poles import Poles, poles
+from taction.verification.stability.poles import poles
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.headroom import FULL, Load, PartLoads, describe
 from taction.verification.verdict.transient_plan import plan_transient
 from taction.verification.verdict.verify import Verdict, verify
 
-NO_C = (
-    "no C that was tried makes the board pass",
-    "no C within a factor of 100 makes the board stable",
-)
-"""Notes that a board which passes contradicts."""
+NO_C = "no C that was tried makes the board pass"
+"""Beginning of a note that a board which passes contradicts."""
 MIDDLE = 1e5  # ohm: geometric mean of the largest and the smallest matrix resistor
 
 SHARE = 0.5  # of the swing, for the highest output voltage
 SMALLER = (1.0, 0.3, 0.1)  # times the balanced s, while slopes or currents set U0
 ROUNDS = 4  # of U0 on a board whose loads are not proportional to it
-RESERVE = 2.0  # C over the value at which the board begins to oscillate
 LIMITED = (LEAST_OHMS, MOST_OHMS)
 EVERY_OHM = (1e-3, 1e12)  # of resistors that need not be real
 
@@ -287,13 +284,25 @@ def find_scaling(
     answer = ideal_answer(ideal_network(problem, scene), scene)
     accepted = accepted or accepted_parts(scene, problem)
     limits = EVERY_OHM if accepted.any_part else LIMITED
-    found: list[_Scaled] = []
+    found = list[_Scaled]()
     for factor in SMALLER:
-        found.append(_scaled(scene, problem, answer, share, factor, limits))
-        if found[-1].reaches or not found[-1].loads:
+        said = list[str]()
+        values = scaled_resistors(scene, problem, answer, factor, said, limits)
+        scaled = _with_voltage(_held(scene, values, answer), problem, answer, share)
+        trials = Trials(scaled, accepted=accepted)
+        scaled = _with_capacitance(trials, said, _damped) or scaled
+        scaled, loads = _with_loads(scaled, problem, share, said)
+        found.append(_Scaled(scaled, loads, said))
+        if not loads or found[-1].voltage >= FULL * share:  # U0 has two digits
             break
-    best = _passing(found, accepted)
-    if best.loads and not best.reaches:
+    best = max(found, key=lambda one: one.voltage)
+    for one in sorted(found, key=lambda one: -one.voltage):
+        trials = Trials(one.scene, accepted=accepted)
+        passing = _with_capacitance(trials, one.notes, is_good)
+        if passing is not None:
+            best = replace(one, scene=passing)
+            break
+    if best.loads and best.voltage < FULL * share:
         best.notes.append(f"{describe(best.loads[0])}: it sets U0, not the share of the swing")
     design = best.scene.design.model_copy(update={"opamp": scene.design.opamp})
     scaled = best.scene.model_copy(update={"design": design})
@@ -301,8 +310,8 @@ def find_scaling(
     if refused := accepted.refused(broken_at_rest(LinearBoard(circuit))):
         text = f"the scalings need {refused}, which the scene does not have; --any-part accepts it"
         raise InputError(scene.file, Complaint("design", "", text))
-    notes = (*best.notes, *part_warnings(circuit))
-    return Scaling(scaled, circuit, best.loads, notes)
+    notes = dict.fromkeys((*best.notes, *part_warnings(circuit)))
+    return Scaling(scaled, circuit, best.loads, tuple(notes))
 
 
 def rescaled(
@@ -321,59 +330,29 @@ def rescaled(
         As `scale`.
     """
     before = topology_of(scene).facts(scene)["R"].value
-    values = scaled_resistors(scene, problem, answer, factor, [])
-    scaled = with_values(at_small_signal(scene), {**values, "design.lambda": answer.network.lam})
+    scaled = _held(scene, scaled_resistors(scene, problem, answer, factor, []), answer)
     ratio = before / topology_of(scaled).facts(scaled)["R"].value
     scaled = with_values(scaled, {"design.capacitance": scene.design.capacitance * ratio})
     return _with_loads(_with_voltage(scaled, problem, answer, share), problem, share, [])[0]
 
 
-def _passing(found: list[_Scaled], accepted: AcceptedParts) -> _Scaled:
-    """Return the first that passes its checks, that with the highest voltage first."""
-    ordered = sorted(found, key=lambda one: -one.voltage)
-    for one in ordered:
-        passing = _with_passing_capacitance(one.scene, one.notes, accepted)
-        if passing is not None:
-            return replace(one, scene=passing)
-    return ordered[0]
+def _held(scene: Scene, values: dict[str, float], answer: IdealAnswer) -> Scene:
+    """Return the scene with changes and the same lambda, its op-amps at the small-signal level."""
+    return with_values(at_small_signal(scene), {**values, "design.lambda": answer.network.lam})
 
 
 @dataclass(slots=True)
 class _Scaled:
-    """The scene with one gain s, and its loads; `share` is that of the swing that is wanted."""
+    """The scene with one gain s, and its loads."""
 
     scene: Scene
     loads: tuple[Load, ...]
     notes: list[str]
-    share: float
-
-    @property
-    def reaches(self) -> bool:
-        """Whether the voltage sets U0, not a slope or a current; U0 has two digits."""
-        return self.voltage >= FULL * self.share
 
     @property
     def voltage(self) -> float:
         """The highest output voltage, as a share of the swing."""
         return max((load.share for load in self.loads if load.quantity == "voltage"), default=0.0)
-
-
-def _scaled(
-    scene: Scene,
-    problem: InverseProblem,
-    answer: IdealAnswer,
-    share: float,
-    factor: float,
-    limits: tuple[float, float] = LIMITED,
-) -> _Scaled:
-    """Return the scene scaled with `factor` times the balanced s."""
-    notes: list[str] = []
-    values = scaled_resistors(scene, problem, answer, factor, notes, limits)
-    scaled = with_values(at_small_signal(scene), {**values, "design.lambda": answer.network.lam})
-    scaled = _with_voltage(scaled, problem, answer, share)
-    scaled = _with_stable_capacitance(scaled, problem, notes)
-    scaled, loads = _with_loads(scaled, problem, share, notes)
-    return _Scaled(scaled, loads, notes, share)
 
 
 def _with_voltage(
@@ -398,47 +377,31 @@ def _at_voltage(scene: Scene, volts: float) -> Scene:
     return with_values(scene, changes)
 
 
-def _with_stable_capacitance(scene: Scene, problem: InverseProblem, notes: list[str]) -> Scene:
-    """Return the scene with a larger C if it is unstable with its own."""
-    found = _poles(scene, problem)
-    if found.known_stable:
-        return scene
-    (stable,) = stable_ranges(Trials(scene), ["design.capacitance"])
-    if stable.edge is None:
-        notes.append(NO_C[1])
-        return scene
-    series = scene.design.capacitor_series
-    farads = buyable(RESERVE * stable.edge, "E12" if series == "exact" else series)
-    notes.append(
-        f"C is larger than the scene's: below {show(stable.edge, 'F', 3)} the board oscillates"
-    )
-    return with_values(scene, {"design.capacitance": farads})
+def _damped(trial: Trial) -> bool:
+    """Whether a board is stable, and rings so little that its loads do not set U0."""
+    return trial.passed("stability") and trial.overshoot < 1.0
 
 
-def _with_passing_capacitance(
-    scene: Scene, notes: list[str], accepted: AcceptedParts
+def _with_capacitance(
+    trials: Trials, notes: list[str], accept: Callable[[Trial], bool]
 ) -> Scene | None:
-    """Return the scene with the nearest C with which the checks pass; None if none does.
+    """Return the scene with the nearest C that is accepted; None where none is.
 
-    The number of trials limits the search (`search_range`), and not the time: what is proposed
-    must not depend on the speed of the machine.
+    The number of trials limits the search, and not the time: what is proposed must not depend on
+    the speed of the machine.
     """
-    trials, path = Trials(scene, accepted=accepted), "design.capacitance"
+    path, scene = "design.capacitance", trials.scene
     own = trials.at({path: scene.design.capacitance})
-    if own.good:
+    if accept(own):
         return scene
-    found = search_range(trials, path)
-    if found is None or found.found is None:
-        notes.append(f"{NO_C[0]}: {own.refused or own.record.reason}")
+    search = Search.of_key(scene, path, accept=accept)
+    walk(trials, [search] if search is not None else [])
+    if search is None or not search.found:
+        notes.append(f"{NO_C}: {own.refused or own.reason}")
         return None
-    farads = found.found.values[path]
-    notes.append(f"C is another than the scene's, so that all checks pass: {show(farads, 'F', 3)}")
+    farads = search.found[0].values[path]
+    notes.append(f"C is another than the scene's, {show(farads, 'F', 3)}: {own.reason}")
     return with_values(scene, {path: farads})
-
-
-def _poles(scene: Scene, problem: InverseProblem) -> Poles:
-    board = LinearBoard(synthesise(scene, problem))
-    return poles(board)
 
 
 def _with_loads(

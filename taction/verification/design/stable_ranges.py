@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.scene.keys import Key, find_key, own_value
+from taction.netlist_gen.scene.keys import find_key, own_value
 from taction.system.errors import InputError, NoVerdictError
 from taction.verification.design.trials import OutOfWorkError, Trials, knobs_with_margin
 from taction.verification.stability.edges import Edges
@@ -75,12 +75,9 @@ class StableRange:
 def stable_ranges(trials: Trials, paths: Iterable[str] = ()) -> tuple[StableRange, ...]:
     """Return the nearest stable range of each key that has a positive value in the scene.
 
-    Without `paths` the keys are those of the knobs with a margin, and `OTHERS`.
-
-    Notes
-    -----
-    Costs the loci of C (seven channels: 0.1 s), and the poles of some 50 boards for every other
-    key (0.2 s); what the work of `trials` leaves out has its `reason`.
+    Without `paths` the keys are those of the knobs with a margin, and `OTHERS`. What the work of
+    `trials` leaves out has its `reason`. Costs the loci of C (seven channels: 0.1 s), and the poles
+    of some 50 boards for every other key (0.2 s).
 
     Examples
     --------
@@ -92,47 +89,47 @@ def stable_ranges(trials: Trials, paths: Iterable[str] = ()) -> tuple[StableRang
     >>> print(f"stable from {found.low:.3g} F")
     stable from 9.02e-12 F
     """
-    found, paths = [], tuple(paths) or (*knobs_with_margin(trials.scene), *OTHERS)
-    for path in paths:
+    found = []
+    for path in tuple(paths) or (*knobs_with_margin(trials.scene), *OTHERS):
         key = find_key(trials.scene, path)
         own = own_value(trials.scene, key)
-        if own is None or not 0.0 < own < math.inf:
-            continue
-        found.append(_range(trials, key, own))
+        if own is not None and 0.0 < own < math.inf:
+            empty = StableRange(key.path, key.unit, own, own / REACH, own * REACH)
+            try:
+                found.append(_nearest(empty, _edges(trials, key.path, own)))
+            except OutOfWorkError:
+                text = "not searched: the work of the search was used up"
+                found.append(replace(empty, reason=text))
+            except (InputError, NoVerdictError) as error:
+                found.append(replace(empty, reason=str(error)))
     return tuple(found)
 
 
-def _range(trials: Trials, key: Key, own: float) -> StableRange:
-    least, most = own / REACH, own * REACH
-    try:
-        edges = _edges(trials, key, own)
-    except OutOfWorkError:
-        reason = "not searched: the work of the search was used up"
-        return StableRange(key.path, key.unit, own, least, most, reason=reason)
-    except (InputError, NoVerdictError) as error:
-        return StableRange(key.path, key.unit, own, least, most, reason=str(error))
-    if not edges.stable_ranges:
-        return StableRange(key.path, key.unit, own, least, most)
-    low, high = min(edges.stable_ranges, key=lambda ends: _distance(ends, own))
+def _nearest(empty: StableRange, edges: Edges) -> StableRange:
+    """Return the stable range that is nearest to the scene's value; without one `empty`."""
+
+    def distance(ends: tuple[float, float]) -> float:
+        return max(math.log(ends[0] / empty.own), math.log(empty.own / ends[1]), 0.0)
+
+    nearest = min(edges.stable_ranges, key=distance, default=None)
+    if nearest is None:
+        return empty
+    low, high = nearest
     low_end, high_end = (low if low > edges.low else None), (high if high < edges.high else None)
-    return StableRange(key.path, key.unit, own, least, most, low_end, high_end, found=True)
+    return replace(empty, low=low_end, high=high_end, found=True)
 
 
-def _edges(trials: Trials, key: Key, own: float) -> Edges:
+def _edges(trials: Trials, path: str, own: float) -> Edges:
     """Return the edges over a key; poles at samples decide where the loci leave a doubt."""
-    exact = unrounded(trials.scene, key.path)
+    exact = unrounded(trials.scene, path)
 
     def build(value: float) -> Circuit:
-        return trials.board_at({**exact, key.path: value}).circuit
+        return trials.board_at({**exact, path: value}).circuit
 
-    boards = Family.over(build, key.path, own)
+    boards = Family.over(build, path, own)
     if boards.ports is not None and boards.poles(own).certain:
         edges = boards.edges(own / REACH, own * REACH)
         if not edges.near:
             return edges
     values = np.geomspace(own / REACH, own * REACH, POINTS).tolist()
     return boards.scan(values, fine=False)
-
-
-def _distance(ends: tuple[float, float], own: float) -> float:
-    return max(math.log(ends[0] / own), math.log(own / ends[1]), 0.0)

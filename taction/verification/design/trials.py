@@ -1,10 +1,10 @@
-"""Trials: verdicts of changed designs by the state-space engine, each computed once.
+"""Trials: changed scenes, verified by the state-space engine, each as one plain row.
 
-Every search for a better design asks `Trials`; a choice has the same `Trial`s from its store. A
+Every search for a better design asks `Trials`; a choice reads the same rows from its store. A
 change keeps lambda, and with it the solution, unless it changes lambda itself. A design with parts
-beyond the limits of real ones (`part_warnings`), farther than those of the scene, counts as
-refused. The op-amps stay at the small-signal level: a design that exceeds 90 % of a limit
-of its parts does not pass, though its verdict at the large-signal level might.
+beyond the limits of real ones, farther than those of the scene, counts as refused. The op-amps stay
+at the small-signal level: a design that exceeds 90 % of a limit of its parts does not pass, though
+its verdict at the large-signal level might.
 """
 
 from __future__ import annotations
@@ -32,8 +32,6 @@ from taction.verification.verdict.verify import Effort, verify
 OPAMP = "design.opamp"
 KEPT = {"level", "input_errors"}  # keys of an op-amp that say how it is simulated
 BARE = Effort(details=False, full_margin=False)
-
-_Key = tuple[tuple[str, Value], ...]
 
 VERDICT = 10.0  # designs: the work of a verdict
 STEPPED = 6.0  # times as much: that of a board whose transient takes steps
@@ -140,27 +138,19 @@ class Trials:
     """
 
     def __init__(
-        self,
-        scene: Scene,
-        work: float = math.inf,
-        accepted: AcceptedParts | None = None,
+        self, scene: Scene, work: float = math.inf, accepted: AcceptedParts | None = None
     ) -> None:
         self.scene = scene.with_engine("statespace")
         self.problem = make_problem(scene)
         self.lam = ideal_network(self.problem, scene).lam
         self.accepted = accepted or accepted_parts(scene, self.problem)
-        self.limit = work
-        self.spent, self.end = 0.0, work  # of all searches; where this one ends
-        self._known: dict[_Key, Trial] = {}
+        self.limit, self.spent = work, 0.0
+        self._known: dict[tuple[tuple[str, Value], ...], Trial] = {}
 
     @property
     def tried(self) -> tuple[Trial, ...]:
         """All trials so far."""
         return tuple(self._known.values())
-
-    def share(self, parts: int) -> None:
-        """Give the next search one of `parts` equal parts of the work that is left."""
-        self.end = self.spent + max(self.limit - self.spent, 0.0) / parts
 
     def spend(self, designs: float, board: LinearBoard, ringing: float = 0.0) -> None:
         """Count work before it is done: its cost grows with the cube of the states.
@@ -168,10 +158,10 @@ class Trials:
         Raises
         ------
         OutOfWorkError
-            The work of this search does not suffice for it; nothing is counted.
+            The work that is left does not suffice for it; nothing is counted.
         """
         work = designs * (1.0 + (board.state_space.n / STATES) ** 3) + ringing / RINGING
-        if self.spent + work > self.end:
+        if self.spent + work > self.limit:
             raise OutOfWorkError
         self.spent += work
 
@@ -188,15 +178,15 @@ class Trials:
         kept = {f"{OPAMP}.{name}": getattr(opamp, name) for name in sorted(asked)}
         return {**kept, **changes, **({"design.lambda": self.lam} if held else {})}
 
-    def scene_at(self, changes: Mapping[str, Value], base: Scene | None = None) -> Scene:
-        """Return the scene (or `base`) with a change and the same lambda.
+    def scene_at(self, changes: Mapping[str, Value]) -> Scene:
+        """Return the scene with a change and the same lambda.
 
         Raises
         ------
         InputError
             A value that its key does not accept.
         """
-        return with_values(base or self.scene, self.completed(changes))
+        return with_values(self.scene, self.completed(changes))
 
     def board_at(self, changes: Mapping[str, Value]) -> LinearBoard:
         """Return the board with a change.
@@ -206,17 +196,11 @@ class Trials:
         InputError
             The board cannot be built.
         OutOfWorkError
-            The work of this search is used up.
+            The work that is left does not suffice for it.
         """
         board = LinearBoard(synthesise(self.scene_at(changes), self.problem))
         self.spend(POLES, board)
         return board
-
-    def resistance_at(self, changes: Mapping[str, Value]) -> float | None:
-        """Return R of the board with a change, ohm; None where it has none."""
-        scene = self.scene_at(changes)
-        fact = topology_of(scene).facts(scene).get("R")
-        return None if fact is None else fact.value
 
     def at(self, changes: Mapping[str, Value]) -> Trial:
         """Return the trial of a change.
@@ -224,51 +208,36 @@ class Trials:
         Raises
         ------
         OutOfWorkError
-            The work of this search is used up.
+            The work that is left does not suffice for it.
         """
-        key = _key(changes)
+        key = tuple(sorted(changes.items()))
         if key not in self._known:
-            self._known[key] = self._try(dict(changes))
+            try:
+                self._known[key] = self._try(dict(changes))
+            except (InputError, NoVerdictError) as error:
+                kind, reason = type(error).__name__, str(error)
+                record = Record.without_verdict(kind, reason, "statespace")
+                self._known[key] = Trial(dict(changes), record, reason)
         return self._known[key]
 
     def _try(self, changes: dict[str, Any]) -> Trial:
-        """Return the trial of a change; the op-amps are at the small-signal level."""
-        try:
-            scene = at_small_signal(self.scene_at(changes))
-            board = LinearBoard(synthesise(scene, self.problem))
-            self.spend(POLES, board)
-            found = poles(board)
-            if found.known_unstable:  # known without a transient
-                return Trial(changes, _unstable(found, scene))
-            self._spend_verdict(board, found)
-            refused = self.accepted.refused(broken_at_rest(board))
-            verdict = verify(scene, problem=self.problem, circuit=board, effort=BARE)
-        except (InputError, NoVerdictError) as error:
-            failure, reason = type(error).__name__, str(error)
-            record = Record.without_verdict(failure, reason, "statespace")
-            return Trial(changes, record, reason)
-        return Trial(changes, Record.of(verdict, channels=False), refused)
-
-    def _spend_verdict(self, board: LinearBoard, found: Poles) -> None:
-        """Count the work of a verdict, which follows the ringing.
-
-        Raises
-        ------
-        EngineError
-            The transient takes steps, and rings too long for a search.
-        """
+        """Verify a change; a board whose poles show that it is unstable needs no transient."""
+        scene = at_small_signal(self.scene_at(changes))
+        board = LinearBoard(synthesise(scene, self.problem))
+        self.spend(POLES, board)
+        found = poles(board)
+        if found.known_unstable:
+            return Trial(changes, _unstable(found, scene))
         ringing = 1.0 / max(found.damping_ratio, TINY)
-        if board.circuit.is_linear:
-            self.spend(VERDICT, board, ringing)
-        elif ringing > LONGEST:
+        if not board.circuit.is_linear and ringing > LONGEST:
             ratio = f"{found.damping_ratio:.2g}"
             raise EngineError(f"its damping ratio is {ratio}: it rings too long for a search")
-        else:
-            self.spend(STEPPED * VERDICT, board, STEPPED * ringing)
-
-
-def _key(changes: Mapping[str, Value]) -> _Key:
-    return tuple(sorted(changes.items()))
+        times = 1.0 if board.circuit.is_linear else STEPPED
+        self.spend(times * VERDICT, board, times * ringing)
+        verdict = verify(scene, problem=self.problem, circuit=board, effort=BARE)
+        passes = verdict.outcome is Outcome.PASS
+        refused = self.accepted.refused(broken_at_rest(board)) if passes else ""
+        return Trial(changes, Record.of(verdict, channels=False), refused)
 
 
 def accepted_parts(scene: Scene, problem: InverseProblem) -> AcceptedParts:
@@ -308,18 +277,11 @@ def _unstable(found: Poles, scene: Scene) -> Record:
 
     It never settles, and a limit of its overshoot is exceeded as soon as the ringing has grown.
     """
-    rate, reason = found.rightmost.real, "it is unstable"
+    rate, reason, fail = found.rightmost.real, "it is unstable", Outcome.FAIL
+    stability = Check("stability", fail, rate, found.resolution, None, None, "1/s", reason)
     limited = ("overshoot",) if scene.checks.overshoot is not None else ()
-    checks = [
-        Check("stability", Outcome.FAIL, rate, found.resolution, None, None, "1/s", reason),
-        *(
-            Check(name, Outcome.FAIL, None, None, None, None, "", reason)
-            for name in ("steady_state", "settling_time", *limited)
-        ),
-    ]
-    return replace(_failing(reason, tuple(checks)), stable=False)
-
-
-def _failing(reason: str, checks: tuple[Check, ...]) -> Record:
+    names = ("steady_state", "settling_time", *limited)
+    others = (Check(name, fail, None, None, None, None, "", reason) for name in names)
     none = Record.without_verdict("", reason, "statespace")
-    return replace(none, outcome=Outcome.FAIL.value, failure=None, checks=checks)
+    checks = (stability, *others)
+    return replace(none, outcome=fail.value, failure=None, stable=False, checks=checks)

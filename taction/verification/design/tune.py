@@ -14,32 +14,31 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from taction.netlist_gen.board.part_warnings import ANY_PART
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.scene.writing import write_scene
-from taction.system.array_types import Floats
 from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.progress import Progress
 from taction.system.quantities import percent, show
 from taction.system.results import Result
-from taction.verification.design.ranges import SearchRange, parse_ranges
-from taction.verification.design.search import search_range
+from taction.verification.design.nearest import (
+    Search,
+    SearchRange,
+    Values,
+    descend,
+    parse_ranges,
+    walk,
+)
 from taction.verification.design.trials import Trial, Trials
 from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.studies.running.study import Pace
 from taction.verification.verdict.record import ERROR
 from taction.verification.verdict.verify import Verdict, verify
 
 GRID = {1: 25, 2: 9, 3: 5}  # points of each parameter, by the number of parameters
 OVERSHOOT = 0.05  # default limit
 STARTS = 3  # points of the grid from which a simplex starts
-EVALUATIONS = 40  # of one simplex
-USUAL = {1: 24, 2: EVALUATIONS, 3: EVALUATIONS}  # of one simplex, for the remaining time
 RESERVE = 0.99  # of the overshoot limit: the verification adds the simulator's error
 INFEASIBLE = 1e6  # added to the objective for every check that does not pass
 
@@ -164,31 +163,19 @@ def tune(
     check = scene.checks.overshoot
     limit = (OVERSHOOT if check is None else check.max) if overshoot is None else overshoot
     margin = scene.checks.stability.margin if margin is None else margin
-    search = _TuneSearch(scene, ranges, limit, margin, any_part, progress)
-    before = search.evaluate({each.path: each.own for each in ranges})
-    count = GRID[len(ranges)]
-    axes = [np.linspace(math.log(each.low), math.log(each.high), count) for each in ranges]
-    grid = [np.array(point) for point in product(*axes)]
-    for number, point in enumerate(grid, 1):
-        search.stage = f"grid {number} of {len(grid)}"
-        search.at(point)
-    if not search.feasible(search.best(1)[0]):
-        search.stage = "from the scene outwards"
-        search.seed()
-    for number, start in enumerate(search.best(STARTS), 1):
-        search.stage = f"simplex {number} of {STARTS}"
-        search.descend(start, [float(axis[1] - axis[0]) for axis in axes])
-    after = search.best(1)[0]
+    limited = with_values(scene, {"checks.overshoot.max": limit, "checks.stability.margin": margin})
+    search = _TuneSearch(Trials(limited, accepted=ANY_PART if any_part else None), ranges, limit)
+    after = search.run(progress)
     if not search.feasible(after):
-        raise search.no_design(after)
+        raise search.no_design(after, margin)
     tuning = Tuning(
-        before=before,
+        before=search.tried[0],
         after=after,
-        scene=search.tuned_scene(after),
+        scene=with_values(limited, search.trials.completed(after.values)),
         frontier=frontier(search.tried),
         tried=len(search.tried),
         overshoot_limit=limit,
-        margin=search.margin,
+        margin=margin,
         ranges=ranges,
     )
     tuned = Tuned(tuning, verify(tuning.scene, progress), reach)
@@ -211,33 +198,44 @@ def frontier(trials: Iterable[Trial]) -> tuple[Trial, ...]:
     return tuple(best)
 
 
-@dataclass(slots=True)
 class _TuneSearch:
-    """The designs of one search."""
+    """The designs of one search: a grid, the walk from the scene, and simplexes from the best."""
 
-    original: Scene
-    ranges: Sequence[SearchRange]
-    overshoot: float
-    margin: float
-    any_part: bool
-    progress: Progress
-    tried: list[Trial] = field(default_factory=list)
-    trials: Trials = field(init=False)
-    pace: Pace = field(default_factory=Pace)
-    stage: str = "the scene's design"
-
-    def __post_init__(self) -> None:
-        self.trials = Trials(self.limited, accepted=ANY_PART if self.any_part else None)
+    def __init__(self, trials: Trials, ranges: Sequence[SearchRange], overshoot: float) -> None:
+        self.trials, self.ranges, self.overshoot = trials, ranges, overshoot
+        self.own: Values = {each.path: each.own for each in ranges}
 
     @property
-    def limited(self) -> Scene:
-        """The original scene with the limits as checks."""
-        limits = {"checks.overshoot.max": self.overshoot, "checks.stability.margin": self.margin}
-        return with_values(self.original, limits)
+    def tried(self) -> tuple[Trial, ...]:
+        """All designs, that of the scene first."""
+        return tuple(trial for trial in self.trials.tried if trial.values.keys() == self.own.keys())
 
-    def tuned_scene(self, trial: Trial) -> Scene:
-        """Return the original scene with the design of a trial and the limits as checks."""
-        return self.trials.scene_at(trial.values, self.limited)
+    def run(self, progress: Progress) -> Trial:
+        """Return the best design."""
+        if self.trials.at(self.own).outcome == ERROR:
+            self.trials.board_at(self.own)  # raises the error of the scene's own design
+        grid = [*product(*(each.values(GRID[len(self.ranges)]) for each in self.ranges))]
+        for number, point in enumerate(grid, 1):
+            progress(f"grid {number} of {len(grid)}")
+            self.trials.at(dict(zip(self.own, point, strict=True)))
+        if not self.feasible(self.best(1)[0]):
+            progress("from the scene outwards")  # the grid may step over a narrow window
+            ends = ((each, (each.low, each.high)) for each in self.ranges)
+            walks = [Search.of_key(self.trials.scene, each.path, None, two) for each, two in ends]
+            walk(self.trials, [each for each in walks if each is not None])
+            for found in [trial for trial in self.trials.tried if trial.good]:
+                self.trials.at(self.own | found.values)
+        count = GRID[len(self.ranges)] - 1
+        spacings = [0.5 * math.log(each.high / each.low) / count for each in self.ranges]
+        for number, start in enumerate(self.best(STARTS), 1):
+            progress(f"simplex {number} of {STARTS}")
+            descend(
+                lambda values: self.objective(self.trials.at(values)),
+                self.ranges,
+                start.values,
+                spacings,
+            )
+        return self.best(1)[0]
 
     def feasible(self, trial: Trial) -> bool:
         """Whether a design passes, with a reserve for the simulator's error."""
@@ -256,7 +254,7 @@ class _TuneSearch:
         """Return the best designs so far."""
         return sorted(self.tried, key=self.objective)[:count]
 
-    def no_design(self, closest: Trial) -> EngineError:
+    def no_design(self, closest: Trial, margin: float) -> EngineError:
         """Return the error that no design passes, with the one that came closest."""
         ends = ", ".join(
             f"{each.path} from {show(each.low, each.unit, 3)} to {show(each.high, each.unit, 3)}"
@@ -266,58 +264,12 @@ class _TuneSearch:
             f"{each.path} = {show(closest.values[each.path], each.unit)}" for each in self.ranges
         )
         failing = ", ".join(name.replace("_", " ") for name in closest.left) or "overshoot"
-        if closest.refused:
-            failing = closest.refused
         reached = ""
         if math.isfinite(closest.overshoot):
             reached = f" with an overshoot of {percent(closest.overshoot)}"
         return EngineError(
             f"no design passes every check with an overshoot of {100 * self.overshoot:g} % and a"
-            f" margin of {self.margin:g} in C; tried {len(self.tried)} over {ends}. The"
-            f" closest is {values}{reached}: it does not pass {failing}. Loosen a limit, give"
-            " another range, or tune another key"
+            f" margin of {margin:g} in C; tried {len(self.tried)} over {ends}. The closest is"
+            f" {values}{reached}: it does not pass {closest.refused or failing}. Loosen a limit,"
+            " give another range, or tune another key"
         )
-
-    def at(self, point: Floats) -> Trial:
-        """Try the design at the logarithms `point`, with the nearest values that can be bought."""
-        values = {
-            each.path: each.bought(min(max(math.exp(place), each.low), each.high))
-            for each, place in zip(self.ranges, point.tolist(), strict=True)
-        }
-        return self.evaluate(values)
-
-    def evaluate(self, values: dict[str, float]) -> Trial:
-        """Try the design with `values`."""
-        trial = self.trials.at(dict(values))
-        if not self.tried and trial.outcome == ERROR:
-            self.trials.board_at(dict(values))  # raises the error of the scene's own design
-        self.tried.append(trial)
-        count = len(self.ranges)
-        usual = GRID[count] ** count + STARTS * USUAL[count]
-        self.progress(f"{self.stage}{self.pace.ended(max(usual - len(self.tried), 0))}")
-        return trial
-
-    def seed(self) -> None:
-        """Search outwards from the scene's values for a design that passes, key by key.
-
-        The grid may step over a narrow window that this search halves its way into.
-        """
-        own = {each.path: each.own for each in self.ranges}
-        for each in self.ranges:
-            found = search_range(self.trials, each.path, limits=(each.low, each.high))
-            if found is not None and found.found is not None:
-                self.evaluate(own | {each.path: float(found.found.values[each.path])})
-
-    def descend(self, start: Trial, spacings: Sequence[float]) -> None:
-        """Run a simplex from `start`; the grid has these `spacings`."""
-        from scipy.optimize import minimize
-
-        x0 = np.log([start.values[each.path] for each in self.ranges])
-        simplex = np.vstack([x0, x0 + 0.5 * np.diag(spacings)])
-        options: Any = {"initial_simplex": simplex, "maxfev": EVALUATIONS}
-        options |= {"xatol": 1e-3, "fatol": 1e-4}
-
-        def objective(point: Floats) -> float:
-            return self.objective(self.at(point))
-
-        minimize(objective, x0.tolist(), method="Nelder-Mead", options=options)

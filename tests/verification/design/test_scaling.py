@@ -72,9 +72,7 @@ def test_a_larger_capacitance_is_named() -> None:
 def test_no_note_contradicts_a_pass() -> None:
     """The limits of a new scene are set after C was searched: what failed then may pass."""
     scene = shipped("tuned-breadboard", "ideal")
-    scaling = replace(
-        find_scaling(scene), notes=(f"{NO_C[0]}: it settles late", "s is not balanced")
-    )
+    scaling = replace(find_scaling(scene), notes=(f"{NO_C}: it settles late", "s is not balanced"))
     passing = verify(scene.with_engine("statespace"))
     late = with_values(scene, {"checks.settling_time.max": 1e-9}).with_engine("statespace")
     assert Scaled.of(scaling, passing).scaling.notes == ("s is not balanced",)

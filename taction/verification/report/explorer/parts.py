@@ -25,6 +25,7 @@ from taction.system.charts import (
 )
 from taction.system.errors import EngineError
 from taction.verification.design.exploration import (
+    CELLS,
     ExplorerCurves,
     Judgement,
     PoleView,
@@ -33,7 +34,6 @@ from taction.verification.design.exploration import (
     view_rest,
 )
 from taction.verification.design.explorer_settings import STEPS, Control, Settings, Start
-from taction.verification.design.outcomes_along import CELLS
 from taction.verification.report.blocks import Bars
 from taction.verification.report.renderers.plotly import plotly_spec
 from taction.verification.report.texts import figure, quantity, readable

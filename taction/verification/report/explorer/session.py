@@ -15,9 +15,16 @@ from typing import Any, TypeVar
 from taction.system.documents import read
 from taction.system.errors import EngineError, InputError, TactionError
 from taction.system.quantities import readable
-from taction.verification.design.exploration import Judgement, judge, view_boundary, view_limits
+from taction.verification.design.exploration import (
+    Judgement,
+    judge,
+    others,
+    outcome_of,
+    spots,
+    view_boundary,
+    view_limits,
+)
 from taction.verification.design.explorer_settings import STEPS, Settings, Start, read_value
-from taction.verification.design.outcomes_along import others, outcome_of, spots
 from taction.verification.report.explorer.parts import (
     KEPT,
     Part,

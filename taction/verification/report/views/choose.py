@@ -14,7 +14,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.charts import Axis, Chart, Curve, Grid, Mark, segments, zero_lines
 from taction.system.foreign_text import shortened
 from taction.verification.design.choice_plan import CAPACITANCE, FEEDBACK, G0, GAIN, NAMES, U0
-from taction.verification.design.choose import Choice, ChosenDesign, Confirmation
+from taction.verification.design.choose import BestDesign, Choice, ChosenDesign
 from taction.verification.report.blocks import (
     BOTH,
     DRAWN,
@@ -73,19 +73,17 @@ def full_view(choice: Choice) -> Page:
         return view(choice)
     from taction.verification.verdict.verify import verify
 
-    place = proposed(choice.confirmations)
-    known = choice.confirmations[place].verdict
-    return view(choice, known or verify(choice.scenes[place].with_engine("statespace")))
+    one = proposed(choice.best)
+    return view(choice, one.verdict or verify(one.scene.with_engine("statespace")))
 
 
 def view(choice: Choice, verdict: Verdict | None = None) -> Page:
     """Return the page of a choice; with a verdict, of the proposed design, this is in full."""
-    scene, designs = choice.scene, choice.designs
-    best, confirmations = choice.best, choice.confirmations
+    scene, designs, best = choice.scene, choice.designs, choice.best
     passing = sum(design.good for design in designs)
     summary = f"{passing} of {len(designs)} designs pass with parts that can be bought."
     own = (
-        Section("Best designs", tuple(_best(best, confirmations)), WORST, BOTH),
+        Section("Best designs", tuple(_best(best)), WORST, BOTH),
         Section("Op-amps", (_opamps(designs),), media=BOTH),
         Section("Maps", lambda: _maps(designs, best), MAP, DRAWN, ACROSS),
         Section("All designs", lambda: (_table(designs),), folded=True),
@@ -110,7 +108,7 @@ def view(choice: Choice, verdict: Verdict | None = None) -> Page:
     return replace(
         page,
         outcome=full.outcome,
-        summary=f"{_words(best[proposed(confirmations)])}. {full.summary} {summary}",
+        summary=f"{_words(proposed(best).design)}. {full.summary} {summary}",
         lines=(f"In full below: {verdict.scene.name}, {verdict.waveforms.simulator}.", *full.lines),
         sections=(*own, *(replace(each, folded=True) for each in full.sections)),
     )
@@ -132,15 +130,9 @@ def _moved(scene: Scene, designs: Sequence[ChosenDesign]) -> Iterator[str]:
         )
 
 
-def proposed(confirmations: Sequence[Confirmation]) -> int:
-    """Return the number of the first design that ngspice confirms; 0 if it confirms none."""
-    passed = (k for k, said in enumerate(confirmations) if _text_of(said) == "pass")
-    return next(passed, 0)
-
-
-def _text_of(confirmation: Confirmation) -> str:
-    """Return what ngspice says in a word."""
-    return "not run" if confirmation.outcome is None else confirmation.outcome.value
+def proposed(best: Sequence[BestDesign]) -> BestDesign:
+    """Return the first design that ngspice confirms; the first if it confirms none."""
+    return next((one for one in best if one.outcome is Outcome.PASS), best[0])
 
 
 def _values(design: ChosenDesign) -> tuple[float, float]:
@@ -158,27 +150,29 @@ def _text(path: str, value: float) -> str:
     return quantity(value, UNITS[path])
 
 
-def _best(best: Sequence[ChosenDesign], confirmations: Sequence[Confirmation]) -> Iterator[Block]:
-    said = {design.place: each for design, each in zip(best, confirmations, strict=True)}
+def _best(best: Sequence[BestDesign]) -> Iterator[Block]:
+    said = {one.design.place: one for one in best}
 
     def ngspice(design: ChosenDesign) -> Cell:
-        each = said[design.place]
-        return Cell(_text_of(each), None, each.outcome.value if each.outcome else "")
+        outcome = said[design.place].outcome
+        return Cell("not run") if outcome is None else Cell(outcome.value, None, outcome.value)
 
     def built(design: ChosenDesign) -> Cell:
-        verdict = said[design.place].verdict
-        share = None if verdict is None else verdict.answer.yield_at_most
+        share = said[design.place].yield_at_most
         return Cell("-" if share is None else f"at most {percent(share)}", share)
 
-    yield Table.of("Best designs", best, {**_columns(best), "yield": built, "ngspice": ngspice})
-    lines, reasons = [], []
-    for design in best:
-        verdict, reason = said[design.place].verdict, said[design.place].reason
-        passes = verdict is not None and verdict.outcome is Outcome.PASS
-        if verdict is not None and passes and (text := yield_text(verdict.answer)):
-            lines.append(f"{design.opamp}: {text}")
-        reasons += [f"{design.opamp}: {readable(reason)}"] if reason else []
+    designs = [one.design for one in best]
+    columns = {**_columns(designs), "yield": built, "ngspice": ngspice}
+    yield Table.of("Best designs", designs, columns)
+    lines = (
+        f"{one.design.opamp}: {text}"
+        for one in best
+        if one.verdict is not None
+        and one.outcome is Outcome.PASS
+        and (text := yield_text(one.verdict.answer))
+    )
     yield Notes("Built boards", tuple(lines))
+    reasons = (f"{one.design.opamp}: {readable(one.reason)}" for one in best if one.reason)
     yield Notes("What ngspice says", tuple(reasons))
 
 
@@ -257,7 +251,7 @@ def _first_of_each(designs: Sequence[ChosenDesign]) -> list[ChosenDesign]:
     return list(first.values())
 
 
-def _maps(designs: Sequence[ChosenDesign], best: Sequence[ChosenDesign]) -> Iterator[Block]:
+def _maps(designs: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> Iterator[Block]:
     names = [design.opamp for design in _first_of_each(designs)]
     for name in names[:MAPS]:
         own = [design for design in designs if design.opamp == name]
@@ -270,7 +264,7 @@ def _maps(designs: Sequence[ChosenDesign], best: Sequence[ChosenDesign]) -> Iter
         yield Notes("", (f"The tables have {len(names) - MAPS} op-amps more.",))
 
 
-def _map(name: str, own: Sequence[ChosenDesign], best: Sequence[ChosenDesign]) -> Chart:
+def _map(name: str, own: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> Chart:
     farads, ohms = (np.array(sorted(set(each))) for each in zip(*map(_values, own), strict=True))
     at = {_values(design): design for design in own}
     cells = [[at.get((x, y)) for x in farads.tolist()] for y in ohms.tolist()]
@@ -283,7 +277,7 @@ def _map(name: str, own: Sequence[ChosenDesign], best: Sequence[ChosenDesign]) -
         bar=False,
         texts=tuple(tuple(map(_hover, row)) for row in cells),
     )
-    chosen = {design.place for design in best}
+    chosen = {one.design.place for one in best}
     others = [design for design in own if design.good and design.place not in chosen]
     stars = [design for design in own if design.place in chosen]
     x, y = (Axis(NAMES[path], UNITS[path], "log") for path in own[0].keys)

@@ -8,7 +8,6 @@ import importlib.util
 import socket
 import time
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ import pytest
 import taction
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import InputError
-from taction.verification.design import outcomes_along
+from taction.verification.design import exploration
 from taction.verification.design.explorer_settings import Settings, Start
 from taction.verification.report.explorer import server, session
 from taction.verification.report.explorer.session import ExplorerJob, Session
@@ -115,11 +114,11 @@ def test_only_the_newest_values_have_a_verdict() -> None:
 
 def test_strips_show_the_checks_along_every_slider(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nine values of each; after a move of C the outcomes along C still hold, the others do not."""
-    monkeypatch.setattr(outcomes_along, "verify", first := Stub())
+    monkeypatch.setattr(session, "outcome_of", first := Stub())
     job = Here()
     parts = told({}, job=job, again={"places": {C: 600}})
     cells = [part["along"] for part in parts if "along" in part]
-    assert all(len(found) == outcomes_along.CELLS for found in cells[-1].values())
+    assert all(len(found) == exploration.CELLS for found in cells[-1].values())
     assert {cell["outcome"] for found in cells[-1].values() for cell in found} == {"pass", "fail"}
     assert first.boards == 45 + 36
     begin = next(part for part in parts if part["number"] == 2)["along"]
@@ -133,20 +132,19 @@ class Stub:
     def __init__(self) -> None:
         self.boards = 0
 
-    def __call__(self, scene: Any, **_: Any) -> Any:
+    def __call__(self, scene: Any) -> tuple[str, str]:
         self.boards += 1
-        outcome = Outcome.PASS if scene.design.capacitance >= 1e-11 else Outcome.FAIL
-        return SimpleNamespace(outcome=outcome, checks=[])
+        return ("pass", "") if scene.design.capacitance >= 1e-11 else ("fail", "rise time")
 
 
 def test_strips_have_the_outcome_of_the_command() -> None:
     start = Start.of(load_scene(SCENES / "paper-breadboard.toml"))
-    spot = next(s for s in outcomes_along.spots(start, Settings()) if s.cell == 3)
+    spot = next(s for s in exploration.spots(start, Settings()) if s.cell == 3)
     scene = spot.settings.scene(start)
     verdict = taction.verify(scene, engine="statespace")
     failed = [check.name for check in verdict.checks if check.outcome is Outcome.FAIL]
     assert failed
-    outcome, reason = outcomes_along.outcome_of(scene)
+    outcome, reason = exploration.outcome_of(scene)
     assert (outcome, reason) == ("fail", ", ".join(failed).replace("_", " "))
 
 
