@@ -9,6 +9,7 @@ import math
 import re
 import shlex
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -37,30 +38,16 @@ SUFFIX = ".toml"
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """A key with a logarithmic slider.
-
-    Attributes
-    ----------
-    path, unit : str
-        The key, and its SI unit; empty for a plain number.
-    symbol, name : str
-        How the page calls it.
-    low, high : float
-        Ends of the slider, in `unit`.
-    own : float
-        The scene's value.
-    has_zero : bool
-        Whether the lower end of the slider is zero.
-    """
+    """A key with a logarithmic slider; all values are in `unit`, which a plain number has not."""
 
     path: str
     unit: str
-    symbol: str
+    symbol: str  # on the page, as the name
     name: str
-    low: float
+    low: float  # ends of the slider
     high: float
-    own: float
-    has_zero: bool = False
+    own: float  # the scene's value
+    has_zero: bool = False  # the lower end of the slider is zero
 
     def chosen(self, place: float) -> float:
         """Return the value that a hand means at a place: of four digits, or the scene's own."""
@@ -69,14 +56,7 @@ class Control:
         return float(f"{self.value(place):.{DIGITS}g}")
 
     def value(self, place: float) -> float:
-        """Return the value at a place of the slider from 0 to 1.
-
-        Examples
-        --------
-        >>> stray = Control("a", "F", "", "", 1e-14, 1e-10, 0.0, has_zero=True)
-        >>> stray.value(0.0), stray.value(1.0), stray.place(stray.value(0.3))
-        (0.0, 1e-10, 0.3)
-        """
+        """Return the value at a place of the slider from 0 to 1."""
         start = ZERO_PART if self.has_zero else 0.0
         if place < start or (self.has_zero and place == 0.0):
             return 0.0
@@ -93,16 +73,7 @@ class Control:
 
 
 def controls(scene: Scene, problem: InverseProblem) -> tuple[Control, ...]:
-    """Return the controls of a scene whose lambda is a number.
-
-    Examples
-    --------
-    >>> from taction.netlist_gen.scene.inverse_problem import make_problem
-    >>> from taction.netlist_gen.scene.loading import load_scene
-    >>> scene = load_scene("scenes/paper-breadboard.toml")
-    >>> [control.symbol for control in controls(scene, make_problem(scene))]
-    ['C', 's', 'λ', 'stray', 'σ²']
-    """
+    """Return the controls of a scene whose lambda is a number."""
     topology = topology_of(scene)
     facts = topology.facts(scene)
     found = []
@@ -131,17 +102,7 @@ def _control(scene: Scene, path: str, symbol: str, name: str, around: float) -> 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """The scene at the beginning of an exploration.
-
-    Attributes
-    ----------
-    scene : Scene
-        Lambda is a number.
-    problem : InverseProblem
-        The problem of the scene.
-    controls : tuple of Control
-        The keys that may change.
-    """
+    """The scene at the beginning of an exploration, lambda a number, and the keys that change."""
 
     scene: Scene
     problem: InverseProblem
@@ -165,18 +126,10 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Values that differ from those of the scene.
-
-    Attributes
-    ----------
-    values : mapping of str to float
-        New values by the paths of controls.
-    opamp : str
-        A preset in the place of the scene's op-amp, or empty.
-    """
+    """Values that differ from those of the scene, by the paths of controls, and a preset."""
 
     values: Mapping[str, float] = field(default_factory=dict)
-    opamp: str = ""
+    opamp: str = ""  # empty: the scene's op-amp
 
     @classmethod
     def of(cls, start: Start, values: Mapping[str, float], opamp: str = "") -> Settings:
@@ -200,13 +153,7 @@ class Settings:
         return changed
 
     def scene(self, start: Start) -> Scene:
-        """Return the scene with these values.
-
-        Raises
-        ------
-        InputError
-            A value that its key does not accept.
-        """
+        """Return the scene with these values; raises `InputError` for one that its key refuses."""
         changed = self.changes(start)
         return with_values(start.scene, changed) if changed else start.scene
 
@@ -215,15 +162,7 @@ class Settings:
         return make_problem(scene) if VARIANCE in self.values else start.problem
 
     def command(self, start: Start) -> str:
-        """Return the command line that verifies these values.
-
-        Examples
-        --------
-        >>> from taction.netlist_gen.scene.loading import load_scene
-        >>> start = Start.of(load_scene("scenes/paper-breadboard.toml"))
-        >>> Settings({"design.capacitance": 2e-11}).command(start)
-        'taction verify scenes/paper-breadboard.toml --set design.capacitance=2e-11'
-        """
+        """Return the command line that verifies these values."""
         words = ["taction", "verify", str(start.scene.file)]
         for path, value in self.changes(start).items():
             words += ["--set", f"{path}={value if isinstance(value, str) else repr(value)}"]
@@ -238,23 +177,26 @@ class Settings:
             `name` is no plain name that ends with ``.toml``, the file exists, or it cannot be
             written.
         """
+
+        def refused(reason: str) -> InputError:
+            return InputError("save", Complaint("file", repr(name), reason))
+
         stem = name.removesuffix(SUFFIX)
         plain = re.fullmatch(NAME_PATTERN, stem) and len(stem) <= MOST_NAME
         if not name.endswith(SUFFIX) or not plain:
-            text = (
+            raise refused(
                 f"expected the name of a new file that ends with {SUFFIX!r}, without a folder, as"
                 f" scenes have it: letters, digits, '.', '_' and '-', {MOST_NAME} at most"
             )
-            raise InputError("save", Complaint("file", repr(name), text))
         file = start.scene.folder / name
         try:
             with file.open("x", encoding="utf-8") as stream:
                 stream.write(scene_text(self.scene(start), start.scene.folder))
         except FileExistsError:
             text = "the file exists, and stays as it is; expected the name of a new file"
-            raise InputError("save", Complaint("file", repr(name), text)) from None
+            raise refused(text) from None
         except (OSError, ValueError) as error:
-            raise InputError("save", Complaint("file", repr(name), str(error))) from None
+            raise refused(str(error)) from None
         return file
 
 
@@ -273,10 +215,8 @@ def read_value(control: Control, text: str) -> float:
     1.2e-11
     """
     try:
-        if not control.unit:
-            return _plain(text)
-        value = parse(text.strip(), control.unit)
-        if value != 0.0 and text.strip()[-1] in "0123456789.":
+        value = parse(text.strip(), control.unit) if control.unit else _plain(text)
+        if control.unit and value != 0.0 and text.strip()[-1] in "0123456789.":
             like = EXAMPLES[control.unit]
             raise ValueError(
                 f"the unit is missing; expected a value with its unit, such as {like!r}"
@@ -287,10 +227,7 @@ def read_value(control: Control, text: str) -> float:
 
 
 def _plain(text: str) -> float:
-    try:
-        value = number(text)
-    except ValueError:
-        raise ValueError("expected a plain number") from None
-    if not abs(value) < float("inf"):
-        raise ValueError("expected a finite number")
-    return value
+    with suppress(ValueError):
+        if math.isfinite(value := number(text)):
+            return value
+    raise ValueError("expected a plain, finite number")

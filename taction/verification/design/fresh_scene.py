@@ -111,47 +111,12 @@ def exceeded(board: VariedBoard, beyond: float) -> float:
 
 
 def next_round_value(value: float) -> float:
-    """Return the next number of 1, 2, 5 and 10 times a power of ten.
-
-    Examples
-    --------
-    >>> next_round_value(0.0123)
-    0.02
-    """
+    """Return the next number of 1, 2, 5 and 10 times a power of ten, not below a value."""
     decade = 10.0 ** math.floor(math.log10(value)) if value > 0.0 else 0.0
     return next((float(f"{m * decade:.1g}") for m in ROUND if m * decade >= value), 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class FreshPruning:
-    """A fraction for ``design.prune``, and what it changes.
-
-    Attributes
-    ----------
-    fraction : float
-        Of the largest entry; 0 where every entry stays.
-    entries : int
-        Number of entries that are left out.
-    change : float
-        Of the solution, a share of the largest output.
-    """
-
-    fraction: float = 0.0
-    entries: int = 0
-    change: float = 0.0
-
-    @property
-    def note(self) -> str:
-        """What is left out, in words; empty where nothing is."""
-        if not self.entries:
-            return ""
-        return (
-            f"design.prune = {self.fraction:g} leaves out {self.entries} of the entries of T: the"
-            f" solution changes by {100 * self.change:.2g} % of the largest output"
-        )
-
-
-def pruning_for(T: Floats, eps: Floats, lam: float) -> FreshPruning:
+def pruning_for(T: Floats, eps: Floats, lam: float) -> tuple[float, str]:
     """Return the most pruning that changes the solution by less than a fifth of any limit.
 
     A kernel that decays, a Gaussian for example, has entries over many decades. Resistors cannot be
@@ -165,10 +130,12 @@ def pruning_for(T: Floats, eps: Floats, lam: float) -> FreshPruning:
 
     Returns
     -------
-    FreshPruning
-        Without entries where the entries that are not zero differ by less than the factor 1000.
-        Where every fraction changes the solution by more than `UNSEEN`, the smallest that gives
-        resistors that can be bought, if there must be one.
+    float
+        Fraction of the largest entry for ``design.prune``; 0 where the entries that are not zero
+        differ by less than the factor 1000. Where every fraction changes the solution by more than
+        `UNSEEN`, the smallest that gives resistors that can be bought, if there must be one.
+    str
+        What is left out, in words.
 
     Raises
     ------
@@ -178,9 +145,9 @@ def pruning_for(T: Floats, eps: Floats, lam: float) -> FreshPruning:
     Examples
     --------
     >>> T = np.array([[1.0, 1e-9], [0.5, 1.0]])
-    >>> found = pruning_for(T, np.array([1.0, 1.0]), 0.1)
-    >>> found.fraction, found.entries, found.change < 1e-8
-    (0.001, 1, True)
+    >>> fraction, note = pruning_for(T, np.array([1.0, 1.0]), 0.1)
+    >>> fraction, note.partition(":")[0]
+    (0.001, 'design.prune = 0.001 leaves out 1 of the entries of T')
     """
     before = solve(Problem(T, eps, lam))
     largest = float(np.abs(before.u).max(initial=0.0)) or 1.0
@@ -192,8 +159,11 @@ def pruning_for(T: Floats, eps: Floats, lam: float) -> FreshPruning:
         after = solve(Problem(kept, eps, lam))
         change = solution_difference(before, after)[0] / largest
         if change <= UNSEEN or share == NECESSARY:
-            return FreshPruning(share, entries, change)
-    return FreshPruning()
+            return share, (
+                f"design.prune = {share:g} leaves out {entries} of the entries of T: the solution"
+                f" changes by {100 * change:.2g} % of the largest output"
+            )
+    return 0.0, ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,10 +229,10 @@ def fresh_scene(
     name = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in output.stem)
     arrays = {"kind": "matrix", "matrix": matrix.values, "strain": strain.values}
     asked = dict(design or {})
-    pruning = FreshPruning()
+    pruning = ""
     if "prune" not in asked:
-        pruning = pruning_for(matrix.values, strain.values, chosen)
-        asked |= {"prune": pruning.fraction} if pruning.entries else {}
+        share, pruning = pruning_for(matrix.values, strain.values, chosen)
+        asked |= {"prune": share} if share else {}
     data = {
         "name": name[:64] or "scene",
         "problem": arrays,
@@ -275,29 +245,21 @@ def fresh_scene(
     }
     accepted = ANY_PART if any_part else AcceptedParts({})
     scaling = find_scaling(parse_scene(data, output), accepted=accepted)
-    names, files = _placed({"matrix": matrix, "strain": strain}, output)
-    limited, limits = with_limits(scaling.scene)
-    notes = [f"{t.path.name}: {t.changed}" for t in (matrix, strain) if t.changed]
-    notes += [pruning.note] if pruning.entries else []
-    head = f"Scaled by taction for a matrix of {shape_text(matrix.values)}; lambda: {rule}."
-    text = _commented([head, *notes, f"Limits: {limits}."], with_values(limited, names))
-    if limited.checks.steady_state.tolerance > WANTED:  # else no more than was searched for
-        notes.append(limits)
-    return FreshScene(scaling, text, files, rule, tuple(notes))
-
-
-def _placed(
-    tables: Mapping[str, ProblemTable], output: Path
-) -> tuple[dict[str, str], dict[Path, str]]:
-    """Return the names of the tables by key, and the texts of files that are written anew."""
     names, files = {}, {}
-    for key, table in tables.items():
+    for key, table in (("matrix", matrix), ("strain", strain)):
         path = table.path
         if table.changed:
             path = output.with_name(f"{output.stem}-{key}.csv")
             files[path] = _csv(table.values)
         names[f"problem.{key}"] = Path(os.path.relpath(path, output.parent)).as_posix()
-    return names, files
+    limited, limits = with_limits(scaling.scene)
+    notes = [f"{t.path.name}: {t.changed}" for t in (matrix, strain) if t.changed]
+    notes += [pruning] if pruning else []
+    head = f"Scaled by taction for a matrix of {shape_text(matrix.values)}; lambda: {rule}."
+    text = _commented([head, *notes, f"Limits: {limits}."], with_values(limited, names))
+    if limited.checks.steady_state.tolerance > WANTED:  # else no more than was searched for
+        notes.append(limits)
+    return FreshScene(scaling, text, files, rule, tuple(notes))
 
 
 def _commented(remarks: list[str], scene: Scene) -> str:

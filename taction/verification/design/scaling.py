@@ -78,19 +78,9 @@ def scaled_resistors(
 ) -> dict[str, float]:
     """Return s and G0 by their paths; R, which follows from lambda, is in the series, too.
 
-    Parameters
-    ----------
-    limits : tuple of float
-        The smallest and the largest resistor, ohm.
-    factor : float
-        Of s, times the value that balances constraint plane and outputs.
-    notes : list of str
-        Receives what could not be reached.
-
-    Raises
-    ------
-    InputError
-        T or lambda need resistors out of the range that can be bought.
+    s is `factor` times the value that balances constraint plane and outputs; resistors are within
+    `limits`, ohm, and `notes` receives what could not be reached. Raises `InputError` where T or
+    lambda need others.
     """
     sizes = np.abs(problem.matrix[problem.matrix != 0.0])
     smallest, largest = float(sizes.min()), float(sizes.max())
@@ -142,24 +132,12 @@ def _product(scene: Scene, unit: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Scaling:
-    """Scalings that were found.
-
-    Attributes
-    ----------
-    scene : Scene
-        With the scalings.
-    circuit : Circuit
-        Its board.
-    loads : tuple of Load
-        The largest load of each quantity, the largest share of a limit first.
-    notes : tuple of str
-        What could not be reached, and the warnings of the parts.
-    """
+    """The scene with scalings that were found, and its board."""
 
     scene: Scene
     circuit: Circuit
-    loads: tuple[Load, ...]
-    notes: tuple[str, ...]
+    loads: tuple[Load, ...]  # the largest of each quantity, the largest share of a limit first
+    notes: tuple[str, ...]  # what could not be reached, and the warnings of the parts
 
     @property
     def matrix_ohms(self) -> tuple[float, float]:
@@ -289,16 +267,14 @@ def find_scaling(
         said = list[str]()
         values = scaled_resistors(scene, problem, answer, factor, said, limits)
         scaled = _with_voltage(_held(scene, values, answer), problem, answer, share)
-        trials = Trials(scaled, accepted=accepted)
-        scaled = _with_capacitance(trials, said, _damped) or scaled
+        scaled = _with_capacitance(scaled, accepted, said, _damped) or scaled
         scaled, loads = _with_loads(scaled, problem, share, said)
         found.append(_Scaled(scaled, loads, said))
         if not loads or found[-1].voltage >= FULL * share:  # U0 has two digits
             break
     best = max(found, key=lambda one: one.voltage)
     for one in sorted(found, key=lambda one: -one.voltage):
-        trials = Trials(one.scene, accepted=accepted)
-        passing = _with_capacitance(trials, one.notes, is_good)
+        passing = _with_capacitance(one.scene, accepted, one.notes, is_good)
         if passing is not None:
             best = replace(one, scene=passing)
             break
@@ -319,15 +295,7 @@ def rescaled(
 ) -> Scene:
     """Return the scene with G0, U0 and s as `scale` has them, and a C with the same R C.
 
-    Parameters
-    ----------
-    factor : float
-        Of `SMALLER`.
-
-    Raises
-    ------
-    InputError, EngineError
-        As `scale`.
+    `factor` is one of `SMALLER`; the errors are those of `scale`.
     """
     before = topology_of(scene).facts(scene)["R"].value
     scaled = _held(scene, scaled_resistors(scene, problem, answer, factor, []), answer)
@@ -383,14 +351,14 @@ def _damped(trial: Trial) -> bool:
 
 
 def _with_capacitance(
-    trials: Trials, notes: list[str], accept: Callable[[Trial], bool]
+    scene: Scene, accepted: AcceptedParts, notes: list[str], accept: Callable[[Trial], bool]
 ) -> Scene | None:
     """Return the scene with the nearest C that is accepted; None where none is.
 
     The number of trials limits the search, and not the time: what is proposed must not depend on
     the speed of the machine.
     """
-    path, scene = "design.capacitance", trials.scene
+    path, trials = "design.capacitance", Trials(scene, accepted=accepted)
     own = trials.at({path: scene.design.capacitance})
     if accept(own):
         return scene
