@@ -18,14 +18,14 @@ from contextlib import suppress
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from taction.system.errors import Complaint, InputError, NoVerdictError
 from taction.system.foreign_files import FOLDERS, MEGABYTE
 from taction.system.processes import guard
 
 if TYPE_CHECKING:
-    from mcp.server import MCPServer
+    from mcp.server.lowlevel import Server
     from mcp.types import CallToolResult
 
 PACKAGE = "the server needs the SDK of MCP: pip install 'taction[mcp]'"
@@ -38,7 +38,7 @@ ABOUT = (
 PROCESSES = 2  # that run at once
 LARGEST = 64 * MEGABYTE  # bytes of a document
 ASKING = "expected a program that asks over stdin"
-TYPES = {"integer": int, "number": float, "boolean": bool}  # others are texts
+TYPES = ("integer", "number", "boolean")  # others are texts
 TOOLS: dict[str, tuple[str, tuple[str, ...]]] = {
     "verify": ("verify", ("engine", "settings", "margins", "changes")),
     "check": ("check", ("outputs", "checks", "expect", "over", "ngspice")),
@@ -60,7 +60,7 @@ def serve(folder: str | Path, limit: float) -> None:
     if not (math.isfinite(limit) and limit > 0.0):
         expected = "expected a finite number of seconds above zero"
         raise InputError("--limit", Complaint("SECONDS", repr(limit), expected))
-    made = server(folder, limit)._lowlevel_server
+    made = server(folder, limit)
     if sys.stdin is None:
         raise InputError("mcp", Complaint("stdin", "", f"closed; {ASKING}"))
     import anyio
@@ -104,96 +104,94 @@ class _Lines:
                 return
 
 
-def server(folder: str | Path, limit: float) -> MCPServer[Any]:
+def server(folder: str | Path, limit: float) -> Server[Any]:
     """Return the server of the tools in a folder; InputError without the folder or the SDK."""
     place = Path(folder)
     if not place.is_dir():
         raise InputError(folder, Complaint("FOLDER", repr(str(folder)), "expected a folder"))
     try:
-        from mcp.server import MCPServer
+        from mcp.server.lowlevel import Server
+        from mcp.types import ListToolsResult, Tool
     except ImportError:
         raise InputError("mcp", Complaint("FOLDER", repr(str(folder)), PACKAGE)) from None
     import anyio
+    from jsonschema import Draft202012Validator
 
     names = dict.fromkeys(command.split()[0] for command, _ in TOOLS.values())
     line = [sys.executable, "-P", "-m", "taction", *names, "--help", "--json"]
     told = json.loads(subprocess.run(line, capture_output=True, check=True).stdout)
     known = {each["name"]: each for each in told["commands"]}
-    slots = anyio.CapacityLimiter(PROCESSES)
-    return MCPServer(
-        "taction",
-        version=metadata.version("taction"),
-        instructions=ABOUT,
-        log_level="CRITICAL",
-        tools=[
-            _tool(name, known[command], options, Commands(place.resolve(), limit, slots))
-            for name, (command, options) in TOOLS.items()
-        ],
-    )
+    helps = {name: known[command] for name, (command, _) in TOOLS.items()}
+    tools = {
+        name: Tool(name=name, description=command["help"], input_schema=_schema(name, command))
+        for name, command in helps.items()
+    }
+    commands = Commands(place.resolve(), limit, anyio.CapacityLimiter(PROCESSES))
+
+    async def list_tools(context: Any, asked: Any) -> ListToolsResult:
+        return ListToolsResult(tools=[*tools.values()])
+
+    async def call_tool(context: Any, asked: Any) -> CallToolResult:
+        if asked.name not in tools:
+            return _answer(f"Unknown tool: {asked.name}")
+        given = asked.arguments or {}
+        found = Draft202012Validator(tools[asked.name].input_schema).iter_errors(given)
+        if mistakes := [f"{each.json_path.removeprefix('$.')}: {each.message}" for each in found]:
+            return _answer("\n".join(mistakes))
+        words = [*_words(asked.name, helps[asked.name], given)]
+        return await commands.run(words, context.session.report_progress)
+
+    return Server(
+        "taction", version=metadata.version("taction"), instructions=ABOUT,
+        on_list_tools=list_tools, on_call_tool=call_tool,
+    )  # fmt: skip
 
 
-def _tool(name: str, command: dict[str, Any], options: tuple[str, ...], commands: Commands) -> Any:
-    """Return a command, as its --help --json has it, as a tool of the SDK with some options."""
-    from mcp.server.mcpserver.context import Context
-    from mcp.server.mcpserver.tools.base import Tool
-    from mcp.server.mcpserver.utilities.func_metadata import ArgModelBase, FuncMetadata
-    from pydantic import create_model
-
-    taken = [each for each in command["options"] if each["name"] in options]
-    fields: Any = {each["name"]: _field(each) for each in (*command["arguments"], *taken)}
-
-    class Arguments(ArgModelBase, extra="forbid"):
-        """The arguments; an unknown one is refused."""
-
-    async def call(context: Context[Any, Any], **given: Any) -> CallToolResult:
-        words = [*TOOLS[name][0].split(), "--json"]
-        for option in taken:
-            words += _option(option, given[option["name"]])
-        values = [given[each["name"]] for each in command["arguments"]]
-        words += ["--", *(str(each) for value in values for each in _listed(value))]
-        return await commands.run(words, context.report_progress)
-
-    model = create_model(name, __base__=Arguments, **fields)
-    return Tool(
-        fn=call,
-        name=name,
-        description=command["help"],
-        parameters=model.model_json_schema(),
-        fn_metadata=FuncMetadata(arg_model=model),
-        is_async=True,
-        context_kwarg="context",
-    )
+def _schema(name: str, command: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the JSON Schema of the arguments of a tool: those of its command, and options."""
+    taken = (each for each in command["options"] if each["name"] in TOOLS[name][1])
+    shown = [*command["arguments"], *taken]
+    return {
+        "type": "object",
+        "properties": {each["name"]: _property(each) for each in shown},
+        "required": [each["name"] for each in shown if each["required"]],
+        "additionalProperties": False,
+    }
 
 
-def _field(parameter: Mapping[str, Any]) -> tuple[Any, Any]:
-    """Return type and description of one argument or option."""
-    from pydantic import Field
-
+def _property(parameter: Mapping[str, Any]) -> dict[str, Any]:
     form = f" ({parameter['metavar']})" if parameter.get("metavar") else ""
     about = parameter.get("help") or f"{parameter['name']}: a file of the server's folder"
-    kind: Any = TYPES.get(parameter["type"], str)
-    if parameter["type"] == "choice":
-        kind = Literal[tuple(parameter["choices"])]
-    kind = Annotated[kind, Field(ge=parameter.get("min"), le=parameter.get("max"))]
+    kind = parameter["type"]
+    made: dict[str, Any] = {"type": kind if kind in TYPES else "string"}
+    limits = {"enum": "choices", "minimum": "min", "maximum": "max"}
+    made |= {key: value for key, of in limits.items() if (value := parameter.get(of)) is not None}
     if parameter["several"]:
-        kind = Annotated[list[kind], Field(min_length=int(parameter["required"]))]
-    default = ... if parameter["required"] else None
-    return kind, Field(default, description=f"{about}{form}")
+        made = {"type": "array", "items": made, "minItems": int(parameter["required"])}
+    return made | {"description": f"{about}{form}"}
+
+
+def _words(name: str, command: Mapping[str, Any], given: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the words of a command line with the arguments of a tool."""
+    yield from (*TOOLS[name][0].split(), "--json")
+    for option in command["options"]:
+        for value in _listed(given.get(option["name"])):
+            flag = next(each for each in option["flags"] if each.startswith("--"))
+            against = (each for each in option["flags"] if each.startswith("--no-"))
+            if not option["is_flag"]:
+                yield f"{flag}={value}"
+            elif value:
+                yield flag
+            else:
+                yield from against
+    yield "--"
+    for argument in command["arguments"]:
+        yield from map(str, _listed(given.get(argument["name"])))
 
 
 def _listed(value: Any) -> list[Any]:
     """Return a value as a list; None has no values."""
     return value if isinstance(value, list) else [] if value is None else [value]
-
-
-def _option(option: Mapping[str, Any], value: Any) -> Iterator[str]:
-    """Yield an option as words of a command line."""
-    flag = next(each for each in option["flags"] if each.startswith("--"))
-    if not option["is_flag"]:
-        yield from (f"{flag}={each}" for each in _listed(value))
-    elif value is not None:
-        against = [each for each in option["flags"] if each.startswith("--no-")]
-        yield from [flag] if value else against
 
 
 @dataclass(frozen=True, slots=True)

@@ -92,9 +92,9 @@ REFUSED: tuple[tuple[str, dict[str, Any], str], ...] = (
     ("check", {"deck": "outside.cir"}, "is outside the deck's folder and not read"),
     ("verify", {"scenes": ["--help"]}, "No such file"),
     ("verify", {"scenes": ["a\0b"]}, "null byte"),
-    ("verify", {"scene": SCENE}, "scenes\n  Field required"),
-    ("verify", {"scenes": [SCENE], "report": "a.html"}, "report\n  Extra inputs are not permitted"),
-    ("verify", {"scenes": [SCENE], "changes": "soon"}, "changes\n  Input should be a valid number"),
+    ("verify", {"scene": SCENE}, "'scenes' is a required property"),
+    ("verify", {"scenes": [SCENE], "report": "a.html"}, "'report' was unexpected"),
+    ("verify", {"scenes": [SCENE], "changes": "soon"}, "changes: 'soon' is not of type 'number'"),
     ("simulate", {"scene": SCENE}, "Unknown tool: simulate"),
 )
 
