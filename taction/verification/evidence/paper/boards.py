@@ -14,7 +14,6 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.charts import Axis, Chart, Curve, Limit
@@ -28,6 +27,7 @@ from taction.verification.evidence.paper.findings import (
     chart,
     finding,
     paper_scene,
+    redesigned,
     seconds,
     weigh,
 )
@@ -160,15 +160,11 @@ def _faster(scene: Scene) -> Finding:
 
     def edge(fast: float, light: float) -> float:
         """Return the largest C below which the board oscillates, F."""
-        opamp = scene.design.opamp
-        changes = {
-            "design.opamp.gbw": fast * (opamp.gbw or 0.0),
-            "design.opamp.second_pole": fast * (opamp.second_pole or 0.0),
-            "design.stray_capacitance": light * scene.design.stray_capacitance,
-            "design.opamp.input_capacitance": light * (opamp.input_capacitance or 0.0),
-            "design.capacitance": STABLE_CAPACITANCE,
-        }
-        board = with_values(scene, changes)
+        opamp, stray = scene.design.opamp, scene.design.stray_capacitance
+        factors = {"gbw": fast, "second_pole": fast, "input_capacitance": light}
+        figures = {f"opamp.{key}": x * getattr(opamp, key) for key, x in factors.items()}
+        parts = {"stray_capacitance": light * stray, "capacitance": STABLE_CAPACITANCE}
+        board = redesigned(scene, **figures, **parts)
         return STABLE_CAPACITANCE / find_margin(synthesise(board, make_problem(board))).factor
 
     own, fast, both = edge(1.0, 1.0), edge(2.0, 1.0), edge(2.0, 0.5)
@@ -180,7 +176,7 @@ def _negligible(scene: Scene) -> Finding:
     """Compare the board with the ideal network, which has no constraint-plane dynamics."""
     off = {}
     for name, farads in {"at_10pF": 10e-12, "at_1nF": 1e-9, "at_100nF": 100e-9}.items():
-        slow = with_values(scene, {"design.capacitance": farads, "analysis.engine": "statespace"})
+        slow = redesigned(scene, capacitance=farads).with_engine("statespace")
         verdict = verify(slow, effort=quickly)
         settling = seconds(verdict.measurements.settling_time)
         off[name] = abs(settling / verdict.ideal.settling_time - 1.0)
@@ -233,9 +229,8 @@ def console(quick: bool) -> Chapter:
 
 
 def _by_gain(scene: Scene, gain: float, **others: float) -> tuple[float, float]:
-    changes: dict[str, Value] = {"design.gain": gain, "analysis.engine": "statespace"}
-    changes |= {f"design.{key}": value for key, value in others.items()}
-    return _times(record_transient(with_values(scene, changes)).measurements)
+    board = redesigned(scene, gain=gain, **others).with_engine("statespace")
+    return _times(record_transient(board).measurements)
 
 
 def _times(measurements: Measurements) -> tuple[float, float]:
@@ -251,13 +246,12 @@ def _tuned(scene: Scene) -> Finding:
     scene = scene.model_copy(update={"checks": checks})
     lam, own = ideal_network(make_problem(scene), scene).lam, float(scene.design.gain)
     gains = [factor * own for factor in np.geomspace(FACTORS[0], FACTORS[-1], GAINS).tolist()]
-    found = {gain: _by_gain(scene, gain, **{"lambda": lam}) for gain in gains}
-    before = _by_gain(scene, own, **{"lambda": lam})
+    held = {"lambda": lam}
+    found = {gain: _by_gain(scene, gain, **held) for gain in gains}
+    before = _by_gain(scene, own, **held)
     kept = [gain for gain in gains if found[gain][1] <= OVERSHOOT]
     best = min(kept or gains, key=lambda gain: found[gain][0])
-    verdict = verify(
-        with_values(scene, {"design.gain": best, "design.lambda": lam}), effort=quickly
-    )
+    verdict = verify(redesigned(scene, gain=best, **held), effort=quickly)
     settling, overshoot = _times(verdict.measurements)
     agree = abs(settling - found[best][0]) <= 0.05 * settling
     better = settling < before[0] and overshoot <= OVERSHOOT

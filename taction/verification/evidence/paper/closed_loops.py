@@ -24,6 +24,7 @@ from taction.verification.evidence.paper.findings import (
     Finding,
     finding,
     paper_scene,
+    redesigned,
     weigh,
 )
 from taction.verification.stability.poles import poles
@@ -52,8 +53,8 @@ def _scene(name: str, matrix: Floats, opamp: Mapping[str, Any] = ONE_POLE, **des
     """Return a shipped scene with another matrix, a strain of ones, and no stray capacitance."""
     problem = {"kind": "matrix", "matrix": matrix.tolist(), "strain": [1.0] * len(matrix)}
     parts = {"unit_conductance": UNIT, "stray_capacitance": 0, "opamp": dict(opamp), **design}
-    changes = {"problem": problem, "checks": {}, **{f"design.{k}": v for k, v in parts.items()}}
-    return with_values(paper_scene(name), changes)
+    changes: dict[str, Any] = {"problem": problem, "checks": {}}
+    return redesigned(with_values(paper_scene(name), changes), **parts)
 
 
 def _time(sizes: tuple[int, ...]) -> Finding:

@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.charts import Axis, Chart, Mark
@@ -140,6 +141,11 @@ def load_claims() -> tuple[Claim, ...]:
 def paper_scene(name: str) -> Scene:
     """Return one of the shipped scenes."""
     return load_scene(SCENES / f"{name}.toml")
+
+
+def redesigned(scene: Scene, **design: Any) -> Scene:
+    """Return a scene with other values of its design."""
+    return with_values(scene, {f"design.{key}": value for key, value in design.items()})
 
 
 def seconds(reading: Reading | None) -> float:

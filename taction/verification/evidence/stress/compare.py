@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.reading_definitions import READINGS
 from taction.verification.evidence.stress.true_values import TrueValues
 from taction.verification.verdict.checks import Check, Outcome
@@ -17,6 +18,7 @@ MARGIN = 1e-5  # of a margin: its stated error
 LEAST_TOLERANCE = 1e-3  # of the step: a scene that asks for less allows it for its readings
 LAST_LEVEL = 0.1  # of the step: distance of a rise time's last level from the target
 NETWORK = ("steady_state", *READINGS)
+_Stated = tuple[str, float, float, float, str]  # name, value, stated error, truth, unit
 RESTING = ("steady_state", "settling_time")  # also judged by where drawn boards rest
 
 
@@ -64,14 +66,62 @@ def compare(verdict: Verdict, truth: TrueValues) -> tuple[TruthComparison, ...]:
     An undecided verdict states no readings. The outputs of a board that never arrives at its
     equilibrium have no readings that a finite record could show: only its poles are compared.
     """
-    numbers = _Numbers(verdict, truth)
-    poles = tuple(numbers.poles())
-    if truth.rightmost[0] >= 0.0 or not truth.arrives or not truth.amplitude:
-        return poles
-    static = tuple(numbers.static())
-    if not truth.readable or verdict.outcome is Outcome.INCONCLUSIVE:
-        return (*static, *poles)
-    return (*static, *numbers.checks(), *numbers.channels(), *poles)
+    found = []
+    for name, value, uncertainty, true, unit in _stated(verdict, truth):
+        # Errors of times, poles and margins are relative, those of voltages are of the step.
+        size = {"step": 1.0, "V": truth.amplitude}.get(unit, abs(true))
+        doubt, accuracy = truth.error * size, _allowed(verdict.scene, name) * size
+        found.append(TruthComparison(name, value, uncertainty, true, unit, doubt, accuracy))
+    return tuple(found)
+
+
+def _stated(verdict: Verdict, truth: TrueValues) -> Iterator[_Stated]:
+    """Yield name, value, stated error, true value and unit of every number of a verdict."""
+    if truth.rightmost[0] < 0.0 and truth.arrives and truth.amplitude:
+        steady = verdict.steady
+        for n, (value, true) in enumerate(zip(steady.values, truth.channels, strict=True), 1):
+            yield f"final value of u_{n}", float(value), steady.error, true["final"], "V"
+        if truth.readable and verdict.outcome is not Outcome.INCONCLUSIVE:
+            yield from _readings(verdict, truth)
+    poles, margin = verdict.poles, verdict.margin
+    lead = truth.rightmost[0]
+    yield "rightmost pole", poles.rightmost.real, poles.resolution, lead, "1/s"
+    if margin is not None and truth.margin is not None:
+        yield "margin", margin.factor, MARGIN * margin.factor, truth.margin, "ratio"
+
+
+def _readings(verdict: Verdict, truth: TrueValues) -> Iterator[_Stated]:
+    """Yield the numbers of the decided checks of the network, and the readings of the channels."""
+    for check in verdict.checks:
+        value, uncertainty = check.value, check.uncertainty
+        undecided = check.outcome is Outcome.INCONCLUSIVE
+        undecided |= check.name == "steady_state" and _varies(verdict)
+        if value is None or uncertainty is None or undecided or check.name not in NETWORK:
+            continue
+        true = _of_the_network(check.name, verdict, truth)
+        yield check.name, value, uncertainty, true, check.unit
+    for channel, known in zip(verdict.measurements.channels, truth.channels, strict=True):
+        for name, reading in channel.readings.items():
+            if reading is not None:
+                label, true = f"{name} of u_{channel.index + 1}", known.get(name, math.nan)
+                yield label, reading.value, reading.uncertainty, true, READINGS[name].unit
+
+
+def _allowed(scene: Scene, name: str) -> float:
+    """Return the error that the scene allows for a number, as a fraction.
+
+    An error of the transient moves the instant at which it crosses a level by about the same
+    fraction of the time as the error is of the distance to the target.
+    """
+    error, tolerance = scene.analysis.error, scene.checks.steady_state.tolerance
+    if name == "steady_state":
+        return tolerance
+    wanted = SHARE * max(tolerance, LEAST_TOLERANCE)
+    if isinstance(error, float):
+        wanted = max(wanted, error)
+    if name.startswith("settling_time"):
+        return wanted / scene.checks.settling_time.band
+    return wanted / LAST_LEVEL if name.startswith("rise_time") else wanted
 
 
 def worst(comparisons: tuple[TruthComparison, ...]) -> TruthComparison | None:
@@ -138,74 +188,3 @@ def _of_the_network(name: str, verdict: Verdict, truth: TrueValues) -> float:
         return math.nan
     largest = truth.largest(name)
     return math.nan if largest is None else largest
-
-
-@dataclass(frozen=True, slots=True)
-class _Numbers:
-    """The numbers that a verdict states, with their true values."""
-
-    verdict: Verdict
-    truth: TrueValues
-
-    def static(self) -> Iterator[TruthComparison]:
-        """Yield the outputs at the equilibrium."""
-        steady, amplitude = self.verdict.steady, self.truth.amplitude
-        for n, (value, true) in enumerate(zip(steady.values, self.truth.channels, strict=True)):
-            name, final = f"final value of u_{n + 1}", true["final"]
-            yield self._number(name, float(value), steady.error, final, "V", amplitude)
-
-    def checks(self) -> Iterator[TruthComparison]:
-        """Yield the numbers of the decided checks of the network."""
-        for check in self.verdict.checks:
-            value, uncertainty = check.value, check.uncertainty
-            unknown = check.outcome is Outcome.INCONCLUSIVE
-            unknown |= check.name == "steady_state" and _varies(self.verdict)
-            if check.name in NETWORK and not unknown and None not in (value, uncertainty):
-                true = _of_the_network(check.name, self.verdict, self.truth)
-                yield self._number(check.name, value or 0.0, uncertainty or 0.0, true, check.unit)
-
-    def channels(self) -> Iterator[TruthComparison]:
-        """Yield the readings of the channels."""
-        channels = self.verdict.measurements.channels
-        for channel, true in zip(channels, self.truth.channels, strict=True):
-            for name, reading in channel.readings.items():
-                if reading is not None:
-                    label = f"{name} of u_{channel.index + 1}"
-                    value, error, unit = reading.value, reading.uncertainty, READINGS[name].unit
-                    yield self._number(label, value, error, true.get(name, math.nan), unit)
-
-    def poles(self) -> Iterator[TruthComparison]:
-        """Yield the rightmost pole and the margin."""
-        found, truth = self.verdict.poles, self.truth
-        lead, resolution = truth.rightmost[0], found.resolution
-        yield self._number("rightmost pole", found.rightmost.real, resolution, lead, "1/s")
-        margin = self.verdict.margin
-        if margin is not None and truth.margin is not None:
-            doubt = MARGIN * margin.factor
-            yield self._number("margin", margin.factor, doubt, truth.margin, "ratio")
-
-    def _number(
-        self, name: str, value: float, error: float, truth: float, unit: str, scale: float = 1.0
-    ) -> TruthComparison:
-        """Return a comparison; errors of times, poles and margins are relative, else of `scale`."""
-        size, share = (scale if unit in ("step", "V") else abs(truth)), self._allowed(name)
-        return TruthComparison(
-            name, value, error, truth, unit, self.truth.error * size, share * size
-        )
-
-    def _allowed(self, name: str) -> float:
-        """Return the error that the scene allows for a number, as a fraction.
-
-        An error of the transient moves the instant at which it crosses a level by about the same
-        fraction of the time as the error is of the distance to the target.
-        """
-        scene, error = self.verdict.scene, self.verdict.scene.analysis.error
-        tolerance = scene.checks.steady_state.tolerance
-        if name == "steady_state":
-            return tolerance
-        wanted = SHARE * max(tolerance, LEAST_TOLERANCE)
-        if isinstance(error, float):
-            wanted = max(wanted, error)
-        if name.startswith("settling_time"):
-            return wanted / scene.checks.settling_time.band
-        return wanted / LAST_LEVEL if name.startswith("rise_time") else wanted

@@ -109,11 +109,6 @@ def _reflection(x: Sequence[float]) -> Rows:
     return [[(i == j) - 2.0 * a * b / square for j, b in enumerate(x)] for i, a in enumerate(x)]
 
 
-def constant(size: int, value: float) -> list[float]:
-    """Return a vector of equal values."""
-    return [value] * size
-
-
 def spike(size: int, place: int, value: float) -> list[float]:
     """Return zeros with one `value`, at `place` from 1."""
     return [value * (i + 1 == place) for i in range(size)]
@@ -128,6 +123,6 @@ GENERATORS: dict[str, Callable[..., Rows | list[float]]] = {
     function.__name__: function
     for function in (
         identity, diagonal, uniform, sparse, blocks, graded, outer, hilbert, skew, singular,
-        constant, spike, drawn,
+        spike, drawn,
     )
 }  # fmt: skip

@@ -17,46 +17,40 @@ NEXT = (
 )
 
 
+COLUMNS = {
+    "board": lambda step: step.title,
+    "outcome": lambda step: outcome_cell(step.verdict.outcome.value),
+    "because": lambda step: decisive_text(step.verdict.checks, step.verdict.outcome.value),
+}
+
+
 def view(found: Demonstration) -> Page:
     """Return the page of the demonstration."""
     told = "as told" if found.outcome == "pass" else "NOT as told"
+    steps = [part for number, step in enumerate(found.steps, 1) for part in _sections(number, step)]
     return Page(
         title=TITLE,
         command="taction demo",
         outcome=found.outcome if found.outcome == "fail" else "pass",
         summary=f"Three boards, {told}, in {found.seconds:.0f} s.",
         sections=(
-            *(
-                part
-                for number, step in enumerate(found.steps, 1)
-                for part in _sections(number, step)
-            ),
+            *steps,
             Section("Next", (Notes("", (NEXT,)),), media=BOTH),
             origin_section(None),
         ),
     )
 
 
-def _sections(number: int, step: DemonstrationStep) -> tuple[Section, ...]:
-    verdict = step.verdict
-    title = f"{number}. {step.title}"
-    table = Table.of(
-        "",
-        (step,),
-        {
-            "board": lambda each: each.title,
-            "outcome": lambda each: outcome_cell(each.verdict.outcome.value),
-            "because": lambda each: decisive_text(each.verdict.checks, each.verdict.outcome.value),
-        },
-    )
-
-    answers = (answer_text(verdict.answer),) if number == 1 else ()
+def _sections(number: int, step: DemonstrationStep) -> tuple[Section, Section]:
+    """Return the sentences and checks of a board, and its outputs; of the first also the answer."""
+    verdict, title, first = step.verdict, f"{number}. {step.title}", number == 1
+    answers = (answer_text(verdict.answer),) if first else ()
 
     def charts() -> tuple[Block, ...]:
-        pressures = number == 1
-        return (outputs_chart(verdict), *((stress_chart(verdict),) if pressures else ()))
+        return (outputs_chart(verdict), *((stress_chart(verdict),) if first else ()))
 
+    told = Notes("", (step.text, *answers)), Table.of("", (step,), COLUMNS)
     return (
-        Section(title, (Notes("", (step.text, *answers)), table), media=BOTH),
+        Section(title, told, media=BOTH),
         Section(f"{title}: outputs", charts, media=DRAWN),
     )
