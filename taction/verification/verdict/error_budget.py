@@ -15,10 +15,10 @@ op-amps some more figures, and the last board is the one that is simulated.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -61,74 +61,37 @@ def stage_deviation(board: LinearBoard) -> str:
 
 
 IDEAL_GAIN = 1e15  # the gain error of a whole board is then at the rounding of its equilibrium
-
-
-@dataclass(frozen=True, slots=True)
-class OpAmpLink:
-    """Figures of an op-amp that make one part of the error budget.
-
-    Attributes
-    ----------
-    name : str
-        Of the part.
-    figures : tuple of str
-        Fields of `OpAmp`; without these a field has its default, the gain `IDEAL_GAIN`.
-    what : str
-        The figures in words.
-    switch : str
-        Field that has to be true for these figures to be in the macromodel, or empty.
-    """
-
-    name: str
-    figures: tuple[str, ...]
-    what: str
-    switch: str = ""
-
-    @property
-    def how(self) -> str:
-        """The comparison that gives the part."""
-        return f"{self.what} of the op-amps: equilibrium with against without"
-
-    @property
-    def fields(self) -> set[str]:
-        """All fields that the link sets."""
-        return {*self.figures, *filter(None, [self.switch])}
-
-    def acts_on(self, model: OpAmp) -> bool:
-        """Whether the macromodel of `model` has any of the figures."""
-        on = not self.switch or getattr(model, self.switch)
-        return on and any(getattr(model, name) != _NEUTRAL[name] for name in self.figures)
-
-
 GAIN = ("dc_gain", "gbw", "second_pole", "input_resistance", "output_resistance", "imported")
 CURRENTS = ("bias_current", "offset_current")
 LIMITS = ("slew_rate", "saturation", "output_current", "limits_current")
-LINKS = (
-    OpAmpLink("opamps", GAIN, "finite gain and impedances"),
-    OpAmpLink("offset_voltage", ("offset_voltage",), "offset voltage", "input_errors"),
-    OpAmpLink("input_currents", CURRENTS, "bias and offset current", "input_errors"),
-    OpAmpLink("common_mode", ("common_mode_rejection",), "common-mode rejection", "input_errors"),
-    OpAmpLink("limits", LIMITS, "limits", "large_signal"),
-)
+OPAMP_LINKS: dict[str, tuple[str, tuple[str, ...], str]] = {
+    "opamps": ("finite gain and impedances", GAIN, ""),
+    "offset_voltage": ("offset voltage", ("offset_voltage",), "input_errors"),
+    "input_currents": ("bias and offset current", CURRENTS, "input_errors"),
+    "common_mode": ("common-mode rejection", ("common_mode_rejection",), "input_errors"),
+    "limits": ("limits", LIMITS, "large_signal"),
+}
+"""Parts of the op-amps: words, fields of `OpAmp`, and the field that switches these on."""
 _NEUTRAL: dict[str, Any] = {f.name: f.default for f in fields(OpAmp)} | {"dc_gain": IDEAL_GAIN}
 
 
-def with_ideal_opamps(circuit: Circuit) -> Circuit:
-    """Return `circuit` with op-amps that add no error at rest."""
-    return _with_links(circuit, [])
+def _acts(link: str, model: OpAmp) -> bool:
+    """Whether the macromodel of an op-amp has any figure of a link."""
+    _, figures, switch = OPAMP_LINKS[link]
+    on = not switch or getattr(model, switch)
+    return on and any(getattr(model, name) != _NEUTRAL[name] for name in figures)
 
 
-def opamp_stages(board: LinearBoard) -> Iterator[tuple[OpAmpLink, LinearBoard]]:
-    """Yield each link that `board` has, and the board with the figures up to this link.
-
-    The last one is `board` itself. There is none for op-amps without any such figure.
-    """
-    models = board.circuit.models.values()
-    links = [link for link in LINKS if any(map(link.acts_on, models))]
-    for count, link in enumerate(links[:-1], 1):
-        yield link, LinearBoard(_with_links(board.circuit, links[:count]))
-    if links:
-        yield links[-1], board
+def _with_links(circuit: Circuit, links: Sequence[str]) -> LinearBoard:
+    """Return the board with the figures of some links only; without any its op-amps are ideal."""
+    absent = {
+        name: _NEUTRAL[name]
+        for link, (_, figures, switch) in OPAMP_LINKS.items()
+        for name in (*figures, *filter(None, [switch]))
+        if not any(name in (*OPAMP_LINKS[kept][1], OPAMP_LINKS[kept][2]) for kept in links)
+    }
+    models = {name: replace(model, **absent) for name, model in circuit.models.items()}
+    return LinearBoard(replace(circuit, models=models))
 
 
 def outputs_at_rest(board: LinearBoard) -> Floats:
@@ -141,15 +104,6 @@ def outputs_at_rest(board: LinearBoard) -> Floats:
     """
     rest = board.equilibrium
     return np.array([output.sign * rest[output.node] for output in board.circuit.outputs])
-
-
-def _with_links(circuit: Circuit, links: list[OpAmpLink]) -> Circuit:
-    """Return `circuit` with the figures of `links` only."""
-    kept = set[str]().union(*(link.fields for link in links))
-    every = set[str]().union(*(link.fields for link in LINKS))
-    absent = {name: _NEUTRAL[name] for name in every - kept}
-    models = {name: replace(model, **absent) for name, model in circuit.models.items()}
-    return replace(circuit, models=models)
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,39 +152,31 @@ class ErrorBudget:
         return tuple(map(math.fsum, zip(*signed, strict=True)))
 
 
-class ErrorChain:
-    """Solutions in the order in which a board moves away from the true stress.
+class Link(NamedTuple):
+    """A solution of the chain: the part it ends, in words, and how to find it, V, (N,)."""
 
-    Attributes
-    ----------
-    first, last : ndarray (N,) or None
-        The first and the latest known solution, V.
-    parts : list of ErrorPart
-        One for each step of the chain.
+    name: str
+    how: str
+    solution: Floats | Callable[[], Floats]
+    bound: float | None = None  # proven, on the part, V
+
+
+def chained(first: Floats | None, links: Iterable[Link]) -> Iterator[ErrorPart]:
+    """Yield the part between each two solutions that follow each other.
+
+    Without a first solution the first part is not known. Where another solution cannot be found,
+    its part is not known, and the part after it contains it.
     """
-
-    def __init__(self, first: Floats | None) -> None:
-        self.first = self.last = first
-        self.parts: list[ErrorPart] = []
-
-    def link(
-        self, name: str, how: str, find: Callable[[], Floats] | Floats, bound: float | None = None
-    ) -> None:
-        """Add the part between the last solution and the next (N,), V; unknown without a last one.
-
-        If the next one cannot be found, the part after it contains this one.
-        """
+    last = first
+    for name, how, solution, bound in links:
         try:
-            u = find() if callable(find) else find
+            u = solution() if callable(solution) else solution
         except EngineError as error:
-            self.parts.append(ErrorPart(name, None, f"{how}: {error}"))
-            return
-        before, self.last = self.last, u
-        if before is None:
-            self.first = u
-            self.parts.append(ErrorPart(name, None, how))
-        else:
-            self.parts.append(replace(difference(name, how, before, u), bound=bound))
+            yield ErrorPart(name, None, f"{how}: {error}")
+            continue
+        unknown = ErrorPart(name, None, how)
+        yield unknown if last is None else replace(difference(name, how, last, u), bound=bound)
+        last = u
 
 
 def difference(name: str, how: str, before: Floats, after: Floats) -> ErrorPart:
@@ -284,84 +230,92 @@ def error_budget(
     SolverError
         The problem with the pruned T cannot be solved.
     """
-    chain = ErrorChain(answer.stress)
-    _add_answer(chain, design, ideal, answer)
-    _add_board(chain, design)
-    _transient(chain, recording, LEAST_BOUND * answer.unit)
+    links = (
+        *_of_answer(design, ideal, answer),
+        *_of_board(design),
+        *_of_transient(recording, LEAST_BOUND * answer.unit),
+    )
+    parts = [*chained(answer.stress, links)]
+    if recording.exact_end is None:
+        error = _simulator_error(recording)
+        parts.append(ErrorPart("simulator", None, "there is no second solution", error))
     if noise is not None:
         how = f"rms at rest {noise.band}: resistors, op-amps and sensors; not in the sum"
-        chain.parts.append(ErrorPart("noise", noise.known, how))
+        parts.append(ErrorPart("noise", noise.known, how))
     for name, volts in ({} if spread is None else spread.changes).items():
         how = f"95 % of the boards are within, {around(design.scene.design, name)}; not in the sum"
-        chain.parts.append(ErrorPart(name, volts, how))
-    whole = None
-    if chain.first is not None:
-        start = "regularised answer" if answer.stress is None else "true stress"
-        whole = difference(
-            "total", f"end of the record against the {start}", chain.first, recording.u[-1]
-        )
-    return ErrorBudget(tuple(chain.parts), whole)
+        parts.append(ErrorPart(name, volts, how))
+    start, first = "true stress", answer.stress
+    if first is None:
+        start, first = "regularised answer", ideal.target
+    how = f"end of the record against the {start}"
+    return ErrorBudget(tuple(parts), difference("total", how, first, recording.u[-1]))
 
 
-def _add_answer(
-    chain: ErrorChain, design: PlannedBoard, ideal: IdealAnswer, answer: AnswerError
-) -> None:
-    """Add what the problem itself has: regularisation, noise of the strain, entries left out."""
+def _of_answer(design: PlannedBoard, ideal: IdealAnswer, answer: AnswerError) -> Iterator[Link]:
+    """Yield what the problem itself has: regularisation, noise of the strain, pruned entries."""
     if answer.clean is None:
         how = "regularised answer against the true stress (regularisation and strain noise)"
-        chain.link("ill_posedness", how, ideal.target)
+        yield Link("ill_posedness", how, ideal.target)
     else:
         how = "regularised answer for a strain without noise against the true stress"
-        chain.link("regularisation", how, answer.clean)
+        yield Link("regularisation", how, answer.clean)
         noisy = "regularised answer against that without noise"
         how = noisy if answer.has_noise else "the strain is T times the true stress"
-        chain.link("strain_noise", how, ideal.target)
+        yield Link("strain_noise", how, ideal.target)
     pruning = pruning_effect(design.network, design.scene.design.prune, ideal.solution)
     if pruning is not None:
         bound = pruning.bound if math.isfinite(pruning.bound) else None
         how = f"answer without {pruning.entries} entries of T against the requested answer"
-        chain.link("pruning", how, pruning.target, bound)
+        yield Link("pruning", how, pruning.target, bound)
 
 
-def _add_board(chain: ErrorChain, design: PlannedBoard) -> None:
-    """Add what the board at rest has: resistors, wires, op-amps, stages of transistors."""
+def _of_board(design: PlannedBoard) -> Iterator[Link]:
+    """Yield what the board at rest has: resistors, wires, op-amps, stages of transistors."""
+
+    def link(name: str, how: str, board: LinearBoard) -> Link:
+        return Link(name, how, partial(outputs_at_rest, board))
+
     stages = with_ideal_stages(design.circuit)
-    plain = design.board if stages is design.circuit else LinearBoard(stages)
     straight = without_wires(stages)
     how = "board as built, with ideal op-amps, against that answer"
-    ideal = LinearBoard(with_ideal_opamps(straight))
-    chain.link("resistors", how, partial(outputs_at_rest, ideal))
+    yield link("resistors", how, _with_links(straight, ()))
     if straight is not stages:
         how = "wires of the arrays: equilibrium with against without"
         if design.scene.wires.compensate:
             how = f"{how}, after their compensation"
-        board = LinearBoard(with_ideal_opamps(stages))
-        chain.link("wires", how, partial(outputs_at_rest, board))
-    for link, board in opamp_stages(plain):
-        chain.link(link.name, link.how, partial(outputs_at_rest, board))
-    if plain is not design.board:
+        yield link("wires", how, _with_links(stages, ()))
+    models = stages.models.values()
+    names = [name for name in OPAMP_LINKS if any(_acts(name, model) for model in models)]
+    for count, name in enumerate(names, 1):
+        how = f"{OPAMP_LINKS[name][0]} of the op-amps: equilibrium with against without"
+        whole = design.board if stages is design.circuit else LinearBoard(stages)
+        yield link(name, how, whole if count == len(names) else _with_links(stages, names[:count]))
+    if stages is not design.circuit:
         how = (
             "equilibrium with transistors against that with ideal antilog stages; the stages are"
             f" {stage_deviation(design.board)}"
         )
-        chain.link("antilog", how, outputs_at_rest(design.board))
+        yield link("antilog", how, design.board)
 
 
-def _transient(chain: ErrorChain, recording: Recording, least: float) -> None:
-    """Add what the record's end lacks of the rest, and how far it is from the exact transient.
+def _of_transient(recording: Recording, least: float) -> Iterator[Link]:
+    """Yield what the record's end lacks of the rest, and how far it is from the exact transient.
 
     A bound below `least`, V, has no number.
     """
-    amplitude = recording.measurements.amplitude or 1.0
-    error = recording.error.steady_state * amplitude
-    bound = error if math.isfinite(error) else None
     if recording.exact_end is None:
-        chain.link("unsettled", "end of the record against that equilibrium", recording.u[-1])
-        chain.parts.append(ErrorPart("simulator", None, "there is no second solution", bound))
+        yield Link("unsettled", "end of the record against that equilibrium", recording.u[-1])
         return
     how = "end of a second transient against that equilibrium"
-    chain.link("unsettled", how, recording.exact_end)
-    how = "end of the record against that transient"
+    yield Link("unsettled", how, recording.exact_end)
+    how, bound = "end of the record against that transient", _simulator_error(recording)
     if bound is not None:
         how += f"; error at most {'1 ppb' if bound <= least else show(bound, 'V', 3)}"
-    chain.link("simulator", how, recording.u[-1], bound)
+    yield Link("simulator", how, recording.u[-1], bound)
+
+
+def _simulator_error(recording: Recording) -> float | None:
+    """Return the bound on the error of the record's end, V; None without one."""
+    error = recording.error.steady_state * (recording.measurements.amplitude or 1.0)
+    return error if math.isfinite(error) else None

@@ -18,7 +18,7 @@ from taction.system.array_types import Floats
 from taction.verification.report.blocks import Table
 from taction.verification.report.documents.verdict import budget_parts, verdict_document
 from taction.verification.report.views.verdict import budget_blocks
-from taction.verification.verdict.error_budget import ErrorBudget, ErrorChain, ErrorPart
+from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart, Link, chained
 from taction.verification.verdict.pruning import pruning_of
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import make_scene, matrix_problem, write_matrix_scene
@@ -187,12 +187,11 @@ def test_a_solution_that_fails_says_so_and_the_next_part_contains_it() -> None:
     def fails() -> Floats:
         raise EngineError("no equilibrium")
 
-    chain = ErrorChain(np.array([1.0, 2.0]))
-    chain.link("a", "first against second", fails)
-    chain.link("b", "third", np.array([1.5, 1.0]))
-    assert chain.parts[0] == ErrorPart("a", None, "first against second: no equilibrium")
-    assert chain.parts[1].channels == (0.5, -1.0)
-    assert ErrorBudget(tuple(chain.parts)).summed == (0.5, -1.0)
+    links = [Link("a", "first against second", fails), Link("b", "third", np.array([1.5, 1.0]))]
+    parts = tuple(chained(np.array([1.0, 2.0]), links))
+    assert parts[0] == ErrorPart("a", None, "first against second: no equilibrium")
+    assert parts[1].channels == (0.5, -1.0)
+    assert ErrorBudget(parts).summed == (0.5, -1.0)
 
 
 def test_table_and_document_have_every_part_the_sum_and_the_total() -> None:
