@@ -19,100 +19,66 @@ ROUNDING = 1.05  # the most that E24 moves a value by
 
 
 @dataclass(frozen=True, slots=True)
-class PartLimit:
-    """A limit of the parts of one kind; `docs/parts.md` has the reasons."""
+class PartLimits:
+    """The limits of the parts of one kind, with remedies; `docs/parts.md` has the reasons."""
 
     kind: str
-    way: str  # "above" or "below": the values beyond it
-    value: float
     unit: str
-    remedy: str
+    least: float
+    most: float
+    more: str  # remedy where a value is below `least`
+    less: str = ""  # where one is above `most`
+    roles: tuple[str, ...] = ()  # of resistors
     label: str = ""  # in the place of value and unit
 
-    @property
-    def beyond(self) -> str:
-        """What breaks it, such as ``"above 10 Mohm"``."""
-        return f"{self.way} {self.label or show(self.value, self.unit)}"
+    def beyond(self) -> Iterator[tuple[str, float, str]]:
+        """Yield what breaks each limit, such as ``"above 10 Mohm"``, its value, and the remedy."""
+        for way, value, remedy in (
+            ("above", self.most, self.less),
+            ("below", self.least, self.more),
+        ):
+            if remedy:
+                yield f"{way} {self.label or show(value, self.unit)}", value, remedy
+
+
+def _ohms(kind: str, more: str, less: str, *roles: str) -> PartLimits:
+    return PartLimits(kind, "ohm", LEAST_OHMS, MOST_OHMS, more, less, roles)
 
 
 _UNIT, _VOLTS = "design.unit_conductance", "design.unit_voltage"
+_SMALLER, _LARGER = f"a smaller {_UNIT}", f"a larger {_UNIT}"
+_BOTH = f"a smaller {_VOLTS} or {_UNIT}"
+_PRUNE = "or design.prune, which leaves out small entries of T"
+_DIVIDER = "a larger design.antilog.divider_resistance or emitter_resistance"
+_R = "a larger design.resistance or a smaller lambda"
+_SPREAD = "a larger design.capacitance, or a layout with a smaller design.stray_capacitance"
 _MATRIX = "matrix resistors"
-_RESISTORS: tuple[tuple[str, tuple[str, ...], str, str], ...] = (
-    (
-        _MATRIX,
-        (),
-        f"a larger {_UNIT}, or design.prune, which leaves out small entries of T",
-        f"a smaller {_UNIT}",
-    ),
-    (
-        "resistors R",
-        (Role.SIGNAL_RESISTOR, Role.BIAS_RESISTOR),
-        "a smaller design.resistance",
-        "a larger design.resistance or a smaller lambda",
-    ),
-    ("resistors s", (Role.CONSTRAINT_RESISTOR,), "a smaller design.gain", "a larger design.gain"),
-    (
-        "inverter resistors",
-        (Role.INVERTER_RESISTOR, Role.SUM),
-        "a smaller design.inverter_resistance",
-        "a larger design.inverter_resistance",
-    ),
-    (
-        "resistors 1/gf",
-        (Role.OUTPUT_CONDUCTANCE,),
-        "a larger design.feedback_conductance",
-        "a smaller design.feedback_conductance",
-    ),
-    (
-        "resistors of the rows that add lambda",
-        (Role.REGULARISING,),
-        f"a larger {_UNIT} or lambda",
-        f"a smaller {_UNIT} or lambda",
-    ),
-    ("resistors of the offset column", (Role.OFFSET,), f"a larger {_UNIT}", f"a smaller {_UNIT}"),
-    ("strain resistors", (Role.STRAIN_RESISTOR,), f"a larger {_UNIT}", f"a smaller {_UNIT}"),
-    (
-        "resistors of the antilog stages",
-        (Role.STAGE,),
-        "a larger design.antilog.reference_current",
-        "a larger design.antilog.divider_resistance or emitter_resistance",
-    ),
-)
-"""Each kind of resistor with its roles, and the remedies for too many ohms and for too few."""
 LIMITS = (
-    *(
-        limit
-        for kind, _, less, more in _RESISTORS
-        for limit in (
-            PartLimit(kind, "above", MOST_OHMS, "ohm", less),
-            PartLimit(kind, "below", LEAST_OHMS, "ohm", more),
-        )
-    ),
-    PartLimit(
-        "capacitors C",
-        "below",
-        0.0,  # that of the board
-        "F",
-        "a larger design.capacitance, or a layout with a smaller design.stray_capacitance",
-        "the stray capacitance",
-    ),
+    _ohms(_MATRIX, _SMALLER, f"{_LARGER}, {_PRUNE}"),
+    _ohms("resistors R", _R, "a smaller design.resistance",
+          Role.SIGNAL_RESISTOR, Role.BIAS_RESISTOR),
+    _ohms("resistors s", "a larger design.gain", "a smaller design.gain", Role.CONSTRAINT_RESISTOR),
+    _ohms("inverter resistors", "a larger design.inverter_resistance",
+          "a smaller design.inverter_resistance", Role.INVERTER_RESISTOR, Role.SUM),
+    _ohms("resistors 1/gf", "a smaller design.feedback_conductance",
+          "a larger design.feedback_conductance", Role.OUTPUT_CONDUCTANCE),
+    _ohms("resistors of the rows that add lambda", f"{_SMALLER} or lambda",
+          f"{_LARGER} or lambda", Role.REGULARISING),
+    _ohms("resistors of the offset column", _SMALLER, _LARGER, Role.OFFSET),
+    _ohms("strain resistors", _SMALLER, _LARGER, Role.STRAIN_RESISTOR),
+    _ohms("resistors of the antilog stages", _DIVIDER,
+          "a larger design.antilog.reference_current", Role.STAGE),
+    # The least capacitance is that of the board's strays.
+    PartLimits("capacitors C", "F", 0.0, math.inf, _SPREAD, label="the stray capacitance"),
     # A small strain beside a large one needs no source that is accurate.
-    PartLimit("largest strain currents", "below", 10e-9, "A", f"a larger {_UNIT} or {_VOLTS}"),
-    PartLimit("strain currents", "above", 10e-3, "A", f"a smaller {_UNIT} or {_VOLTS}"),
-    PartLimit("supplies of op-amps", "above", 18.0, "V", "a smaller design.supply"),
-    PartLimit("supplies of op-amps", "below", 2.25, "V", "a larger design.supply"),
-    PartLimit(
-        "output currents of op-amps at rest", "above", 20e-3, "A", f"a smaller {_VOLTS} or {_UNIT}"
-    ),
-    PartLimit(
-        "common-mode voltages at rest",
-        "above",
-        0.8,
-        "",
-        f"a smaller {_VOLTS} or a larger design.supply",
-        "80 % of the supply",
-    ),
-)
+    PartLimits("largest strain currents", "A", 10e-9, math.inf, f"{_LARGER} or {_VOLTS}"),
+    PartLimits("strain currents", "A", 0.0, 10e-3, "", f"{_SMALLER} or {_VOLTS}"),
+    PartLimits("supplies of op-amps", "V", 2.25, 18.0, "a larger design.supply",
+               "a smaller design.supply"),
+    PartLimits("output currents of op-amps at rest", "A", 0.0, 20e-3, "", _BOTH),
+    PartLimits("common-mode voltages at rest", "", 0.0, 0.8, "",
+               f"a smaller {_VOLTS} or a larger design.supply", label="80 % of the supply"),
+)  # fmt: skip
 """What proposals keep, and what `verify` warns of. An op-amp with an output current or a supply of
 its own has these in the place of the table's."""
 Rest = Callable[[str], float]  # the voltage of a node at rest, V
@@ -188,11 +154,12 @@ def broken_limits(circuit: Circuit, rest: Rest | None = None) -> dict[str, Broke
     """Return the warnings by the kind of part and the limit that it breaks."""
     stray = max((part.farads for part in circuit.capacitors_of(Role.STRAY)), default=0.0)
     values, found = dict(_values(circuit, rest)), dict[str, BrokenLimit]()
-    for limit in LIMITS:
-        own = replace(limit, value=stray) if limit.unit == "F" else limit
-        broken = _broken(own, *values[own.kind]) if own.kind in values else None
-        if broken is not None:
-            found[f"{own.kind} {own.beyond}"] = broken
+    for limits in LIMITS:
+        own = replace(limits, least=stray) if limits.unit == "F" else limits
+        for beyond, value, remedy in own.beyond() if own.kind in values else ():
+            broken = _broken(own, beyond, value, remedy, values[own.kind])
+            if broken is not None:
+                found[f"{own.kind} {beyond}"] = broken
     return found
 
 
@@ -202,18 +169,12 @@ def _named(kind: str, values: Mapping[str, float]) -> tuple[str, _Values]:
 
 def _values(circuit: Circuit, rest: Rest | None) -> Iterator[tuple[str, _Values]]:
     """Yield the values of the parts of each kind, and their names."""
-    yield (
-        _MATRIX,
-        (
-            np.concatenate([matrix.ohms.ravel() for matrix in circuit.matrices]),
-            lambda place: _card(circuit, place),
-        ),
-    )
-    for kind, roles, *_ in _RESISTORS[1:]:
-        names = {name for role in roles for name in circuit.named(role)}
-        yield _named(
-            kind, {part.card: part.ohms for part in circuit.resistors if part.card in names}
-        )
+    entries = np.concatenate([matrix.ohms.ravel() for matrix in circuit.matrices])
+    yield _MATRIX, (entries, lambda place: _card(circuit, place))
+    for limits in (each for each in LIMITS if each.roles):
+        names = {name for role in limits.roles for name in circuit.named(role)}
+        ohms = {part.card: part.ohms for part in circuit.resistors if part.card in names}
+        yield _named(limits.kind, ohms)
     signal = circuit.capacitors_of(Role.SIGNAL_CAPACITOR)
     yield _named("capacitors C", {part.card: part.farads for part in signal})
     amps = {source.card: abs(source.amps) for source in circuit.currents if source.amps}
@@ -265,20 +226,22 @@ def _card(circuit: Circuit, place: int) -> str:
     raise IndexError(place)
 
 
-def _broken(limit: PartLimit, values: Floats, name: Callable[[int], str]) -> BrokenLimit | None:
-    """Return what breaks a limit; None if nothing does."""
+def _broken(
+    limits: PartLimits, beyond: str, limit: float, remedy: str, parts: _Values
+) -> BrokenLimit | None:
+    """Return what breaks one limit; None if nothing does."""
+    (values, name), above = parts, beyond.startswith("above")
     present = np.isfinite(values) & (values > 0.0)
     sizes = np.where(present, values, 1.0)
-    factor = sizes / limit.value if limit.way == "above" else limit.value / sizes
+    factor = sizes / limit if above else limit / sizes
     wrong = present & (factor > SAME)
     if not wrong.any():
         return None
     place = int(np.where(wrong, factor, 0.0).argmax())
-    own = f" of {show(limit.value, 'F')}" if limit.unit == "F" else ""
-    direction = "up" if limit.way == "above" else "down"
+    own = f" of {show(limit, 'F')}" if limits.unit == "F" else ""
     text = (
-        f"{np.count_nonzero(wrong)} of {np.count_nonzero(present)} {limit.kind} are"
-        f" {limit.beyond}{own}, {direction} to {show(float(values[place]), limit.unit)}"
-        f" ({name(place)}); remedy: {limit.remedy}"
+        f"{np.count_nonzero(wrong)} of {np.count_nonzero(present)} {limits.kind} are {beyond}{own},"
+        f" {'up' if above else 'down'} to {show(float(values[place]), limits.unit)}"
+        f" ({name(place)}); remedy: {remedy}"
     )
     return BrokenLimit(text, float(factor[place]))

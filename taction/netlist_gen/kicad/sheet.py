@@ -162,32 +162,21 @@ class SchematicSheet:
     def _box(self, page: int, name: str, at: Point) -> str:
         """Return the box of a sheet below this one."""
         (x, y), (_, height) = at, BOX
-        above, below = (
-            numbers(GRID * x, GRID * (y - 0.5)),
-            numbers(GRID * x, GRID * (y + height + 0.5)),
-        )
+        above = _field("Sheetname", name, (x, y - 0.5), justify="left bottom")
+        below = _field("Sheetfile", f"{name}.kicad_sch", (x, y + height + 0.5), justify="left top")
         return (
             f"(sheet (at {_mm(at)}) (size {_mm(BOX)}) {_stroke(0.15)} (fill (color 0 0 0 0))"
-            f" {self._id(name)}"
-            f' (property "Sheetname" {quoted(name)} (at {above} 0) {_effects("left bottom")})'
-            f' (property "Sheetfile" {quoted(f"{name}.kicad_sch")} (at {below} 0)'
-            f" {_effects('left top')}) {self._path(f'(page {quoted(page)})')})"
+            f" {self._id(name)} {above} {below} {self._path(f'(page {quoted(page)})')})"
         )
 
     def _symbol(self, placed: Placed) -> str:
         part, angle = placed.part, placed.angle
-        texts = {
-            "Reference": (part.reference, placed.reference),
-            "Value": (part.value, placed.value),
-        }
-        texts |= {
-            name: (text, None)
-            for name, text in ({"Footprint": "", "Datasheet": ""} | dict(part.fields)).items()
-        }
+        texts = {"Reference": part.reference, "Value": part.value, "Footprint": "", "Datasheet": ""}
+        places = {"Reference": placed.reference, "Value": placed.value}
         shown = (
-            f"(property {quoted(name)} {quoted(text)} (at {_mm(place or placed.at)} {angle})"
-            f" {_effects(hide=place is None)})"
-            for name, (text, place) in texts.items()
+            _field(name, text, at or placed.at, angle, hide=at is None)
+            for name, text in (texts | dict(part.fields)).items()
+            for at in (places.get(name),)
         )
         pins = (
             f"(pin {quoted(n)} {self._id(f'{part.reference}/{part.unit}/{n}')})"
@@ -203,13 +192,10 @@ class SchematicSheet:
 
     def _paper(self) -> str:
         """Return the smallest paper that holds the drawing."""
-        points = [placed.at for placed in self.placed] + [b for _, b in self.segments]
+        points = [placed.at for placed in self.placed]
         points += [(x + BOX[0], y + BOX[1]) for x, y in self.below.values()]
-        points += [
-            (label.at[0] + len(label.text) * label.size, label.at[1])
-            for label in self.labels
-            if label.anchor == "left"
-        ]
+        wide = ((each, each.size * len(each.text)) for each in self.labels)
+        points += [(each.at[0] + end * (each.anchor == "left"), each.at[1]) for each, end in wide]
         across, down = (max(each) for each in zip(*points, strict=True))
         width, height = GRID * across + FRAME, GRID * down + TITLE_BLOCK
         for name, size in PAPERS.items():
@@ -228,10 +214,7 @@ def _in_library(symbol: Symbol, name: str) -> str:
     """Return a symbol as it stands in a library."""
     texts = {"Reference": symbol.prefix, "Value": symbol.name}
     texts |= dict.fromkeys(("Footprint", "Datasheet", "Description"), "")
-    properties = (
-        f"(property {quoted(key)} {quoted(text)} (at 0 0 0) {_effects(hide=True)})"
-        for key, text in texts.items()
-    )
+    properties = (_field(key, text, (0, 0), hide=True) for key, text in texts.items())
     looks = "(power) " * symbol.power + "(pin_numbers hide) " * (not symbol.numbers)
     hidden = "" if symbol.names else " hide"
     units = "\n".join(_units(symbol))
@@ -261,6 +244,13 @@ def _units(symbol: Symbol) -> Iterator[str]:
 
 def _use(symbol: Symbol) -> str:
     return f"(exclude_from_sim no) (in_bom {'yes' if symbol.bought else 'no'}) (on_board yes)"
+
+
+def _field(
+    name: str, text: str, at: Point, angle: int = 0, *, justify: str = "", hide: bool = False
+) -> str:
+    effects = _effects(justify, hide=hide)
+    return f"(property {quoted(name)} {quoted(text)} (at {_mm(at)} {angle}) {effects})"
 
 
 def _stroke(width: float) -> str:

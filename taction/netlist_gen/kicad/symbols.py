@@ -130,14 +130,11 @@ USUAL_PINS = frozenset(
 def opamp(name: str, count: int, *, usual: bool) -> Symbol:
     """Return the symbol of a package with `count` op-amps; its last unit has the supply pins."""
     cells, (plus, minus) = PINOUTS[count] if usual else _named_pins(count)
-    units = [
-        (
-            Pin(inverting, "-", "input", (-7.62, 2.54), RIGHT),
-            Pin(noninverting, "+", "input", (-7.62, -2.54), RIGHT),
-            Pin(output, "~", "output", (7.62, 0), LEFT),
-        )
-        for inverting, noninverting, output in cells
-    ]
+    ends = (
+        *(("-", "input", (-7.62, 2.54), RIGHT), ("+", "input", (-7.62, -2.54), RIGHT)),
+        ("~", "output", (7.62, 0), LEFT),
+    )
+    units = [tuple(Pin(n, *end) for n, end in zip(cell, ends, strict=True)) for cell in cells]
     supply = (
         Pin(plus, "V+", "power_in", (0, 7.62), DOWN, 3.81),
         Pin(minus, "V-", "power_in", (0, -7.62), UP, 3.81),
