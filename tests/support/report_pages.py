@@ -37,10 +37,9 @@ from taction.verification.report.blocks import (
 from taction.verification.report.views import (
     accuracy,
     choose,
-    corners,
-    montecarlo,
     onset,
     regression,
+    tolerance,
     tune,
 )
 from taction.verification.report.views.sweep import view as sweep_report
@@ -116,13 +115,13 @@ def varied() -> YieldReport:
 
 
 def _yield() -> Page:
-    return montecarlo.view(varied())
+    return tolerance.yield_view(varied())
 
 
 def _corners() -> Page:
     scene = small_scene(tolerances=WORN | {"distribution": "uniform"})
     with one_thread() as workers:
-        return corners.view(worst_of(prepare(scene, full_margin=True), workers))
+        return tolerance.corner_view(worst_of(prepare(scene, full_margin=True), workers))
 
 
 def _onset() -> Page:

@@ -78,7 +78,7 @@ class CaseRun:
 class StressReport(Result):
     """The runs of all cases; `versions` are those of the programs that were used."""
 
-    VIEW = "taction.verification.report.views.stress:view"
+    VIEW = "taction.verification.report.views.evidence:stress_view"
     DOCUMENT = ("runs", "count", "numbers", "outside", "versions")
 
     runs: tuple[CaseRun, ...]

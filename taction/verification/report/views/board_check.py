@@ -34,10 +34,16 @@ from taction.verification.report.texts import (
     with_error,
 )
 from taction.verification.report.views.checks import MARGINS, check_bar, decisive_text
-from taction.verification.report.views.corners import directions, ranges
-from taction.verification.report.views.corners import tables as corner_tables
-from taction.verification.report.views.montecarlo import causes, failures, histograms, spreads
 from taction.verification.report.views.stability import pole_map, ranges_words
+from taction.verification.report.views.tolerance import (
+    causes,
+    directions,
+    failures,
+    histograms,
+    ranges,
+    spreads,
+)
+from taction.verification.report.views.tolerance import tables as corner_tables
 from taction.verification.studies.board_check import BoardCheck, OutputRow
 from taction.verification.studies.board_sweep import PointRow, Sweep
 from taction.verification.studies.measured_board import MeasuredBoard

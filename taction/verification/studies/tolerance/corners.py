@@ -61,7 +61,7 @@ class Corner:
 class CornerStudy(Result):
     """Verified corners of a scene, and the worst-case direction of every channel at rest."""
 
-    VIEW = "taction.verification.report.views.corners:view"
+    VIEW = "taction.verification.report.views.tolerance:corner_view"
     DOCUMENT = ("scene = name", "corners", "directions")
 
     name: str

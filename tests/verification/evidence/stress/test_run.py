@@ -22,7 +22,7 @@ from taction.verification.evidence.stress.run import (
     run_case,
     stress,
 )
-from taction.verification.report.views.stress import headline
+from taction.verification.report.views.evidence import headline
 from taction.verification.verdict.checks import Outcome
 from tests.support.true_values import true_values
 

@@ -21,8 +21,8 @@ from taction.verification.report.junit import regression_annotations, regression
 from taction.verification.report.renderers.markdown import markdown
 from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import page_text
+from taction.verification.report.views.evidence import stress_view
 from taction.verification.report.views.regression import SHOWN, view
-from taction.verification.report.views.stress import view as stress_view
 from taction.verification.studies.regression.baseline import Commit
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.verdict.checks import Check, Outcome

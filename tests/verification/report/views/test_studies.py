@@ -20,10 +20,9 @@ from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout
 from taction.verification.report.renderers.terminal import shown
 from taction.verification.report.texts import figure
-from taction.verification.report.views import montecarlo
-from taction.verification.report.views.montecarlo import _edges
-from taction.verification.report.views.sweep import SHOWN, _worth
-from taction.verification.report.views.sweep_maps import Plane
+from taction.verification.report.views import tolerance
+from taction.verification.report.views.sweep import SHOWN, Plane, _worth
+from taction.verification.report.views.tolerance import _edges
 from taction.verification.studies.sweep.result import grids
 from taction.verification.studies.tolerance.yield_report import (
     QuantitySpread,
@@ -187,7 +186,7 @@ def test_the_table_of_causes_fits_a_terminal() -> None:
     longest = Sensitivity(
         "v_118.offset_voltage", "input_error", "settling_time", -0.91, 0.15, 118, 0.3125
     )
-    table = montecarlo.causes(replace(REPORT, sensitivities=(longest,)))
+    table = tolerance.causes(replace(REPORT, sensitivities=(longest,)))
     lines = shown_at(80, [shown(table)], terminal=True).splitlines()
     assert max(map(len, lines)) <= 80
     (row,) = [line for line in lines if "offset_voltage" in line]
@@ -196,7 +195,7 @@ def test_the_table_of_causes_fits_a_terminal() -> None:
 
 
 def charts(report: YieldReport) -> list[Any]:
-    return [*montecarlo.histograms(report)]
+    return [*tolerance.histograms(report)]
 
 
 def histogram(spread: QuantitySpread) -> Chart:
@@ -229,8 +228,8 @@ def test_samples_without_a_value_are_counted_beside_the_histogram() -> None:
     assert sum(bar.sizes.sum() for bar in marks(chart, Columns)) == len(REPORT.boards)
     assert chart.message.endswith(", 3 samples without a value, counted as failing")
     note = "Settling time: 3 samples without a value, counted as failing."
-    assert note in montecarlo.spreads(report).note
-    (note,) = montecarlo.histograms(replace(report, boards=lost))  # nothing to draw
+    assert note in tolerance.spreads(report).note
+    (note,) = tolerance.histograms(replace(report, boards=lost))  # nothing to draw
     assert note.lines == ("Settling time: 3 samples without a value, counted as failing.",)
     passing = make_sample(40, settling_time=None)  # nothing asks for its settling time
     report = replace(REPORT, boards=(*REPORT.boards, passing), quantities=(TIME,))
@@ -247,7 +246,7 @@ def test_samples_without_a_value_are_counted_beside_the_histogram() -> None:
 )
 def test_an_empty_list_of_causes_says_why(passed: int, failures: dict[str, int], text: str) -> None:
     report = replace(REPORT, sensitivities=(), passed=passed, failures=failures)
-    causes = montecarlo.causes(report)
+    causes = tolerance.causes(report)
     assert isinstance(causes, Notes)
     assert causes.lines[0].startswith(text)
 
@@ -262,7 +261,9 @@ def test_a_limit_far_away_is_an_arrow() -> None:
 
 def test_one_value_is_no_histogram() -> None:
     notes = next(
-        each for each in montecarlo.view(REPORT).blocks() if isinstance(each, Notes) and each.title
+        each
+        for each in tolerance.yield_view(REPORT).blocks()
+        if isinstance(each, Notes) and each.title
     )
     assert notes.lines == ("Growth rate: every sample has -5 /s.",)
 
@@ -282,7 +283,7 @@ def test_a_study_without_samples_has_a_picture(tmp_path: Path) -> None:
     empty = replace(
         REPORT, boards=(), samples=0, passed=0, quantities=(), sensitivities=(), failures={}
     )
-    draw_page(montecarlo.view(empty), tmp_path / "a.svg")
+    draw_page(tolerance.yield_view(empty), tmp_path / "a.svg")
     assert (tmp_path / "a.svg").read_text().count("<path") > 5
 
 

@@ -17,7 +17,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.report.views.corners import view
+from taction.verification.report.views.tolerance import corner_view
 from taction.verification.studies.tolerance.corners import Corner, named_corner, worst_of
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
 from taction.verification.studies.tolerance.samples import evaluate
@@ -189,7 +189,7 @@ def test_the_worst_corner_at_rest_is_the_first_direction() -> None:
     first = study.directions[0]
     assert worst(study.corners, "steady_state") == pytest.approx(abs(first.solved), rel=1e-6)
     assert first.predicted == pytest.approx(first.solved, rel=0.3)  # the parts vary by 5 %
-    printed = page_text(view(study))
+    printed = page_text(corner_view(study))
     assert "first order" in printed
     assert all(name in printed for name in first.largest)
 
@@ -201,4 +201,4 @@ def test_a_board_where_nothing_moves_has_corners_without_a_verdict(tmp_path: Pat
         study = worst_of(prepare(scene.with_engine("statespace"), full_margin=True), workers)
     assert study.outcome == "inconclusive"
     assert study.directions == ()
-    assert "not decided: steady state, settling time" in page_text(view(study))
+    assert "not decided: steady state, settling time" in page_text(corner_view(study))

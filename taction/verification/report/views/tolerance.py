@@ -1,9 +1,10 @@
-"""A yield: its interval, histograms with limits, and the parts behind the spread."""
+"""Tolerances: a yield with its histograms and causes, and the worst corners."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,11 @@ import numpy as np
 from taction.system.array_types import Floats
 from taction.system.charts import Axis, Band, Chart, Columns, Limit, Mark, Text, View
 from taction.verification.report.blocks import (
+    BOTH,
     DRAWN,
     EVERYWHERE,
     NOTEBOOK,
+    PAGE,
     TERMINAL,
     Bar,
     Bars,
@@ -24,9 +27,19 @@ from taction.verification.report.blocks import (
     Section,
     Table,
 )
-from taction.verification.report.texts import counted, fields, figure, percent, spaced, titled
+from taction.verification.report.texts import (
+    counted,
+    fields,
+    figure,
+    number_cell,
+    outcome_cell,
+    percent,
+    spaced,
+    titled,
+)
 from taction.verification.report.views.origin import origin_section
-from taction.verification.studies.tolerance.samples import BoardSample
+from taction.verification.studies.tolerance.corners import Corner, CornerStudy
+from taction.verification.studies.tolerance.samples import BoardSample, Quantity
 from taction.verification.studies.tolerance.yield_report import (
     CHECK_OF,
     QuantitySpread,
@@ -46,7 +59,7 @@ CULPRIT = (
 )
 
 
-def view(result: YieldReport) -> Page:
+def yield_view(result: YieldReport) -> Page:
     """Return the page of a yield."""
     rows = (("seed", str(result.seed)), ("samples", str(result.samples)))
     text = result.sentence
@@ -319,3 +332,107 @@ def causes(result: YieldReport) -> Block:
     few = {TERMINAL: SHOWN, NOTEBOOK: SHOWN}
     note = "lost: of the yield; variance: the share that the part explains."
     return Table.of("Causes, by lost yield", result.sensitivities, columns, note, most=few)
+
+
+WORST = ("fail", "inconclusive", "pass")
+RANGES = "The bar is the part of the limit that the worst corner uses; typical: the nominal board."
+DEVIATIONS = 200  # deviations in a table
+DIRECTIONS = 4  # worst-case directions in a terminal
+
+
+def corner_view(study: CornerStudy) -> Page:
+    """Return the page of the corners of a scene."""
+    corners = study.corners
+    outcomes = [corner.result.outcome for corner in corners]
+    outcome = next((each for each in WORST if each in outcomes), "")
+    counts = ", ".join(f"{outcomes.count(each)} {each}" for each in WORST if each in outcomes)
+    return Page(
+        title=study.name,
+        command="taction yield corners",
+        outcome=outcome,
+        summary=f"{counted(len(corners), 'corner')}: {counts}.",
+        lines=("Every component at an end of its tolerance, as it makes a quantity worst.",),
+        sections=(
+            Section("Least, typical and largest values", lambda: ranges(study)),
+            Section("Corners", tuple(tables(study.quantities, corners)), media=BOTH),
+            Section("Channels at rest", (directions(study),), media=BOTH),
+            Section("Deviations", (_deviations(corners),)),
+            origin_section(study.scene),
+        ),
+    )
+
+
+def ranges(study: CornerStudy) -> Iterator[Block]:
+    """Yield the least, typical and largest values of the corners, against the limits."""
+    rows = []
+    for each in study.quantities:
+        found = [corner.result.value(each.name) for corner in study.corners]
+        if values := [value for value in found if value is not None and math.isfinite(value)]:
+            nominal = found[0] if found[0] in values else values[0]
+            shown = {"least": min(values), "typical": nominal, "largest": max(values)}
+            lost = len(found) - len(values)
+            missing = f"{lost} corners without a value" if lost else ""
+            rows.append(spread_bar(each.title, each.unit, shown, each.limits, missing))
+    yield Bars("", tuple(rows), RANGES)
+
+
+def tables(reported: Sequence[Quantity], corners: Sequence[Corner]) -> Iterator[Block]:
+    """Yield the corners with their values, and why they do not pass."""
+    columns: dict[str, Callable[[Corner], Any]] = {
+        "corner": _name,
+        "outcome": lambda corner: outcome_cell(corner.result.outcome),
+    }
+    columns |= {each.title: partial(_quantity, each) for each in reported}
+    yield Table.of("Corners", corners, columns)
+    yield Notes("Why, and most moved by", tuple(filter(None, map(_remark, corners))))
+
+
+def _quantity(quantity: Quantity, corner: Corner) -> Cell:
+    return number_cell(corner.result.value(quantity.name), quantity.unit)
+
+
+def _name(corner: Corner) -> str:
+    """Return the name of a corner in words, and a user's own name unchanged."""
+    return spaced(corner.name) if corner.quantity else corner.name
+
+
+def _remark(corner: Corner) -> str:
+    """Return why a corner does not pass, and the parts behind it."""
+    failed, largest = corner.result.failed, " ".join(corner.largest)
+    verb = "not decided: " if corner.result.undecided else "fails "
+    remarks = (
+        corner.result.lost,
+        f"{verb}{', '.join(map(spaced, failed))}" if failed else "",
+        f"most moved by {largest}" if largest else "",
+    )
+    return f"{_name(corner)}: {'; '.join(filter(None, remarks))}" if any(remarks) else ""
+
+
+def directions(study: CornerStudy, names: Sequence[str] = ()) -> Table:
+    """Return the errors of the channels at rest, the largest first; `names` are those of decks."""
+    columns = {
+        "channel": lambda each: Cell(
+            names[each.channel - 1] if names else f"u{each.channel}", each.channel
+        ),
+        "side of the reference": lambda each: "above" if each.sign > 0 else "below",
+        **fields("first order = predicted step; solved step"),
+        "most moved by": lambda each: " ".join(each.largest),
+    }
+    note, title = "Worst-case errors at rest, from the signs of the sensitivities.", "Largest error"
+    most, more = {TERMINAL: DIRECTIONS}, "{} smaller ones: --json."
+    return Table.of(f"{title} of each channel at rest", study.directions, columns, note, most, more)
+
+
+def _deviations(corners: Sequence[Corner]) -> Table:
+    """Return the deviations, in tolerances, with a column for each corner."""
+    moved = [corner for corner in corners if corner.deviations]
+    names = list(dict.fromkeys(name for corner in moved for name in corner.deviations))
+    columns: dict[str, Callable[[str], Any]] = {"part": str}
+    columns |= {_name(corner): partial(_deviation, corner) for corner in moved}
+    note, most = "In tolerances of the part.", {PAGE: DEVIATIONS}
+    return Table.of("Deviations", names, columns, note, most, "{} more parts: --json.")
+
+
+def _deviation(corner: Corner, part: str) -> Cell | None:
+    value = corner.deviations.get(part)
+    return None if value is None else Cell(f"{value:+g}", value)
