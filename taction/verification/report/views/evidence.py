@@ -179,7 +179,7 @@ NEXT = (
 )
 
 
-COLUMNS = {
+STEPS = {
     "board": lambda step: step.title,
     "outcome": lambda step: outcome_cell(step.verdict.outcome.value),
     "because": lambda step: decisive_text(step.verdict.checks, step.verdict.outcome.value),
@@ -211,7 +211,7 @@ def _sections(number: int, step: DemonstrationStep) -> tuple[Section, Section]:
     def charts() -> tuple[Block, ...]:
         return (outputs_chart(verdict), *((stress_chart(verdict),) if first else ()))
 
-    told = Notes("", (step.text, *answers)), Table.of("", (step,), COLUMNS)
+    told = Notes("", (step.text, *answers)), Table.of("", (step,), STEPS)
     return (
         Section(title, told, media=BOTH),
         Section(f"{title}: outputs", charts, media=DRAWN),
