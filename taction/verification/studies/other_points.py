@@ -24,7 +24,7 @@ from taction.verification.studies.witnesses import stepping
 STARTS = 12
 REACHES = (0.05, 0.15, 0.4, 1.0, 10.0)  # of the range of all voltages, along the growing mode
 WIDER = 2.0  # times this range on either side: drawn voltages
-SAME = 1e-3  # of this range: a smaller distance is the same point
+SAME = 1e-3  # of this range, or of a voltage: a smaller distance is the same point
 SECONDS = 4.0  # of one start
 ALL_SECONDS = 8.0  # of all starts: no further one begins later
 TINY = 1e-30  # V: of no step at all
@@ -104,7 +104,7 @@ def step_note(found: MeasuredBoard, point: DeckPoint) -> str:
     values, places = found.board.equilibrium.values, found.board.descriptor.places
     step = max(found.measurements.amplitude, TINY)
     off, name, linear, true = max(
-        (abs(values[places[n]] - v) / max(step, abs(v - point.volts[n])),
+        (max(abs(values[places[n]] - v) - SAME * abs(v), 0.0) / max(step, abs(v - point.volts[n])),
          n, float(values[places[n]]), v)
         for n, v in volts.items()
         if n in places and n in point.volts
