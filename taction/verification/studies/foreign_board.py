@@ -189,7 +189,8 @@ def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
     except (CardError, DidNotLoad) as error:
         refused = unbraced_expression(deck) if "unknown parameter" in str(error) else None
         said = one_line(error)
-        accepted = "" if isinstance(error, DidNotLoad) or ACCEPTED in said else f"; {LINEAR}"
+        whole = isinstance(error, DidNotLoad) or said.startswith("ngspice") or ACCEPTED in said
+        accepted = "" if whole else f"; {LINEAR}"
         raise refused or InputError(deck.file, Complaint("deck", "", said + accepted)) from None
     nodes = outputs_of(flat, outputs, (card.text for card in deck.left))
     if len(flat.nodes) > MOST_UNKNOWNS:
@@ -221,12 +222,12 @@ def _with_values(line: str, changed: Mapping[str, float]) -> str:
 
 def _measured_flat(point: DeckPoint) -> tuple[Flat, str]:
     """Return the linear parts of a deck at its operating point, and what was done."""
-    flat, elements = (
-        linear_flat(point.flat, point.volts, point.options, find_simulator()),
-        point.flat.elements,
-    )
+    flat, elements = point.flat, point.flat.elements
     if not elements:
         return flat, ""
+    if not point.text:
+        raise CardError("ngspice finds its operating point by a transient only, not from there")
+    flat = linear_flat(flat, point.volts, point.options, find_simulator())
     within = tuple(f"{each.subcircuit}." for each in elements if each.subcircuit)
     knobs = {name: part for name, part in flat.knobs.items() if not name.startswith(within)}
     places = list(dict.fromkeys(each.subcircuit or shown(each.name) for each in elements))

@@ -12,6 +12,7 @@ import pytest
 
 import taction
 from taction.system.errors import InputError
+from taction.verification.characterise import operating_point
 from taction.verification.studies.board_check import BoardCheck
 from taction.verification.studies.foreign_board import read_board
 from tests.support.paths import ROOT
@@ -460,3 +461,12 @@ X2 in out high"""
 def test_subcircuits_alone_are_no_circuit(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no part outside its subcircuits"):
         checked(tmp_path, ".subckt a x\nR1 x 0 1k\n.ends")
+
+
+def test_a_point_that_ngspice_does_not_find_again_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where a transient ends no small signal is known; with no tolerances to try none is found."""
+    monkeypatch.setattr(operating_point, "TRIED", ())
+    with pytest.raises(InputError, match="by a transient only"):
+        checked(tmp_path, "I1 0 out 1m\nD1 out 0 dd\n.model dd d(is=1e-14)\nC1 out 0 1u")
