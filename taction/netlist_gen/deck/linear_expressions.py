@@ -14,7 +14,7 @@ Probe = tuple[str, ...]
 """``("v", a, b)``: the voltage from a to b; ``("i", source)``: the current of a source; (): 1."""
 Sum = dict[Probe, float]
 """Coefficients of a linear expression."""
-_POLY = re.compile(r"([efgh])(\S+) (\S+) (\S+) poly ?\( ?(\d+) ?\) ?(.*)")
+_POLY = re.compile(r"([efgh])(\S+) (\S+) (\S+) poly ?\(? ?(\d+)\b ?\)? ?(.*)")
 _TABLE = re.compile(
     r"([egi])(\S+) (\S+) (\S+) (?:([^\s{}]+ [^\s{}]+) )?(?:table|tbl) ?(?:\{([^{}]*)\})? ?=? ?(.*)"
 )
