@@ -48,25 +48,13 @@ POINTS = 9  # of C and of the gain
 
 @dataclass(frozen=True, slots=True)
 class ChoiceRequest:
-    """What is asked for.
+    """What is asked for."""
 
-    Attributes
-    ----------
-    opamps : sequence of str
-        Presets; empty for all of them.
-    capacitances, gains : str
-        Ranges ``"LOW:HIGH"``, or empty.
-    points : int
-        Values of C and of the gain, before they are rounded to their series.
-    limits : mapping
-        Values of the scene by dotted paths: limits of the checks, and the supply.
-    """
-
-    opamps: Sequence[str] = ()
-    capacitances: str = ""
+    opamps: Sequence[str] = ()  # presets; empty for all of them
+    capacitances: str = ""  # ranges "LOW:HIGH", or empty
     gains: str = ""
-    points: int = POINTS
-    limits: Point | None = None
+    points: int = POINTS  # of C and of the gain, before they are rounded to their series
+    limits: Point | None = None  # values of the scene: limits of the checks, and the supply
 
     @property
     def names(self) -> Sequence[str]:

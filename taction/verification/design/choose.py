@@ -60,17 +60,7 @@ BEST = 3  # designs that ngspice confirms
 
 @dataclass(frozen=True, slots=True)
 class ChosenDesign(Trial):
-    """The trial of one design of a choice: op-amp, C and gain.
-
-    Attributes
-    ----------
-    place : int
-        Of the grid, from 0.
-    shares : dict
-        Value over limit of each check that has a limit; empty for an unstable board.
-    keys : tuple of str
-        The two keys that its topology searches.
-    """
+    """The trial of one design of a choice: op-amp, C and gain."""
 
     DOCUMENT = (
         *("place", "values = plain_values", "outcome", "left", "shares", "settling_time [s]"),
@@ -78,9 +68,9 @@ class ChosenDesign(Trial):
         "worst_share",
     )
 
-    place: int = 0
-    shares: dict[str, float] = field(default_factory=dict)
-    keys: tuple[str, str] = (CAPACITANCE, GAIN)
+    place: int = 0  # of the grid
+    shares: dict[str, float] = field(default_factory=dict)  # value over limit; unstable: empty
+    keys: tuple[str, str] = (CAPACITANCE, GAIN)  # that its topology searches
 
     @property
     def headroom(self) -> float | None:
@@ -118,21 +108,7 @@ class ChosenDesign(Trial):
 
 @dataclass(frozen=True, slots=True)
 class BestDesign:
-    """One of the best designs, with what ngspice says.
-
-    Attributes
-    ----------
-    design : ChosenDesign
-        Its place and its figures by the state-space engine.
-    scene : Scene
-        To be written, with the op-amp's level of the original scene.
-    outcome : Outcome or None
-        Of ngspice; None without ngspice, then with a `reason`.
-    verdict : Verdict or None
-        Of ngspice.
-    file : str or None
-        The scene file that was written.
-    """
+    """One of the best designs, with what ngspice says."""
 
     DOCUMENT = (
         *("* = design", "ngspice = outcome", "ngspice_settling_time [s] = settling_time"),
@@ -141,11 +117,11 @@ class BestDesign:
     )
 
     design: ChosenDesign
-    scene: Scene
-    outcome: Outcome | None
+    scene: Scene  # to be written, with the op-amp's level of the original scene
+    outcome: Outcome | None  # of ngspice; None without ngspice, then with a reason
     reason: str = ""
     verdict: Verdict | None = None
-    file: str | None = None
+    file: str | None = None  # that was written
 
     @classmethod
     def of(cls, design: ChosenDesign, scene: Scene, file: str | None = None) -> BestDesign:

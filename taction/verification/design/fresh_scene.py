@@ -168,27 +168,13 @@ def pruning_for(T: Floats, eps: Floats, lam: float) -> tuple[float, str]:
 
 @dataclass(frozen=True, slots=True)
 class FreshScene:
-    """A new scene and the files that belong to it.
+    """A new scene and the files that belong to it."""
 
-    Attributes
-    ----------
-    scaling : Scaling
-        The scene, with its scalings; its file is the new one.
-    text : str
-        Text of the scene file.
-    files : mapping of Path to str
-        CSV files to write: tables that had a header, or that were transposed.
-    rule : str
-        How lambda was chosen.
-    notes : tuple of str
-        What was recognised in the files, and which entries of T are left out.
-    """
-
-    scaling: Scaling
-    text: str
-    files: Mapping[Path, str]
-    rule: str
-    notes: tuple[str, ...]
+    scaling: Scaling  # its file is the new one
+    text: str  # of the scene file
+    files: Mapping[Path, str]  # to write: tables that had a header, or that were transposed
+    rule: str  # how lambda was chosen
+    notes: tuple[str, ...]  # what was recognised, and which entries of T are left out
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,26 +43,14 @@ def is_good(trial: Trial) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class SearchRange:
-    """The values of one key, above zero, that can be bought.
-
-    Attributes
-    ----------
-    path, unit : str
-        The key, and its SI unit.
-    own : float
-        The scene's value.
-    low, high : float
-        Ends of the range.
-    series : str
-        Of the values; ``"exact"`` for all numbers of three digits.
-    """
+    """The values of one key, above zero, that can be bought."""
 
     path: str
     unit: str
-    own: float
-    low: float
+    own: float  # the scene's value
+    low: float  # ends of the range
     high: float
-    series: str
+    series: str  # of the values; "exact" for all numbers of three digits
 
     @classmethod
     def around(cls, scene: Scene, path: str, factor: float) -> SearchRange | None:
@@ -145,35 +133,17 @@ def _range(scene: Scene, path: str, body: str, reach: float) -> SearchRange:
 
 @dataclass(slots=True)
 class Search:
-    """The search over one key or over two, and what it found.
-
-    Attributes
-    ----------
-    paths : tuple of str
-        The keys.
-    least, most : float or None
-        Ends of the values that are tried, of one key with a range.
-    ranges : tuple of SearchRange
-        The keys, where values between two neighbours can be tried; empty for a list.
-    ways : list of list of dict
-        Changes in a row, the scene or the nearest one first.
-    found : list of Trial
-        The good trial nearest to the scene; of a list all of them.
-    complete : bool
-        Whether the work sufficed.
-    accept : callable
-        Whether a trial is good.
-    """
+    """The search over one key or over two, and what it found."""
 
     DOCUMENT = ("keys = paths", "from = least", "to = most")
 
     paths: tuple[str, ...]
-    least: float | None = None
+    least: float | None = None  # ends of the values that are tried, of one key with a range
     most: float | None = None
-    ranges: tuple[SearchRange, ...] = ()
-    ways: list[list[Values]] = field(default_factory=list)
-    found: list[Trial] = field(default_factory=list)
-    complete: bool = True
+    ranges: tuple[SearchRange, ...] = ()  # the keys; empty for a list of values
+    ways: list[list[Values]] = field(default_factory=list)  # in a row, the nearest change first
+    found: list[Trial] = field(default_factory=list)  # the nearest that is good; of a list all
+    complete: bool = True  # the work sufficed
     accept: Accept = is_good
 
     @classmethod

@@ -27,21 +27,7 @@ OTHERS = ("design.stray_capacitance", "design.opamp.gbw")  # keys beside the kno
 class StableRange:
     """The stable range of one key that is nearest to the scene's value.
 
-    Attributes
-    ----------
-    path, unit : str
-        The key, and its SI unit.
-    own : float
-        The scene's value.
-    least, most : float
-        Ends of the search.
-    low, high : float or None
-        Ends of the stable range: crossings of the imaginary axis, or None where the range goes on
-        beyond the search. Both are None without a stable range.
-    found : bool
-        Whether there is a stable range.
-    reason : str
-        Why the range is not known, or empty.
+    Its ends are crossings of the imaginary axis, or None where it goes on beyond the search.
     """
 
     DOCUMENT = (
@@ -52,13 +38,13 @@ class StableRange:
 
     path: str
     unit: str
-    own: float
-    least: float
+    own: float  # the scene's value
+    least: float  # ends of the search
     most: float
     low: float | None = None
     high: float | None = None
     found: bool = False
-    reason: str = ""
+    reason: str = ""  # why the range is not known
 
     @property
     def edge(self) -> float | None:

@@ -34,7 +34,7 @@ KEPT = {"level", "input_errors"}  # keys of an op-amp that say how it is simulat
 BARE = Effort(details=False, full_margin=False)
 
 VERDICT = 10.0  # designs: the work of a verdict
-STEPPED = 6.0  # times as much: that of a board whose transient takes steps
+STEPPED = 10.0  # times as much: that of a board whose transient takes steps
 POLES = 2.0  # designs: the work of poles with bounds
 STATES = 70.0  # of a board whose decomposition costs as much as all that grows slower with it
 RINGING = 250.0  # rad in a time constant: the work of following it is that of one design
