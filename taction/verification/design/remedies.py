@@ -173,8 +173,8 @@ def find_remedies(
     asked = [_search(verdict.scene, path, edges.get(path)) for path in paths if path not in known]
     of_knobs = [search for search in asked if search is not None and search.paths[0] in knobs]
     others = [search for search in asked if search is not None and search not in of_knobs]
-    walk(trials, of_knobs)
     transient = all(name in ("stability", *READINGS) for name in causes)
+    walk(trials, of_knobs if transient else [*of_knobs, *others])
     if len(knobs) > 1 and transient and paths and not any(each.found for each in of_knobs):
         pair = search_pair(trials, (knobs[0], knobs[1]))
         of_knobs += [] if pair is None else [pair]
