@@ -24,13 +24,12 @@ from taction.system.errors import Complaint, InputError
 from taction.system.progress import Notice, Progress
 from taction.system.results import Result
 from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.studies.running.pool import Workers
+from taction.verification.studies.running.pool import HERE, Workers
 from taction.verification.studies.running.study import Pace, workers_at
 from taction.verification.studies.tolerance.samples import (
     BoardSample,
     Quantity,
     Varied,
-    evaluate,
     evaluate_all,
 )
 from taction.verification.studies.tolerance.steady_directions import (
@@ -43,7 +42,6 @@ from taction.verification.studies.tolerance.varied_board import prepare
 PROBE = 0.25  # of the tolerance: large against rounding errors, small against curvature
 NAMED = 5  # components listed with each corner, and corners in a `repr`
 STEADY_CORNERS = 8  # corners of the steady state that are tried
-NOMINAL = -1  # number of the probe without deviation
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +140,7 @@ def corners(
     named = [deviations_of(each) for each in corner]
     board = prepare(scene, full_margin=True)
     if named:
-        found = tuple(named_corner(board, *each) for each in named)
+        found = named_corners(board, named, progress)
         return CornerStudy(board.name, board.quantities, found, scene=scene)
     with workers_at(cluster, jobs, lambda text: progress(Notice(text))) as workers:
         return replace(worst_of(board, workers, progress), scene=scene)
@@ -175,12 +173,7 @@ def worst_of(
         *((quantity.name, np.sign(gradient[quantity.name])) for quantity in reported),
         *(("", found.corner) for found in directions[1:STEADY_CORNERS]),
     ]
-    pace, left, corners = Pace(), "", []
-    for number, (name, z) in enumerate(ends, 1):
-        progress(f"corner {number} of {len(ends)}: {name or 'a steady state'}{left}")
-        corners.append(_corner(board, name, z))
-        left = pace.ended(len(ends) - number)
-    nominal, *tried = corners
+    nominal, *tried = _verified(board, ends, workers, progress, "corners")
     worst = [min(tried, key=lambda c: _goodness(c.result, q, c.name)) for q in reported]
     named = [
         replace(
@@ -194,13 +187,17 @@ def worst_of(
     return CornerStudy(board.name, reported, (nominal, *named), directions)
 
 
-def named_corner(board: Varied, name: str, ends: Mapping[str, float]) -> Corner:
-    """Verify a corner that the user gives.
+def named_corners(
+    board: Varied,
+    named: Sequence[tuple[str, Mapping[str, float]]],
+    progress: Progress = lambda stage: None,
+) -> tuple[Corner, ...]:
+    """Verify corners that the user gives, in this process.
 
     Parameters
     ----------
-    ends : dict of str to float
-        Deviation in tolerances (1 and -1 are the ends), by component or by kind (``capacitor``);
+    named : sequence of (name, deviations)
+        Deviations in tolerances (1 and -1 are the ends), by component or by kind (``capacitor``);
         the deviation of a component overrides that of its kind.
 
     Raises
@@ -210,34 +207,50 @@ def named_corner(board: Varied, name: str, ends: Mapping[str, float]) -> Corner:
     """
     kinds = sorted({parameter.kind for parameter in board.varied})
     known = [*kinds, *(parameter.name for parameter in board.varied)]
-    for key in ends:
+    for key in (key for _, ends in named for key in ends):
         if key not in known:
             text = f"neither a component that varies nor one of {', '.join(kinds)}"
             raise InputError("--corner", Complaint(key, "", text))
-    z = [ends.get(p.name, ends.get(p.kind, 0.0)) for p in board.varied]
-    return _corner(board, name, np.array(z))
+    ends = [
+        (name, np.array([each.get(p.name, each.get(p.kind, 0.0)) for p in board.varied]))
+        for name, each in named
+    ]
+    return _verified(board, ends, HERE, progress, "corners")
 
 
-def _corner(board: Varied, name: str, z: Floats) -> Corner:
-    values = zip(board.varied, z.tolist(), strict=True)
-    deviations = {parameter.name: value for parameter, value in values if value}
-    return Corner(name, "", evaluate(board, 0, z), (), deviations)
+def _verified(
+    board: Varied,
+    ends: Sequence[tuple[str, Floats]],
+    workers: Workers,
+    progress: Progress,
+    stage: str,
+) -> tuple[Corner, ...]:
+    """Verify boards by their names and deviations, in tolerances."""
+    samples, pace = dict[int, BoardSample](), Pace()
+    for sample in evaluate_all(board, enumerate(z for _, z in ends), workers, len(ends)):
+        samples[sample.number] = sample
+        left = pace.ended(len(ends) - len(samples))
+        progress(f"{stage}: {len(samples)} of {len(ends)} boards{left}")
+    names = [parameter.name for parameter in board.varied]
+    return tuple(
+        Corner(
+            name=name,
+            quantity="",
+            result=samples[number],
+            largest=(),
+            deviations={part: off for part, off in zip(names, z.tolist(), strict=True) if off},
+        )
+        for number, (name, z) in enumerate(ends)
+    )
 
 
 def _gradient(board: Varied, workers: Workers, progress: Progress) -> dict[str, Floats]:
     """Return the change of each quantity, positive if worse, by component, (components,) each."""
     count = len(board.varied)
-    probes = [(NOMINAL, np.zeros(count)), *enumerate(PROBE * np.eye(count))]
-    samples: dict[int, BoardSample] = {}
-    pace = Pace()
-    for sample in evaluate_all(board, probes, workers, len(probes)):
-        samples[sample.number] = sample
-        left = pace.ended(len(probes) - len(samples))
-        progress(f"sensitivities: {len(samples)} of {len(probes)} boards{left}")
+    ends = [("", z) for z in (np.zeros(count), *(PROBE * np.eye(count)))]
+    centre, *moved = _verified(board, ends, workers, progress, "sensitivities")
     return {
-        quantity.name: np.array(
-            [_worse(quantity, samples[index], samples[NOMINAL]) for index in range(count)]
-        )
+        quantity.name: np.array([_worse(quantity, each.result, centre.result) for each in moved])
         for quantity in board.quantities
     }
 

@@ -18,7 +18,7 @@ from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.tolerance import corner_view
-from taction.verification.studies.tolerance.corners import Corner, named_corner, worst_of
+from taction.verification.studies.tolerance.corners import Corner, named_corners, worst_of
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
 from taction.verification.studies.tolerance.samples import evaluate
 from taction.verification.studies.tolerance.steady_directions import rest_slopes, steady_directions
@@ -108,7 +108,8 @@ def test_a_margin_that_is_checked_has_its_corner() -> None:
 
 def test_a_corner_of_one_s_own_by_kind_and_by_name() -> None:
     study = prepare(small_scene(tolerances=WORN, checks=CHECKS))
-    corner = named_corner(study, "mine", {"resistor": 1.0, "Rf_1_2": -0.5, "capacitor": -1.0})
+    mine = {"resistor": 1.0, "Rf_1_2": -0.5, "capacitor": -1.0}
+    (corner,) = named_corners(study, [("mine", mine)])
     assert corner.deviations["Rf_1_2"] == -0.5
     assert corner.deviations["Rf_1_1"] == corner.deviations["Rb_1_2"] == 1.0
     assert corner.deviations["Cc_2"] == -1.0
@@ -120,7 +121,7 @@ def test_a_corner_of_one_s_own_by_kind_and_by_name() -> None:
 def test_an_unknown_component_is_named() -> None:
     study = prepare(small_scene(tolerances=WORN))
     with pytest.raises(InputError, match="Rf_9_9: neither a component that varies nor one of"):
-        named_corner(study, "mine", {"Rf_9_9": 1.0})
+        named_corners(study, [("mine", {"Rf_9_9": 1.0})])
 
 
 def test_the_command(tmp_path: Path) -> None:
@@ -156,7 +157,8 @@ def test_the_directions_are_those_of_every_corner_of_all_resistors_of_two_kinds(
     assert {name.rpartition(".")[2] for name in found[0].deviations} >= {"dc_gain", "Rr_1"}
     random = np.random.default_rng(3)
     for direction in found:
-        corner = named_corner(study, "", direction.deviations).result.errors
+        (made,) = named_corners(study, [("", direction.deviations)])
+        corner = made.result.errors
         assert corner[direction.channel - 1] == pytest.approx(direction.solved, rel=1e-6)
         assert direction.predicted == pytest.approx(direction.solved, rel=0.15)
         for _ in range(20):
