@@ -18,11 +18,10 @@ import numpy as np
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import CurrentSource
-from taction.netlist_gen.deck.deck import write_deck
-from taction.system.array_types import Complexes, Floats
+from taction.netlist_gen.deck.deck import Deck, write_deck
+from taction.system.array_types import Complexes
 from taction.system.errors import EngineError, InputError, SimulationError
 from taction.system.quantities import show, show_rate
-from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.ngspice.process import Run, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -86,17 +85,6 @@ class TransientTest:
     above: Side | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Side:
-    """A board on one side, its pole, and the transient along the mode, before it runs."""
-
-    value: float
-    pole: complex
-    fastest: float  # growth rate of the board's fastest other instability, 1/s, or 0
-    circuit: Circuit
-    transient: Transient
-
-
 def confirm(
     boards: Boards, crossing: Edge, simulator: Simulator, *, logarithmic: bool, timeout: float
 ) -> TransientTest:
@@ -116,23 +104,35 @@ def confirm(
         Wall time allowed for each run, s.
     """
     try:
-        trials = [_prepare(boards, crossing, side, logarithmic) for side in (-1, 1)]
+        trials = [_prepare(boards, crossing, side, logarithmic, simulator) for side in (-1, 1)]
     except (EngineError, InputError) as error:
         return TransientTest(None, f"the board beside the crossing could not be prepared: {error}")
     with ExitStack() as cleanup:  # a failure of one run ends the other run
         try:
-            runs = [cleanup.enter_context(_start(t, simulator, timeout)) for t in trials]
+            runs = [
+                cleanup.enter_context(start(deck, simulator, timeout=timeout))
+                for _, _, deck in trials
+            ]
         except SimulationError as error:
             return TransientTest(None, f"ngspice did not start: {error}")
-        below, above = (_finish(t, run) for t, run in zip(trials, runs, strict=True))
+        below, above = (
+            _compare(side, fastest, run)
+            for (side, fastest, _), run in zip(trials, runs, strict=True)
+        )
     reasons = "; ".join(f"at {s.value!r}: {s.reason}" for s in (below, above) if s.reason)
     verdicts = (below.agrees, above.agrees)
     confirmed = False if False in verdicts else None if None in verdicts else True
     return TransientTest(confirmed, reasons, below, above)
 
 
-def _prepare(boards: Boards, crossing: Edge, side: int, logarithmic: bool) -> _Side:
-    """Choose a value on one side of the crossing at which the pole has the expected sign."""
+def _prepare(
+    boards: Boards, crossing: Edge, side: int, logarithmic: bool, simulator: Simulator
+) -> tuple[Side, float, Deck]:
+    """Choose a value on one side of the crossing at which the pole has the expected sign.
+
+    Return the pole there, the growth rate of the board's fastest other instability, 1/s, or 0, and
+    the deck of the transient along the mode.
+    """
     unstable = crossing.unstable_above == (side > 0)
     distance = DISTANCE
     while True:
@@ -147,8 +147,11 @@ def _prepare(boards: Boards, crossing: Edge, side: int, logarithmic: bool) -> _S
         distance *= 0.5
     rivals = [p.real for p in board_poles if p not in (pole, pole.conjugate())]
     fastest = max([0.0, *rivals])
-    circuit = strained_along(board, pole) if board.circuit.has_imported else board.circuit
-    return _Side(value, pole, fastest, circuit, along(board, pole, fastest))
+    c = strained_along(board, pole) if board.circuit.has_imported else board.circuit
+    saved = dict.fromkeys([*(o.node for o in c.outputs), *c.signal_nodes, *c.constraint_nodes])
+    transient, solver = along(board, pole, fastest), simulator.solver_option
+    deck = write_deck(c, transient, solver=solver, relative=RELTOL, saved=saved)
+    return Side(value, pole), fastest, deck
 
 
 def _follow(
@@ -256,53 +259,38 @@ def _mode(space: StateSpace, pole: complex) -> Complexes:
     return x
 
 
-def _start(trial: _Side, simulator: Simulator, timeout: float) -> Run:
-    c = trial.circuit
-    saved = dict.fromkeys([*(o.node for o in c.outputs), *c.signal_nodes, *c.constraint_nodes])
-    deck = write_deck(
-        c, trial.transient, solver=simulator.solver_option, relative=RELTOL, saved=saved
-    )
-    return start(deck, simulator, timeout=timeout)
-
-
-def _finish(trial: _Side, run: Run) -> Side:
+def _compare(side: Side, fastest: float, run: Run) -> Side:
+    """Compare the pole with the ringing, or the growth, in the waveforms of a run."""
     try:
-        waveforms = run.result()
+        waves = run.result()
     except SimulationError as error:
-        return Side(trial.value, trial.pole, reason=f"no evidence from ngspice: {error}")
-    return _compare(trial, waveforms)
-
-
-def _compare(trial: _Side, waveforms: Waveforms) -> Side:
-    """Compare the pole with the ringing, or the growth, in the waveforms."""
-    find = find_growth if trial.pole.imag == 0.0 else _ringing
-    mode = find(waveforms.time, waveforms.values)
+        return replace(side, reason=f"no evidence from ngspice: {error}")
+    pole = side.predicted
+    if pole.imag:
+        mode = find_ringing(waves.time, waves.values).mode
+    else:
+        mode = find_growth(waves.time, waves.values)
     if mode is None:
-        return Side(trial.value, trial.pole, reason="no mode could be fitted to the transient")
-    difference = _difference(mode, trial.pole)
+        return replace(side, reason="no mode could be fitted to the transient")
+    difference = _difference(mode, pole)
     agrees: bool | None = not difference
     reason = difference
     if not (mode.grows or mode.decays):
         agrees, reason = None, f"the fit is uncertain: {mode.doubt}"
-    elif difference and abs(mode.growth_rate - trial.pole.real) < 3.0 * mode.growth_sigma:
+    elif difference and abs(mode.growth_rate - pole.real) < 3.0 * mode.growth_sigma:
         agrees = None
         reason = f"{difference}, with an uncertainty of {show(mode.growth_sigma, '1/s', 2)}"
-    elif difference and trial.fastest > max(trial.pole.real, 0.0):
+    elif difference and fastest > max(pole.real, 0.0):
         agrees = None
-        reason = f"an instability of {show_rate(trial.fastest)} hides the mode ({difference})"
-    return Side(
-        value=trial.value,
-        predicted=trial.pole,
+        reason = f"an instability of {show_rate(fastest)} hides the mode ({difference})"
+    return replace(
+        side,
         growth_rate=mode.growth_rate,
         growth_sigma=mode.growth_sigma,
         frequency=mode.frequency,
         agrees=agrees,
         reason=reason,
     )
-
-
-def _ringing(time: Floats, values: Floats) -> Mode | None:
-    return find_ringing(time, values).mode
 
 
 def _difference(mode: Mode, pole: complex) -> str:
