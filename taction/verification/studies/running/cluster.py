@@ -58,8 +58,11 @@ def cluster(address: str, announce: Callable[[str], None] = lambda text: None) -
             def check() -> None:
                 _wait_for_worker(client, announce)
 
-            check()
-            threads = sum(client.nthreads().values())
+            try:
+                check()
+                threads = sum(client.nthreads().values()) or 1
+            except OSError as error:
+                raise _refusal(address, f"the scheduler is gone ({error})") from None
             lost = (distributed.KilledWorker,)
             yield Workers(_Cluster(client.get_executor()), threads, SPARE, lost, check)
         finally:
@@ -140,5 +143,9 @@ class _Cluster(Executor):
         self._executor = executor
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        future: Future[T] = self._executor.submit(pickle.loads, pickle.dumps(_Call(fn, *args)))
+        call = pickle.dumps(_Call(fn, *args))
+        try:
+            future: Future[T] = self._executor.submit(pickle.loads, call)
+        except Exception as error:  # that of a closed client has no base class of its own
+            raise OSError(f"{type(error).__name__}: {error}") from error
         return future
