@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Any, TypeVar
 
 from taction.system.errors import Complaint, InputError, NoVerdictError
@@ -53,11 +54,8 @@ def cluster(address: str, announce: Callable[[str], None] = lambda text: None) -
     logging.disable()  # Dask logs what our errors say
     try:
         client = _client(distributed, address)
+        check = partial(_wait_for_worker, client, announce)
         try:
-
-            def check() -> None:
-                _wait_for_worker(client, announce)
-
             try:
                 check()
                 threads = sum(client.nthreads().values()) or 1
