@@ -22,7 +22,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import RINGS
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
 from taction.verification.readings.course import Course
-from taction.verification.readings.exact_signal import ExactSignal
+from taction.verification.readings.exact_trace import ExactTrace
 from taction.verification.readings.measurements import (
     NO_STEP,
     Measurements,
@@ -131,7 +131,7 @@ def measure_responses(responses: Sequence[ExactResponse]) -> list[Measurements]:
     Notes
     -----
     The cost is that of `exact_solution`, of the solutions at about 25 points per ringing period, at
-    most `exact_signal.PER_OCTAVE` for each e-fold of the time, and of about six evaluations for
+    most `course.PER_OCTAVE` for each e-fold of the time, and of about six evaluations for
     every crossing. A search is one array operation over all boards with equally many channels.
     """
     groups: dict[int, list[int]] = {}
@@ -146,11 +146,11 @@ def measure_responses(responses: Sequence[ExactResponse]) -> list[Measurements]:
 def _measured(responses: Sequence[ExactResponse]) -> list[Measurements]:
     """Measure boards with equally many channels."""
     count, steps = len(responses[0].target), [response.step for response in responses]
-    signal = ExactSignal(*(response.course for response in responses))
+    trace = ExactTrace(*(response.course for response in responses))
     start = np.concatenate([step.start for step in steps])
     step = Step(start, np.concatenate([step.target for step in steps]), len(steps))
     tolerance = np.repeat([response.tolerance for response in responses], count)
-    found = read(signal, step, tolerance, np.zeros(len(tolerance), dtype=np.bool_))
+    found = read(trace, step, tolerance, np.zeros(len(tolerance), dtype=np.bool_))
     begins = range(0, len(tolerance), count)
     parts = [{name: each[k : k + count] for name, each in found.items()} for k in begins]
     return [one.measured(part) for one, part in zip(responses, parts, strict=True)]

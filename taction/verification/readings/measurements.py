@@ -16,15 +16,9 @@ from taction.system.array_types import Bools, Floats
 from taction.system.quantities import show, show_rate
 from taction.system.reading_definitions import FAINT, READINGS, SETTLING_BAND, SMALL_STEP
 from taction.verification.readings.readings import Reading, Readings, Step, largest, read, unread
+from taction.verification.readings.record import FEWEST_POINTS, Curve, RecordTrace, Rest
 from taction.verification.readings.ringing import ChannelRinging, Mode, RecordRinging, find_ringing
 from taction.verification.readings.settling import ChannelState, Drift, Settlement, prove
-from taction.verification.readings.signals import (
-    FEWEST_POINTS,
-    ContinuousSignal,
-    Curve,
-    Rest,
-    SampledSignal,
-)
 
 NO_STEP = "no channel has a step (target equals start): a band in % of it has no width"
 
@@ -235,26 +229,23 @@ def describe_states(measurements: Measurements) -> str:
 class SoundPart:
     """The part of a record before any channel leaves its physical range."""
 
-    signal: SampledSignal
+    time: Floats  # (P,), s
+    errors: Floats  # distances from the targets (N, P)
+    trace: RecordTrace | None  # None of a record with too few points to read a time
     step: Step
     final: Floats  # last values (N,)
     lost: Bools  # channels that left their physical range (N,)
     cut: str  # why the record cannot prove that a channel settled; empty for a whole record
 
-    @property
-    def readable(self) -> bool:
-        """Whether the points are enough to read a time."""
-        return self.signal.time.size >= FEWEST_POINTS
-
     def scale(self) -> float:
         """Return the step amplitude; without a step the largest excursion of any channel."""
-        return self.step.amplitude or float(np.abs(self.signal.errors).max())
+        return self.step.amplitude or float(np.abs(self.errors).max())
 
     def read(self, band: float) -> Readings:
         """Read the record; without a step the band is in % of the largest excursion."""
-        if not self.readable:
+        if self.trace is None:
             return unread(len(self.final))
-        return read(self.signal, self.step, band * self.scale(), self.lost)
+        return read(self.trace, self.step, band * self.scale(), self.lost)
 
 
 def sound_part(
@@ -281,12 +272,11 @@ def sound_part(
     final = u[sound - 1] if sound else start
     errors = np.subtract(u[:sound].T, target[:, None], order="C")
     ends = None if cut or rest is None else replace(rest, values=rest.values - target)
-    signal = SampledSignal(np.ascontiguousarray(time[:sound]), errors, error, ends)
-    if curve is not None:
-        signal = ContinuousSignal(
-            signal.time, errors, error, ends, curve=lambda t, n: curve(t, n) - target[n]
-        )
-    return SoundPart(signal, Step(start, target), final, lost, cut)
+    between = None if curve is None else (lambda t, n: curve(t, n) - target[n])
+    trace = None
+    if sound >= FEWEST_POINTS:
+        trace = RecordTrace(time[:sound], errors, error, ends, between)
+    return SoundPart(time[:sound], errors, trace, Step(start, target), final, lost, cut)
 
 
 def _cut(time: Floats, sound: int, lost: Bools, expected_stop: float | None) -> str:
@@ -348,10 +338,10 @@ def measure(
     """
     _check(time, u, target, band)
     part = sound_part(time, u, target, start, bound, expected_stop, error, rest, curve)
-    t = part.signal.time
-    v, drift = u[: t.size], Drift(t, part.signal.errors)
+    t = part.time
+    v, drift = u[: t.size], Drift(t, part.errors)
     ringing = RecordRinging(t[:1], np.zeros((1, u.shape[1])), None, None)
-    if part.readable:
+    if part.trace:
         ringing = find_ringing(t, v)
     record = _Record(part, v, part.read(band), drift, band, ringing)
     channels = [_channel(record, n) for n in range(target.size)]
@@ -395,7 +385,7 @@ def _settlement(record: _Record, n: int, ring: ChannelRinging) -> Settlement:
     if part.lost[n]:
         reason = f"the channel left its physical range: {part.cut}"
         return Settlement(ChannelState.DIVERGED, None, reason)
-    if not part.readable:
+    if part.trace is None:
         return Settlement(ChannelState.NOT_SETTLED, None, part.cut)
     # Without a step the band is a fraction of the largest excursion of any channel.
     scale = part.scale()
@@ -415,8 +405,8 @@ def _channel(record: _Record, n: int) -> ChannelMeasure:
     ring = found.of(n)
     settlement = _settlement(record, n, ring)
     size, short = float(part.step.sizes[n]), part.cut
-    if part.readable and size:
-        reached = 1 + float((part.signal.errors[n] / size).max())
+    if part.trace and size:
+        reached = 1 + float((part.errors[n] / size).max())
         short = f"the channel reaches {reached:.1%} of its step: simulate longer"
     final = float(part.final[n])
     measured = channel_measure(n, final, part.step, record.readings, settlement, mode, short)
@@ -427,7 +417,7 @@ def _channel(record: _Record, n: int) -> ChannelMeasure:
 
 def _limit_cycle_frequency(record: _Record, n: int) -> float | None:
     """Return the frequency of channel `n`'s limit cycle, Hz, from the last fifth of the record."""
-    time = record.part.signal.time
+    time = record.part.time
     first = int(np.searchsorted(time, time[0] + 0.8 * np.ptp(time)))
     found = find_ringing(time[first:], record.u[first:, n : n + 1])
     if found.mode is not None:

@@ -1,7 +1,7 @@
-"""The readings of a signal: one implementation for all signals.
+"""The readings of a trace: one implementation for records and exact solutions.
 
-A `Signal` is either a sampled record (`verification.readings.signals`) or an exact solution
-(`verification.readings.exact_signal`). `system.reading_definitions` has the definitions;
+A `Trace` is either a sampled record (`verification.readings.record`) or an exact solution
+(`verification.readings.exact_trace`). `system.reading_definitions` has the definitions;
 `verification.readings.measurements` decides which readings are proven.
 """
 
@@ -11,11 +11,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
-from taction.system.array_types import Bools, Floats, Indices
+from taction.system.array_types import Bools, Floats
 from taction.system.reading_definitions import (
     BAND_SHIFT,
     EXCURSIONS,
@@ -25,41 +24,9 @@ from taction.system.reading_definitions import (
     RISE_LEVELS,
     SMALL_STEP,
 )
-from taction.verification.readings.crossings import Crossings
+from taction.verification.readings.trace import Trace
 
 STILL = 1e-6  # of A: a smaller step has no direction
-
-
-class Signal(Protocol):
-    """Errors of N channels over time: distances from the targets, themselves known to a bound."""
-
-    @property
-    def ends(self) -> Floats:
-        """Errors (N,) where the signal ends or comes to rest."""
-
-    @property
-    def end_bounds(self) -> Floats:
-        """Bounds (N,) of the uncertainty of `ends`; 0 for a signal whose bounds are not known."""
-
-    def last_outside(self, levels: Floats, shifts: Floats) -> Crossings:
-        """Find the last instants (J, N), from the start, with ``|error|`` above `levels`.
-
-        The levels are those of all channels (J,), or of each of several boards' channels (J, N).
-        For each level the signal is shifted outwards by `shifts` (J,) times its bound. NaN for a
-        channel that never is above.
-        """
-
-    def first_reached(
-        self, rows: Indices, steps: Floats, levels: Floats, shifts: Floats
-    ) -> Crossings:
-        """Find when ``1 + error / step`` first exceeds `levels` (J,), in channels `rows` (R,).
-
-        For each level the signal is shifted in the direction of the step by `shifts` (J,) times its
-        bound. Shape (J, R); NaN for a level that is never exceeded.
-        """
-
-    def highest(self, sign: float) -> tuple[Floats, Floats]:
-        """Return the maximum of ``sign * error`` of every channel and its uncertainty, (N,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +39,7 @@ class Reading:
         In the unit of its kind in `READINGS`.
     uncertainty : float
         Bound of the error of `value`: of what lies between the points and, where the signal has
-        bounds, of the signal. Infinite if the true signal may have no such reading.
+        bounds, of the trace. Infinite if the true trace may have no such reading.
     fragile : bool
         A small shift of the level or of the band changes the time: a peak just reaches, or just
         misses, the level.
@@ -88,7 +55,7 @@ class Reading:
 
 
 Readings = Mapping[str, tuple[Reading | None, ...]]
-"""Readings of a signal by name, one entry per channel.
+"""Readings of a trace by name, one entry per channel.
 
 None for a channel that ends outside its settling band, or does not reach both levels of its rise.
 """
@@ -125,37 +92,37 @@ class Step:
         return np.asarray((sizes >= SMALL_STEP * self.amplitudes) & (sizes > 0))
 
 
-def read(signal: Signal, step: Step, tolerance: float | Floats, lost: Bools) -> Readings:
-    """Read a signal.
+def read(trace: Trace, step: Step, tolerance: float | Floats, lost: Bools) -> Readings:
+    """Read a trace.
 
-    `tolerance` is half the width of the settling band, in the unit of the signal: one of all
+    `tolerance` is half the width of the settling band, in the unit of the trace: one of all
     channels, or (N,) of the channels of several boards. `lost` (N,) marks channels whose rise time
     has no meaning.
     """
-    # Each search refines an exact signal for the next ones, so their order decides last digits.
-    shares, rises = excursions(signal, step), rise_times(signal, step.sizes, step.rising & ~lost)
-    times = {"rise_time": rises, "settling_time": settling_times(signal, tolerance)}
+    # Each search refines an exact trace for the next ones, so their order decides last digits.
+    shares, rises = excursions(trace, step), rise_times(trace, step.sizes, step.rising & ~lost)
+    times = {"rise_time": rises, "settling_time": settling_times(trace, tolerance)}
     return {**times, **shares}
 
 
 def unread(channels: int) -> Readings:
-    """Return the readings of a signal with too few points: no times, excursions without a bound."""
+    """Return the readings of a trace with too few points: no times, excursions without a bound."""
     nothing = dict.fromkeys(READINGS, (None,) * channels)
     return nothing | dict.fromkeys(EXCURSIONS, (Reading(0.0, math.inf),) * channels)
 
 
-def settling_times(signal: Signal, tolerance: float | Floats) -> tuple[Reading | None, ...]:
+def settling_times(trace: Trace, tolerance: float | Floats) -> tuple[Reading | None, ...]:
     """Return when each channel was last outside ``±tolerance``; None if it ends outside."""
-    ends = np.abs(signal.ends)
+    ends = np.abs(trace.ends)
     if np.all(ends > tolerance):
         return (None,) * len(ends)
-    # The last two shift the signal by its bound.
+    # The last two shift the trace by its bound.
     levels = np.multiply.outer([1.0, 1.0 - BAND_SHIFT, 1.0 + BAND_SHIFT, 1.0, 1.0], tolerance)
-    at, doubt = signal.last_outside(levels, np.array([0.0, 0.0, 0.0, -1.0, 1.0]))
+    at, doubt = trace.last_outside(levels, np.array([0.0, 0.0, 0.0, -1.0, 1.0]))
     at = np.where(np.isnan(at), 0.0, at)
     at[:3][ends > levels.reshape(5, -1)[:3]] = np.nan
-    at[4, ends + signal.end_bounds > tolerance] = np.inf
-    # A crossing of the true signal lies between those of the shifted signals.
+    at[4, ends + trace.end_bounds > tolerance] = np.inf
+    # A crossing of the true trace lies between those of the shifted traces.
     late, early = at[4] + doubt[4] - at[0], at[0] - at[3] + doubt[3]
     width = np.fmax(np.fmax(late, early), doubt[0])
     readings: list[Reading | None] = []
@@ -165,7 +132,7 @@ def settling_times(signal: Signal, tolerance: float | Floats) -> tuple[Reading |
     return tuple(readings)
 
 
-def rise_times(signal: Signal, steps: Floats, selected: Bools) -> tuple[Reading | None, ...]:
+def rise_times(trace: Trace, steps: Floats, selected: Bools) -> tuple[Reading | None, ...]:
     """Return the time from the first crossing of the lower level to that of the upper level.
 
     None for a channel that is not `selected` (N,) or does not reach both levels.
@@ -176,8 +143,8 @@ def rise_times(signal: Signal, steps: Floats, selected: Bools) -> tuple[Reading 
         return tuple(readings)
     (low, high), shift = RISE_LEVELS, LEVEL_SHIFT
     levels = [low, high, high - shift, high + shift, low - shift, low + shift, low, low, high, high]
-    shifts = [0.0] * 6 + [1.0, -1.0] * 2  # the last four shift the signal by its bound
-    at, doubt = signal.first_reached(rows, steps[rows], np.array(levels), np.array(shifts))
+    shifts = [0.0] * 6 + [1.0, -1.0] * 2  # the last four shift the trace by its bound
+    at, doubt = trace.first_reached(rows, steps[rows], np.array(levels), np.array(shifts))
     rise = at[1] - at[0]
     (early_low, early_high), (late_low, late_high) = (at - doubt)[[6, 8]], (at + doubt)[[7, 9]]
     moved = np.maximum(late_high - early_low - rise, rise - (early_high - late_low))
@@ -192,13 +159,13 @@ def rise_times(signal: Signal, steps: Floats, selected: Bools) -> tuple[Reading 
     return tuple(readings)
 
 
-def excursions(signal: Signal, step: Step) -> Readings:
+def excursions(trace: Trace, step: Step) -> Readings:
     """Return how far the channels go beyond target and start, fractions of A; 0 without a step."""
     amplitudes, sizes = step.amplitudes, step.sizes
     moves = amplitudes > 0
     if not moves.any():
         return dict.fromkeys(EXCURSIONS, (Reading(0.0, 0.0),) * len(sizes))
-    up, down = np.array(signal.highest(1.0)), np.array(signal.highest(-1.0))
+    up, down = np.array(trace.highest(1.0)), np.array(trace.highest(-1.0))
     ahead, away = np.where(sizes < 0, (down, up), (up, down))  # heights and their doubts each
     away[0] -= np.abs(sizes)  # beyond the start
     either = np.maximum(ahead, away)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taction.system.array_types import Complexes, Floats
-from taction.verification.readings.signals import lagrange
+from taction.verification.readings.record import lagrange
 
 RESOLVED = 1e-6  # nepers over the fitted stretch: a change below is rounding, of either sign
 GOOD_FIT = 0.1  # unexplained part below which the growth rate of a fit is used

@@ -25,7 +25,7 @@ from taction.verification.engines.statespace.linearised.time_scales import TimeS
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.readings.course import Course
 from taction.verification.readings.exact_measures import ExactResponse, measure_responses
-from taction.verification.readings.exact_signal import ExactSignal
+from taction.verification.readings.exact_trace import ExactTrace
 from taction.verification.readings.measurements import Measurements, channel_measure, summary
 from taction.verification.readings.readings import unread
 from taction.verification.readings.settling import ChannelState, Settlement
@@ -252,8 +252,8 @@ def _pulses(
     solution = exact_solution(board, initial=initial)
     if np.all(solution.poles.real < 0.0):
         size = float(np.abs(solution.flow.share).max(initial=0.0))
-        signal = ExactSignal(Course(solution, _signs(board), rest, error, DETAIL * size))
-        (high, _), (low, _) = (signal.highest(sign) for sign in (1.0, -1.0))
+        trace = ExactTrace(Course(solution, _signs(board), rest, error, DETAIL * size))
+        (high, _), (low, _) = (trace.highest(sign) for sign in (1.0, -1.0))
     else:  # it has no readings, and is compared by the size that it reaches
         seen = np.linspace(0.0, time_scales(board, initial=initial).stop, DRAWN)
         moved = solution.at(seen) * _signs(board) - rest

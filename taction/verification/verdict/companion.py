@@ -31,7 +31,7 @@ from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.readings.exact_measures import ExactResponse, measure_responses
 from taction.verification.readings.measurements import Measurements, measure, summary
 from taction.verification.readings.readings import Reading
-from taction.verification.readings.signals import CUBIC, Curve, Rest, lagrange
+from taction.verification.readings.record import CUBIC, Curve, Rest, lagrange
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.headroom import watched_nodes
 from taction.verification.verdict.planned_board import PlannedBoard, SteadyState

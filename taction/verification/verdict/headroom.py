@@ -19,7 +19,7 @@ from taction.verification.engines.statespace.linearised.board import Initial, Li
 from taction.verification.engines.statespace.transients.exact import Exact, combinations, is_exact
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.readings.course import Course
-from taction.verification.readings.exact_signal import ExactGrid, ExactSignal
+from taction.verification.readings.exact_trace import ExactTrace
 
 FULL = 0.9  # of a limit: above it the small-signal solution is not taken for true
 PRECISION = 0.01  # of a limit: error of a peak
@@ -192,17 +192,17 @@ def _peaks(loads: _Loads, exact: Exact) -> Iterator[Load]:
 
     A row is kept if it may be above `FULL` of its limit, or the largest of its quantity.
     """
-    grid = ExactGrid([_course(loads, exact)])
+    grid = ExactTrace(_course(loads, exact))
     kinds = np.array([list(UNITS).index(row.quantity) for row in loads.rows])
     caps = grid.caps, grid.caps + grid.reach[:, None]
     tops, full = (grid.largest(each.max(axis=1))[0] for each in caps)
     ends, worst = np.abs(grid.ends).ravel(), np.zeros(len(UNITS))
     np.maximum.at(worst, kinds, np.maximum(grid.largest(np.abs(grid.errors))[0], ends))
     rows = np.flatnonzero((tops >= worst[kinds]) | (full > FULL))
-    signal = ExactSignal(_course(loads, exact.columns(rows)))
-    (high, above), (low, below) = (signal.highest(sign) for sign in (1.0, -1.0))
-    heights = np.append(np.abs(signal.grid.errors), ends[None, rows], axis=0)
-    at = np.append(signal.grid.time, math.inf)[heights.argmax(axis=0)]
+    trace = ExactTrace(_course(loads, exact.columns(rows)))
+    (high, above), (low, below) = (trace.highest(sign) for sign in (1.0, -1.0))
+    heights = np.append(np.abs(trace.errors), ends[None, rows], axis=0)
+    at = np.append(trace.time, math.inf)[heights.argmax(axis=0)]
     part = _Loads.of(loads.board, tuple(loads.rows[row] for row in rows.tolist()))
     yield from part.loads(np.maximum(high, low), at, np.where(high > low, above, below))
 

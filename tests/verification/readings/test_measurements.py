@@ -10,9 +10,9 @@ from scipy.optimize import brentq
 
 from taction.verification.readings.measurements import measure
 from taction.verification.readings.readings import Reading, rise_times, settling_times
+from taction.verification.readings.record import RecordTrace
 from taction.verification.readings.ringing import ChannelRinging, Mode
 from taction.verification.readings.settling import ChannelState, Drift, prove, sustained
-from taction.verification.readings.signals import SampledSignal
 from tests.support.measured import channel, measured
 
 ONE = np.ones(1)
@@ -324,13 +324,13 @@ def test_the_settling_time_is_right_or_absent(seed):
 def test_settle_reads_what_is_there():
     time = np.linspace(0, 1, 101)
     errors = np.array([1 - time, time, np.zeros(101), time - 1])
-    falling, outside, still, rising = settling_times(SampledSignal(time, errors), 0.25)
+    falling, outside, still, rising = settling_times(RecordTrace(time, errors), 0.25)
     assert falling.value == pytest.approx(0.75, abs=1e-9)
     assert outside is None
     assert still.value == 0.0
     assert 0.0 < still.uncertainty < 1e-15
     assert rising == falling
-    assert settling_times(SampledSignal(time, errors[1:2]), 0.25) == (None,)
+    assert settling_times(RecordTrace(time, errors[1:2]), 0.25) == (None,)
 
 
 def test_rises_of_channels_of_either_direction():
@@ -338,12 +338,12 @@ def test_rises_of_channels_of_either_direction():
     time = np.linspace(0, 12, 1201)
     tau, steps = np.array([0.5, 1.0, 20.0, 2.0]), np.array([1.0, -3.0, 1.0, -0.1])
     errors = -steps[:, None] * np.exp(-time / tau[:, None])
-    quick, falling, slow, small = rise_times(SampledSignal(time, errors), steps, steps != 0)
+    quick, falling, slow, small = rise_times(RecordTrace(time, errors), steps, steps != 0)
     assert slow is None
     for reading, pace in ((quick, 0.5), (falling, 1.0), (small, 2.0)):
         assert abs(reading.value - pace * np.log(9)) <= reading.uncertainty < 1e-3
         assert not reading.fragile
-    assert rise_times(SampledSignal(time, errors), steps, steps == 1e9) == (None,) * 4
+    assert rise_times(RecordTrace(time, errors), steps, steps == 1e9) == (None,) * 4
 
 
 def ringing(growth, sigma, amplitude=None):

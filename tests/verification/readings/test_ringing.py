@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from taction.verification.readings.readings import STILL, Reading, Step, excursions, largest
+from taction.verification.readings.record import RecordTrace
 from taction.verification.readings.ringing import (
     GOOD_FIT,
     Mode,
@@ -14,7 +15,6 @@ from taction.verification.readings.ringing import (
     saturates,
     slows,
 )
-from taction.verification.readings.signals import SampledSignal
 
 F0 = 123456.0
 SHAPE = np.array([1, -0.5, 0.3, 0, -0.3, 0.5, -1])  # antisymmetric: the channels' sum is zero
@@ -243,12 +243,12 @@ def test_growth_slows_before_it_is_a_plateau():
 TIME = np.linspace(0.0, 20.0, 2001)
 
 
-def swings(*channels: tuple[float, float, float]) -> tuple[SampledSignal, Step]:
+def swings(*channels: tuple[float, float, float]) -> tuple[RecordTrace, Step]:
     """Channels ``(start, target, swing)``: a monotone step plus ``swing (exp(-t) - exp(-2 t))``."""
     start, target, swing = np.array(channels).T[:, :, None]
     there = 1.0 - np.exp(-10.0 * TIME)
     u = start + (target - start) * there + 4.0 * swing * (np.exp(-TIME) - np.exp(-2.0 * TIME))
-    return SampledSignal(TIME, u - target), Step(start[:, 0], target[:, 0])
+    return RecordTrace(TIME, u - target), Step(start[:, 0], target[:, 0])
 
 
 def read(*channels: tuple[float, float, float]) -> tuple[list[float], list[float]]:
@@ -256,7 +256,7 @@ def read(*channels: tuple[float, float, float]) -> tuple[list[float], list[float
     return [found.value for found in over], [found.value for found in under]
 
 
-def bounds(signal: SampledSignal, step: Step) -> list[list[float]]:
+def bounds(signal: RecordTrace, step: Step) -> list[list[float]]:
     return [[found.uncertainty for found in kind] for kind in excursions(signal, step).values()]
 
 
@@ -296,7 +296,7 @@ def test_the_sign_of_a_step_that_is_rounding_decides_nothing() -> None:
 def test_every_channel_has_bounds_of_its_own() -> None:
     """Each bound is that of the channel's samples; an excursion of 0 is uncertain upwards only."""
     signal, step = swings((0.0, 1.0, 0.0), (0.0, 0.5, 0.5), (0.0, 0.5, -0.8))
-    known = SampledSignal(signal.time, signal.errors, error=0.01)
+    known = RecordTrace(signal.every, signal.samples, error=0.01)
     over, under = bounds(known, step)
     assert 0.0 < over[0] <= 0.01 * (1.0 + 1e-9)
     assert over[1] == pytest.approx(0.01, rel=1e-3)
@@ -307,7 +307,7 @@ def test_every_channel_has_bounds_of_its_own() -> None:
 
 def test_an_error_without_a_bound_leaves_the_value() -> None:
     signal, step = swings((0.0, 1.0, 0.3))
-    blurred = SampledSignal(signal.time, signal.errors, error=np.inf)
+    blurred = RecordTrace(signal.every, signal.samples, error=np.inf)
     over = excursions(blurred, step)["overshoot"][0]
     assert over.value == pytest.approx(0.3, abs=1e-3)
     assert over.uncertainty == np.inf

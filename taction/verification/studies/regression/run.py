@@ -20,7 +20,7 @@ from taction.system.output_files import check_folder, printable
 from taction.system.progress import Progress
 from taction.system.quantities import NONE
 from taction.system.results import Result
-from taction.verification.readings.signals import lagrange
+from taction.verification.readings.record import lagrange
 from taction.verification.studies.regression.baseline import (
     ALWAYS,
     CHANNEL_ALWAYS,

@@ -7,19 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from taction.verification.readings.crossings import (
-    Crossings,
-    first_crossings,
-    highest,
-    interpolate,
-    last_crossings,
-)
 from taction.verification.readings.measurements import measure
-from taction.verification.readings.signals import (
-    ContinuousSignal,
-    SampledSignal,
-    lagrange,
-)
+from taction.verification.readings.record import RecordTrace, lagrange
+from taction.verification.readings.trace import Crossings
 
 
 def simulator_times(points=200, step=1e-6):
@@ -55,7 +45,7 @@ def signals(points=8.0, begin=0.0, error=0.0):
     def curve(t, channel):
         return ringing(t - begin)[channel, np.arange(t.size)]
 
-    return SampledSignal(time, errors, error), ContinuousSignal(time, errors, error, curve=curve)
+    return RecordTrace(time, errors, error), RecordTrace(time, errors, error, curve=curve)
 
 
 @pytest.mark.parametrize("begin", [0.0, 5.0])
@@ -63,11 +53,12 @@ def test_the_last_crossing_is_that_of_the_waveform(begin):
     coarse, fine = signals(begin=begin)
     levels, shifts = np.array([0.1, 0.01]), np.zeros(2)
     about, found = (signal.last_outside(levels, shifts) for signal in (coarse, fine))
-    assert (about.uncertainty > 1e-5).any()
+    widths = np.stack([last(coarse, level).uncertainty for level in levels])
+    assert (widths > 1e-5).any()
     assert (found.uncertainty < 1e-10).all()
     for level, at in zip(levels, found.time, strict=True):
         assert np.abs(np.abs(ringing(at)).diagonal() - level).max() < 1e-12
-    assert (np.abs(found.time - about.time) <= about.uncertainty).all()
+    assert (np.abs(found.time - about.time) <= widths).all()
 
 
 def test_a_bound_of_the_samples_shifts_the_level():
@@ -87,7 +78,7 @@ def test_a_channel_that_is_never_outside_has_no_crossing_to_refine():
         assert not np.isnan(t).any()
         return np.stack([np.exp(-t), 0.4 * np.exp(-t)])[channel, np.arange(t.size)]
 
-    signal = ContinuousSignal(time, errors, 0.0, curve=curve)
+    signal = RecordTrace(time, errors, 0.0, curve=curve)
     found = signal.last_outside(np.array([0.5]), np.zeros(1))
     assert np.isnan(signal.last_outside(np.array([2.0]), np.zeros(1)).time).all()
     assert found.time[0, 0] == pytest.approx(np.log(2.0), rel=1e-9)
@@ -123,8 +114,7 @@ def test_of_two_peaks_the_higher_one_counts_even_if_its_samples_are_lower():
     def value(t):
         return np.where(t < 3.0, 0.9, 1.0) * np.cos(np.where(t < 3.0, t - 0.5, t - 2 * np.pi))
 
-    fine = ContinuousSignal(time, value(time)[None], curve=lambda t, _: value(t))
-    assert fine.errors.argmax() == 1
+    fine = RecordTrace(time, value(time)[None], curve=lambda t, _: value(t))
     assert fine.highest(1.0)[0] == pytest.approx([1.0], abs=1e-9)
 
 
@@ -146,80 +136,78 @@ def test_a_measurement_takes_the_curve_of_its_record():
     assert sharp < 1e-8 < blurred
 
 
-def last_above(time, y, level):
-    """The last crossing of one waveform and one level, or None."""
-    found = last_crossings(time, y[None], np.array([[level]]))
-    at, doubt = found.time.item(), found.uncertainty.item()
-    return None if np.isnan(at) else Crossings(at, doubt)
+SHIFTS = np.array([0.0, -1.0, 1.0])
 
 
-def test_a_cubic_is_interpolated_exactly_on_uneven_points(rng):
-    time = np.sort(rng.uniform(0, 1, 12))
-    at = np.linspace(time[0], time[-1], 40)
+def last(trace, level):
+    """The last instants outside a level, and how far those of the shifted trace are, per row."""
+    found = trace.last_outside(np.full(3, level), SHIFTS)
+    at, early, late = np.where(np.isnan(found.time), 0.0, found.time)
+    width = np.maximum(late - at, at - early) + found.uncertainty.max(axis=0)
+    return Crossings(found.time[0], width)
 
-    def cubic(t):
-        return 2 - t + 3 * t**2 - 5 * t**3
 
-    interval = np.minimum(np.searchsorted(time, at, side="right") - 1, 10)
-    row = np.zeros(40, dtype=int)
-    value, doubt = interpolate(time, cubic(time)[None], row, interval, at[:, None])
-    np.testing.assert_allclose(value[:, 0], cubic(at), atol=1e-12)
-    assert (doubt >= 0).all()
+def first(trace, level):
+    """The first instants at which rows, from -1, are above a level."""
+    rows, steps = np.arange(trace.channels), np.ones(trace.channels)
+    found = trace.first_reached(rows, steps, np.full(3, level), SHIFTS)
+    at, late, early = found.time
+    width = np.maximum(late - at, at - early) + found.uncertainty.max(axis=0)
+    return Crossings(at, width)
 
 
 def test_never_above_and_still_above():
     time = np.linspace(0, 1, 11)
-    assert last_above(time, time, 2.0) is None
-    assert last_above(time, time, 0.5) == (1.0, 0.0)
+    trace = RecordTrace(time, time[None])
+    assert np.isnan(last(trace, 2.0).time[0])
+    assert last(trace, 0.5).time[0] == 1.0
 
 
-def test_many_rows_and_levels_at_once_are_exponentials_crossings(rng):
-    """A row, a time constant: ``tau ln(1/level)`` each way, and each level on its own row."""
+def test_many_rows_at_once_are_exponentials_crossings(rng):
+    """A row, a time constant: ``tau ln(1/level)`` each way."""
     time = np.sort(np.concatenate([[0.0, 9.0], rng.uniform(0, 9, 900)]))
     tau = np.array([0.5, 1.0, 2.0])
     decays = np.exp(-time / tau[:, None])
-    levels = np.array([[0.1, 0.2, 0.3], [0.6, 0.5, 0.4], [2.0, 0.005, 0.9]])
-    truth = tau * np.log(1 / levels)
-    truth[2, 0] = np.nan  # never so high
-    found = last_crossings(time, decays, levels)
-    assert (np.isnan(found.time) == np.isnan(truth)).all()
-    there = ~np.isnan(truth)
-    assert (np.abs(found.time - truth) <= found.uncertainty)[there].all()
-    assert found.uncertainty[there].max() < 1e-4
-    rising = first_crossings(time, 1 - decays, 1 - levels)
-    truth[2, 0] = 0.0  # above from the first point on
-    assert (np.abs(rising.time - truth) <= rising.uncertainty).all()
-    assert rising.uncertainty[2, 0] == 0.0
+    for level in (0.1, 0.5, 0.9):
+        truth = tau * np.log(1 / level)
+        found = last(RecordTrace(time, decays), level)
+        rising = first(RecordTrace(time, -decays), 1.0 - level)
+        for each in (found, rising):
+            assert (np.abs(each.time - truth) <= each.uncertainty).all()
+            assert each.uncertainty.max() < 1e-3
+    above = first(RecordTrace(time, -decays), -0.5)
+    assert above.time.tolist() == [0.0, 0.0, 0.0]  # from the first point on
 
 
 def test_of_several_falls_and_rises_the_last_and_the_first_count():
     time = np.linspace(0, 2 * np.pi, 401)
     y = np.array([np.sin(time), np.sin(2 * time)])
-    levels = np.full((1, 4), 0.5)
-    found = last_crossings(time, np.concatenate([y, -y]), levels)
-    truth = np.pi * np.array([5 / 6, 17 / 12, 11 / 6, 23 / 12])
-    assert (np.abs(found.time[0] - truth) <= found.uncertainty[0]).all()
-    sooner = first_crossings(time, np.concatenate([y, -y]), levels)
+    found = last(RecordTrace(time, y), 0.5)
+    truth = np.pi * np.array([11 / 6, 23 / 12])
+    assert (np.abs(found.time - truth) <= found.uncertainty).all()
+    rows = np.concatenate([y, -y]) - 1.0  # of a step from -1
+    sooner = first(RecordTrace(time, rows), 0.5)
     truth = np.pi * np.array([1 / 6, 1 / 12, 7 / 6, 7 / 12])
-    assert (np.abs(sooner.time[0] - truth) <= sooner.uncertainty[0]).all()
+    assert (np.abs(sooner.time - truth) <= sooner.uncertainty).all()
 
 
 def test_a_peak_between_points_is_seen():
     time = np.arange(0, 12, 0.5) + 0.25
     y = np.exp(-0.05 * time) * np.cos(np.pi * time / 2)  # peaks near 0, 4, 8: between points
     level = 0.5 * (y[15:17].max() + np.exp(-0.4))  # below the peak near 8, above its points
-    found = last_above(time, y, level)
+    found = last(RecordTrace(time, np.maximum(y, -0.1)[None]), level)
     assert y[12:].max() < level
     grid = np.linspace(0, 12, 2_000_001)
     truth = grid[np.exp(-0.05 * grid) * np.cos(np.pi * grid / 2) > level][-1]
-    assert abs(found.time - truth) <= found.uncertainty
+    assert abs(found.time[0] + time[0] - truth) <= found.uncertainty[0]
 
 
 def test_highest_finds_the_top_of_a_coarse_sine():
     time = np.linspace(0, 3, 31)
     rows = np.array([np.sin(time), np.cos(time), time])
-    np.testing.assert_allclose(highest(time, rows)[0], [1.0, 1.0, 3.0], atol=3e-6)
-    tops, doubts = highest(time, -rows)
+    trace = RecordTrace(time, rows)
+    np.testing.assert_allclose(trace.highest(1.0)[0], [1.0, 1.0, 3.0], atol=3e-6)
+    tops, doubts = trace.highest(-1.0)
     truth = np.array([0.0, -np.cos(3.0), 0.0])
     np.testing.assert_allclose(tops, truth, atol=3e-6)
     assert np.all(np.abs(tops - truth) <= doubts)
@@ -242,10 +230,20 @@ def test_the_uncertainty_covers_the_truth_down_to_seven_points_a_period(
     def wave(t):
         return np.exp(-decay * t) * np.cos(2 * np.pi * t / period + phase)
 
-    found = last_above(time, wave(time), level)
+    trace = RecordTrace(time, np.array([wave(time)]))
+    found = last(trace, level)
     grid = np.linspace(time[0], time[-1], 200_001)
-    above = grid[wave(grid) > level]
-    if found is None:
-        assert above.size == 0 or wave(grid).max() - level < 0.05
-    elif above.size and found.time < time[-1] and above[-1] < time[-1]:
-        assert abs(found.time - above[-1]) <= found.uncertainty + 2 * (grid[1] - grid[0])
+    above = grid[np.abs(wave(grid)) > level] - time[0]
+    end = time[-1] - time[0]
+    if np.isnan(found.time[0]):
+        assert above.size == 0 or np.abs(wave(grid)).max() - level < 0.05
+    elif above.size and found.time[0] < end and above[-1] < end:
+        assert abs(found.time[0] - above[-1]) <= found.uncertainty[0] + 2 * (grid[1] - grid[0])
+
+
+def test_a_step_after_a_plateau_makes_no_peak():
+    """A cubic through the samples goes above the plateau; the waveform does not."""
+    time = np.linspace(0.0, 2.0, 21)
+    wave = np.minimum(1.0, 2.0 - time)
+    trace = RecordTrace(time, wave[None])
+    assert trace.highest(1.0)[0] == pytest.approx([1.0], abs=1e-12)
