@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 from benchmarks.measuring import Figure
-from taction.system.atomic_files import write_atomically
+from taction.system.output_files import write_atomically
 
 BEGIN, END = "<!-- `make bench` writes this table -->\n", "<!-- end of the table -->\n"
 COLUMNS = ("what", "over", "median (quartiles)", "pairs", "load", "wanted", "measured")

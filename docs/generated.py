@@ -77,7 +77,7 @@ def write_notebooks(folder: Path) -> None:
 
 def write_schemas() -> None:
     """Write the schemas of all documents into docs/schemas; one that is none any more goes."""
-    from taction.verification.report.documents.catalogue import schemas
+    from taction.verification.report.documents.document_catalogue import schemas
 
     texts = dict(schemas())
     for name, text in texts.items():

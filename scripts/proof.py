@@ -29,8 +29,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 import taction  # noqa: E402
-from taction.verification.evidence.stress.compare import compare  # noqa: E402
-from taction.verification.evidence.stress.true_values import TrueValues  # noqa: E402
+from taction.verification.evidence.stress.judge import TrueValues, compare  # noqa: E402
 from tests.support import designer_decks, random_circuits, random_scenes  # noqa: E402
 from tests.support import scenes_of_all_kinds as all_kinds  # noqa: E402
 from tests.support.fine_readings import fine_readings  # noqa: E402

@@ -24,7 +24,7 @@ from taction.verification.evidence.stress.catalogue import (  # noqa: E402
     load_catalogue,
     select,
 )
-from taction.verification.evidence.stress.run import run_case  # noqa: E402
+from taction.verification.evidence.stress.run_cases import run_case  # noqa: E402
 from tests.support.true_values import deck_digest, true_values  # noqa: E402
 
 

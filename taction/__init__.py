@@ -34,13 +34,13 @@ if TYPE_CHECKING:
     from taction.verification.design.tune import tune
     from taction.verification.evidence.demonstration import demo
     from taction.verification.evidence.paper.reproduce import reproduce
-    from taction.verification.evidence.stress.run import stress
+    from taction.verification.evidence.stress.run_cases import stress
     from taction.verification.studies.onset.onset import onset
-    from taction.verification.studies.regression.run import regress
+    from taction.verification.studies.regression.regress import regress
     from taction.verification.studies.running.installation import doctor
     from taction.verification.studies.sweep.result import sweep
     from taction.verification.studies.tolerance.corners import corners
-    from taction.verification.studies.tolerance.drawing import montecarlo
+    from taction.verification.studies.tolerance.montecarlo import montecarlo
     from taction.verification.studies.tolerance.varied_board import verify_sample
     from taction.verification.studies.work_precision.study import accuracy
     from taction.verification.verdict.verify import Verdict
@@ -109,13 +109,13 @@ _NAMES = {
     "verification.design.tune": "tune",
     "verification.evidence.demonstration": "demo",
     "verification.evidence.paper.reproduce": "reproduce",
-    "verification.evidence.stress.run": "stress",
+    "verification.evidence.stress.run_cases": "stress",
     "verification.studies.onset.onset": "onset",
-    "verification.studies.regression.run": "regress",
+    "verification.studies.regression.regress": "regress",
     "verification.studies.running.installation": "doctor",
     "verification.studies.sweep.result": "sweep",
     "verification.studies.tolerance.corners": "corners",
-    "verification.studies.tolerance.drawing": "montecarlo",
+    "verification.studies.tolerance.montecarlo": "montecarlo",
     "verification.studies.tolerance.varied_board": "verify_sample",
     "verification.studies.work_precision.study": "accuracy",
     "verification.verdict.verify": "Verdict",

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from taction.system.time_limit import one_limit
+from taction.system.processes import one_limit
 
 if TYPE_CHECKING:
     from taction.system.progress import Progress
@@ -155,7 +155,7 @@ def check(
         progress=progress,
     )
     if output is not None:
-        from taction.system.atomic_files import write_atomically
+        from taction.system.output_files import write_atomically
 
         write_atomically(output, board.flat_text)
     return found

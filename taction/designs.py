@@ -13,9 +13,8 @@ if TYPE_CHECKING:
     from taction.netlist_gen.scene.scene import Scene
     from taction.system.progress import Progress
     from taction.verification.reference.problem import Solution
-    from taction.verification.verdict.board_power import PartsList
-    from taction.verification.verdict.built_board import BuiltBoard
-    from taction.verification.verdict.deck import Netlist
+    from taction.verification.verdict.board_power import BuiltBoard, PartsList
+    from taction.verification.verdict.scene_deck import Netlist
 
 
 def netlist(
@@ -75,14 +74,14 @@ def netlist(
     refuse_unable(dialect, measures=measure)
     from taction.netlist_gen.board.part_warnings import part_warnings
     from taction.verification.reference.lambda_rule import read_scene
-    from taction.verification.verdict.deck import DeckChoice, Netlist, deck_of, write_files
+    from taction.verification.verdict.scene_deck import DeckChoice, Netlist, deck_of, write_files
 
     scene = read_scene(scene)
     choice = DeckChoice(dialect, split, measure)
     circuit, deck = deck_of(scene, output=output, choice=choice)
     pruning = None
     if explain:
-        from taction.verification.verdict.pruning import pruning_of
+        from taction.verification.verdict.scene_deck import pruning_of
 
         pruning = pruning_of(scene)
     return Netlist(
@@ -121,13 +120,12 @@ def bom(scene: str | Path | Scene, *, output: str | Path | None = None) -> Parts
     >>> listed.parts.count("capacitor"), listed.parts.opamp
     (7, 'ideal')
     """
-    from taction.system.atomic_files import write_atomically
-    from taction.system.output_files import check_file, is_special
+    from taction.system.output_files import check_file, is_special, write_atomically
 
     if output is not None and not is_special(output):
         check_file(str(output), "-o", (".csv",), {})
     from taction.verification.reference.lambda_rule import read_scene
-    from taction.verification.report.views.parts import parts_csv
+    from taction.verification.report.views.opamp_view import parts_csv
     from taction.verification.verdict.board_power import parts_list
 
     found = parts_list(read_scene(scene))
@@ -169,9 +167,8 @@ def kicad(scene: str | Path | Scene, *, output: str | Path) -> KicadProject:
     """
     from taction.netlist_gen.board.synthesis import synthesise
     from taction.netlist_gen.kicad.board import kicad_project
-    from taction.system.atomic_files import write_together
     from taction.system.errors import Complaint, InputError
-    from taction.system.output_files import make_folder
+    from taction.system.output_files import make_folder, write_together
     from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.report.output_checks import check_separate
 
@@ -236,17 +233,16 @@ def build(
     from taction.netlist_gen.board.synthesis import synthesise
     from taction.netlist_gen.kicad.board import kicad_project
     from taction.netlist_gen.kicad.lists import wiring
-    from taction.netlist_gen.kicad.parts import BoardParts
-    from taction.system.atomic_files import write_together
+    from taction.netlist_gen.kicad.part_symbols import BoardParts
     from taction.system.errors import TactionError
-    from taction.system.output_files import check_own_folder, make_folder
+    from taction.system.output_files import check_own_folder, make_folder, write_together
     from taction.transients import verify
     from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.report.output_checks import check_packages
     from taction.verification.report.renderers.page import page_html
-    from taction.verification.report.views.parts import parts_csv
-    from taction.verification.verdict.built_board import KICAD, OWN, REPORT, BuiltBoard
-    from taction.verification.verdict.deck import deck_of
+    from taction.verification.report.views.opamp_view import parts_csv
+    from taction.verification.verdict.board_power import KICAD, OWN, REPORT, BuiltBoard
+    from taction.verification.verdict.scene_deck import deck_of
 
     scene, place = read_scene(scene, engine), Path(output)
     check_packages("-o", str(output))

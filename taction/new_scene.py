@@ -90,11 +90,11 @@ def new(
 
     refuse_unknown(opamp, "--opamp")
     if matrix is not None and strain is not None:  # what is wrong in the files is said at once
-        from taction.netlist_gen.scene.problem_tables import problem_tables
+        from taction.netlist_gen.scene.array_files import problem_tables
 
         tables = problem_tables(Path(matrix), Path(strain))
     from taction.netlist_gen.scene.loading import load_scene
-    from taction.system.atomic_files import write_atomically
+    from taction.system.output_files import write_atomically
     from taction.verification.design.fresh_scene import NewScene, fresh_scene
     from taction.verification.design.scaling import Scaled
     from taction.verification.verdict.verify import verify
@@ -138,10 +138,7 @@ def _template(opamp: str) -> str:
 def refuse_existing(path: Path, *, force: bool) -> None:
     """Refuse to write over a file, unless asked to.
 
-    Raises
-    ------
-    InputError
-        The file exists.
+    InputError: the file exists.
     """
     from taction.system.errors import Complaint, InputError
 

@@ -14,7 +14,7 @@ import pytest
 
 if TYPE_CHECKING:
     from taction.verification.studies.regression.baseline import Entry
-    from taction.verification.studies.regression.run import SceneResult
+    from taction.verification.studies.regression.regress import SceneResult
     from taction.verification.verdict.verify import Verdict
 
 SUFFIX = ".scene.toml"
@@ -65,7 +65,7 @@ class SceneItem(pytest.Item):
     def runtest(self) -> None:
         """Verify the scene; SceneFailed without a pass, or if the baseline differs."""
         from taction.verification.studies.regression.baseline import git_commit
-        from taction.verification.studies.regression.run import Status, compare_scene
+        from taction.verification.studies.regression.regress import Status, compare_scene
 
         result = compare_scene(self.path, self._entry, git_commit(self.path.parent).revision)
         if result.fails or result.status in (Status.NO_VERDICT, Status.BAD_INPUT):
@@ -85,7 +85,7 @@ class SceneFailed(Exception):  # noqa: N818 - a failed test, not an error of tac
     """A scene that did not pass; pytest shows the text."""
 
     def __init__(self, result: SceneResult) -> None:
-        from taction.verification.report.views.regression import change_line, remarks
+        from taction.verification.report.views.regression_view import change_line, remarks
 
         lines = [*remarks(result), *map(change_line, result.changes)]
         status = result.status.value if result.baseline or not result.checks else "fail"

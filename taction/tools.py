@@ -123,7 +123,7 @@ def import_model(
 
     from taction.netlist_gen.scene.field_values import BOTH_SIGNS
     from taction.netlist_gen.scene.imported_opamps import to_document
-    from taction.system.atomic_files import write_atomically
+    from taction.system.output_files import write_atomically
     from taction.verification.studies.vendor_model import ImportedModel, import_opamp
 
     volts = _quantity("supply", BOTH_SIGNS.sub("", str(supply)), "V", 1e6)

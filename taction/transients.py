@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from taction.system.progress import Progress
     from taction.verification.design.remedies import Remedies
     from taction.verification.studies.difference import Curves, VerdictDifference
-    from taction.verification.studies.verify_files import VerifiedFiles
+    from taction.verification.studies.scene_files import VerifiedFiles
     from taction.verification.verdict.recording import MeasuredTransient
     from taction.verification.verdict.verify import Verdict
 
@@ -257,7 +257,7 @@ def verify_files(
 
     files = scene_files([str(name) for name in scenes], exclude)
     from taction.verification.studies.running.study import for_each_file
-    from taction.verification.studies.verify_files import VerifiedFiles, document_of, verify_file
+    from taction.verification.studies.scene_files import VerifiedFiles, document_of, verify_file
 
     describe: Callable[..., dict[str, Any]]
     if margins:

@@ -65,7 +65,7 @@ def pytest_collection() -> Generator[None, object, object]:
 @pytest.fixture(autouse=True)
 def strict(monkeypatch: pytest.MonkeyPatch) -> None:
     """A step after a result that fails is a mistake, which a test must see."""
-    from taction.system import after_result
+    from taction.system import progress as after_result
 
     monkeypatch.setattr(after_result, "FAILURES", ())
 

@@ -30,16 +30,16 @@ from taction.cli.command import (
     picture,
     text_file,
 )
-from taction.cli.terminal import print_json, say
+from taction.cli.printing import print_json, say
 from taction.cli.verify_scene import Verified, change_lines, print_outcome, verify_scene
-from taction.system.foreign_text import visible
+from taction.system.foreign_files import visible
 
 if TYPE_CHECKING:
     from taction.netlist_gen.kicad.board import KicadProject
     from taction.verification.design.fresh_scene import NewScene
 
 DOCUMENTS = "verification.report.documents"
-BUILD_FOLDER = "verification.verdict.built_board:check_build_folder"
+BUILD_FOLDER = "verification.verdict.board_power:check_build_folder"
 DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does not load the table
 
 
@@ -51,7 +51,7 @@ def _verified_document(found: Verified) -> object:
 
 def _write_report(found: Verified, path: str) -> None:
     from taction.verification.report.renderers.page import write_page
-    from taction.verification.report.views.verdict import view
+    from taction.verification.report.views.verdict_view import view
 
     write_page(view(found.verdict, changes="\n".join(change_lines(found, whole=True))), path)
 
@@ -369,7 +369,7 @@ NEW = Command(
 )
 MODELS = Command(
     function="models",
-    view="verification.report.views.opamp:list_view",
+    view="verification.report.views.opamp_view:list_view",
     commands={
         "show": Command(
             function="opamp",

@@ -17,13 +17,13 @@ from typing import Any
 import click
 
 import taction
-from taction.cli.terminal import StageLine
+from taction.cli.printing import StageLine
 from taction.system import results
 
 ENGINES = ("auto", "ngspice", "statespace")
 
 Target = str | Callable[..., Any]
-"""A function, or its place below `taction`: "verification.report.views.onset:view"."""
+"""A function, or its place below `taction`: "verification.report.views.onset_view:view"."""
 
 
 def load(target: Target) -> Callable[..., Any]:
@@ -33,31 +33,17 @@ def load(target: Target) -> Callable[..., Any]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CommandParameter:
-    """An argument (without flags) or an option of a command.
+    """An argument (without flags) or an option of a command."""
 
-    Attributes
-    ----------
-    name : str
-        Keyword of the function, or of what shows the result.
-    flags : tuple of str
-        ``("-n", "--samples")``; empty for an argument.
-    attributes : mapping
-        What click needs beside default and help: type, metavar, is_flag ...
-    of : str
-        The function whose keyword it is, if this is not the command's own function.
-    reads, writes : bool
-        Whether it is a file or a folder that the command reads or writes.
-    check : Target or None
-        Takes the value and refuses it, before any work is done.
-    """
-
-    name: str
-    flags: tuple[str, ...] = ()
+    name: str  # keyword of the function, or of what shows the result
+    flags: tuple[str, ...] = ()  # ``("-n", "--samples")``; empty for an argument
+    # What click needs beside default and help: type, metavar, is_flag ...
     attributes: Mapping[str, Any] = field(default_factory=dict)
-    of: str = ""
+    of: str = ""  # the function whose keyword it is, if this is not the command's own function
+    # `reads`, `writes`: whether it is a file or a folder that the command reads or writes.
     reads: bool = False
     writes: bool = False
-    check: Target | None = None
+    check: Target | None = None  # takes the value and refuses it, before any work is done
 
     def made(self, function: str) -> click.Parameter:
         """Return the parameter of click; default and help are those of the function."""
@@ -94,27 +80,13 @@ def argument(name: str, **attributes: Any) -> CommandParameter:
 
 @dataclass(frozen=True, slots=True)
 class OutputOption:
-    """A file that shows the result.
+    """A file that shows the result."""
 
-    Attributes
-    ----------
-    name : str
-        Of the option, without dashes.
-    help : str
-        Its sentence.
-    write : Target
-        Takes the result and the path.
-    check : Target or None
-        Takes the path and refuses it, before any work is done.
-    verb : str
-        What is said of the written file.
-    """
-
-    name: str
-    help: str
-    write: Target
-    check: Target | None = None
-    verb: str = "wrote"
+    name: str  # of the option, without dashes
+    help: str  # its sentence
+    write: Target  # takes the result and the path
+    check: Target | None = None  # takes the path and refuses it, before any work is done
+    verb: str = "wrote"  # what is said of the written file
 
     @property
     def parameter(self) -> CommandParameter:
@@ -126,7 +98,7 @@ class OutputOption:
 def picture(content: str) -> OutputOption:
     """Return the option ``--plot`` of a result with a picture."""
     text = f"Draw {content} into FILE (PNG, SVG or PDF)."
-    check = "system.picture:check_plot_file"
+    check = "system.results:check_plot_file"
     return OutputOption("plot", text, lambda found, path: found.plot(path), check, "drew")
 
 
@@ -142,7 +114,7 @@ def text_file(name: str, text: str, make: Target) -> OutputOption:
     """Return the option ``--NAME``; `make` takes the result and returns the file's text."""
 
     def write(result: Any, path: str) -> None:
-        from taction.system.atomic_files import write_atomically
+        from taction.system.output_files import write_atomically
 
         write_atomically(path, load(make)(result))
 
@@ -151,18 +123,10 @@ def text_file(name: str, text: str, make: Target) -> OutputOption:
 
 @dataclass(slots=True)
 class Call:
-    """A command line that is running.
+    """A command line that is running."""
 
-    Attributes
-    ----------
-    arguments : dict
-        Of the function.
-    options : dict
-        All options and arguments of the command by name.
-    """
-
-    arguments: dict[str, Any]
-    options: dict[str, Any]
+    arguments: dict[str, Any]  # of the function
+    options: dict[str, Any]  # all options and arguments of the command by name
 
     @property
     def as_json(self) -> bool:
@@ -172,49 +136,29 @@ class Call:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """A public function, and what shows its result.
+    """A public function, and what shows its result."""
 
-    Attributes
-    ----------
-    function : str
-        Its name in `taction`.
-    document : Target
-        Takes the result and returns its document, or an iterator of the parts of a long one; by
-        default the result is its own.
-    view : Target
-        Takes the result and returns the page that is printed; by default its own.
-    text : Target, optional
-        Takes the result and prints it, in the place of its page.
-    outputs : tuple of Output
-        The files that show the result.
-    work : callable, optional
-        Takes the `Call` and the progress, and returns the result in the place of the function.
-    schema : str or None
-        Of the document; by default the name of the command, None for a document without a head.
-    before : callable, optional
-        Takes the `Call` before any work: questions and checks of its own.
-    after : callable, optional
-        Takes the result and the `Call` after the work: what is said on stderr.
-    failed : callable, optional
-        Takes a `TactionError` and the `Call`.
-    files : callable, optional
-        Takes the result and the `Call`, and returns the names of the files that are written.
-    lacks : str
-        Why an output of the command's other job is refused.
-    """
-
-    function: str
+    function: str  # its name in `taction`
+    # Takes the result and returns its document, or an iterator of the parts of a long one; by
+    # default the result is its own.
     document: Target = lambda found: found
+    # Takes the result and returns the page that is printed; by default its own.
     view: Target = lambda found: found.page()
-    text: Target | None = None
-    outputs: tuple[OutputOption, ...] = ()
+    text: Target | None = None  # takes the result and prints it, in the place of its page
+    outputs: tuple[OutputOption, ...] = ()  # the files that show the result
+    # Takes the `Call` and the progress, and returns the result in the place of the function.
     work: Callable[[Call, StageLine], Any] | None = None
+    # Of the document; by default the name of the command, None for a document without a head.
     schema: str | None = ""
+    # Takes the `Call` before any work: questions and checks of its own.
     before: Callable[[Call], None] | None = None
+    # Takes the result and the `Call` after the work: what is said on stderr.
     after: Callable[[Any, Call], object] | None = None
+    # Takes a `TactionError` and the `Call`.
     failed: Callable[[taction.TactionError, Call], None] | None = None
+    # Takes the result and the `Call`, and returns the names of the files that are written.
     files: Callable[[Any, Call], Iterable[str]] | None = None
-    lacks: str = ""
+    lacks: str = ""  # why an output of the command's other job is refused
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

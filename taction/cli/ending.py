@@ -19,8 +19,7 @@ from typing import Any, Literal, TextIO
 
 import click
 
-from taction.cli.terminal import STATUS, print_json, say
-from taction.system.ending_signals import ending_signals
+from taction.cli.printing import STATUS, print_json, say
 from taction.system.errors import (
     INTERRUPTED,
     Complaint,
@@ -29,7 +28,8 @@ from taction.system.errors import (
     NoVerdictError,
     TactionError,
 )
-from taction.system.foreign_text import visible
+from taction.system.foreign_files import visible
+from taction.system.processes import ending_signals
 
 CLOSED_PIPE = 141  # as a shell says of a program that SIGPIPE ended
 LEAST_MEMORY = 400_000_000  # bytes of address space: numpy and SciPy need 230 MB
@@ -44,14 +44,9 @@ LACKING = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM, errno.EROFS, 
 def run_command(function: Callable[[], object], *, as_json: bool, words: Sequence[str] = ()) -> int:
     """Run a command, report its error, and return its exit status.
 
-    Parameters
-    ----------
-    function : callable
-        Runs the command. Its `SystemExit` has the exit status.
-    as_json : bool
-        Whether an error is also a JSON document on stdout.
-    words : sequence of str
-        Of the command line, which a message may repeat.
+    `function`: runs the command. Its `SystemExit` has the exit status.
+    `as_json`: whether an error is also a JSON document on stdout.
+    `words`: of the command line, which a message may repeat.
 
     Returns
     -------

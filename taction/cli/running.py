@@ -23,10 +23,10 @@ from taction.cli.command import (
     signature,
 )
 from taction.cli.ending import ARGUMENTS, of_stdout
-from taction.cli.terminal import STATUS, console, display, print_json, say
-from taction.system.after_result import attempt
+from taction.cli.printing import STATUS, console, display, print_json, say
 from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted, TactionError
-from taction.system.foreign_text import visible
+from taction.system.foreign_files import visible
+from taction.system.progress import attempt
 
 if TYPE_CHECKING:
     from taction.netlist_gen.scene.scene import Scene
@@ -180,7 +180,7 @@ def _is_folder(parameter: CommandParameter) -> bool:
 
 def _ask(scene: Scene | None) -> None:
     """Ask on stderr what may be a slip in the scene."""
-    from taction.netlist_gen.scene.questions import questions
+    from taction.netlist_gen.scene.slips import questions
 
     for question in questions(scene) if scene is not None else ():
         say(f"question: {question}")

@@ -33,7 +33,7 @@ from taction.cli.command import (
 )
 
 if TYPE_CHECKING:
-    from taction.verification.studies.regression.run import RegressionReport
+    from taction.verification.studies.regression.regress import RegressionReport
 
 JUNIT = "verification.report.junit"
 
@@ -187,7 +187,7 @@ def _check_sweep(call: Call) -> None:
     """Refuse axes that cannot be drawn, and name the database after the scene's file."""
     given = call.arguments
     if call.options["plot"] is not None:
-        from taction.verification.report.views.sweep import check_axes
+        from taction.verification.report.views.sweep_view import check_axes
 
         check_axes(len(given["over"]), call.options["plot"])
     given["output"] = given["output"] or f"{given['scene'].file.stem}.sqlite"
@@ -195,7 +195,7 @@ def _check_sweep(call: Call) -> None:
 
 SWEEP = Command(
     function="sweep",
-    document="verification.report.documents.catalogue:sweep_pieces",
+    document="verification.report.documents.document_catalogue:sweep_pieces",
     outputs=(
         OutputOption(
             "export",

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import taction
 from taction.cli.command import Call, load
+from taction.cli.printing import StageLine, put, say
 from taction.cli.running import is_of_stdout
-from taction.cli.terminal import StageLine, put, say
-from taction.system.after_result import attempt
 from taction.system.errors import Interrupted
+from taction.system.progress import attempt
 
 if TYPE_CHECKING:
     from taction.verification.design.remedies import Remedies
@@ -82,15 +82,15 @@ def _searched(found: Verified, options: dict[str, Any], progress: StageLine) -> 
 def _body(found: Verified, options: dict[str, Any]) -> list[Any]:
     """Return what is printed of a verdict, without its last line."""
     from taction.verification.report.renderers.terminal import page_lines
-    from taction.verification.report.views.checks import margin_lines
+    from taction.verification.report.views.answer_view import margin_lines
 
     margins = tuple(margin_lines(found.document))
     if options["verbose"]:
-        from taction.verification.report.views.verdict import view
+        from taction.verification.report.views.verdict_view import view
 
         page = view(found.verdict, notes=margins, verbose=True)
     else:
-        from taction.verification.report.views.verdict_screen import screen
+        from taction.verification.report.views.verdict_screen_view import screen
 
         searched = found.outcome == "fail" and options["changes"] != 0
         page = screen(found.verdict, margins, searched=searched)
@@ -101,8 +101,8 @@ def change_lines(found: Verified, *, whole: bool) -> list[str]:
     """Return the changes that mend a verdict as lines below a heading: all, or those that fit."""
     if found.remedies is None:
         return []
-    from taction.verification.report.views.remedies import remedies_text
-    from taction.verification.report.views.verdict_screen import CHANGES, height
+    from taction.verification.report.views.remedies_view import remedies_text
+    from taction.verification.report.views.verdict_screen_view import CHANGES, height
 
     lines = remedies_text(found.verdict.scene, found.remedies).splitlines()
     heights = list(itertools.accumulate(map(height, lines)))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import html
 from collections.abc import Iterable, Sequence
 
-from taction.system.foreign_text import visible_lines
+from taction.system.foreign_files import visible_lines
 
 LINE = "1px solid rgba(127,127,127,.4)"
 LONGEST = 500  # characters of a text

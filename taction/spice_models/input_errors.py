@@ -66,14 +66,9 @@ def spread(
 ) -> Spread:
     """Return the distribution of one figure, an input error or a change by one kelvin or volt.
 
-    Parameters
-    ----------
-    typical : float
-        As in the data file; dB of a common-mode rejection.
-    most : float or None
-        The largest size that the sheet guarantees, of a rejection the least.
-    unconfirmed : collection of str
-        Figures and limits, as in `OpAmp.assumed`.
+    `typical`: as in the data file; dB of a common-mode rejection.
+    `most`: the largest size that the sheet guarantees, of a rejection the least.
+    `unconfirmed`: figures and limits, as in `OpAmp.assumed`.
 
     Examples
     --------
@@ -109,15 +104,10 @@ def with_input_errors(
 ) -> OpAmp:
     """Return the op-amp with its input errors at a `level`.
 
-    Parameters
-    ----------
-    level : str
-        ``"typical"`` and ``"max"``: the sizes of its sheet; ``"none"``: none.
-    given : mapping of str to float
-        Figures that a scene gives. Errors replace those of the sheet at every level, and they do
-        not vary; changes replace the typical size, without a largest one.
-    around : Surroundings, optional
-        Where the errors may change.
+    `level`: ``"typical"`` and ``"max"``: the sizes of its sheet; ``"none"``: none.
+    `given`: figures that a scene gives. Errors replace those of the sheet at every level, and they
+      do not vary; changes replace the typical size, without a largest one.
+    `around`: where the errors may change.
 
     Returns
     -------

@@ -8,6 +8,12 @@ from dataclasses import dataclass, replace
 
 from taction.spice_models.imported import ImportedOpAmp
 
+BOLTZMANN = 1.380649e-23  # J/K
+TEMPERATURE = 300.15  # K: 27 degrees C, ngspice's default
+THERMAL = 4.0 * BOLTZMANN * TEMPERATURE
+"""Spectral density for positive frequencies: V²/Hz of a resistance of 1 ohm, A²/Hz of 1 S."""
+
+
 KNEE = 50.0
 """Swing over the width of the knee of a clamp. At 90 % of the swing the clamp draws 1e-4 of the
 slew rate, which the loop replaces with some microvolts at the input."""

@@ -116,11 +116,8 @@ def derive(base: OpAmp, name: str, **figures: float) -> OpAmp:
     nearly the phase margin, unless `second_pole` or `phase_margin` is given too. A changed
     `dc_gain` moves only the first pole.
 
-    Raises
-    ------
-    ValueError
-        An unknown figure, a value out of its range, `second_pole` together with `phase_margin`, or
-        a phase margin that two real poles cannot have.
+    ValueError: an unknown figure, a value out of its range, `second_pole` together with
+      `phase_margin`, or a phase margin that two real poles cannot have.
     """
     unknown = sorted(set(figures) - set(FIGURES))
     if unknown:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from taction.spice_models.opamp import KNEE, OVERDRIVE, OpAmp
-from taction.spice_models.thermal_noise import THERMAL
+from taction.spice_models.opamp import KNEE, OVERDRIVE, THERMAL, OpAmp
 
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import SubCircuit

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
 
-from taction.spice_models.thermal_noise import BOLTZMANN
+from taction.spice_models.opamp import BOLTZMANN
 
 ELECTRON = 1.602176634e-19  # A s
 ZERO_CELSIUS = 273.15  # K
@@ -27,10 +27,8 @@ class Transistor:
     the junction capacitances are constant. This is ngspice's Gummel-Poon model without its other
     effects.
 
-    Raises
-    ------
-    ValueError
-        A figure is out of its range; the text has its name, its value and the accepted range.
+    ValueError: a figure is out of its range; the text has its name, its value and the accepted
+      range.
     """
 
     name: str  # of the model card: a letter, then letters, digits and '_'

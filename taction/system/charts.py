@@ -69,11 +69,8 @@ COLOURS = (*OUTCOMES, "ink", "muted", "band", "true")
 def looks_of(names: Iterable[str]) -> dict[str, Look]:
     """Return a look for each result that occurs, the most frequent ones of each outcome first.
 
-    Parameters
-    ----------
-    names : iterable of str
-        Outcomes with the check or the error behind them: ``"fail: stability"``; an empty name is
-        a place without a result.
+    `names`: outcomes with the check or the error behind them: ``"fail: stability"``; an empty name
+      is a place without a result.
 
     Examples
     --------
@@ -312,10 +309,7 @@ HEIGHT = 360  # pixels
 def thinned(time: Floats, values: Floats, budget: int) -> tuple[Floats, Floats]:
     """Return at most about `budget` points of a curve with the extremes of every part of it.
 
-    Parameters
-    ----------
-    time, values : ndarray (P,)
-        The curve.
+    `time`, `values` (P,): the curve.
 
     Examples
     --------
@@ -341,12 +335,8 @@ DECADES = 1e-4  # of the largest value on a logarithmic scale of colours: smalle
 def levels(mark: Grid | Axis, values: Floats) -> tuple[Floats, tuple[tuple[float, float], ...]]:
     """Return values as places from 0 to 1 on a scale of colours, and its labels: place and value.
 
-    Parameters
-    ----------
-    mark : Grid or Axis
-        Has the scale and its limits.
-    values : ndarray
-        NaN has no place; without a finite value there are no labels.
+    `mark`: has the scale and its limits.
+    `values`: naN has no place; without a finite value there are no labels.
 
     Examples
     --------

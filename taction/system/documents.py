@@ -34,7 +34,7 @@ from pathlib import PurePath
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from taction.system.errors import listed
-from taction.system.foreign_text import shortened, visible
+from taction.system.foreign_files import shortened, visible
 from taction.system.output_files import printable
 from taction.system.results import load
 
@@ -283,10 +283,7 @@ def taken(kind: type[T], source: object, **others: Any) -> T:
 def read(kind: type[T], data: Any) -> T:
     """Return the value of a type from its plain data: the inverse of `plain`.
 
-    Raises
-    ------
-    ValueError
-        A field is missing or has another type; the text begins with its place.
+    ValueError: a field is missing or has another type; the text begins with its place.
     """
     made: T = _read(kind, data, "")
     return made

@@ -30,8 +30,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from taction.system.foreign_text import LONGEST as LONGEST_MESSAGE
-from taction.system.foreign_text import shortened, visible, visible_lines
+from taction.system.foreign_files import LONGEST as LONGEST_MESSAGE
+from taction.system.foreign_files import shortened, visible, visible_lines
 
 LONGEST = {"key": 200, "value": 200, "accepted": 1500}  # characters of a complaint
 MOST_LISTED = 20  # complaints in a message

@@ -1,23 +1,175 @@
-"""Files to write: those that cannot be written are refused before any work; names as text."""
+"""Output files: refused before any work if they cannot be written, written whole or not at all."""
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import importlib.util
 import os
-from collections.abc import Collection, Mapping
+import re
+import shutil
+import stat
+import tempfile
+import time
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
-from taction.system.atomic_files import PREFIX
 from taction.system.errors import Complaint, InputError
+from taction.system.own_folders import own_folder
+
+PREFIX = ".taction-"  # of a file that is being written, beside the file that it will replace
+LONGEST_ENDING = 16  # characters
+ABANDONED = 3600.0  # s since the last write to a file: nobody writes to it any more
+UNCHANGED = "expected a file that can be written. An older file is unchanged"
+_DESCRIPTOR = re.compile(r"/dev/(?:stdin|stdout|stderr|fd/(\d+))|/proc/self/fd/(\d+)")
+_STREAMS = {"/dev/stdin": 0, "/dev/stdout": 1, "/dev/stderr": 2}
+_REASONS = {  # of errors whose own text does not say what to do
+    errno.ENOENT: "its folder does not exist",
+    errno.EISDIR: "a folder",
+    errno.EFBIG: "File too large (ulimit -f)",
+    errno.ENXIO: "a socket",
+}
+
+
+def write_atomically(path: str | Path, content: str | bytes) -> None:
+    r"""Write `content` to `path` by `replacing`.
+
+    Text is UTF-8; of a file name that is no UTF-8, each wrong byte is written as ``\udcXX``.
+    """
+    with replacing(path) as file:
+        data = content if isinstance(content, bytes) else content.encode(errors="backslashreplace")
+        file.write_bytes(data)
+
+
+def write_together(files: Mapping[Path, str]) -> None:
+    """Write several texts, all or none: they go to their places when all are complete.
+
+    InputError: a file cannot be written.
+    """
+    with contextlib.ExitStack() as stack:
+        for file, text in files.items():
+            stack.enter_context(replacing(file)).write_text(text, encoding="utf-8")
+
+
+@contextlib.contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """Give a file to write to, and move it to `path` when it is complete.
+
+    A full disk or a killed process leaves an older file at `path` unchanged. A link is followed;
+    a device, a pipe or a stream of this process (``/dev/stdout``) receives the complete content.
+
+    InputError: the file cannot be written, with the reason.
+    BrokenPipeError: `path` is a stream of this process whose reader has gone.
+    """
+    try:
+        stream = _stream(str(path))
+        if stream is not None or _is_special(path):
+            with own_folder() as folder:
+                file = folder / f"output{_ending(Path(path))}"
+                yield file
+                _send(file, path, stream)
+        else:
+            with _beside(Path(os.path.realpath(path))) as file:
+                yield file
+    except OSError as error:
+        if isinstance(error, BrokenPipeError) and stream is not None:
+            raise
+        reason = _REASONS.get(error.errno or 0) or error.strerror or str(error)
+        raise InputError(path, Complaint("FILE", "", f"{reason}; {UNCHANGED}")) from None
+    except ValueError as error:  # a name with a zero byte
+        raise InputError(path, Complaint("FILE", "", f"{error}; {UNCHANGED}")) from None
+
+
+@contextlib.contextmanager
+def _beside(target: Path) -> Iterator[Path]:
+    """Give a new file in the folder of `target`, and move it there when it is complete."""
+    if target.exists() and not os.access(target, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    clear_unfinished(target.parent)
+    number, name = tempfile.mkstemp(prefix=PREFIX, suffix=_ending(target), dir=target.parent)
+    os.close(number)
+    temporary = Path(name)
+    try:
+        yield temporary
+        _take_over(target, temporary)
+        with temporary.open("rb+") as file:
+            os.fsync(file.fileno())
+        temporary.replace(target)
+        _sync(target.parent)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def clear_unfinished(folder: Path) -> None:
+    """Remove the files in `folder` that killed processes left unfinished, after an hour."""
+    for file in folder.glob(f"{PREFIX}*"):
+        with contextlib.suppress(OSError):
+            status = file.lstat()
+            if stat.S_ISREG(status.st_mode) and time.time() - status.st_mtime > ABANDONED:
+                file.unlink()
+
+
+def _stream(path: str) -> int | None:
+    """Return the file descriptor that `path` stands for, such as 1 for ``/dev/stdout``."""
+    found = _DESCRIPTOR.fullmatch(path)
+    if found is None:
+        return None
+    return _STREAMS[path] if path in _STREAMS else int(found[1] or found[2])
+
+
+def _is_special(path: str | Path) -> bool:
+    """Whether there is a device, a pipe or a socket; raise OSError for a folder."""
+    try:
+        mode = os.stat(path).st_mode  # noqa: PTH116 - a name with a zero byte is ValueError
+    except FileNotFoundError:
+        return False
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    return not stat.S_ISREG(mode)
+
+
+def _send(file: Path, path: str | Path, stream: int | None) -> None:
+    with (
+        file.open("rb") as source,
+        open(path if stream is None else os.dup(stream), "wb") as target,  # noqa: PTH123
+    ):
+        shutil.copyfileobj(source, target)
+
+
+def _ending(target: Path) -> str:
+    """Return the ending of a name, by which libraries choose the format."""
+    return target.suffix if len(target.suffix) <= LONGEST_ENDING else ""
+
+
+def _take_over(target: Path, temporary: Path) -> None:
+    """Give the new file the permissions and the owner of the old one."""
+    try:
+        old = target.stat()
+    except FileNotFoundError:
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o666 & ~umask)
+        return
+    if (old.st_uid, old.st_gid) != (os.geteuid(), os.getegid()):
+        with contextlib.suppress(PermissionError):
+            os.chown(temporary, old.st_uid, old.st_gid)
+    temporary.chmod(stat.S_IMODE(old.st_mode))
+
+
+def _sync(folder: Path) -> None:
+    """Let the new name survive a power cut, where the system can do so."""
+    with contextlib.suppress(OSError):
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)
 
 
 def check_folder(path: str | Path, option: str) -> None:
     """Refuse a file whose folder is missing or read-only, before any work is done.
 
-    Raises
-    ------
-    InputError
-        The folder does not exist or nobody may write to it, or `path` is a folder.
+    InputError: the folder does not exist or nobody may write to it, or `path` is a folder.
     """
     file = Path(os.path.realpath(path))
     text = ""
@@ -41,17 +193,9 @@ def check_file(
 ) -> None:
     """Refuse a file that could not be written, before any work is done.
 
-    Parameters
-    ----------
-    endings : collection of str
-        The file names' endings that are known, in lower case.
-    packages : mapping of str to tuple of str
-        By ending, the package that writes the file and the remedy for a missing package.
-
-    Raises
-    ------
-    InputError
-        An unknown ending, a missing folder, or a package that is not installed.
+    `endings`: the file names' endings that are known, in lower case.
+    `packages`: by ending, the package that writes the file and the remedy for a missing package.
+    InputError: an unknown ending, a missing folder, or a package that is not installed.
     """
     ending = Path(path).suffix.lower()
     if ending not in endings:
@@ -66,10 +210,7 @@ def check_file(
 def check_package(package: str, remedy: str, option: str) -> None:
     """Refuse work that needs a package which is not installed.
 
-    Raises
-    ------
-    InputError
-        The package is missing; the message has the `remedy`.
+    InputError: the package is missing; the message has the `remedy`.
     """
     if importlib.util.find_spec(package) is None:
         raise InputError(option, Complaint("package", repr(package), remedy))
@@ -78,10 +219,7 @@ def check_package(package: str, remedy: str, option: str) -> None:
 def make_folder(folder: str | Path, option: str = "-o") -> None:
     """Make a missing folder.
 
-    Raises
-    ------
-    InputError
-        `folder` is a file, or cannot be made.
+    InputError: `folder` is a file, or cannot be made.
     """
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
@@ -93,10 +231,7 @@ def make_folder(folder: str | Path, option: str = "-o") -> None:
 def check_empty_folder(folder: str | Path, option: str = "-o") -> None:
     """Refuse a folder with files.
 
-    Raises
-    ------
-    InputError
-        `folder` is not empty, or a file.
+    InputError: `folder` is not empty, or a file.
     """
     text = ""
     if Path(folder).is_dir():
@@ -110,16 +245,9 @@ def check_empty_folder(folder: str | Path, option: str = "-o") -> None:
 def check_own_folder(folder: str | Path, files: Collection[str], option: str = "-o") -> None:
     """Refuse a folder that cannot be written, or that holds other files, before any work is done.
 
-    Parameters
-    ----------
-    files : collection of str
-        The files that will be written, below `folder`; older ones will be replaced.
-
-    Raises
-    ------
-    InputError
-        `folder` is a file, may not be written, or holds a link or what is not one of
-        `files`.
+    `files`: the files that will be written, below `folder`; older ones will be replaced.
+    InputError: `folder` is a file, may not be written, or holds a link or what is not one of
+      `files`.
     """
     place, text = Path(folder), ""
     there = next(each for each in (place, *place.absolute().parents) if os.path.lexists(each))

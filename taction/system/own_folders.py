@@ -30,10 +30,8 @@ _locks: dict[str, int] = {}  # file descriptors by folder
 def temporary_place() -> str:
     """Return the folder for temporary files.
 
-    Raises
-    ------
-    OutOfDisk
-        A variable of `CHOICES` names a folder that cannot be used, or there is no such folder.
+    OutOfDisk: a variable of `CHOICES` names a folder that cannot be used, or there is no such
+      folder.
     """
     name = next((name for name in CHOICES if os.environ.get(name)), None)
     if name is not None:
@@ -52,10 +50,7 @@ def temporary_place() -> str:
 def make_own_folder(place: str | Path | None = None) -> Path:
     """Make a folder in `place`, by default in that for temporary files, and lock it.
 
-    Raises
-    ------
-    OutOfDisk
-        The folder cannot be made.
+    OutOfDisk: the folder cannot be made.
     """
     parent = temporary_place() if place is None else str(place)
     clear_abandoned_once()

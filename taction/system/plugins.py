@@ -69,10 +69,7 @@ def _refused(offer: EntryPoint, reason: str) -> InputError:
 def offers() -> tuple[EntryPoint, ...]:
     """Return what all installed packages offer, by group and name.
 
-    Raises
-    ------
-    InputError
-        A name is offered twice, or is not made of lower-case letters, digits and '_'.
+    InputError: a name is offered twice, or is not made of lower-case letters, digits and '_'.
     """
     from importlib import metadata
 
@@ -110,24 +107,13 @@ def objects_of(package: ModuleType, attribute: str) -> Callable[[], Mapping[str,
 class OpenTable(Mapping[str, T]):
     """A table of taction by name, to which installed packages add entries.
 
-    Parameters
-    ----------
-    group : str
-        One of `GROUPS`.
-    own : mapping, or callable that returns one
-        The entries of taction itself, the first in every list.
-    kind : type
-        Class of every entry; with classes as entries, their base.
-    part : str
-        Attribute of a plug-in's object that is the entry; empty for the object itself.
-    optional : bool
-        An object without the part, or with None for it, has the entry None.
-
-    Raises
-    ------
-    InputError
-        When the table is read: a plug-in offers a name that is taken, an object that cannot be
-        loaded, or one of another class. The message has package, group and name.
+    `group`: one of `GROUPS`.
+    `own`: the entries of taction itself, the first in every list.
+    `kind`: class of every entry; with classes as entries, their base.
+    `part`: attribute of a plug-in's object that is the entry; empty for the object itself.
+    `optional`: an object without the part, or with None for it, has the entry None.
+    InputError: when the table is read: a plug-in offers a name that is taken, an object that cannot
+      be loaded, or one of another class. The message has package, group and name.
 
     Examples
     --------

@@ -1,20 +1,31 @@
-"""Processes of other programs: threads of their libraries, those left behind (Linux).
+"""Processes: those left behind (Linux), one limit of time for several, signals that end ours.
 
 A simulator and its descendants have the folder of their run as ``HOME``. A descendant that has made
 a session of its own is in no process group of ours and has another parent, but it keeps ``HOME``,
 unless it replaces its environment: then it is not found.
+
+With `one_limit` each run asks how long it may still take; none has a limit of its own beyond that.
+
+Signals that end this process raise an exception in it, so that all clean-up runs.
 """
 
 from __future__ import annotations
 
 import functools
+import math
 import os
 import shutil
 import signal
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """The variables that set how many threads the linear algebra libraries use."""
@@ -29,12 +40,8 @@ def end_orphans(folder: str | Path, leader: int | None = None) -> None:
 
     The name of `folder` is random: no process that is not ours has it.
 
-    Parameters
-    ----------
-    folder : path
-        The run folder, absolute.
-    leader : int, optional
-        Process number of the simulator, if it is known: only later numbers are looked at.
+    `folder`: the run folder, absolute.
+    `leader`: process number of the simulator, if it is known: only later numbers are looked at.
     """
     if sys.platform != "linux" or not hasattr(os, "pidfd_open"):
         return
@@ -92,3 +99,87 @@ def guard() -> tuple[str, ...]:
         return ()
     trial = subprocess.run([setpriv, *GUARD_OPTIONS, "true"], capture_output=True, check=False)
     return (setpriv, *GUARD_OPTIONS) if trial.returncode == 0 else ()
+
+
+_END: ContextVar[float] = ContextVar("end of all runs", default=math.inf)
+
+
+@contextmanager
+def one_limit(seconds: float) -> Iterator[None]:
+    """Give all runs within this block one limit together, s of wall time.
+
+    Examples
+    --------
+    >>> with one_limit(0.0):
+    ...     time_left(20.0)
+    0.0
+    >>> time_left(20.0)
+    20.0
+    """
+    token = _END.set(min(_END.get(), time.monotonic() + seconds))
+    try:
+        yield
+    finally:
+        _END.reset(token)
+
+
+@contextmanager
+def more_time(seconds: float) -> Iterator[None]:
+    """Add seconds to the limit for the runs within, such as those of a further value."""
+    token = _END.set(_END.get() + seconds)
+    try:
+        yield
+    finally:
+        _END.reset(token)
+
+
+def time_left(seconds: float) -> float:
+    """Return how long a run may take that would take at most `seconds`, s; 0 if no time is left."""
+    return min(seconds, max(_END.get() - time.monotonic(), 0.0))
+
+
+ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
+AGAIN = 0.02  # s until a signal comes again whose exception was lost
+
+
+class Ended(KeyboardInterrupt):
+    """A signal of `ENDING`; after a plain `KeyboardInterrupt` Python may end itself by SIGINT."""
+
+
+@contextmanager
+def ending_signals() -> Iterator[list[int]]:
+    """Raise `Ended` once at a signal of `ENDING`; the list receives the numbers of the signals.
+
+    A signal that the process ignores, as below nohup, stays ignored. After the first signal a
+    second one of its kind cannot stop the clean-up, nor the end of Python.
+    """
+    received: list[int] = []
+
+    def end(number: int, frame: FrameType | None) -> None:
+        signal.signal(number, signal.SIG_IGN)
+        received.append(number)
+        raise Ended
+
+    def show(lost: Any) -> None:
+        """Send a signal again whose exception Python has dropped, as in a callback."""
+        if not isinstance(lost.exc_value, Ended):
+            hook(lost)
+            return
+        number = received.pop()
+        signal.signal(number, end)
+        threading.Timer(AGAIN, os.kill, (os.getpid(), number)).start()
+
+    before: dict[int, Any] = {}
+    usual = (signal.SIG_DFL, signal.default_int_handler)
+    for name in ENDING:
+        number = getattr(signal, name, None)  # SIGHUP is unknown on some systems
+        if number is not None and signal.getsignal(number) in usual:
+            with suppress(ValueError):  # not the main thread
+                before[number] = signal.signal(number, end)
+    hook, sys.unraisablehook = sys.unraisablehook, show
+    try:
+        yield received
+    finally:
+        sys.unraisablehook = hook
+        for number in before.keys() - received:
+            signal.signal(number, before[number])

@@ -2,6 +2,10 @@
 
 A simulation does not know who waits for it. It calls `reached` with the share that is done;
 `shares_to` names the receiver of these calls, and without one nothing happens.
+
+What follows a result runs in `attempt`: a step that fails costs that step, never the result. A
+verdict is complete before changes are searched, warnings collected, pictures drawn and reports
+written. Each of these is optional.
 """
 
 from __future__ import annotations
@@ -10,6 +14,9 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from typing import TypeVar
+
+from taction.system.foreign_files import shortened, visible
 
 Progress = Callable[[str], None]
 
@@ -149,3 +156,38 @@ class Clock:
         if self._stage:
             self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._last
         self._last = now
+
+
+T = TypeVar("T")
+LONGEST = 400  # characters of what went wrong
+FAILURES: tuple[type[Exception], ...] = (Exception,)
+"""What costs a step alone; the tests empty it, so that no mistake stays unseen."""
+
+
+def attempt(
+    what: str,
+    step: Callable[[], T],
+    otherwise: T,
+    tell: Callable[[str], object],
+    passes: Callable[[Exception], bool] = lambda error: False,
+) -> T:
+    """Return what a step returns; if it fails, tell it in one line and return `otherwise`.
+
+    `what`: what the step makes: "the search for changes".
+    `tell`: receives the line.
+    `passes`: whether an error is not that of the step, such as a reader of stdout who has gone.
+      Ctrl-C always passes through.
+
+    Examples
+    --------
+    >>> attempt("the number", lambda: float("1V"), None, print)
+    the number failed, the result stands: ValueError: could not convert string to float: '1V'
+    """
+    try:
+        return step()
+    except FAILURES as error:
+        if passes(error):
+            raise
+        text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        tell(f"{what} failed, the result stands: {shortened(visible(text), LONGEST)}")
+        return otherwise

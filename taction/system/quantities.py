@@ -51,10 +51,7 @@ LONGEST = 100  # characters of a quantity
 def parse(value: object, unit: str) -> float:
     """Return `value` (``"10pF"``, ``"10 pF"``, ``"10p"``, ``"1e-11"``, a number) in `unit`.
 
-    Raises
-    ------
-    ValueError
-        `value` is not a finite quantity in `unit`, a key of `UNITS`.
+    ValueError: `value` is not a finite quantity in `unit`, a key of `UNITS`.
     """
     expected = f"expected a quantity in {unit}, such as {EXAMPLES[unit]!r}, or a number in {unit}"
     if isinstance(value, bool) or not isinstance(value, int | float | str):
@@ -76,11 +73,8 @@ def parse(value: object, unit: str) -> float:
 def number(text: str) -> float:
     """Return a plain number; NaN and infinity are numbers here.
 
-    Raises
-    ------
-    ValueError
-        The text is no number, or one that Python reads and nobody means: with digits of another
-        script, with ``_``, or so small that it would be 0.
+    ValueError: the text is no number, or one that Python reads and nobody means: with digits of
+      another script, with ``_``, or so small that it would be 0.
 
     Examples
     --------
@@ -99,10 +93,7 @@ def number(text: str) -> float:
 def fraction(given: object) -> float:
     """Return a fraction from a share such as ``"5%"``, or from a number.
 
-    Raises
-    ------
-    ValueError
-        It is neither; see `number`.
+    ValueError: it is neither; see `number`.
 
     Examples
     --------

@@ -22,23 +22,12 @@ FAINT = 1e-5  # of A: a mode with a smaller share does not ring in a channel
 
 @dataclass(frozen=True, slots=True)
 class ReadingKind:
-    """One kind of reading.
+    """One kind of reading."""
 
-    Attributes
-    ----------
-    unit : str
-        ``"s"``, or ``"step"``: a fraction of A.
-    short : str
-        Title of its column in a table of channels.
-    sentence : str
-        What it is.
-    shifted : str
-        Which small shift finds a fragile reading; empty for a kind that has no level to shift.
-    """
-
-    unit: str
-    short: str
-    sentence: str
+    unit: str  # ``"s"``, or ``"step"``: a fraction of A
+    short: str  # title of its column in a table of channels
+    sentence: str  # what it is
+    # Which small shift finds a fragile reading; empty for a kind that has no level to shift.
     shifted: str = ""
 
 

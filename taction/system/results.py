@@ -1,19 +1,25 @@
 """What every result of a public function can do: a picture, a report and a card of its view.
 
 A view is above the results, so that a class names it by its place.
+
+The report draws the pictures; its rooms are loaded when a picture is wanted.
 """
 
 from __future__ import annotations
 
 import importlib
 import operator
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
+
+from taction.system.output_files import check_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from matplotlib.figure import Figure
+
 
 RENDERERS = "taction.verification.report.renderers"
 
@@ -82,3 +88,31 @@ class Result:
         """Return the result as a card for a notebook."""
         card: str = load(f"{RENDERERS}.notebook:card")(self.page(), self.CARD)
         return card
+
+
+MATPLOTLIB = ("matplotlib", "needs matplotlib: pip install 'taction[plot]'")
+PACKAGES = dict.fromkeys((".png", ".svg", ".pdf"), MATPLOTLIB)
+REPORT = "taction.verification.report"
+
+
+def check_plot_file(path: str | Path) -> None:
+    """Refuse a picture that could not be drawn, before any work is done.
+
+    InputError: the ending is not in `PACKAGES`, the folder is missing, or matplotlib is not
+      installed.
+    """
+    check_file(str(path), "--plot", PACKAGES, PACKAGES)
+
+
+def plot(view: str, path: str | Path | None, *shown: Any) -> Figure:
+    """Draw what a function of the report's views makes of a result.
+
+    `view`: ``"module:function"`` of ``report/views``; the function returns a `Page`.
+    `path`: the figure is written to this file.
+    `*shown`: arguments of the function.
+    InputError: see `check_plot_file`; or matplotlib is not installed.
+    """
+    module, _, name = view.partition(":")
+    made = getattr(import_module(f"{REPORT}.views.{module}"), name)(*shown)
+    figure: Figure = import_module(f"{REPORT}.renderers.picture").draw_page(made, path)
+    return figure

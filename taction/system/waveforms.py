@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taction.system.array_types import Floats, Indices
-from taction.system.picture import plot
 from taction.system.quantities import quantity
+from taction.system.results import plot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -115,4 +115,4 @@ class Waveforms:
         KeyError
             A node was not saved.
         """
-        return plot("waveforms:nodes_view", path, self, nodes)
+        return plot("waveforms_view:nodes_view", path, self, nodes)

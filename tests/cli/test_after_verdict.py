@@ -9,7 +9,7 @@ import click
 import pytest
 
 import taction
-from taction.system import after_result
+from taction.system import progress as after_result
 from tests.support.entries import write_fast
 from tests.support.running import document
 from tests.support.running import taction as run
@@ -18,7 +18,7 @@ ENGINE = ("--engine", "statespace")
 LIMITS = {"pass": "1s", "fail": "1ns"}
 STATUS = {"pass": 0, "fail": 1}
 VERIFY = "taction.verification.verdict.verify"
-VIEW = "taction.verification.report.views.verdict"
+VIEW = "taction.verification.report.views.verdict_view"
 
 
 @pytest.fixture(autouse=True)
@@ -88,7 +88,7 @@ def test_ctrl_c_in_the_search_shows_the_verdict(
     assert "interrupted; the verdict stands" in result.stderr
 
 
-TEXT = "taction.verification.report.views.remedies.remedies_text"
+TEXT = "taction.verification.report.views.remedies_view.remedies_text"
 
 
 def test_the_verdict_is_printed_before_the_search(

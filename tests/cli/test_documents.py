@@ -11,7 +11,7 @@ import jsonschema
 import pytest
 
 from taction.cli.main import COMMANDS
-from taction.verification.report.documents.catalogue import (
+from taction.verification.report.documents.document_catalogue import (
     MODELS,
     schema,
     schema_name,

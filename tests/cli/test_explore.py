@@ -11,7 +11,7 @@ import jsonschema
 import pytest
 
 import taction
-from taction.verification.report.documents.catalogue import schema
+from taction.verification.report.documents.document_catalogue import schema
 from taction.verification.report.explorer import server
 from tests.support.entries import write_fast
 from tests.support.running import document

@@ -71,7 +71,8 @@ def test_without_ngspice_the_status_is_3(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_a_wrong_outcome_has_status_1(monkeypatch: pytest.MonkeyPatch) -> None:
     from dataclasses import replace
 
-    from taction.verification.evidence.stress import catalogue, run
+    from taction.verification.evidence.stress import catalogue
+    from taction.verification.evidence.stress import run_cases as run
 
     cases = catalogue.select(catalogue.load_catalogue(), ("wrong-shape",))
     planted = tuple(replace(case, outcome={"statespace": ("pass",)}) for case in cases)
@@ -137,7 +138,7 @@ def test_a_report_that_cannot_be_written_spoils_neither_result_nor_baseline(fold
 INTERRUPT = """
 import signal
 from taction.cli.main import main
-from taction.verification.studies.regression import run
+from taction.verification.studies.regression import regress as run
 
 verify = run.verify
 def interrupted(scene):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from taction.cli.terminal import SparseLines
+from taction.cli.printing import SparseLines
 from taction.verification.studies.running import study
 from taction.verification.studies.running.study import Pace
 from tests.support.command_lines import LINES
@@ -39,7 +39,6 @@ def test_the_start_of_the_workers_does_not_count() -> None:
 @pytest.mark.parametrize(
     ("words", "stages"),
     [
-        (("tune", "a.toml"), {"grid", "simplex"}),
         (("corners", "a.toml", "--jobs", "1"), {"sensitivities", "corner"}),
         (("montecarlo", "a.toml", "-n", "30", "--jobs", "1"), {"samples"}),
     ],
@@ -49,8 +48,8 @@ def test_every_long_study_says_what_is_left(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_fast(tmp_path / "a.toml", more="[tolerances]\nresistor = 0.01\n")
-    monkeypatch.setattr("taction.cli.terminal.FIRST", 0.0)
-    monkeypatch.setattr("taction.cli.terminal.GROWTH", 0.0)
+    monkeypatch.setattr("taction.cli.printing.FIRST", 0.0)
+    monkeypatch.setattr("taction.cli.printing.GROWTH", 0.0)
     monkeypatch.setattr(study, "SETTLED", 0.0)
     lines = [line for line in taction(*words).stderr.splitlines() if "left" in line]
     assert len(lines) > 5

@@ -20,9 +20,9 @@ from taction.system.documents import plain
 from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.report.views.verdict import view
+from taction.verification.report.views.verdict_view import view
 from taction.verification.studies.regression.baseline import baseline_text, observe
-from taction.verification.verdict.deck import deck_of
+from taction.verification.verdict.scene_deck import deck_of
 from taction.verification.verdict.verify import Verdict, verify
 from tests.fuzz.edits import BYTE_EDITS, LINE_EDIT, SCALE_EDIT, VALUE_EDIT, edited
 from tests.fuzz.target import Target

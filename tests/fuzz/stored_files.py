@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from taction.system.documents import plain
 from taction.verification.studies.regression.baseline import baseline_text, load_baseline
 from taction.verification.studies.store import Store
-from taction.verification.studies.tolerance.drawing import sample_keys
+from taction.verification.studies.tolerance.montecarlo import sample_keys
 from taction.verification.studies.tolerance.samples import BoardSample
 from taction.verification.studies.tolerance.varied_board import prepare
 from taction.verification.verdict.record import Record

@@ -14,7 +14,7 @@ import pytest
 import taction
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.kicad.lists import wiring
-from taction.netlist_gen.kicad.parts import BoardParts
+from taction.netlist_gen.kicad.part_symbols import BoardParts
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from tests.kicad.conftest import Opened, rows

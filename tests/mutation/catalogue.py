@@ -15,9 +15,9 @@ from typing import Any
 from taction.netlist_gen.board.wires import Wires
 from taction.netlist_gen.scene.axes import with_value
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import ModeShares
-from taction.verification.engines.statespace.transients.amplifiers import StraightPieces
+from taction.verification.engines.statespace.transients.straight_pieces import StraightPieces
 from taction.verification.readings.readings import Step
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
 from taction.verification.verdict.checks import Outcome

@@ -18,18 +18,17 @@ from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.table import topology_of
-from taction.netlist_gen.topologies.frame.topology import Topology
+from taction.netlist_gen.topologies.frame.topology import Topology, topology_of
 from taction.system.array_types import Complexes, Floats
 from taction.system.reading_definitions import TIMES
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.equations.stamps import stamp
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.readings.measurements import ChannelMeasure, Measurements, summary
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.studies.regression.baseline import observe
-from taction.verification.studies.regression.run import compare_entry
+from taction.verification.studies.regression.regress import compare_entry
 from taction.verification.verdict import recording, simulation
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.companion import measure_with_bounds

@@ -15,8 +15,8 @@ import yaml
 
 from taction.cli.main import command, main
 from taction.cli.running import made
-from taction.netlist_gen.scene.checks import Regression
-from taction.verification.studies.regression.run import Status
+from taction.netlist_gen.scene.check_keys import Regression
+from taction.verification.studies.regression.regress import Status
 from tests.support.paths import ROOT
 
 GUIDE = (ROOT / "docs" / "ci.md").read_text("utf-8")

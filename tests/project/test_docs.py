@@ -17,7 +17,7 @@ import pytest
 import taction as library
 from scripts.rooms import modules
 from taction.cli.main import main
-from taction.system import after_result
+from taction.system import progress as after_result
 from taction.verification.report import tool_server
 from taction.verification.report.explorer import server
 from tests.support.paths import ROOT

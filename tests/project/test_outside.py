@@ -23,7 +23,7 @@ from taction.netlist_gen.scene.scene import scene_type
 from taction.verification.design.choice_plan import ChoiceRequest, choice_plan
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS
 from taction.verification.reference.regularisers import REGULARISERS
-from taction.verification.report.documents.catalogue import schema
+from taction.verification.report.documents.document_catalogue import schema
 from taction.verification.verdict import recording
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run_checks import CHECKS, OWN

@@ -16,9 +16,9 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.progress import Clock
 from taction.verification.engines.statespace.transients import stepped
-from taction.verification.evidence.stress.true_values import TrueValues
+from taction.verification.evidence.stress.judge import TrueValues
 from taction.verification.reference.ideal_answer import ideal_answer
-from taction.verification.verdict.design import design_board
+from taction.verification.verdict.plan_board import design_board
 from taction.verification.verdict.planned_board import SteadyState
 from taction.verification.verdict.step_forecast import StepModel
 from taction.verification.verdict.transient_plan import settled_after

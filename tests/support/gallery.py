@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from taction.netlist_gen.kicad.picture import Strokes
+from taction.netlist_gen.kicad.drawing import Strokes
 from taction.system.charts import (
     Axis,
     Band,
@@ -36,7 +36,7 @@ from taction.verification.report.blocks import (
     Section,
     Table,
 )
-from taction.verification.report.views.waveforms import end_names
+from taction.verification.report.views.waveforms_view import end_names
 
 EVERYWHERE = (TERMINAL, PAGE, NOTEBOOK)
 

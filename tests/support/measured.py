@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.scene.checks import AGREE, Checks
+from taction.netlist_gen.scene.check_keys import AGREE, Checks
 from taction.system.reading_definitions import READINGS
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 from taction.verification.readings.measurements import ChannelMeasure, Measurements, summary

@@ -34,24 +34,21 @@ from taction.verification.report.blocks import (
     Section,
     Table,
 )
-from taction.verification.report.views import (
-    accuracy,
-    choose,
-    onset,
-    regression,
-    tolerance,
-    tune,
-)
-from taction.verification.report.views.sweep import view as sweep_report
-from taction.verification.report.views.verdict import view as verdict_report
+from taction.verification.report.views import accuracy_view as accuracy
+from taction.verification.report.views import choose_view as choose
+from taction.verification.report.views import onset_view as onset
+from taction.verification.report.views import regression_view as regression
+from taction.verification.report.views import tolerance_view as tolerance
+from taction.verification.report.views import tune_view as tune
+from taction.verification.report.views.sweep_view import view as sweep_report
+from taction.verification.report.views.verdict_view import view as verdict_report
 from taction.verification.studies.regression.baseline import Commit
-from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
+from taction.verification.studies.regression.regress import RegressionReport, SceneResult, Status
 from taction.verification.studies.store import Store
-from taction.verification.studies.sweep.plan import grid_points
+from taction.verification.studies.sweep.plan import SweepCounts, grid_points
 from taction.verification.studies.sweep.result import SweepResult
-from taction.verification.studies.sweep.run import SweepCounts
 from taction.verification.studies.tolerance.corners import worst_of
-from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
+from taction.verification.studies.tolerance.montecarlo import SampleCollection, run_samples
 from taction.verification.studies.tolerance.varied_board import prepare
 from taction.verification.studies.tolerance.yield_report import YieldReport, summarise_samples
 from taction.verification.studies.work_precision.methods import METHODS, Method

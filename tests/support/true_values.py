@@ -24,14 +24,14 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from taction.system.errors import InputError, NoVerdictError
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.evidence.stress.catalogue import Case
-from taction.verification.evidence.stress.true_values import TrueValues
+from taction.verification.evidence.stress.judge import TrueValues
 from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.solve import solve
-from taction.verification.verdict.deck import deck_of
-from taction.verification.verdict.design import has_large_signal
+from taction.verification.verdict.plan_board import has_large_signal
+from taction.verification.verdict.scene_deck import deck_of
 from tests.support.collocation import integrate
 from tests.support.deck_equations import DeckText, StateEquations, parse_deck, state_equations
 from tests.support.exact_readings import Signal, UnreadableError, exact_modes

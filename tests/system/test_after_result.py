@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from taction.system import after_result
-from taction.system.after_result import LONGEST, attempt
+from taction.system import progress as after_result
+from taction.system.progress import LONGEST, attempt
 
 
 def test_a_step_that_fails_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

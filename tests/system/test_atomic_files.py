@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from taction.system.atomic_files import ABANDONED, write_atomically
 from taction.system.errors import InputError
+from taction.system.output_files import ABANDONED, write_atomically
 
 # A limit on the size of files is the kernel's own "no space": the write fails half way.
 FULL = """
 import resource, signal, sys
 from taction.system.errors import InputError
-from taction.system.atomic_files import write_atomically
+from taction.system.output_files import write_atomically
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
 try:
@@ -82,7 +82,7 @@ def test_a_pipe_receives_the_whole_content(tmp_path: Path) -> None:
 
 STREAM = """
 import sys
-from taction.system.atomic_files import write_atomically
+from taction.system.output_files import write_atomically
 print("before", flush=True)
 write_atomically(sys.argv[1], "content\\n")
 print("after")
@@ -125,7 +125,7 @@ def test_a_name_that_cannot_be_written_is_an_input_error(
 READ_ONLY = """
 import os, sys
 from taction.system.errors import InputError
-from taction.system.atomic_files import write_atomically
+from taction.system.output_files import write_atomically
 if os.geteuid() == 0:
     os.seteuid(65534)
 for name in ("closed/new", "open/old"):

@@ -8,8 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from taction.system.foreign_files import UnusableFileError, read_bounded, read_ends
-from taction.system.foreign_text import LONGEST, escaped, shortened, visible, visible_lines
+from taction.system.foreign_files import (
+    LONGEST,
+    UnusableFileError,
+    escaped,
+    read_bounded,
+    read_ends,
+    shortened,
+    visible,
+    visible_lines,
+)
 
 
 def test_a_file_comes_back_whole(tmp_path: Path) -> None:

@@ -9,8 +9,7 @@ import pytest
 
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
-from taction.system.foreign_raw import read_transient
-from taction.system.raw_file import write_raw
+from taction.system.raw_file import read_transient, write_raw
 from taction.system.waveforms import Cost, Waveforms
 
 TIME = np.array([0.0, 1e-6, 3e-6, 4e-6])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from taction.system.errors import InputError
-from taction.system.time_limit import more_time, one_limit, time_left
+from taction.system.processes import more_time, one_limit, time_left
 from taction.verification.studies.foreign_board import read_board
 
 

@@ -14,8 +14,8 @@ import pytest
 import taction
 from taction.system.charts import Curve, Text
 from taction.system.errors import InputError
-from taction.verification.report.views.board_check import _family
-from taction.verification.report.views.stability import pole_map
+from taction.verification.report.views.board_check_view import _family
+from taction.verification.report.views.stability_view import pole_map
 from tests.support.designer_decks import DECKS
 from tests.support.running import taction as command
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from taction.system.atomic_files import PREFIX
+from taction.system.output_files import PREFIX
 from tests.support.paths import ROOT, SCENES
 from tests.support.running import NO_BYTECODE
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.checks import Tolerances
+from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.design.tune import tune
 from taction.verification.evidence.stress.catalogue import load_catalogue, select
-from taction.verification.evidence.stress.run import CaseJudgement, run_case
+from taction.verification.evidence.stress.run_cases import CaseJudgement, run_case
 from taction.verification.studies.tolerance.samples import evaluate
 from taction.verification.studies.tolerance.varied_board import prepare
 from taction.verification.verdict.checks import Check, Outcome

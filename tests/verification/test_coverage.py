@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from taction.verification.evidence.stress.compare import TruthComparison, compare
+from taction.verification.evidence.stress.judge import TruthComparison, compare
 from taction.verification.verdict.verify import verify
 from tests.support.fine_readings import fine_readings
 from tests.support.random_scenes import random_scene, random_setting

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from taction.netlist_gen.board.bill_of_materials import nearest
 from taction.netlist_gen.board.devices import Device, Logarithmic, load_devices
 from taction.netlist_gen.board.parts import ResistorMatrix
-from taction.netlist_gen.board.preferred_values import nearest
 from taction.netlist_gen.board.wired_arrays import as_ohms
 from taction.netlist_gen.board.wires import Wires, compensated
 from taction.netlist_gen.scene.scene import Scene

@@ -225,7 +225,7 @@ class Omission:
 class Circuit(Result):
     """A whole board."""
 
-    VIEW = "taction.verification.report.views.board:view"
+    VIEW = "taction.verification.report.views.board_view:view"
     CARD = "Circuit"
 
     name: str

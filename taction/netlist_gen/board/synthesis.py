@@ -8,7 +8,7 @@ from taction.netlist_gen.board.built_arrays import built, device_of
 from taction.netlist_gen.board.circuit import NEEDED, Circuit
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.table import topology_of
+from taction.netlist_gen.topologies.frame.topology import topology_of
 
 
 def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:

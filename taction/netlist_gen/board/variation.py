@@ -15,7 +15,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit, Role
 from taction.netlist_gen.board.parts import OpAmpCell, ResistorMatrix
-from taction.netlist_gen.scene.checks import Tolerances
+from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.spice_models.branches import Branch
 from taction.spice_models.input_errors import MOST, drawn
 from taction.spice_models.opamp import OpAmp

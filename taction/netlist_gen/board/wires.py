@@ -119,12 +119,8 @@ def _at_line_ends(
 class Crossbar:
     """An array with its lines, but without what is at their ports.
 
-    Parameters
-    ----------
-    siemens : ndarray (M, N)
-        The entries; zero where there is none.
-    wires : Wires
-        Their lines; `driver` and `sense` do not count here.
+    `siemens` (M, N): the entries; zero where there is none.
+    `wires`: their lines; `driver` and `sense` do not count here.
 
     Examples
     --------

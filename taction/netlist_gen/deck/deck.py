@@ -15,7 +15,7 @@ from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, Transient
 from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.netlist_gen.board.parts import VoltageSource
 from taction.netlist_gen.deck.board_cards import board_text
-from taction.netlist_gen.deck.checks import check_circuit, check_request, tolerances
+from taction.netlist_gen.deck.circuit_checks import check_circuit, check_request, tolerances
 from taction.netlist_gen.deck.dialects import DIALECTS, NATIVE, Dialect, starts_from_rest
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
+from taction.netlist_gen.deck.foreign_lines import number
 from taction.spice_models.branches import label_of
-from taction.spice_models.foreign_expressions import number
 
 OHMIC = {
     "d": (("rs",),),

@@ -10,11 +10,10 @@ from __future__ import annotations
 import itertools
 import os
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from taction.netlist_gen.deck.foreign_functions import check_functions
 from taction.netlist_gen.deck.foreign_lines import (
     DEEPEST_FILES,
     FILES,
@@ -26,6 +25,7 @@ from taction.netlist_gen.deck.foreign_lines import (
     Card,
     beyond,
     called,
+    check_functions,
     file_of,
     logical_lines,
     subcircuits,
@@ -34,6 +34,41 @@ from taction.netlist_gen.deck.ltspice import DROPPED, LIBRARY, plain_cards, spel
 from taction.netlist_gen.deck.transfer_functions import OWN, source_cards
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import UnusableFileError, read_bounded
+
+STEP = re.compile(r"^\.step (?:(?:lin|dec|oct) )?param (?:list )?([a-z_]\w*) (?:list )?(\S+)")
+NOTHING = "nothing of check answers it yet"
+ANSWERS = {
+    ".ac": "poles, stability and the step response are found; gain, bandwidth and phase over"
+    " frequency are not answered yet",
+    ".noise": "the noise of the outputs is that over all frequencies (--check noise=1mV); spectra"
+    " and the noise of an input are not answered yet",
+    ".meas": "of the step response --check settling=, rise=, overshoot= and undershoot= answer, and"
+    " --expect of a voltage at rest; other measures are not answered yet",
+    ".pz": "the poles are found; zeros are not answered yet",
+    ".sens": "what each part does to the rightmost pole is found; sensitivities of voltages are not"
+    " answered yet",
+    ".dc": "voltages are those at rest (--expect), at values of a part or a .param by --over;"
+    " transfer curves are not answered yet",
+    **dict.fromkeys((".tf", ".disto", ".four", ".sp", ".pss"), NOTHING),
+}
+SAME = {".measure": ".meas", ".fourier": ".four"}
+
+
+def unanswered(deck: ForeignDeck) -> Iterator[str]:
+    """Yield a sentence for each kind of card that is not answered as it stands."""
+    words = dict.fromkeys(SAME.get(card.word, card.word) for card in deck.left)
+    yield from (f"{word}: {ANSWERS[word]}" for word in words if word in ANSWERS)
+
+
+def with_first_steps(deck: ForeignDeck) -> ForeignDeck:
+    """Return a deck whose ``.step`` parameters without a ``.param`` have their first value."""
+    cards = list[Card]()
+    for card in deck.left:
+        match = STEP.match(card.text) if card.word == ".step" else None
+        if match and match[1] not in (*deck.parameters, *(c.text.split()[1] for c in cards)):
+            cards.append(card.with_text(f".param {match[1]} = {match[2]}"))
+    return replace(deck, cards=(*deck.cards, *cards)) if cards else deck
+
 
 KEPT = (
     *(".subckt", ".ends", ".model", ".param", ".func", ".global"),
@@ -114,10 +149,8 @@ def unbraced_expression(deck: ForeignDeck) -> InputError | None:
 def read_deck(file: str | Path) -> ForeignDeck:
     r"""Read a deck and check every card; nothing in it runs.
 
-    Raises
-    ------
-    InputError
-        The file, or one that it includes, cannot be read; a card is not accepted, with its line.
+    InputError: the file, or one that it includes, cannot be read; a card is not accepted, with its
+      line.
 
     Examples
     --------

@@ -1,13 +1,17 @@
-"""The lines of a foreign netlist, and how much of one is read.
+"""The lines of a foreign netlist, its numbers and functions, and how much of it is read.
 
 A line of the file ends at a line feed (or carriage return and line feed) and nowhere else, and a
 logical line has only the characters of `ALLOWED`: no other separator, quote or backslash reaches
 ngspice, which reads a line after any newline as a command. Comments are cut off, continuations
 joined, and all is in lower case. Lengths are counted before any regular expression reads a line.
+
+A simulator writes the text of a function in the place of each call, so that 40 functions that each
+call the one before twice become a text of 10^12 characters. Here it is written up to a limit.
 """
 
 from __future__ import annotations
 
+import math
 import operator
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,6 +19,34 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from taction.system.errors import Complaint, InputError
+
+SUFFIXES = {
+    "meg": 1e6, "mil": 25.4e-6, "t": 1e12, "g": 1e9, "k": 1e3, "m": 1e-3, "u": 1e-6, "n": 1e-9,
+    "p": 1e-12, "f": 1e-15,
+}  # fmt: skip
+_NUMBER = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?)([a-z]*)")
+
+
+def number(text: str) -> float:
+    """Return a SPICE number: ``M`` is milli, ``MEG`` mega, further letters are a unit.
+
+    Examples
+    --------
+    >>> number("2.2k"), number("10meg"), number("3pf")
+    (2200.0, 10000000.0, 3e-12)
+    """
+    match = _NUMBER.fullmatch(text)
+    if match is None:
+        raise ValueError(f"{text!r} is not a number")
+    value = float(match[1])
+    for suffix, scale in SUFFIXES.items():
+        if match[2].startswith(suffix):
+            value *= scale
+            break
+    if not math.isfinite(value):
+        raise ValueError(f"{text!r} is not finite")
+    return value
+
 
 LARGEST = 8_000_000  # bytes of a netlist with the files that it includes
 MOST_LINES = 100_000  # of all these files
@@ -245,3 +277,65 @@ def check_expanded(
         return total
 
     size(top, ())
+
+
+DEEPEST = 200  # calls and parentheses within one another
+TOO_LONG = (
+    f"over {MOST_WRITTEN:,} characters with every .func in the place of its calls;"
+    f" at most {MOST_WRITTEN:,} are read"
+)
+_FUNC = re.compile(r"\.func ([a-z_]\w*) ?\(([^()]*)\) ?=? ?(.*)")
+_WORD = re.compile(r"[a-z_]\w*")
+_INNERMOST = re.compile(r"([a-z_]\w*)? ?\(([^()]*)\)")
+Functions = Mapping[str, tuple[list[str], str]]  # parameters and text, by name
+
+
+def check_functions(cards: Sequence[Card]) -> None:
+    """Refuse the card with which expressions are too long with every function in its place."""
+    made, left = dict[str, tuple[list[str], str]](), MOST_WRITTEN
+    for card in cards:
+        if card.text.startswith(".func") and (match := _FUNC.fullmatch(card.text)):
+            made[match[1]] = [word.strip() for word in match[2].split(",")], match[3]
+    for card in cards:
+        match = _FUNC.fullmatch(card.text)
+        text = match[3] if match else card.text
+        if not match and made.keys().isdisjoint(_WORD.findall(text)):
+            continue
+        try:
+            left -= len(written(text, made, left))
+        except ValueError as error:
+            raise card.refused(str(error)) from None
+
+
+def written(text: str, functions: Functions, most: int) -> str:
+    """Return a text with functions in the place of their calls; ``[ ; ]`` stand for ``( , )``.
+
+    ValueError: it would have more than `most` characters, or has more than `DEEPEST` calls and
+      parentheses within one another.
+
+    Examples
+    --------
+    >>> written("1+f(g(a,b),3)", {"f": (["x", "y"], "x*(x-y)")}, 100)
+    '1+[g[a;b]*[g[a;b]-3]]'
+    """
+    left = most
+
+    def within(match: re.Match[str]) -> str:
+        name, inner = match[1] or "", match[2]
+        if name not in functions:
+            return f"{name}[{inner.replace(',', ';')}]"
+        parameters, body = functions[name]
+        given = dict(zip(parameters, inner.split(","), strict=False))
+        nonlocal left
+        left -= len(body) + sum(len(given.get(word, "")) for word in _WORD.findall(body))
+        if left < 0:
+            raise ValueError(TOO_LONG)
+        return f"({_WORD.sub(lambda word: given.get(word[0], word[0]), body)})"
+
+    for _ in range(DEEPEST):
+        if len(text) > most:
+            raise ValueError(TOO_LONG)
+        text, count = _INNERMOST.subn(within, text)
+        if not count:
+            return text
+    raise ValueError(f"a function that calls itself, or more than {DEEPEST} within one another")

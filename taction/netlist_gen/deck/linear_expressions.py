@@ -6,8 +6,7 @@ import ast
 import re
 from itertools import chain, combinations_with_replacement, count
 
-from taction.netlist_gen.deck.foreign_lines import LONGEST, beyond
-from taction.spice_models.foreign_expressions import number
+from taction.netlist_gen.deck.foreign_lines import LONGEST, beyond, number
 
 DEEPEST = 50  # parentheses within one another
 Probe = tuple[str, ...]

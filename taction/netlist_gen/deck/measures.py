@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from taction.netlist_gen.analysis import NoiseAnalysis
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import NoiseCurrent
-from taction.spice_models.thermal_noise import THERMAL
+from taction.spice_models.opamp import THERMAL
 from taction.system.reading_definitions import RISE_LEVELS, SMALL_STEP
 
 END = 0.9  # of the record: from there on a channel that has settled is inside the band

@@ -28,7 +28,7 @@ from pydantic import BeforeValidator, Field
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.variation import varying_parts
-from taction.netlist_gen.scene.checks import Tolerances
+from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.netlist_gen.scene.fields import Model
 from taction.netlist_gen.scene.loading import read_toml
 from taction.netlist_gen.scene.mistakes import validated
@@ -86,17 +86,10 @@ def read_tolerances(
 ) -> DeckTolerances:
     r"""Return the tolerances of single parts and parameters; all others are exact.
 
-    Parameters
-    ----------
-    circuit : Circuit
-        Of a deck.
-    parameters : sequence of str
-        The names of its ``.param`` cards, in lower case.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, has a key or a value that is none, or names no part; all mistakes.
+    `circuit`: of a deck.
+    `parameters`: the names of its ``.param`` cards, in lower case.
+    InputError: the file cannot be read, has a key or a value that is none, or names no part; all
+      mistakes.
 
     Examples
     --------

@@ -8,8 +8,7 @@ import re
 from collections.abc import Callable
 from itertools import pairwise, zip_longest
 
-from taction.netlist_gen.deck.foreign_lines import LONGEST
-from taction.spice_models.foreign_expressions import number
+from taction.netlist_gen.deck.foreign_lines import LONGEST, number
 
 OWN = "_taction_"
 """In names of cards that are made: such parts are no knobs."""

@@ -1,4 +1,4 @@
-"""The text of a vendor's subcircuit: as the bench reads it, flat, and from a file of ours again.
+"""The text of a vendor's subcircuit, and of a deck with macromodels: as ngspice reads it, and flat.
 
 ngspice expands the bench; what is kept are the flat cards of its listing, in ngspice's own words.
 """
@@ -6,27 +6,179 @@ ngspice expands the bench; what is kept are the flat cards of its listing, in ng
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from taction.netlist_gen.deck.elements import spelt_card
-from taction.netlist_gen.deck.foreign_deck import LETTERS, forbidden, read_library
-from taction.netlist_gen.deck.foreign_lines import MOST_CARDS, Card, beyond, logical_lines
-from taction.netlist_gen.deck.macromodels import check_size, ready_lines
-from taction.spice_models.foreign_expressions import number
+from taction.netlist_gen.deck.foreign_deck import LETTERS, ForeignDeck, forbidden, read_library
+from taction.netlist_gen.deck.foreign_lines import (
+    MOST_CARDS,
+    Card,
+    beyond,
+    called,
+    check_expanded,
+    logical_lines,
+    number,
+    subcircuits,
+)
+from taction.netlist_gen.deck.linear_expressions import without_calls, without_poly, without_table
+from taction.netlist_gen.deck.ltspice import OPAMPS, missing_cards, opamp_cards, plain_name
 from taction.spice_models.imported import DEVICE, Subcircuit
+from taction.system.errors import Complaint, InputError
+
+NOT_LINEAR = re.compile(
+    r"^(?:[dqjmswb]|[efgh].*(?:\bpoly\b|\bvalue\b|\btable\b|\bvol\b|\bcur\b|\{v))"
+)
+
+
+_SMOOTH = re.compile(r"\.model (\S+) ([vi])switch\b(.*)")
+_FIELD = re.compile(r"(\w+) ?= ?(\{[^{}]*\}|[^\s(),]+)")
+_RANGES = {
+    "v": {"ron": "1", "roff": "1meg", "von": "1", "voff": "0"},
+    "i": {"ron": "1", "roff": "1meg", "ion": "1m", "ioff": "0"},
+}
+"""Of PSpice's switches, by what controls them, with its values."""
+_GROUND = re.compile(r"(?<=[\s(,])gnd(?=[\s),]|$)(?! ?=)")
+Scope = tuple[str, ...]  # subcircuits, from the outermost one
+
+
+def check_size(deck: ForeignDeck, called_one: str = "") -> None:
+    """Refuse a deck, or one subcircuit of it, that is too large with all subcircuits expanded."""
+    blocks, top = subcircuits(deck.cards)
+    if not called_one and not any(card.text[0].isalpha() for card in top):
+        text = "has no part outside its subcircuits; expected a circuit, which may call them (X)"
+        raise InputError(deck.file, Complaint("deck", "", text))
+    if called_one:
+        top = [deck.cards[-1].with_text(f"x {called_one}")]
+    check_expanded(blocks, top, within=bool(called_one))
+
+
+def is_plain(deck: ForeignDeck) -> bool:
+    """Whether no card of a deck may be other than linear."""
+    return not any(NOT_LINEAR.match(card.text) for card in deck.cards)
+
+
+def ready_lines(deck: ForeignDeck) -> Iterator[str]:
+    """Yield the text for ngspice: no POLY, table or PSpice's switch; what it lacks before it."""
+    yield from missing_cards(deck.lines)[0]
+    known = ltspice_opamps(deck)
+    for opamp in dict.fromkeys(known.values()):
+        yield from opamp_cards(opamp)
+    switches = {
+        (scope, m[1]): m for scope, card in _scoped(deck) if (m := _smooth_model(card.text))
+    }
+    own = {scope for scope, card in _scoped(deck)
+           if card.word == ".subckt" and "gnd" in card.text.split()}  # fmt: skip
+    for scope, card in _scoped(deck):
+        inner = scope and scope not in own  # there PSpice has it as another node
+        text = _GROUND.sub("0", card.text) if inner else card.text
+        if card in known:
+            place = rf"(?<=\s){re.escape(known[card])}(?=\s|$)"
+            yield re.sub(place, plain_name(known[card]), text)
+        elif not _smooth_model(text):
+            try:
+                text = _smooth_switch(_at_27(text), scope, switches)
+                yield without_calls(without_table(without_poly(text)))
+            except ValueError as error:
+                raise card.refused(str(error)) from None
+
+
+def _scoped(deck: ForeignDeck) -> Iterator[tuple[Scope, Card]]:
+    """Yield the cards with the subcircuits in which they stand."""
+    scope: Scope = ()
+    for card in deck.cards:
+        if card.word == ".subckt":
+            scope = (*scope, card.text.split()[1])
+        yield scope, card
+        if card.word == ".ends":
+            scope = scope[:-1]
+
+
+def _smooth_model(text: str) -> re.Match[str] | None:
+    """Return the model of a switch of PSpice; one with thresholds is ngspice's own."""
+    match = _SMOOTH.match(text)
+    own = match and {"vt", "vh", "it", "ih"} & dict(_FIELD.findall(match[3])).keys()
+    return None if own else match
+
+
+def _smooth_switch(
+    text: str, scope: Scope, models: Mapping[tuple[Scope, str], re.Match[str]]
+) -> str:
+    """Return PSpice's switch as a resistance that changes smoothly with what controls it."""
+    name, *words = text.split()
+    if text[0] not in "sw" or len(words) != {"s": 5, "w": 4}[text[0]]:
+        return text
+    places = (scope[:k] for k in range(len(scope), -1, -1))
+    match = next((m for place in places if (m := models.get((place, words[-1])))), None)
+    if match is None:
+        return text
+    kind, given = match[2], dict(_FIELD.findall(match[3]))
+    if unknown := given.keys() - _RANGES[kind].keys():
+        raise ValueError(f"{min(unknown)} of a {kind}switch is not accepted")
+    ron, roff, on, off = (_plain_value(each) for each in (_RANGES[kind] | given).values())
+    if on == off or any(each.startswith("-") or each == "0.0" for each in (ron, roff)):
+        raise ValueError(f"a {kind}switch needs resistances above 0, and two ends that differ")
+    control = f"v({words[2]},{words[3]})" if kind == "v" else f"i({words[2]})"
+    # ln R = ln sqrt(Ron Roff) + ln(Ron/Roff) (1.5 x - 2 x³), x from -1/2 to 1/2
+    place = f"max(min(({control}-0.5*({on}+{off}))/({on}-{off}),0.5),-0.5)"
+    power = f"0.5*log({ron}*{roff})+log({ron}/{roff})*{place}*(1.5-2.0*{place}*{place})"
+    return f"b{name} {words[0]} {words[1]} i=v({words[0]},{words[1]})*exp(-({power}))"
+
+
+def _plain_value(text: str) -> str:
+    """Return a number in plain digits, or an expression in its braces."""
+    return text if text.startswith("{") else repr(number(text))
+
+
+def _at_27(text: str) -> str:
+    """Return a card with 27 degrees C for ``temp`` in its expressions, which ngspice lacks."""
+    return re.sub(r"\btemp(?:er)?\b(?! ?=)", "27", text) if "{" in text else text
+
+
+def ltspice_opamps(deck: ForeignDeck) -> dict[Card, str]:
+    """Return the cards X that call an op-amp of LTspice's library which the deck lacks."""
+    own, found = subcircuits(deck.cards)[0], dict[Card, str]()
+    for card in deck.cards:
+        if card.word[0] == "x" and (name := called(card.text)) not in own:
+            if name not in OPAMPS:
+                text = (
+                    f"the deck has no subcircuit {name!r}; put the file with its .subckt into the"
+                    f" folder and write '.include FILE'; known without one: {', '.join(OPAMPS)}"
+                )
+                raise card.refused(text)
+            found[card] = name
+    return found
+
 
 _NUMBER = re.compile(r"(?:(?<=^\.model )\S+|(?<=[ =(])[-+]?[\d.]+(?:e[-+]?\d+)?[a-z]*(?=[ )]|$))")
 
 
 def vendor_subcircuit(file: str | Path, name: str) -> Subcircuit:
-    """Return a subcircuit of a vendor's file as text for ngspice in PSpice's ways."""
+    """Return a subcircuit of a vendor's file as text for ngspice in PSpice's ways.
+
+    Subcircuits have other names: ngspice finds none in which a sign stands.
+    """
     deck, own = read_library(file, name), name.lower()
     check_size(deck, own)
-    (head,) = [line for line in deck.lines if line.split()[:2] == [".subckt", own]]
+    heads = [line for line in deck.lines if line.startswith(".subckt ")]
+    new = {head.split()[1]: f"m{k}" for k, head in enumerate(heads)}
+    (head,) = [line for line in heads if line.split()[1] == own]
     words = re.sub(r" ?= ?", "=", head).split()[2:]
     ports = tuple(word for word in words if "=" not in word and word != "params:")
-    return Subcircuit(own, ports, tuple(ready_lines(deck)))
+    return Subcircuit(new[own], ports, tuple(_renamed(ready_lines(deck), new)))
+
+
+def _renamed(lines: Iterable[str], new: Mapping[str, str]) -> Iterator[str]:
+    """Yield cards with other names of the subcircuits."""
+    for text in lines:
+        words = re.sub(r" ?= ?", "=", text).split()
+        old = called(text) if text[0] == "x" else "".join(words[1:2])
+        if old in new and (text[0] == "x" or words[0] in (".subckt", ".ends")):
+            place = max(k for k, word in enumerate(words) if word == old) if text[0] == "x" else 1
+            words[place] = new[old]
+            yield " ".join(words)
+        else:
+            yield text
 
 
 def flat_subcircuit(cards: Iterable[str], nodes: Sequence[str], name: str) -> Subcircuit:

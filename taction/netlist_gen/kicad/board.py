@@ -15,7 +15,7 @@ from itertools import count
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.kicad.drawing import LEFT, TOP, BranchDrawing, branches
 from taction.netlist_gen.kicad.lists import COLUMNS, GROUPED, OWN, parts_list
-from taction.netlist_gen.kicad.parts import BoardParts, printed_value
+from taction.netlist_gen.kicad.part_symbols import BoardParts, printed_value
 from taction.netlist_gen.kicad.sheet import TITLE, Label, SchematicSheet, library
 from taction.netlist_gen.kicad.symbols import FLAG, LIBRARY
 from taction.netlist_gen.scene.scene import Scene

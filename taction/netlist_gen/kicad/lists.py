@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from taction.netlist_gen.board.circuit import GROUND
-from taction.netlist_gen.kicad.parts import BoardParts
+from taction.netlist_gen.kicad.part_symbols import BoardParts
 
 # The columns of KiCad's own lists, then ours; parts that agree in GROUPED share a row.
 COLUMNS = ("Reference", "Value", "Datasheet", "Footprint", "Qty", "DNP")

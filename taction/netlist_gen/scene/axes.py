@@ -354,10 +354,7 @@ def with_settings(scene: Scene, settings: Iterable[str]) -> Scene:
     A key is named as for an axis (`axes`). ``design.opamp=NAME`` replaces the whole op-amp by a
     preset, ``opamp=NAME`` only its base, as an axis does.
 
-    Raises
-    ------
-    InputError
-        No ``KEY=VALUE``, an unknown key, or a value that its key does not accept.
+    InputError: no ``KEY=VALUE``, an unknown key, or a value that its key does not accept.
 
     Examples
     --------

@@ -7,7 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from taction.netlist_gen.scene.places import toml_complaint, with_places
+from taction.netlist_gen.scene.mistakes import toml_complaint, with_places
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_text

@@ -9,23 +9,22 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import Field, PrivateAttr, model_validator
 
 from taction.netlist_gen.card import facts_card
-from taction.netlist_gen.scene.array_tables import DevicesTable, WiresTable
-from taction.netlist_gen.scene.checks import Checks, Regression, Tolerances, unitless_times
-from taction.netlist_gen.scene.design import Design, OpAmpChoice
+from taction.netlist_gen.scene.check_keys import Checks, Regression, Tolerances, unitless_times
+from taction.netlist_gen.scene.design import Design, DevicesTable, OpAmpChoice, WiresTable
 from taction.netlist_gen.scene.fields import Model, Positive, Real, Seconds, SecondsOrAuto
 from taction.netlist_gen.scene.mistakes import placed, validated
 from taction.netlist_gen.scene.open_tables import NAMES, plugged, with_tables
-from taction.netlist_gen.scene.problem import (
+from taction.netlist_gen.scene.problem_keys import (
     MatrixProblem,
     StatedProblem,
     TactileProblem,
     in_memory,
 )
 from taction.system.errors import Complaint, InputError, listed
-from taction.system.picture import plot
 from taction.system.plugins import cached
 from taction.system.quantities import percent, quantity, sizes
 from taction.system.reading_definitions import EXCURSIONS
+from taction.system.results import plot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -126,7 +125,7 @@ class Scene(StatedProblem):
             The scene's files cannot be used, the picture cannot be written, or matplotlib is
             missing (``taction[plot]``).
         """
-        return plot("board:problem_view", path, self)
+        return plot("board_view:problem_view", path, self)
 
     @classmethod
     def from_arrays(

@@ -28,7 +28,7 @@ class OpAmpFigures(Result):
         Where the figures come from; empty for an op-amp of another package.
     """
 
-    VIEW = "taction.verification.report.views.opamp:view"
+    VIEW = "taction.verification.report.views.opamp_view:view"
     DOCUMENT = "taction.verification.report.documents.plain:ShowDocument.of"
 
     opamp: OpAmp = field(repr=False)

@@ -18,8 +18,8 @@ import numpy as np
 from taction.netlist_gen.board.circuit import GROUND
 from taction.netlist_gen.deck.elements import CardError, Element, Models, model_cards, shown
 from taction.netlist_gen.deck.flat_cards import Flat, card_of, sum_parts
+from taction.netlist_gen.deck.foreign_lines import number
 from taction.spice_models.branches import Branch
-from taction.spice_models.foreign_expressions import number
 from taction.system.array_types import Complexes, Floats
 from taction.verification.engines.ngspice.commands import RESULT, run_commands
 from taction.verification.engines.ngspice.executable import Simulator

@@ -22,12 +22,12 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.keys import Value, find_key, own_value
 from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.table import topology_of
+from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.errors import Complaint, EngineError, InputError, NoVerdictError
 from taction.verification.design.nearest import SearchRange
 from taction.verification.design.scaling import SHARE, SMALLER, rescaled
 from taction.verification.design.trials import at_small_signal
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.verdict.input_spread import InputSpread
@@ -68,15 +68,8 @@ def choice_plan(scene: Scene, request: ChoiceRequest) -> Plan:
     Op-amps are at the small-signal level: a design above 90 % of a limit of its parts is
     inconclusive, so that no design without headroom is chosen.
 
-    Parameters
-    ----------
-    scene : Scene
-        Lambda is a number.
-
-    Raises
-    ------
-    InputError
-        An op-amp is unknown, a range is none, or a limit is no value of its key.
+    `scene`: lambda is a number.
+    InputError: an op-amp is unknown, a range is none, or a limit is no value of its key.
 
     Examples
     --------

@@ -16,12 +16,12 @@ from pathlib import Path
 from taction.netlist_gen.board.part_warnings import ANY_PART, AcceptedParts
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import LIMITS, with_values
-from taction.netlist_gen.scene.checks import Checks, unitless_times
+from taction.netlist_gen.scene.check_keys import Checks, unitless_times
 from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.questions import value_questions
+from taction.netlist_gen.scene.keys import write_scene
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.scene.writing import write_scene
+from taction.netlist_gen.scene.slips import value_questions
 from taction.system.errors import (
     Complaint,
     InputError,
@@ -43,18 +43,17 @@ from taction.verification.design.choice_plan import (
     searched_keys,
 )
 from taction.verification.design.trials import KEPT, Trial, accepted_parts, broken_at_rest
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.store import Store
-from taction.verification.studies.sweep.plan import Plan, grid_points
-from taction.verification.studies.sweep.run import computed
+from taction.verification.studies.sweep.plan import Plan, computed, grid_points
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.headroom import FULL
 from taction.verification.verdict.record import ERROR, Record, decisive_reason
 from taction.verification.verdict.run_checks import CHECKS
 from taction.verification.verdict.verify import Verdict, verify
 
-VIEWS = "taction.verification.report.views.choose"
+VIEWS = "taction.verification.report.views.choose_view"
 BEST = 3  # designs that ngspice confirms
 
 
@@ -176,7 +175,7 @@ class Choice(Result):
     def report(self, path: str | Path) -> None:
         """Write the report; the proposed design is verified anew where ngspice is missing."""
         load(f"{RENDERERS}.page:write_page")(
-            load("taction.verification.report.views.choose:full_view")(self), str(path)
+            load("taction.verification.report.views.choose_view:full_view")(self), str(path)
         )
 
 

@@ -20,7 +20,7 @@ from taction.system.errors import EngineError, TactionError
 from taction.system.quantities import show, show_rate, spaced
 from taction.verification.design.explorer_settings import Control, Settings, Start
 from taction.verification.design.trials import BARE
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
 from taction.verification.reference.ideal_answer import ideal_network
@@ -155,12 +155,8 @@ class PoleView:
 def view_rest(scene: Scene, problem: InverseProblem) -> RestView:
     """Build the board and find where it rests.
 
-    Raises
-    ------
-    InputError
-        The board cannot be built.
-    NoVerdictError
-        The board has no equilibrium, or the problem no solution.
+    InputError: the board cannot be built.
+    NoVerdictError: the board has no equilibrium, or the problem no solution.
     """
     board = LinearBoard(synthesise(scene, problem))
     scales = time_scales(board, initial=scene.analysis.initial)
@@ -175,10 +171,7 @@ def view_rest(scene: Scene, problem: InverseProblem) -> RestView:
 def view_poles(view: RestView) -> PoleView:
     """Return the poles of a board, and the response of a small linear one.
 
-    Raises
-    ------
-    EngineError
-        The board has no state-space form.
+    EngineError: the board has no state-space form.
     """
     found, scales, analysis = poles(view.board), view.scales, view.scene.analysis
     if not view.has_curves:
@@ -213,10 +206,7 @@ def view_boundary(view: RestView, poles: PoleView, name: str, low: float, high: 
 
     They are solved as `onset` solves them: by the loci of the parts, not by samples.
 
-    Raises
-    ------
-    EngineError
-        They are not known, with the reason.
+    EngineError: they are not known, with the reason.
     """
     if view.is_large:
         raise EngineError(f"a board of this size: `taction onset SCENE --over {name}` finds it")

@@ -17,11 +17,10 @@ import numpy as np
 
 from taction.netlist_gen.scene.axes import OPAMP, with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
-from taction.netlist_gen.scene.keys import Value, find_key, own_value
-from taction.netlist_gen.scene.problem import MOST_NAME, NAME_PATTERN
+from taction.netlist_gen.scene.keys import Value, find_key, own_value, scene_text
+from taction.netlist_gen.scene.problem_keys import MOST_NAME, NAME_PATTERN
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.scene.writing import scene_text
-from taction.netlist_gen.topologies.frame.table import topology_of
+from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import EXAMPLES, number, parse
 from taction.verification.reference.lambda_rule import resolve_lambda
@@ -171,11 +170,8 @@ class Settings:
     def save(self, start: Start, name: str) -> Path:
         """Write the scene with these values beside the scene's own file, and return the new file.
 
-        Raises
-        ------
-        InputError
-            `name` is no plain name that ends with ``.toml``, the file exists, or it cannot be
-            written.
+        InputError: `name` is no plain name that ends with ``.toml``, the file exists, or it cannot
+          be written.
         """
 
         def refused(reason: str) -> InputError:
@@ -203,11 +199,8 @@ class Settings:
 def read_value(control: Control, text: str) -> float:
     """Return the value that a user typed for a control, in its unit.
 
-    Raises
-    ------
-    InputError
-        The text is no value in the unit of the control, or a number without a unit: of a field that
-        shows pF, nobody can say what 10 means.
+    InputError: the text is no value in the unit of the control, or a number without a unit: of a
+      field that shows pF, nobody can say what 10 means.
 
     Examples
     --------

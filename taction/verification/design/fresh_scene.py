@@ -18,17 +18,17 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.board.part_warnings import ANY_PART, LEAST_OHMS, MOST_OHMS, AcceptedParts
+from taction.netlist_gen.scene.array_files import ProblemTable, shape_text
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.problem_tables import ProblemTable, shape_text
+from taction.netlist_gen.scene.keys import scene_text
 from taction.netlist_gen.scene.scene import Scene, parse_scene
-from taction.netlist_gen.scene.writing import scene_text
 from taction.netlist_gen.topologies.frame.entries import pruned
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import fraction
 from taction.system.results import Result
 from taction.verification.design.scaling import Scaled, Scaling, find_scaling
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.lambda_choice import RuleInputs, choose
 from taction.verification.reference.problem import Problem, solution_difference
 from taction.verification.reference.solve import solve
@@ -62,10 +62,7 @@ def with_limits(scene: Scene) -> tuple[Scene, str]:
     is Gaussian with ``sigma_n² = sum_p (dy_n/dp)² / 9``, since a tolerance is three sigma. The
     limit is above the error that one of N channels exceeds in 2 % of the boards.
 
-    Raises
-    ------
-    InputError, NoVerdictError
-        The board cannot be built, or has no equilibrium.
+    InputError, NoVerdictError: the board cannot be built, or has no equilibrium.
     """
     grade, share, limit = 0.0, math.inf, math.inf
     for finer in GRADES:
@@ -122,6 +119,8 @@ def pruning_for(T: Floats, eps: Floats, lam: float) -> tuple[float, str]:
     A kernel that decays, a Gaussian for example, has entries over many decades. Resistors cannot be
     bought over more than six, and few entries below a thousandth of the largest move the solution.
 
+    SolverError: the problem cannot be solved.
+
     Parameters
     ----------
     T : ndarray (M, N)
@@ -136,11 +135,6 @@ def pruning_for(T: Floats, eps: Floats, lam: float) -> tuple[float, str]:
         `UNSEEN`, the smallest that gives resistors that can be bought, if there must be one.
     str
         What is left out, in words.
-
-    Raises
-    ------
-    SolverError
-        The problem cannot be solved.
 
     Examples
     --------
@@ -181,7 +175,7 @@ class FreshScene:
 class NewScene(Result):
     """The files of a new scene, and for a matrix the scaling and the verdict."""
 
-    VIEW = "taction.verification.report.views.scaling:new_view"
+    VIEW = "taction.verification.report.views.tune_view:new_view"
     DOCUMENT = "taction.verification.report.documents.plain:NewMatrixDocument.of"
 
     file: str
@@ -257,10 +251,7 @@ def _commented(remarks: list[str], scene: Scene) -> str:
 def noise_of(noise: str | float, eps: Floats) -> float:
     """Return the standard deviation that `noise` states: a number, or a share as ``"1%"``.
 
-    Raises
-    ------
-    InputError
-        It is not a positive number.
+    InputError: it is not a positive number.
 
     Examples
     --------

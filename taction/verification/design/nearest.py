@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.board.preferred_values import buyable, series_of, values_between
+from taction.netlist_gen.board.bill_of_materials import buyable, series_of, values_between
 from taction.netlist_gen.scene.axes import rising_ends
 from taction.netlist_gen.scene.keys import Value, find_key, own_value
 from taction.netlist_gen.scene.scene import Scene
@@ -89,10 +89,8 @@ def parse_ranges(
 
     A key without a range goes from the scene's value divided by `reach` to the value times it.
 
-    Raises
-    ------
-    InputError
-        A key is unknown, not of the design, or has no value; a range is none; too many keys.
+    InputError: a key is unknown, not of the design, or has no value; a range is none; too many
+      keys.
 
     Examples
     --------
@@ -162,13 +160,9 @@ class Search:
     ) -> Search | None:
         """Return the search over a key; None if it has no value.
 
-        Parameters
-        ----------
-        edge : float, optional
-            End of the stable range nearest to the scene's value: the search begins there, and goes
-            away from the scene.
-        limits : pair of float
-            No value beyond them is tried.
+        `edge`: end of the stable range nearest to the scene's value: the search begins there, and
+          goes away from the scene.
+        `limits`: no value beyond them is tried.
         """
         one = SearchRange.around(scene, path, 10.0**DECADES)
         if one is None:
@@ -302,12 +296,8 @@ def descend(
 ) -> Values:
     """Return the values with the least objective that a simplex finds from a start.
 
-    Parameters
-    ----------
-    spacings : sequence of float
-        From the start to the first places, of each key, natural logarithm.
-    enough : float
-        The search ends at an objective that is not above it.
+    `spacings`: from the start to the first places, of each key, natural logarithm.
+    `enough`: the search ends at an objective that is not above it.
     """
     from scipy.optimize import minimize
 

@@ -17,7 +17,7 @@ from taction.netlist_gen.board.part_warnings import ANY_PART
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.table import topology_of
+from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.reading_definitions import READINGS
 from taction.verification.design.nearest import Search, search_pair, walk
 from taction.verification.design.stable_ranges import StableRange, stable_ranges
@@ -35,29 +35,17 @@ SHOWN = 4  # op-amps that are proposed
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A change with what the state-space verdict says about it.
-
-    Attributes
-    ----------
-    values : dict
-        New values by dotted paths, with a lambda where it is held.
-    mends : tuple of str
-        The failed checks that pass with the change.
-    left : tuple of str
-        The checks that do not pass; empty where the verdict is a pass.
-    resistance : float or None
-        R of the changed board where it differs from the scene's, ohm.
-    """
+    """A change with what the state-space verdict says about it."""
 
     DOCUMENT = (
         *("values", "mends", "left # checks that do not pass with the change"),
         *("resistance [ohm]", "verified", "engine = 'statespace'"),
     )
 
-    values: dict[str, Value]
-    mends: tuple[str, ...]
-    left: tuple[str, ...]
-    resistance: float | None = None
+    values: dict[str, Value]  # new values by dotted paths, with a lambda where it is held
+    mends: tuple[str, ...]  # the failed checks that pass with the change
+    left: tuple[str, ...]  # the checks that do not pass; empty where the verdict is a pass
+    resistance: float | None = None  # R of the changed board where it differs from the scene's, ohm
 
     @property
     def verified(self) -> bool:

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from taction.netlist_gen.board.bill_of_materials import buyable
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.part_warnings import (
     ANY_PART,
@@ -27,13 +28,12 @@ from taction.netlist_gen.board.part_warnings import (
     AcceptedParts,
     part_warnings,
 )
-from taction.netlist_gen.board.preferred_values import buyable
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.keys import write_scene
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.scene.writing import write_scene
-from taction.netlist_gen.topologies.frame.table import topology_of
+from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.progress import Progress
 from taction.system.quantities import show
@@ -46,7 +46,7 @@ from taction.verification.design.trials import (
     at_small_signal,
     broken_at_rest,
 )
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.reference.dynamics import lambda_times_resistance
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
@@ -151,7 +151,7 @@ class Scaling:
 class Scaled(Result):
     """The scalings, and the verdict of the board with them."""
 
-    VIEW = "taction.verification.report.views.scaling:view"
+    VIEW = "taction.verification.report.views.tune_view:scaling_view"
     DOCUMENT = (
         "outcome = verdict.outcome",
         "unit_conductance [S] = scaling.circuit.facts.G0.value",

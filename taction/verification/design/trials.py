@@ -20,9 +20,9 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.table import topology_of
+from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.errors import EngineError, InputError, NoVerdictError
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.verdict.checks import Check, Outcome
@@ -54,10 +54,6 @@ class Trial:
     ----------
     values : dict
         New values by dotted paths.
-    record : Record
-        Of the verdict, or why there is none.
-    refused : str
-        Which of its parts cannot be bought, or the layout undoes, or why there is no verdict.
     """
 
     DOCUMENT: ClassVar[tuple[str, ...]] = (
@@ -66,7 +62,8 @@ class Trial:
     )
 
     values: dict[str, Any]  # numbers and names
-    record: Record
+    record: Record  # of the verdict, or why there is none
+    # Which of its parts cannot be bought, or the layout undoes, or why there is no verdict.
     refused: str = ""
 
     @property
@@ -122,19 +119,10 @@ class Trial:
 class Trials:
     """The trials of one scene.
 
-    Parameters
-    ----------
-    scene : Scene
-        Lambda is a number.
-    work : float
-        Most work of all trials together: a design of few states is 1 (`Trials.spend`).
-    accepted : AcceptedParts, optional
-        Parts beyond the limits that are not refused, by default those of the scene.
-
-    Raises
-    ------
-    InputError
-        The problem of the scene cannot be made.
+    `scene`: lambda is a number.
+    `work`: most work of all trials together: a design of few states is 1 (`Trials.spend`).
+    `accepted`: parts beyond the limits that are not refused, by default those of the scene.
+    InputError: the problem of the scene cannot be made.
     """
 
     def __init__(
@@ -155,10 +143,7 @@ class Trials:
     def spend(self, designs: float, board: LinearBoard, ringing: float = 0.0) -> None:
         """Count work before it is done: its cost grows with the cube of the states.
 
-        Raises
-        ------
-        OutOfWorkError
-            The work that is left does not suffice for it; nothing is counted.
+        OutOfWorkError: the work that is left does not suffice for it; nothing is counted.
         """
         work = designs * (1.0 + (board.state_space.n / STATES) ** 3) + ringing / RINGING
         if self.spent + work > self.limit:
@@ -181,22 +166,15 @@ class Trials:
     def scene_at(self, changes: Mapping[str, Value]) -> Scene:
         """Return the scene with a change and the same lambda.
 
-        Raises
-        ------
-        InputError
-            A value that its key does not accept.
+        InputError: a value that its key does not accept.
         """
         return with_values(self.scene, self.completed(changes))
 
     def board_at(self, changes: Mapping[str, Value]) -> LinearBoard:
         """Return the board with a change.
 
-        Raises
-        ------
-        InputError
-            The board cannot be built.
-        OutOfWorkError
-            The work that is left does not suffice for it.
+        InputError: the board cannot be built.
+        OutOfWorkError: the work that is left does not suffice for it.
         """
         board = LinearBoard(synthesise(self.scene_at(changes), self.problem))
         self.spend(POLES, board)
@@ -205,10 +183,7 @@ class Trials:
     def at(self, changes: Mapping[str, Value]) -> Trial:
         """Return the trial of a change.
 
-        Raises
-        ------
-        OutOfWorkError
-            The work that is left does not suffice for it.
+        OutOfWorkError: the work that is left does not suffice for it.
         """
         key = tuple(sorted(changes.items()))
         if key not in self._known:
@@ -243,10 +218,7 @@ class Trials:
 def accepted_parts(scene: Scene, problem: InverseProblem) -> AcceptedParts:
     """Return what a proposal may have beyond the limits of real parts: what the scene has.
 
-    Raises
-    ------
-    InputError
-        The board cannot be built.
+    InputError: the board cannot be built.
     """
     return AcceptedParts(broken_at_rest(LinearBoard(synthesise(scene, problem))))
 

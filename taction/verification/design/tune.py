@@ -17,8 +17,8 @@ from pathlib import Path
 
 from taction.netlist_gen.board.part_warnings import ANY_PART
 from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.keys import write_scene
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.scene.writing import write_scene
 from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.progress import Progress
 from taction.system.quantities import percent, show
@@ -72,7 +72,7 @@ class Tuning:
 class Tuned(Result):
     """A search, and the verdict of the best design."""
 
-    VIEW = "taction.verification.report.views.tune:view"
+    VIEW = "taction.verification.report.views.tune_view:view"
     DOCUMENT = (
         *("outcome = verdict.outcome", "before = tuning.before", "after = tuning.after"),
         "resistance [ohm] = resistance",

@@ -43,7 +43,7 @@ class DemonstrationStep:
 class Demonstration(Result):
     """The boards of the demonstration, in their order; `file` is the report, None without one."""
 
-    VIEW = "taction.verification.report.views.evidence:demonstration_view"
+    VIEW = "taction.verification.report.views.evidence_view:demonstration_view"
 
     DOCUMENT = ("outcome", "seconds [s]", "file", "steps")
 

@@ -30,27 +30,15 @@ BLOCK = 1 << 18  # modes times instants that are evaluated together
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """The way of one board's channels ``u = sign V`` to their targets, ``e = u - target``.
+    """The way of one board's channels ``u = sign V`` to their targets, ``e = u - target``."""
 
-    Attributes
-    ----------
-    solution : Exact
-        Solution of a stable board, whose nodes are the channels.
-    signs, target : ndarray (N,)
-        Signs of the channels, and their reference steady state, V.
-    target_error : float
-        Error of the target, V, which adds to the bounds of the solution.
-    detail : float
-        Amplitude of a mode below which the first grid does not resolve it, V.
-    level : float
-        Error that a maximum may have where several intervals may hold it, V; rounding if smaller.
-    """
-
-    solution: Exact
+    solution: Exact  # solution of a stable board, whose nodes are the channels
+    # `signs`, `target`: (N,): signs of the channels, and their reference steady state, V.
     signs: Floats
     target: Floats
-    target_error: float
-    detail: float
+    target_error: float  # error of the target, V, which adds to the bounds of the solution
+    detail: float  # amplitude of a mode below which the first grid does not resolve it, V
+    # Error that a maximum may have where several intervals may hold it, V; rounding if smaller.
     level: float = 0.0
 
     @functools.cached_property

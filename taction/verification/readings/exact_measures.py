@@ -18,7 +18,7 @@ import numpy as np
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.reading_definitions import FAINT, FOUND, SETTLING_BAND
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import RINGS
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
 from taction.verification.readings.course import Course
@@ -40,30 +40,17 @@ SHORT = "the channel never reaches the levels of its step"
 
 @dataclass(frozen=True, eq=False)
 class ExactResponse:
-    """The step response of a linear board, to be measured.
+    """The step response of a linear board, to be measured."""
 
-    Attributes
-    ----------
-    board : LinearBoard
-        A board without behavioural amplifiers.
-    target : ndarray (N,)
-        Reference steady state of u, V.
-    start : ndarray (N,), optional
-        u before the step, V; the default is the start of the solution.
-    initial, band
-        As in `taction.netlist_gen.analysis.Transient` and `measurements.measure`.
-    target_error : float
-        Bound of the error of a channel's distance from `target`, V.
-    level : float
-        Error that an excursion may have, fraction of A; with 0 only that of rounding.
-    """
-
-    board: LinearBoard
-    target: Floats
+    board: LinearBoard  # a board without behavioural amplifiers
+    target: Floats  # (N,): reference steady state of u, V
+    # (N,): u before the step, V; the default is the start of the solution.
     start: Floats | None = None
+    # `initial`, `band`: as in `taction.netlist_gen.analysis.Transient` and `measurements.measure`.
     initial: Literal["zero", "rest"] = "zero"
     band: float = SETTLING_BAND
-    target_error: float = 0.0
+    target_error: float = 0.0  # bound of the error of a channel's distance from `target`, V
+    # Error that an excursion may have, fraction of A; with 0 only that of rounding.
     level: float = FOUND
 
     @functools.cached_property
@@ -123,10 +110,7 @@ class ExactResponse:
 def measure_responses(responses: Sequence[ExactResponse]) -> list[Measurements]:
     """Measure the step responses of stable linear boards.
 
-    Raises
-    ------
-    EngineError
-        See `ExactResponse.solution`.
+    EngineError: see `ExactResponse.solution`.
 
     Notes
     -----

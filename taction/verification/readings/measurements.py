@@ -25,36 +25,24 @@ NO_STEP = "no channel has a step (target equals start): a band in % of it has no
 
 @dataclass(frozen=True, slots=True)
 class ChannelMeasure:
-    """Measurements of one channel.
+    """Measurements of one channel."""
 
-    Attributes
-    ----------
-    index : int
-        Channel, from 0.
-    target, final : float
-        Reference steady state and last finite value, in the unit of the signals.
-    readings : mapping of str to Reading or None
-        Every reading of `READINGS`. A time is None for the reason `rise_reason` or `reason`; an
-        excursion is 0 or more, over the finite part of the record, and 0 where A is 0.
-    state : ChannelState
-        State at the end of the record.
-    frequency, growth_rate : float or None
-        Of the strongest ringing in this channel, Hz and 1/s; for a clipped channel, the growth
-        before it clipped. None if the channel does not ring, or if no modes were fitted.
-    rises : bool
-        Whether the channel's own step is large enough for a rise time.
-    reason, rise_reason : str
-        Why the settling time, or the rise time, is missing; empty if it is given.
-    """
-
-    index: int
+    index: int  # channel, from 0
+    # `target`, `final`: reference steady state and last finite value, in the unit of the signals.
     target: float
     final: float
+    # Every reading of `READINGS`. A time is None for the reason `rise_reason` or `reason`; an
+    # excursion is 0 or more, over the finite part of the record, and 0 where A is 0.
     readings: Mapping[str, Reading | None]
-    state: ChannelState
+    state: ChannelState  # state at the end of the record
+    # `frequency`, `growth_rate`: of the strongest ringing in this channel, Hz and 1/s; for a
+    # clipped channel, the growth before it clipped. None if the channel does not ring, or if no
+    # modes were fitted.
     frequency: float | None
     growth_rate: float | None
-    rises: bool
+    rises: bool  # whether the channel's own step is large enough for a rise time
+    # `reason`, `rise_reason`: why the settling time, or the rise time, is missing; empty if it is
+    # given.
     reason: str
     rise_reason: str
 
@@ -86,31 +74,17 @@ class ChannelMeasure:
 
 @dataclass(frozen=True, slots=True)
 class Measurements:
-    """Measurements of a transient.
+    """Measurements of a transient."""
 
-    Attributes
-    ----------
-    amplitude : float
-        Step amplitude A, in the unit of the signals.
-    band : float
-        Half width of the settling band, fraction of A.
-    channels : tuple of ChannelMeasure
-        In the order of the signals' columns.
-    readings : mapping of str to Reading or None
-        Readings of the network. It settles with its last channel: None unless every channel is
-        settled. It rises with its slowest channel: None if a channel that rises has no rise time.
-        Of the excursions the largest counts.
-    reason : str
-        Why there is no settling time; empty if there is.
-    modes : tuple of Mode
-        Ringing fitted to the channels together, strongest first; empty if `measure` fits no modes.
-    """
-
-    amplitude: float
-    band: float
-    channels: tuple[ChannelMeasure, ...]
+    amplitude: float  # step amplitude A, in the unit of the signals
+    band: float  # half width of the settling band, fraction of A
+    channels: tuple[ChannelMeasure, ...]  # in the order of the signals' columns
+    # Readings of the network. It settles with its last channel: None unless every channel is
+    # settled. It rises with its slowest channel: None if a channel that rises has no rise time. Of
+    # the excursions the largest counts.
     readings: Mapping[str, Reading | None]
-    reason: str
+    reason: str  # why there is no settling time; empty if there is
+    # Ringing fitted to the channels together, strongest first; empty if `measure` fits no modes.
     modes: tuple[Mode, ...]
 
     @property
@@ -305,36 +279,21 @@ def measure(
 ) -> Measurements:
     """Measure a transient against its reference steady state.
 
-    Parameters
-    ----------
-    time : ndarray (P,)
-        Strictly increasing, s; need not be uniform.
-    u : ndarray (P, N)
-        Channels.
-    target : ndarray (N,)
-        Reference steady state, finite, in the unit of `u`.
-    start : ndarray (N,), optional
-        Value before the step; the first point by default.
-    band : float
-        Half width of the settling band, fraction of A.
-    bound : float, optional
-        Largest magnitude that a channel can physically have, in the unit of `u`; a channel that
-        exceeds the bound has diverged.
-    expected_stop : float, optional
-        Expected end of the record, s; a shorter record proves no settling time.
-    error : float
-        Bound of the error of ``u - target``, in the unit of `u`; the uncertainties of the readings
-        include it.
-    rest : Rest, optional
-        Where the channels come to rest, which over- and undershoots include.
-    curve : callable, optional
-        Channels (Q,) at instants (Q,), also between the points; without it they are interpolated.
-
-    Raises
-    ------
-    ValueError
-        Shapes that do not match, time that does not increase, a target or a band that is not
-        usable: mistakes of the caller, not properties of a waveform.
+    `time` (P,): strictly increasing, s; need not be uniform.
+    `u` (P, N): channels.
+    `target` (N,): reference steady state, finite, in the unit of `u`.
+    `start` (N,): value before the step; the first point by default.
+    `band`: half width of the settling band, fraction of A.
+    `bound`: largest magnitude that a channel can physically have, in the unit of `u`; a channel
+      that exceeds the bound has diverged.
+    `expected_stop`: expected end of the record, s; a shorter record proves no settling time.
+    `error`: bound of the error of ``u - target``, in the unit of `u`; the uncertainties of the
+      readings include it.
+    `rest`: where the channels come to rest, which over- and undershoots include.
+    `curve`: channels (Q,) at instants (Q,), also between the points; without it they are
+      interpolated.
+    ValueError: shapes that do not match, time that does not increase, a target or a band that is
+      not usable: mistakes of the caller, not properties of a waveform.
     """
     _check(time, u, target, band)
     part = sound_part(time, u, target, start, bound, expected_stop, error, rest, curve)

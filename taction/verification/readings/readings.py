@@ -31,26 +31,17 @@ STILL = 1e-6  # of A: a smaller step has no direction
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """A measured time, or a measured share of the step amplitude.
+    """A measured time, or a measured share of the step amplitude."""
 
-    Attributes
-    ----------
-    value : float
-        In the unit of its kind in `READINGS`.
-    uncertainty : float
-        Bound of the error of `value`: of what lies between the points and, where the signal has
-        bounds, of the trace. Infinite if the true trace may have no such reading.
-    fragile : bool
-        A small shift of the level or of the band changes the time: a peak just reaches, or just
-        misses, the level.
-    alternative : float or None
-        The time with the level shifted by `LEVEL_SHIFT`, or the band by `BAND_SHIFT`, s; None if
-        the reading is not fragile, or if the shifted level is not crossed.
-    """
-
-    value: float
+    value: float  # in the unit of its kind in `READINGS`
+    # Bound of the error of `value`: of what lies between the points and, where the signal has
+    # bounds, of the trace. Infinite if the true trace may have no such reading.
     uncertainty: float
+    # A small shift of the level or of the band changes the time: a peak just reaches, or just
+    # misses, the level.
     fragile: bool = False
+    # The time with the level shifted by `LEVEL_SHIFT`, or the band by `BAND_SHIFT`, s; None if the
+    # reading is not fragile, or if the shifted level is not crossed.
     alternative: float | None = None
 
 

@@ -32,16 +32,10 @@ Curve = Callable[[Floats, Indices], Floats]
 def lagrange(time: Floats, y: Floats, at: Floats, points: int) -> Floats:
     """Interpolate by the polynomial through the nearest points.
 
-    Parameters
-    ----------
-    time : ndarray (P,)
-        Strictly increasing, s; P is at least `points`.
-    y : ndarray (P, K)
-        Samples.
-    at : ndarray (Q,)
-        Instants inside the record, s.
-    points : int
-        Points in the stencil, even: 2 is the chord, 4 the cubic.
+    `time` (P,): strictly increasing, s; P is at least `points`.
+    `y` (P, K): samples.
+    `at` (Q,): instants inside the record, s.
+    `points`: points in the stencil, even: 2 is the chord, 4 the cubic.
 
     Returns
     -------
@@ -77,18 +71,11 @@ class Rest:
 class RecordTrace(Trace):
     """A record of one board as a trace.
 
-    Parameters
-    ----------
-    time : ndarray (P,)
-        s, P at least 4.
-    errors : ndarray (N, P)
-        Distances from the targets.
-    error : float
-        Bound of the error of every sample.
-    rest : Rest, optional
-        Of the errors.
-    curve : callable, optional
-        Errors of channels (Q,) at instants (Q,), s.
+    `time` (P,): s, P at least 4.
+    `errors` (N, P): distances from the targets.
+    `error`: bound of the error of every sample.
+    `rest`: of the errors.
+    `curve`: errors of channels (Q,) at instants (Q,), s.
     """
 
     def __init__(

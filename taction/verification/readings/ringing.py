@@ -41,35 +41,19 @@ _FAINT_REST = 1e-9  # of the largest tone: what a window leaves is at least roun
 
 @dataclass(frozen=True, slots=True)
 class Mode:
-    """One ringing ``exp(growth_rate t) cos(2 pi frequency t + phase)`` of all channels.
+    """One ringing ``exp(growth_rate t) cos(2 pi frequency t + phase)`` of all channels."""
 
-    Attributes
-    ----------
-    frequency : float
-        Hz; 0 for a growth or decay without ringing.
-    growth_rate : float
-        1/s; negative when it decays.
-    channels : tuple of float
-        Amplitude in each channel at `stop`, in the signals' unit.
-    growth_sigma : float
-        Standard uncertainty of the growth rate, 1/s: from the scatter of the amplitudes, or from
-        the difference between fits to the first and to the last three quarters if larger.
-    residual : float
-        Part of the ringing that the fit leaves unexplained, 0 to 1.
-    start, stop : float
-        The stretch that was fitted, s; both 0 of a mode that is known, not fitted.
-    doubt : str
-        Why the fit is uncertain; empty for a reliable fit.
-    """
-
-    frequency: float
-    growth_rate: float
-    channels: tuple[float, ...]
+    frequency: float  # Hz; 0 for a growth or decay without ringing
+    growth_rate: float  # 1/s; negative when it decays
+    channels: tuple[float, ...]  # amplitude in each channel at `stop`, in the signals' unit
+    # Standard uncertainty of the growth rate, 1/s: from the scatter of the amplitudes, or from the
+    # difference between fits to the first and to the last three quarters if larger.
     growth_sigma: float = 0.0
-    residual: float = 0.0
+    residual: float = 0.0  # part of the ringing that the fit leaves unexplained, 0 to 1
+    # `start`, `stop`: the stretch that was fitted, s; both 0 of a mode that is known, not fitted.
     start: float = 0.0
     stop: float = 0.0
-    doubt: str = ""
+    doubt: str = ""  # why the fit is uncertain; empty for a reliable fit
 
     @property
     def decays(self) -> bool:
@@ -271,14 +255,9 @@ def find_ringing(time: Floats, signals: Floats, period: float | None = None) -> 
     growth slows, or where the ringing has decayed to 1 % of its largest amplitude, or with the
     record.
 
-    Parameters
-    ----------
-    time : ndarray (P,)
-        Strictly increasing, s; need not be uniform; P at least 8.
-    signals : ndarray (P, K)
-        Finite; one unit for all channels.
-    period : float, optional
-        Where the ringing is looked for, s, in the place of the strongest line.
+    `time` (P,): strictly increasing, s; need not be uniform; P at least 8.
+    `signals` (P, K): finite; one unit for all channels.
+    `period`: where the ringing is looked for, s, in the place of the strongest line.
 
     Examples
     --------

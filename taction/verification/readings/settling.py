@@ -169,18 +169,11 @@ def prove(
 ) -> Settlement:
     """Tell whether channel `n` settled, and why not.
 
-    Parameters
-    ----------
-    drift : Drift
-        Of the record, of at least 8 points.
-    found : Reading or None
-        When it was last outside its band; None if it ends outside.
-    tolerance : float
-        Half width of the settling band, in the unit of `error`.
-    step : float
-        The network's step amplitude, in the same unit.
-    ring : ChannelRinging
-        The channel's ringing.
+    `drift`: of the record, of at least 8 points.
+    `found`: when it was last outside its band; None if it ends outside.
+    `tolerance`: half width of the settling band, in the unit of `error`.
+    `step`: the network's step amplitude, in the same unit.
+    `ring`: the channel's ringing.
     """
     time, error = drift.time, drift.errors[n]
     state = sustained(time, error, tolerance, ring)

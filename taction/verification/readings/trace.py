@@ -41,46 +41,33 @@ class Trace(ABC):
     """Errors of the channels of some boards over time, distances from their targets.
 
     A channel of a board has a row of its own: ``board * N + channel``.
-
-    Attributes
-    ----------
-    time, board : ndarray (P,)
-        s, from 0, and to which board it belongs. Interval k lies between the points k and k + 1,
-        the last one of a board (`tail`) after all its points.
-    errors, bounds : ndarray (P, N)
-        V; bounds on the error of the errors, V.
-    caps, peaks : ndarray (P, 2, N)
-        Upper bounds of ``e`` and of ``-e`` in each interval, V; and where the bound is the height
-        of a peak, its instant, s, else NaN.
-    reach : ndarray (P, N)
-        Largest of the bounds in each interval, V.
-    resolved : ndarray (P,)
-        Whether the points show every peak that matters in the interval.
-    ends, end_bounds : ndarray (rows,)
-        Errors where the trace ends or comes to rest, V, and their bounds.
-    noise, level : ndarray (boards,)
-        Rises that do not matter to a maximum, V: of a resolved, and of any interval.
-    count, channels : int
-        Number of boards, and of the channels of each.
-    wanted : ndarray (boards, N)
-        The channels of which maxima are searched; all by default.
     """
 
+    # `time`, `board`: (P,): s, from 0, and to which board it belongs. Interval k lies between the
+    # points k and k + 1, the last one of a board (`tail`) after all its points.
     time: Floats
     board: Ints
+    # `errors`, `bounds`: (P, N): V; bounds on the error of the errors, V.
     errors: Floats
     bounds: Floats
+    # `caps`, `peaks`: (P, 2, N): upper bounds of ``e`` and of ``-e`` in each interval, V; and where
+    # the bound is the height of a peak, its instant, s, else NaN.
     caps: Floats
     peaks: Floats
-    reach: Floats
-    resolved: Bools
+    reach: Floats  # (P, N): largest of the bounds in each interval, V
+    resolved: Bools  # (P,): whether the points show every peak that matters in the interval
+    # `ends`, `end_bounds`: (rows,): errors where the trace ends or comes to rest, V, and their
+    # bounds.
     ends: Floats
     end_bounds: Floats
+    # `noise`, `level`: rises that do not matter to a maximum, V: of a resolved, and of any
+    # interval.
     noise: Floats
     level: Floats
+    # `count`, `channels`: number of boards, and of the channels of each.
     count: int
     channels: int
-    wanted: Bools
+    wanted: Bools  # the channels of which maxima are searched; all by default
 
     @abstractmethod
     def sums(self, times: Floats, board: Ints, channel: Ints, order: int) -> tuple[Floats, Floats]:

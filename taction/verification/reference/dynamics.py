@@ -21,18 +21,10 @@ from taction.verification.reference.solve import solve
 
 @dataclass(frozen=True, slots=True)
 class AtOnce:
-    """A network without capacitors: with ideal op-amps it is at rest at once.
+    """A network without capacitors: with ideal op-amps it is at rest at once."""
 
-    Attributes
-    ----------
-    solver : callable
-        Solves the problem of its rest.
-    regularised : bool
-        Whether lambda stands in it; else it is 0.
-    """
-
-    solver: Callable[[Problem], Solution]
-    regularised: bool = False
+    solver: Callable[[Problem], Solution]  # solves the problem of its rest
+    regularised: bool = False  # whether lambda stands in it; else it is 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,10 +51,7 @@ class IdealNetwork:
     def rest(self) -> Solution:
         """Solution of the network's problem, by its own solver.
 
-        Raises
-        ------
-        SolverError
-            The solver can return no answer.
+        SolverError: the solver can return no answer.
         """
         return self.solver(self.problem)
 
@@ -202,24 +191,15 @@ TOLERANCE = 1e-10
 def ideal_linear(network: IdealNetwork, v0: Floats, rest: Solution | None = None) -> Response:
     """Return the exact response of linear amplifiers in modal form.
 
-    Parameters
-    ----------
-    network : IdealNetwork
-        With linear amplifiers.
-    v0 : ndarray (N,)
-        Signal-node voltages at time 0, V.
-    rest : Solution, optional
-        Solution of the network's problem, if the caller has it already.
+    `network`: with linear amplifiers.
+    `v0` (N,): signal-node voltages at time 0, V.
+    `rest`: solution of the network's problem, if the caller has it already.
+    ValueError: the amplifiers are not linear, or the network has no capacitors.
 
     Returns
     -------
     Response
         ``v(t) = v_inf + sum_i V_i exp(-(1 + sigma_i^2/mu) t/(R C)) V_i . (v0 - v_inf)``.
-
-    Raises
-    ------
-    ValueError
-        The amplifiers are not linear, or the network has no capacitors.
     """
     if network.amplifier != "linear":
         raise ValueError(f"modes are for linear amplifiers, not {network.amplifier}")
@@ -281,26 +261,16 @@ def ideal_transient(
 ) -> Response | None:
     """Integrate the ideal network with any amplifier by Radau.
 
-    Parameters
-    ----------
-    network : IdealNetwork
-        The network.
-    v0 : ndarray (N,)
-        Signal-node voltages at time 0, V.
-    stop : float, optional
-        End time, s; by default long enough for the slowest mode to decay by 1e-8.
-    rest : Solution, optional
-        Solution of the network's problem, if the caller has it already.
+    `network`: the network.
+    `v0` (N,): signal-node voltages at time 0, V.
+    `stop`: end time, s; by default long enough for the slowest mode to decay by 1e-8.
+    `rest`: solution of the network's problem, if the caller has it already.
+    SolverError: the steady state cannot be computed.
 
     Returns
     -------
     Response or None
         None where a value overflows, or the network is too stiff for double precision.
-
-    Raises
-    ------
-    SolverError
-        The steady state cannot be computed.
     """
     from scipy.integrate import solve_ivp
 

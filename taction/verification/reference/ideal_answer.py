@@ -36,32 +36,17 @@ CACHED_SOLUTIONS = 64  # the points of a grid with one lambda share one solution
 
 @dataclass(frozen=True, eq=False)
 class IdealAnswer:
-    """Steady state and transient of the ideal network.
-
-    Attributes
-    ----------
-    band : float
-        Half-width of the settling band, a fraction of the step amplitude.
-    solution : Solution
-        The reference steady state, dimensionless, with its certificate.
-    start, target : ndarray (N,)
-        u at t = 0 and at rest, V.
-    error : float
-        Bound on the error of `target`, as a fraction of the step amplitude.
-    initial : ndarray (N,)
-        Voltages of the signal nodes at t = 0, V.
-    problem : str
-        Why the steady state cannot be trusted; empty for a trusted one.
-    """
+    """Steady state and transient of the ideal network."""
 
     network: IdealNetwork
-    band: float
-    solution: Solution
+    band: float  # half-width of the settling band, a fraction of the step amplitude
+    solution: Solution  # the reference steady state, dimensionless, with its certificate
+    # `start`, `target`: (N,): u at t = 0 and at rest, V.
     start: Floats
     target: Floats
-    error: float
-    initial: Floats
-    problem: str
+    error: float  # bound on the error of `target`, as a fraction of the step amplitude
+    initial: Floats  # (N,): voltages of the signal nodes at t = 0, V
+    problem: str  # why the steady state cannot be trusted; empty for a trusted one
 
     @functools.cached_property
     def settling_time(self) -> float:
@@ -83,10 +68,7 @@ def ideal_network(problem: InverseProblem, scene: Scene) -> IdealNetwork:
     It reads the scene alone, no number of the synthesis. Where the scene gives R, lambda follows
     from the reference's own formula.
 
-    Raises
-    ------
-    InputError
-        Lambda is no number, or out of range.
+    InputError: lambda is no number, or out of range.
     """
     design = scene.design
     network = NETWORKS.get(design.topology)
@@ -140,10 +122,7 @@ def is_biased(scene: Scene) -> bool:
 def initial_voltages(scene: Scene, network: IdealNetwork) -> Floats:
     """Return v of every signal node when the strain steps on, shape (N,), V.
 
-    Raises
-    ------
-    SolverError
-        The scene starts from rest, and the network without strain has no solution.
+    SolverError: the scene starts from rest, and the network without strain has no solution.
     """
     if scene.analysis.initial == "zero" or network.amplifier == "linear":
         return np.zeros(network.T.shape[1])
@@ -154,10 +133,7 @@ def initial_voltages(scene: Scene, network: IdealNetwork) -> Floats:
 def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
     """Solve for the steady state; the transient starts from the initial state of the scene.
 
-    Raises
-    ------
-    SolverError
-        The solver can return no answer.
+    SolverError: the solver can return no answer.
     """
     initial, solution = initial_voltages(scene, network), _solve_cached(network)
     gain = REGULARISERS[network.amplifier].g

@@ -13,13 +13,9 @@ from taction.system.errors import Complaint, InputError, SolverError
 def resolve_lambda(scene: Scene) -> Scene:
     """Return `scene` with a number for lambda; unchanged where it has one.
 
-    Raises
-    ------
-    InputError
-        The scene lacks what the rule needs: the variance of the noise (``discrepancy``), or the
-        true stress (``mse``).
-    SolverError
-        The rule finds no optimum: its score is best at an end of the range.
+    InputError: the scene lacks what the rule needs: the variance of the noise (``discrepancy``), or
+      the true stress (``mse``).
+    SolverError: the rule finds no optimum: its score is best at an end of the range.
     """
     rule = scene.design.lam
     if not isinstance(rule, str):
@@ -53,10 +49,8 @@ def read_scene(scene: str | Path | Scene, engine: str | None = None) -> Scene:
 
     `engine` replaces the engine of the scene.
 
-    Raises
-    ------
-    InputError, SolverError
-        See `taction.netlist_gen.scene.loading.load_scene` and `resolve_lambda`.
+    InputError, SolverError: see `taction.netlist_gen.scene.loading.load_scene` and
+      `resolve_lambda`.
     """
     resolved = resolve_lambda(scene if isinstance(scene, Scene) else load_scene(scene))
     return resolved if engine is None else resolved.with_engine(engine)

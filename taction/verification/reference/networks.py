@@ -11,10 +11,7 @@ from taction.verification.reference.solve import solve
 def solve_square(problem: Problem) -> Solution:
     """Solve ``T u = eps``; lambda of `problem` is 0, and T is square.
 
-    Raises
-    ------
-    SolverError
-        T is not square, or its singular values cannot be computed.
+    SolverError: T is not square, or its singular values cannot be computed.
 
     Examples
     --------

@@ -1,16 +1,17 @@
-"""The problems and the solutions of the reference solver."""
+"""The problems and the solutions of the reference solver, also scaled so that |T| is near 1."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.errors import Complaint, InputError
+from taction.system.errors import Complaint, InputError, SolverError
 from taction.system.results import Result
-from taction.verification.reference.regularisers import REGULARISERS
+from taction.verification.reference.regularisers import REGULARISERS, Regulariser
+from taction.verification.reference.stacked_least_squares import ExactMatrix
 
 RELATIVE_ERROR = 1e-6
 """A solution is trusted when its error bound is below this times its largest entry."""
@@ -34,35 +35,23 @@ def _freeze(instance: object, *keys: str) -> None:
 class Problem:
     """Minimise ``|T u - eps|^2 + lam * Omega(u)`` over u; dimensionless.
 
-    Attributes
-    ----------
-    T : ndarray (M, N)
-        Finite.
-    eps : ndarray (M,)
-        Finite.
-    lam : float
-        Positive; 0 only for the linear regulariser.
-    regulariser : str
-        A key of `REGULARISERS`: ``linear`` is ``sum u^2``; every other is
-        ``sum of the integral of g^-1`` (eq 17).
-    bias : bool
-        Whether the bias current adds ``sum u`` to Omega; with ``exponential`` this turns
-        ``sum (u log u - u)`` into the entropy ``sum u log u``.
-    ridge_share : float
-        Share of the ridge term ``sum u^2 / 2`` that stays in Omega, 0 to 1; below 1 only for a
-        regulariser of straight pieces.
-
     Raises
     ------
     InputError
         Every wrong value at once.
     """
 
-    T: Floats
-    eps: Floats
-    lam: float
+    T: Floats  # (M, N): finite
+    eps: Floats  # (M,): finite
+    lam: float  # positive; 0 only for the linear regulariser
+    # A key of `REGULARISERS`: ``linear`` is ``sum u^2``; every other is
+    # ``sum of the integral of g^-1`` (eq 17).
     regulariser: str = "linear"
+    # Whether the bias current adds ``sum u`` to Omega; with ``exponential`` this turns
+    # ``sum (u log u - u)`` into the entropy ``sum u log u``.
     bias: bool = False
+    # Share of the ridge term ``sum u^2 / 2`` that stays in Omega, 0 to 1; below 1 only for a
+    # regulariser of straight pieces.
     ridge_share: float = 1.0
 
     def __post_init__(self) -> None:
@@ -139,7 +128,7 @@ class Solution(Result):
         Why the solution is not trusted and what to do; empty for a trusted solution.
     """
 
-    VIEW = "taction.verification.report.views.solution:view"
+    VIEW = "taction.verification.report.views.solution_view:view"
     DOCUMENT = (
         *("outcome", "u [V]", "v [V]", "lambda = lam", "objective"),
         *("certificate.kind = certificate_kind", "certificate.value = certificate"),
@@ -190,3 +179,52 @@ def solution_difference(one: Solution, other: Solution) -> tuple[float, float]:
     change = float(np.max(np.abs(other.u - one.u)))
     known = one.trusted and other.trusted
     return change, change + one.error_bound + other.error_bound if known else math.inf
+
+
+LARGEST = 1e150
+"""Numbers above this are refused: their products overflow."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScaledProblem:
+    """Minimise ``1/2 |T u - eps|^2 + mu sum(phi(u) + beta u)``, with |T| near 1.
+
+    The division by a power of two is exact, so this is the same problem; general solvers given
+    T at 1e-12 report success with half of u wrong.
+    """
+
+    T: Floats  # (M, N), Frobenius norm between 0.7 and 1.5, or 0
+    eps: Floats  # strain over `scale` (M,)
+    mu: float  # `lam` times the regulariser's weight, over the square of `scale`
+    beta: float  # 1 with bias, else 0
+    scale: float  # the power of two
+    norm: float  # Frobenius norm of T
+    h: Floats  # diagonal of ``T^T T`` (N,), positive
+    gram: Floats  # ``T^T T`` (N, N)
+    exact: ExactMatrix  # T
+    regulariser: Regulariser
+
+    @classmethod
+    def of(cls, problem: Problem) -> ScaledProblem:
+        """Scale a problem; SolverError if lam or eps then overflows."""
+        peak = float(np.max(np.abs(problem.T)))
+        length = np.sqrt(np.sum((problem.T / peak) ** 2)) if peak > 0.0 else 0.0
+        scale = float(2.0 ** np.rint(np.log2(peak * length))) if peak > 0.0 else 1.0
+        T = problem.T / scale
+        regulariser = REGULARISERS[problem.regulariser]
+        mu = regulariser.weight * problem.lam / scale / scale
+        gram = T.T @ T
+        if not np.isfinite(mu):
+            raise SolverError(f"T of norm {peak * length!r} is too small for lambda")
+        trace = float(np.trace(gram))
+        h = np.maximum(gram.diagonal(), max(1e-30 * trace, float(np.finfo(float).tiny)))
+        beta, norm, exact = float(problem.bias), float(np.sqrt(trace)), ExactMatrix(T)
+        scaled = cls(T, problem.eps, mu, beta, scale, norm, h, gram, exact, regulariser)
+        return scaled.with_strain(problem.eps)
+
+    def with_strain(self, eps: Floats) -> ScaledProblem:
+        """Return the problem with the unscaled strain `eps`; SolverError if it overflows."""
+        divided = eps / self.scale
+        if not np.all(np.abs(divided) < LARGEST):
+            raise SolverError(f"T of norm {self.norm * self.scale!r} is too small for eps")
+        return replace(self, eps=divided)

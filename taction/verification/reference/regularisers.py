@@ -22,17 +22,10 @@ Function = Callable[[Floats], Floats]
 
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """The convex function ``phi(u) = size |u| + u^2 / 2`` within bounds, a regulariser's pieces.
+    """The convex function ``phi(u) = size |u| + u^2 / 2`` within bounds, a regulariser's pieces."""
 
-    Attributes
-    ----------
-    size : float
-        Slope of ``|u|``.
-    low, high : float
-        Bounds of u.
-    """
-
-    size: float = 0.0
+    size: float = 0.0  # slope of ``|u|``
+    # `low`, `high`: bounds of u.
     low: float = -math.inf
     high: float = math.inf
 

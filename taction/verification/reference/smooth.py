@@ -21,11 +21,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from taction.system.array_types import EPS, Floats
-from taction.verification.reference.exact_products import PRODUCT_ERROR, Pair
-from taction.verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
+from taction.verification.reference.problem import (
+    LARGEST,
+    RELATIVE_ERROR,
+    SMALLEST_SCALE,
+    Problem,
+    ScaledProblem,
+    Solution,
+)
 from taction.verification.reference.regularisers import Regulariser
-from taction.verification.reference.scaled_problem import LARGEST, ScaledProblem
-from taction.verification.reference.stacked_least_squares import factorise
+from taction.verification.reference.stacked_least_squares import PRODUCT_ERROR, Pair, factorise
 
 STAGE, CONVERGED = 1.0, 1e-10
 """Squares of the relative error of u at which a stage of the homotopy and the last one end."""
@@ -196,10 +201,7 @@ def _refine(s: ScaledProblem, v: Floats, r: Floats) -> tuple[_DualPair, int]:
 def solve_smooth(problem: Problem) -> Solution:
     """Solve for a regulariser of an increasing amplifier.
 
-    Parameters
-    ----------
-    problem : Problem
-        ``lam`` positive.
+    `problem`: ``lam`` positive.
 
     Returns
     -------

@@ -35,10 +35,7 @@ def solve(problem: Problem) -> Solution:
 def solve_each(problem: Problem, strains: Iterable[Floats]) -> list[Solution]:
     """Solve a problem with its strain replaced by each of `strains` (M,).
 
-    Raises
-    ------
-    SolverError
-        As `solve`.
+    SolverError: as `solve`.
     """
     if problem.regulariser == "linear" or REGULARISERS[problem.regulariser].pieces is not None:
         return solve_least_squares(problem, strains)

@@ -12,11 +12,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from taction.system.after_result import attempt
 from taction.system.charts import Chart, Outcome
+from taction.system.progress import attempt
 
 if TYPE_CHECKING:
-    from taction.netlist_gen.kicad.picture import Strokes
+    from taction.netlist_gen.kicad.drawing import Strokes
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from taction.system.atomic_files import replacing
-from taction.system.output_files import check_file
+from taction.system.output_files import check_file, replacing
 
 if TYPE_CHECKING:
     from taction.netlist_gen.board.circuit import Circuit

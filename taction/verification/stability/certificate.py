@@ -17,8 +17,8 @@ from itertools import pairwise
 import numpy as np
 
 from taction.system.array_types import Complexes
-from taction.verification.engines.statespace.equations.exact_count import count_right
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.equations.pole_count import count_right
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.edges import Edges, Range, Sample
 from taction.verification.stability.poles import or_error, poles_together
 from taction.verification.stability.scan import sampled
@@ -50,36 +50,17 @@ def exact_count(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeClaim:
-    """Edges over a value above zero, and the samples that confirm or refute them.
+    """Edges over a value above zero, and the samples that confirm or refute them."""
 
-    Attributes
-    ----------
-    edges : Edges
-        What the loci show.
-    board : callable
-        The board at a value.
-    within : (float, float)
-        Range whose edges are to be confirmed.
-    known : float
-        A value whose poles are known.
-    values : tuple of float
-        Values in it that count besides.
-    count : callable, optional
-        Tells the number of unstable poles of a deck without its poles.
-    precise : bool
-        Whether every pole is known well: then near edges and ends need no samples between them.
-    samples : dict of Sample
-        By their values.
-    """
-
-    edges: Edges
-    board: Callable[[float], LinearBoard]
-    within: Range
-    known: float
-    values: tuple[float, ...] = ()
-    count: Count | None = None
+    edges: Edges  # what the loci show
+    board: Callable[[float], LinearBoard]  # the board at a value
+    within: Range  # range whose edges are to be confirmed
+    known: float  # a value whose poles are known
+    values: tuple[float, ...] = ()  # values in it that count besides
+    count: Count | None = None  # tells the number of unstable poles of a deck without its poles
+    # Whether every pole is known well: then near edges and ends need no samples between them.
     precise: bool = False
-    samples: dict[float, Sample] = field(default_factory=dict)
+    samples: dict[float, Sample] = field(default_factory=dict)  # by their values
 
     @property
     def inside(self) -> list[float]:

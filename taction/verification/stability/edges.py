@@ -21,25 +21,16 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """A value of a knob with a pole, or a complex pair, on the imaginary axis.
+    """A value of a knob with a pole, or a complex pair, on the imaginary axis."""
 
-    Attributes
-    ----------
-    value : float
-        Of the knob, in its unit.
-    frequency : float
-        Hz; 0 for a real pole.
-    below, above : int
-        Number of unstable poles below and above the value; at most 1 where not all poles are known.
-    bound : float
-        Bound on the error of `value`, in its unit, by the poles on both sides; 0 before these are
-        known.
-    """
-
-    value: float
-    frequency: float
+    value: float  # of the knob, in its unit
+    frequency: float  # Hz; 0 for a real pole
+    # `below`, `above`: number of unstable poles below and above the value; at most 1 where not all
+    # poles are known.
     below: int
     above: int
+    # Bound on the error of `value`, in its unit, by the poles on both sides; 0 before these are
+    # known.
     bound: float = 0.0
 
     @property
@@ -60,25 +51,15 @@ class Edge:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Edges:
-    """Every edge between two values of a knob.
+    """Every edge between two values of a knob."""
 
-    Attributes
-    ----------
-    low, high : float
-        Ends of the search.
-    edges : tuple of Edge
-        In increasing order of the value.
-    near : tuple of float
-        Values at which rounding, or a missing result, hides on which side of the axis a pole is.
-    lowest : int
-        Number of unstable poles at `low`.
-    """
-
+    # `low`, `high`: ends of the search.
     low: float
     high: float
-    edges: tuple[Edge, ...]
+    edges: tuple[Edge, ...]  # in increasing order of the value
+    # Values at which rounding, or a missing result, hides on which side of the axis a pole is.
     near: tuple[float, ...] = ()
-    lowest: int = 0
+    lowest: int = 0  # number of unstable poles at `low`
 
     @classmethod
     def counted(

@@ -18,13 +18,16 @@ from taction.netlist_gen.board.circuit import Circuit, Knob
 from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.table import topology_of
+from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.spice_models.branches import Branch
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, InputError, TactionError
-from taction.verification.engines.statespace.equations.exact_count import characteristic
-from taction.verification.engines.statespace.linearised.board import LinearBoard, stamp_boards
+from taction.verification.engines.statespace.equations.pole_count import characteristic
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
+from taction.verification.engines.statespace.linearised.linear_board import (
+    LinearBoard,
+    stamp_boards,
+)
 from taction.verification.stability.certificate import (
     BESIDE,
     Count,
@@ -52,23 +55,14 @@ APART, SAME = 1.01, 1e-9  # of two boards that are compared: ratio of their valu
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """Boards over one number.
+    """Boards over one number."""
 
-    Attributes
-    ----------
-    board : callable
-        The board at a value; raises `InputError` or `EngineError` without one.
-    own : float
-        A value in the middle of interest.
-    ports : PortResponse or None
-        The board at `own` with the parts that the number scales; None if more depends on it.
-    power : float
-        Of the number, to which the capacitances or conductances of these parts are proportional.
-    """
-
+    # The board at a value; raises `InputError` or `EngineError` without one.
     board: Callable[[float], LinearBoard]
-    own: float = 1.0
+    own: float = 1.0  # a value in the middle of interest
+    # The board at `own` with the parts that the number scales; None if more depends on it.
     ports: PortResponse | None = None
+    # Of the number, to which the capacitances or conductances of these parts are proportional.
     power: float = 1.0
 
     @classmethod
@@ -145,10 +139,8 @@ class Family:
 
         The edges agree with the poles at `values`, too.
 
-        Raises
-        ------
-        InputError, EngineError
-            No board, no equilibrium, no state-space form, or a pole at `own` is on the axis.
+        InputError, EngineError: no board, no equilibrium, no state-space form, or a pole at `own`
+          is on the axis.
 
         Notes
         -----

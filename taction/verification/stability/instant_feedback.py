@@ -6,7 +6,7 @@ it still has an equilibrium, and the equations say that it rests there; any dela
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -38,7 +38,7 @@ def latching(circuit: Circuit) -> str:
     False
     True
     """
-    if not any(part.letter in "EGYFH" for part in circuit.branches):
+    if not _acts_at_once(circuit):
         return ""
     try:
         found = poles(delayed(circuit, STRAY))
@@ -52,6 +52,47 @@ def latching(circuit: Circuit) -> str:
         f" has a delay (with {show(STRAY, 'F')} at every node and {show(DELAY, 's')} in every"
         f" voltage source with gain a real pole grows with {show(float(np.max(real)), '1/s', 2)})"
     )
+
+
+def _acts_at_once(circuit: Circuit) -> bool:
+    """Whether a source with gain acts on what controls it without a state between.
+
+    Known are the voltages that follow from states and from sources without gain. Nodes that
+    capacitors join to known ones are states, unless they join a voltage source with gain, too.
+    Nodes that resistors join to known ones are known, if no source whose control is not known acts
+    on them.
+    """
+    if any(part.letter in "FH" for part in circuit.branches):
+        return True  # what a current depends on is not followed
+    gains = [part for part in circuit.branches if part.letter in "EGY"]
+    sources = [part for part in circuit.branches if part.letter == "V"]
+    ends = {node for part in gains if part.letter == "E" for node in (part.a, part.b)}
+    states = [(part.a, part.b) for part in circuit.capacitors]
+    pairs = [*states, *((r.a, r.b) for r in circuit.resistors), *((v.a, v.b) for v in sources)]
+    known, size = {GROUND}, 0
+    while len(known) > size:
+        size = len(known)
+        follows = [part for part in gains if known.issuperset(part.control)]
+        for part in (*sources, *(part for part in follows if part.letter == "E")):
+            known.update((part.a, part.b) if not known.isdisjoint((part.a, part.b)) else ())
+        for group in _groups(states, known):
+            tied = any(not (group.isdisjoint(p) or known.isdisjoint(p)) for p in states)
+            known |= group if tied and group.isdisjoint(ends) else set()
+        acted = {n for part in gains if part not in follows for n in (part.a, part.b)} | ends
+        for group in _groups(pairs, known):
+            known |= group if group.isdisjoint(acted) else set()
+    return not all(known.issuperset(part.control) for part in gains)
+
+
+def _groups(pairs: Sequence[tuple[str, str]], known: set[str]) -> Iterator[set[str]]:
+    """Yield the nodes, without the known ones, that pairs of nodes join."""
+    groups = dict[str, set[str]]()
+    for pair in pairs:
+        group = {node for node in pair if node not in known}
+        for node in tuple(group):
+            group |= groups.get(node, set())
+        groups |= dict.fromkeys(group, group)
+    yield from {id(group): group for group in groups.values()}.values()
 
 
 def delayed(circuit: Circuit, farads: float) -> Circuit:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from taction.netlist_gen.board.circuit import Circuit, Knob
 from taction.system.errors import EngineError, TactionError
 from taction.system.quantities import show
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.edges import Edge, Edges, Scan
 from taction.verification.stability.families import (
     EdgeSearch,
@@ -29,25 +29,14 @@ AROUND = 30.0  # stable values: from the board's own value / 30 to its value * 3
 
 @dataclass(frozen=True, slots=True)
 class Margin:
-    """A stability margin in one knob.
+    """A stability margin in one knob."""
 
-    Attributes
-    ----------
-    factor : float
-        The least factor, above 1, at which a pole crosses the imaginary axis; the largest factor
-        of the search if no pole crosses up to there; 0 for an unstable board.
-    uncertainty : float
-        Bound on the error of `factor`; 0 if no pole crosses.
-    text : str
-        The same in words.
-    doubt : str
-        Why the margin may be smaller; empty if that is excluded.
-    """
-
+    # The least factor, above 1, at which a pole crosses the imaginary axis; the largest factor of
+    # the search if no pole crosses up to there; 0 for an unstable board.
     factor: float
-    uncertainty: float
-    text: str
-    doubt: str = ""
+    uncertainty: float  # bound on the error of `factor`; 0 if no pole crosses
+    text: str  # the same in words
+    doubt: str = ""  # why the margin may be smaller; empty if that is excluded
 
 
 def margins(board: LinearBoard, found: Poles) -> dict[str, Margin]:
@@ -71,17 +60,9 @@ def stable_values(
 ) -> Edges:
     """Find every edge of a knob within a factor of `around` of the board's own value.
 
-    Parameters
-    ----------
-    name : str
-        Of the knob; by default the one whose margin a scene limits.
-    found : Poles, optional
-        Poles of the board, if they have been computed before.
-
-    Raises
-    ------
-    EngineError
-        As `Family.edges` and `poles`.
+    `name`: of the knob; by default the one whose margin a scene limits.
+    `found`: poles of the board, if they have been computed before.
+    EngineError: as `Family.edges` and `poles`.
 
     Examples
     --------
@@ -105,19 +86,10 @@ def find_margin(
 
     The direction is that of the knob: C shrinks, the gain grows. R keeps its value.
 
-    Parameters
-    ----------
-    name : str
-        Of the knob: ``"C"``, ``"gain"``; by default the one whose margin a scene limits.
-    reach : float
-        The largest factor of interest.
-    found : Poles, optional
-        Poles of the board, if they have been computed before.
-
-    Raises
-    ------
-    EngineError
-        As `taction.verification.stability.poles.poles`.
+    `name`: of the knob: ``"C"``, ``"gain"``; by default the one whose margin a scene limits.
+    `reach`: the largest factor of interest.
+    `found`: poles of the board, if they have been computed before.
+    EngineError: as `taction.verification.stability.poles.poles`.
 
     Notes
     -----

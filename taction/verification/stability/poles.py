@@ -15,18 +15,18 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import TactionError
 from taction.verification.engines.statespace.equations.descriptor import LARGE
-from taction.verification.engines.statespace.linearised.board import (
+from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     parts_of,
     state_spaces,
 )
-from taction.verification.engines.statespace.linearised.count_unstable import count_right
-from taction.verification.engines.statespace.linearised.lead_pole import (
+from taction.verification.engines.statespace.linearised.rightmost_poles import (
     SEARCHED,
     LeadPole,
+    count_right,
     lead_poles,
+    rightmost_poles,
 )
-from taction.verification.engines.statespace.linearised.rightmost_poles import rightmost_poles
 
 LOST = "some poles are so far away that rounding hides them, and on which side of the axis they are"
 STACK = 16  # boards of a stack: their matrices fit into the memory of a processor
@@ -34,33 +34,19 @@ STACK = 16  # boards of a stack: their matrices fit into the memory of a process
 
 @dataclass(frozen=True, eq=False)
 class Poles:
-    """Natural frequencies of a board.
+    """Natural frequencies of a board."""
 
-    Attributes
-    ----------
-    poles : ndarray
-        1/s, rightmost first; all of them for a small board, the rightmost for a large one.
-    rightmost : complex
-        The pole with the largest real part (of a pair, the one with positive frequency).
-    damping_ratio : float
-        ``-Re p / |p|`` of the rightmost oscillating pole; 1 if no pole oscillates.
-    frequency : float
-        ``|Im p| / 2 pi`` of the rightmost oscillating pole, Hz; 0 if no pole oscillates.
-    complete : bool
-        Whether `poles` are all poles.
-    errors : ndarray
-        Rounding error of each pole, 1/s.
-    doubt : str
-        Why poles left of the axis do not make the board stable; empty if they do.
-    """
-
+    # 1/s, rightmost first; all of them for a small board, the rightmost for a large one.
     poles: Complexes
+    # The pole with the largest real part (of a pair, the one with positive frequency).
     rightmost: complex
+    # ``-Re p / |p|`` of the rightmost oscillating pole; 1 if no pole oscillates.
     damping_ratio: float
+    # ``|Im p| / 2 pi`` of the rightmost oscillating pole, Hz; 0 if no pole oscillates.
     frequency: float
-    complete: bool
-    errors: Floats
-    doubt: str = ""
+    complete: bool  # whether `poles` are all poles
+    errors: Floats  # rounding error of each pole, 1/s
+    doubt: str = ""  # why poles left of the axis do not make the board stable; empty if they do
 
     @property
     def resolution(self) -> float:
@@ -105,10 +91,7 @@ class Poles:
 def poles(circuit: Circuit | LinearBoard) -> Poles:
     """Find the poles of a board at its equilibrium with the strain applied.
 
-    Raises
-    ------
-    EngineError
-        No state-space form, or no equilibrium.
+    EngineError: no state-space form, or no equilibrium.
 
     Notes
     -----
@@ -198,14 +181,11 @@ def count_unstable(circuit: Circuit | LinearBoard) -> int:
 
     A cross-check of `poles`: the two share only the equations of the board.
 
-    Raises
-    ------
-    EngineError
-        A pole lies on the axis to working precision, or the board has no equilibrium.
+    EngineError: a pole lies on the axis to working precision, or the board has no equilibrium.
 
     Notes
     -----
-    See `verification.engines.statespace.linearised.count_unstable.count_right` (N = 7: 0.15 s,
+    See `verification.engines.statespace.linearised.rightmost_poles.count_right` (N = 7: 0.15 s,
     N = 128: 2.5 s).
     """
     return count_right(LinearBoard.of(circuit).structure)

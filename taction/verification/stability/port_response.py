@@ -20,7 +20,7 @@ from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.stamps import stamp_together
 from taction.verification.engines.statespace.linearised.block_modes import BlockModes
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import linear_matrices
 
 WELL_CONDITIONED = 1e-8  # largest defect of the modes, and error of the response by them
@@ -34,20 +34,12 @@ class PortResponse:
 
     With the share c of their values ``s M - K`` is that of the board, and more by
     ``(c - 1) rows columns^T``, times s if the parts stand in M.
-
-    Attributes
-    ----------
-    board : LinearBoard
-        The board with the parts.
-    reactive : bool
-        Whether the parts stand in M, as capacitors do.
-    columns, rows : ndarray (size, K)
-        Voltage of each part as a combination of the unknowns; its admittance (or capacitance) in
-        the rows that take up its current.
     """
 
-    board: LinearBoard
-    reactive: bool
+    board: LinearBoard  # the board with the parts
+    reactive: bool  # whether the parts stand in M, as capacitors do
+    # `columns`, `rows`: voltage of each part as a combination of the unknowns; its admittance (or
+    # capacitance) in the rows that take up its current.
     columns: Floats
     rows: Floats
 
@@ -71,10 +63,7 @@ class PortResponse:
 
         Its value may stand in the matrices as ``value u v^T``; None if it does not.
 
-        Raises
-        ------
-        EngineError
-            A board has no equations.
+        EngineError: a board has no equations.
         """
         circuit = board.circuit
         doubled = [circuit.turned(knob, 2.0 * circuit.value(knob)) for knob in knobs]
@@ -111,10 +100,7 @@ class PortResponse:
     def at(self, omega: Floats) -> list[Complexes]:
         """Return matrices whose eigenvalues are the loci, at omega (P,), 1/s; (P, k, k) each.
 
-        Raises
-        ------
-        EngineError
-            The board has a pole there.
+        EngineError: the board has a pole there.
         """
         s = np.asarray(1j * omega, np.complex128)
         found = [self._weighted(part.at(s), s) for part in self._parts]
@@ -130,10 +116,7 @@ class PortResponse:
     def exact(self, s: complex) -> Complexes:
         """Return the matrix at s, 1/s, by a solve of the whole equations, shape (K, K).
 
-        Raises
-        ------
-        EngineError
-            The board has a pole at s.
+        EngineError: the board has a pole at s.
         """
         if self.board.descriptor.is_large:
             solved = self.board.structure.factor(s).solve(self.rows.astype(np.complex128))

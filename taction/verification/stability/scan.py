@@ -50,27 +50,16 @@ def scan(
     If the poles are incomplete, as those of a large board, only crossings of the rightmost pole are
     listed.
 
-    Parameters
-    ----------
-    values : sequence of float
-        The first grid; above zero if `logarithmic`.
-    read : callable
-        Returns the poles at some values.
-    count : callable, optional
-        Counts the unstable poles at a value exactly; None where it cannot.
-    logarithmic : bool
-        Whether to interpolate and halve in the logarithm of the value.
-    fine : bool
-        Whether to look between the values, too. If not, only the edges at which the board becomes
-        stable or unstable are found, and a range narrower than the steps of `values` may be missed.
-    start : float, optional
-        The least or the largest of `values`, of a stable board, if only the edge next to it is
-        wanted: the scan goes no further than the first value of a board that is certainly unstable.
-
-    Raises
-    ------
-    InputError, EngineError
-        No value gives poles. If only some values fail, see `Sample.failure`.
+    `values`: the first grid; above zero if `logarithmic`.
+    `read`: returns the poles at some values.
+    `count`: counts the unstable poles at a value exactly; None where it cannot.
+    `logarithmic`: whether to interpolate and halve in the logarithm of the value.
+    `fine`: whether to look between the values, too. If not, only the edges at which the board
+      becomes stable or unstable are found, and a range narrower than the steps of `values` may be
+      missed.
+    `start`: the least or the largest of `values`, of a stable board, if only the edge next to it is
+      wanted: the scan goes no further than the first value of a board that is certainly unstable.
+    InputError, EngineError: no value gives poles. If only some values fail, see `Sample.failure`.
 
     Notes
     -----

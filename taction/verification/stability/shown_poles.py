@@ -20,7 +20,7 @@ from taction.netlist_gen.board.parts import Capacitor
 from taction.system.array_types import Bools, Complexes, Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show, show_rate
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.instant_feedback import DELAY, NODE, delayed, nodes_of
 from taction.verification.stability.poles import Poles, poles, summarise
 
@@ -35,25 +35,17 @@ NAMED = 3  # poles in a sentence
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PolesApart:
-    """Poles beside those that decide.
+    """Poles beside those that decide."""
 
-    Attributes
-    ----------
-    hidden, hidden_errors : ndarray
-        Decaying poles that no output shows, 1/s, and their rounding errors.
-    unseen : bool
-        Whether the fastest growing pole is one that no output shows. It decides, too.
-    far : ndarray
-        Poles of the models beyond `BAND` that do not decay.
-    lost : int
-        How many poles of the models are so far away that rounding hides them.
-    """
-
+    # `hidden`, `hidden_errors`: decaying poles that no output shows, 1/s, and their rounding
+    # errors.
     hidden: Complexes = field(default_factory=lambda: NONE)
     hidden_errors: Floats = field(default_factory=lambda: NONE.real)
+    # Whether the fastest growing pole is one that no output shows. It decides, too.
     unseen: bool = False
+    # Poles of the models beyond `BAND` that do not decay.
     far: Complexes = field(default_factory=lambda: NONE)
-    lost: int = 0
+    lost: int = 0  # how many poles of the models are so far away that rounding hides them
 
     @property
     def beyond(self) -> bool:

@@ -18,9 +18,9 @@ import numpy as np
 from taction.netlist_gen.deck.part_tolerances import DeckTolerances
 from taction.system.documents import Hertz, Inline, Note, Number, Rate, Steps, Volts
 from taction.system.results import Result
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.studies.board_checks import judge
-from taction.verification.studies.board_sweep import Sweep, SweptValue, sweep_deck
+from taction.verification.studies.board_sweep import Sweep, SweptValue, sweep_deck, varied_outcomes
 from taction.verification.studies.foreign_board import ForeignBoard
 from taction.verification.studies.measured_board import FAR, MeasuredBoard, measure_board
 from taction.verification.studies.other_points import points_note, step_note
@@ -28,7 +28,6 @@ from taction.verification.studies.part_influence import PartRow, influences
 from taction.verification.studies.questions import QUESTIONS, Wanted, units
 from taction.verification.studies.tolerance.corners import CornerStudy
 from taction.verification.studies.tolerance.yield_report import YieldReport
-from taction.verification.studies.varied_deck import varied_outcomes
 from taction.verification.studies.witnesses import compare_ac, compare_transient
 from taction.verification.verdict.checks import Check, Outcome, overall, undecided
 from taction.verification.verdict.companion import Agreement
@@ -63,7 +62,7 @@ class OutputRow:
 class BoardCheck(MeasuredBoard, Result):
     """All that `taction check` says of a board; `outcome` is that of its checks."""
 
-    VIEW = "taction.verification.report.views.board_check:view"
+    VIEW = "taction.verification.report.views.board_check_view:view"
     DOCUMENT = (
         *("name", "outcome", "initial", "notes", "stable = poles.stable"),
         *("poles = pole_rows", "parts", "band = measurements.band", "amplitude [V]", "outputs"),
@@ -156,10 +155,7 @@ def check_board(
     `samples` are how many boards are drawn, and from which seed; `notes` are said after those of
     the deck.
 
-    Raises
-    ------
-    EngineError
-        No equilibrium, or no state-space form.
+    EngineError: no equilibrium, or no state-space form.
     """
     progress("poles")
     board, band = LinearBoard(deck.circuit), asked.limits.settling_time.band

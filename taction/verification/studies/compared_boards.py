@@ -20,11 +20,11 @@ from taction.netlist_gen.deck.elements import shown
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
-from taction.system.foreign_raw import read_transient
 from taction.system.quantities import quantity
+from taction.system.raw_file import read_transient
 from taction.system.reading_definitions import READINGS, SETTLING_BAND
 from taction.system.waveforms import Waveforms
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.readings.measurements import measure as measure_record
 from taction.verification.reference.lambda_rule import read_scene
@@ -43,8 +43,8 @@ from taction.verification.studies.foreign_board import ForeignBoard, read_board
 from taction.verification.studies.measured_board import Start, measure_board, step_response
 from taction.verification.verdict.companion import state_space_companion
 from taction.verification.verdict.compare import Difference, compare, relative, within_uncertainties
-from taction.verification.verdict.deck import deck_of
 from taction.verification.verdict.record import Channel, Record
+from taction.verification.verdict.scene_deck import deck_of
 from taction.verification.verdict.transient_plan import state_space_tolerance
 from taction.verification.verdict.verify import Verdict
 

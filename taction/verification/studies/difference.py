@@ -71,7 +71,7 @@ class VerdictDifference(Result):
         Instants (P,), s, and outputs (P, N), V, of each; None of a stored verdict.
     """
 
-    VIEW = "taction.verification.report.views.difference:view"
+    VIEW = "taction.verification.report.views.difference_view:view"
     DOCUMENT = ("first", "second", "keys", "readings", "outputs", "notes", "exit_status")
 
     first: str
@@ -218,10 +218,8 @@ def ends_with(given: object, endings: tuple[str, ...]) -> bool:
 def refuse_pair(first: object, second: object) -> None:
     """Refuse two things that cannot be compared.
 
-    Raises
-    ------
-    InputError
-        Two records, a stored verdict beside a deck or a record, or a file that is none of them.
+    InputError: two records, a stored verdict beside a deck or a record, or a file that is none of
+      them.
     """
     for given, other in ((first, second), (second, first)):
         if ends_with(given, (".json",)) and is_circuit(other):

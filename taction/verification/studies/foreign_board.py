@@ -19,6 +19,7 @@ from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.deck.elements import ACCEPTED, CardError, shown
 from taction.netlist_gen.deck.flat_cards import (
     ABSENT,
+    REMARKS,
     Flat,
     circuit_of,
     outputs_of,
@@ -29,16 +30,21 @@ from taction.netlist_gen.deck.foreign_deck import (
     LINEAR,
     ForeignDeck,
     read_deck,
+    unanswered,
     unbraced_expression,
+    with_first_steps,
 )
+from taction.netlist_gen.deck.foreign_lines import number
 from taction.netlist_gen.deck.ltspice import missing_cards
-from taction.netlist_gen.deck.macromodels import check_size, is_plain, ltspice_opamps, ready_lines
-from taction.netlist_gen.deck.stimuli import REMARKS
-from taction.netlist_gen.deck.unanswered_cards import unanswered, with_first_steps
+from taction.netlist_gen.deck.vendor_subcircuit import (
+    check_size,
+    is_plain,
+    ltspice_opamps,
+    ready_lines,
+)
 from taction.spice_models.branches import Source
-from taction.spice_models.foreign_expressions import number
 from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
-from taction.system.time_limit import more_time
+from taction.system.processes import more_time
 from taction.verification.characterise.element_bench import MISFIT, linear_flat
 from taction.verification.characterise.operating_point import DeckPoint, find_point
 from taction.verification.engines.ngspice.commands import expand
@@ -162,17 +168,10 @@ class ForeignBoard:
 def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
     """Read a deck as a board.
 
-    Parameters
-    ----------
-    outputs : sequence of str
-        Nodes of interest; by default those that the deck shows, else the usual names of outputs.
-
-    Raises
-    ------
-    InputError
-        A card that is not accepted, with its line and what is; a node that is not there.
-    SimulationError
-        ngspice is missing, or does not expand the deck.
+    `outputs`: nodes of interest; by default those that the deck shows, else the usual names of
+      outputs.
+    InputError: a card that is not accepted, with its line and what is; a node that is not there.
+    SimulationError: ngspice is missing, or does not expand the deck.
     """
     deck = with_first_steps(read_deck(file))
     check_size(deck)

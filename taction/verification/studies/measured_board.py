@@ -15,12 +15,15 @@ from typing import Literal
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.scene.checks import LOWEST
+from taction.netlist_gen.scene.check_keys import LOWEST
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, InputError
 from taction.system.reading_definitions import READINGS
-from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
-from taction.verification.engines.statespace.linearised.output_noise import output_noise
+from taction.verification.engines.statespace.linearised.linear_board import (
+    LinearBoard,
+    solve_together,
+)
+from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.readings.course import Course
@@ -147,10 +150,7 @@ def measure_board(
 ) -> MeasuredBoard:
     """Return one measured board; `band` is that of the settling time.
 
-    Raises
-    ------
-    EngineError
-        No equilibrium, no state-space form, or no exact solution.
+    EngineError: no equilibrium, no state-space form, or no exact solution.
     """
     (found,) = measure_boards([board], initial, band, lowest)
     if isinstance(found, Exception):

@@ -14,7 +14,7 @@ from taction.system.array_types import Complexes
 from taction.system.documents import Hertz, Number, Rate
 from taction.system.errors import EngineError, TactionError
 from taction.system.quantities import show
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import linear_matrices
 from taction.verification.stability.edges import Edge, Edges
 from taction.verification.stability.families import EdgeSearch, Family, edges_together

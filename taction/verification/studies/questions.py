@@ -14,7 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from taction.netlist_gen.scene.checks import Checks
+from taction.netlist_gen.scene.check_keys import Checks
 from taction.netlist_gen.scene.mistakes import validated
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import fraction, number, parse
@@ -228,10 +228,7 @@ class Wanted:
 def wanted(checks: Iterable[str] = (), expect: Iterable[str] = ()) -> Wanted:
     """Read the texts of checks and expected values.
 
-    Raises
-    ------
-    InputError
-        A text that is no check; it says what is accepted.
+    InputError: a text that is no check; it says what is accepted.
 
     Examples
     --------
@@ -325,13 +322,10 @@ def reference_values(
     A deck that recovers u from ``eps = T u + noise`` should show the regularised optimum. The
     arguments are those of `taction.check`.
 
-    Raises
-    ------
-    InputError
-        A file or a value cannot be used, the numbers of channels and of nodes differ, or the
-        problem has no certain solution.
+    InputError: a file or a value cannot be used, the numbers of channels and of nodes differ, or
+      the problem has no certain solution.
     """
-    from taction.netlist_gen.scene.problem_tables import problem_tables
+    from taction.netlist_gen.scene.array_files import problem_tables
     from taction.verification.reference.problem import Problem
     from taction.verification.reference.solve import solve
 

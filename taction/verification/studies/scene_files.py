@@ -1,21 +1,26 @@
-"""The scene files that a command reads: those named, those of folders, less the excluded."""
+"""The scene files that a command reads, and their verdicts; a file without one is a result, too."""
 
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from taction.system.errors import Complaint, InputError
+from taction.system.documents import plain
+from taction.system.error_document import error_document
+from taction.system.errors import INTERRUPTED, Complaint, InputError, NoVerdictError, TactionError
+from taction.system.output_files import printable
+from taction.system.results import Result
+from taction.verification.reference.lambda_rule import read_scene
+from taction.verification.verdict.verify import Verdict, verify
 
 
 def find_scenes(folder: str | Path) -> tuple[Path, ...]:
     """Return the ``*.toml`` files of `folder`, by name.
 
-    Raises
-    ------
-    InputError
-        There is no such folder, or it holds no scene.
+    InputError: there is no such folder, or it holds no scene.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -29,18 +34,10 @@ def find_scenes(folder: str | Path) -> tuple[Path, ...]:
 def scene_files(names: Sequence[str], exclude: Sequence[str] = ()) -> tuple[Path, ...]:
     """Return the files of `names`, in their order: files, and the ``*.toml`` files of folders.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Paths. A file that is named twice, also by its folder, is read once.
-    exclude : sequence of str
-        Patterns as in a shell (``*``, ``?``, ``[abc]``); a file whose name, or whose whole path,
-        matches one is left out.
-
-    Raises
-    ------
-    InputError
-        A folder without scenes, a pattern that matches no file, or no file is left.
+    `names`: paths. A file that is named twice, also by its folder, is read once.
+    `exclude`: patterns as in a shell (``*``, ``?``, ``[abc]``); a file whose name, or whose whole
+      path, matches one is left out.
+    InputError: a folder without scenes, a pattern that matches no file, or no file is left.
 
     Examples
     --------
@@ -65,3 +62,63 @@ def scene_files(names: Sequence[str], exclude: Sequence[str] = ()) -> tuple[Path
 
 def _matches(path: Path, pattern: str) -> bool:
     return any(fnmatch.fnmatch(name, pattern) for name in (path.name, path.as_posix()))
+
+
+NOT_RUN = "not run"
+WORST_FIRST = (("bad input", 2), ("fail", 1), ("inconclusive", 3), ("pass", 0))
+
+Describe = Callable[[Verdict], dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class VerifiedFiles(Result):
+    """The documents of several files, each with its `file` and its `outcome`."""
+
+    VIEW = "taction.verification.report.views.files_view:view"
+
+    documents: tuple[dict[str, Any], ...]
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C came before the last verdict."""
+        return any(document["outcome"] == NOT_RUN for document in self.documents)
+
+    @property
+    def outcome(self) -> str:
+        """The worst outcome: bad input, fail, inconclusive, pass."""
+        outcomes = {document["outcome"] for document in self.documents}
+        return next((name for name, _ in WORST_FIRST if name in outcomes), NOT_RUN)
+
+    @property
+    def exit_status(self) -> int:
+        """The first of 2, 1, 3 and 0 that a file has; 130 after Ctrl-C."""
+        return INTERRUPTED if self.interrupted else dict(WORST_FIRST)[self.outcome]
+
+    def count(self) -> dict[str, int]:
+        """Return the number of files by outcome, without zeros."""
+        outcomes = [document["outcome"] for document in self.documents]
+        names = (*reversed([name for name, _ in WORST_FIRST]), NOT_RUN)
+        return {name: outcomes.count(name) for name in names if name in outcomes}
+
+
+def verify_file(path: Path, describe: Describe, engine: str | None = None) -> dict[str, Any]:
+    """Verify one scene file and return the document of its verdict or of its error."""
+    try:
+        return describe(verify(read_scene(path, engine)))
+    except TactionError as error:
+        return _without_verdict(path, error)
+    except MemoryError:
+        return _without_verdict(path, NoVerdictError("out of memory: the scene is too large"))
+
+
+def document_of(path: Path, found: dict[str, Any] | BaseException | None) -> dict[str, Any]:
+    """Return what was found for a file, also if its process was killed or never began."""
+    if found is None:
+        return {"file": printable(str(path)), "outcome": NOT_RUN}
+    if isinstance(found, BaseException):
+        return _without_verdict(path, NoVerdictError(f"the process was killed: {found}"))
+    return found
+
+
+def _without_verdict(path: Path, error: TactionError) -> dict[str, Any]:
+    return {"file": printable(str(path)), **plain(error_document(error))}

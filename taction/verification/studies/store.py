@@ -70,17 +70,10 @@ class HasOutcome(Protocol):
 class Store:
     """A database of results; a context manager that closes the database.
 
-    Parameters
-    ----------
-    path : str
-        The file, made if missing; ``":memory:"`` for a database in memory.
-
-    Raises
-    ------
-    InputError
-        Not such a database, damaged, of another version, or not writable. Raised by every method.
-    OutOfDisk
-        Raised by `put`; the results stored before are intact.
+    `path`: the file, made if missing; ``":memory:"`` for a database in memory.
+    InputError: not such a database, damaged, of another version, or not writable. Raised by every
+      method.
+    OutOfDisk: raised by `put`; the results stored before are intact.
     """
 
     def __init__(self, path: str) -> None:
@@ -177,10 +170,7 @@ class Store:
 def check_database(path: str) -> None:
     """Refuse a file that is no database, before any work is done.
 
-    Raises
-    ------
-    InputError
-        `path` is no regular file, or begins otherwise than a database.
+    InputError: `path` is no regular file, or begins otherwise than a database.
     """
     file = Path(path)
     if file.exists() and not file.is_file():

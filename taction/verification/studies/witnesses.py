@@ -19,18 +19,18 @@ import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.deck.deck import Deck
-from taction.netlist_gen.scene.checks import AGREE
+from taction.netlist_gen.scene.check_keys import AGREE
 from taction.spice_models.branches import Source
 from taction.system.array_types import EPS, Complexes, Floats
 from taction.system.errors import EngineError, SimulationError, StepTooSmall, one_line
-from taction.system.time_limit import time_left
+from taction.system.processes import time_left
 from taction.system.waveforms import PHYSICAL_BOUND
 from taction.verification.characterise.operating_point import AT_ONCE, PROBE, DeckPoint
 from taction.verification.engines.ngspice.commands import RESULT, run_commands
 from taction.verification.engines.ngspice.executable import Simulator, find_simulator
 from taction.verification.engines.ngspice.process import simulate
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.studies.measured_board import WANTED, MeasuredBoard
 from taction.verification.verdict.checks import Check, Outcome, at_most
 from taction.verification.verdict.companion import Agreement, compare_engines, state_space_companion

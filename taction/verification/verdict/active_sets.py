@@ -12,8 +12,8 @@ from typing import Annotated
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.stepped import SteppedCurve, simulate
 from taction.verification.stability.margin import find_margin, first_knob
 from taction.verification.stability.poles import poles
@@ -24,34 +24,17 @@ MOST = 12  # active sets, those of the longest stay
 
 @dataclass(frozen=True, slots=True)
 class VisitedSet:
-    """An active set that a transient visits.
+    """An active set that a transient visits."""
 
-    Attributes
-    ----------
-    active : str
-        The straight piece of each channel's amplifier, counted from the left: ``"0110"``.
-    begin : float
-        When it is first entered, s.
-    stay : float
-        How long the board is in it, in all, s.
-    visits : int
-        How often it is entered.
-    rightmost : float
-        Real part of its rightmost pole, 1/s.
-    margin : float
-        By what the first knob with a margin can move until this set has a pole on the axis; 0 for
-        a set that is unstable.
-    words : str
-        The margin in words.
-    """
-
-    active: str
-    begin: Annotated[float, "s"]
-    stay: Annotated[float, "s"]
-    visits: int
-    rightmost: Annotated[float, "1/s"]
+    active: str  # the straight piece of each channel's amplifier, counted from the left: ``"0110"``
+    begin: Annotated[float, "s"]  # when it is first entered, s
+    stay: Annotated[float, "s"]  # how long the board is in it, in all, s
+    visits: int  # how often it is entered
+    rightmost: Annotated[float, "1/s"]  # real part of its rightmost pole, 1/s
+    # By what the first knob with a margin can move until this set has a pole on the axis; 0 for a
+    # set that is unstable.
     margin: float
-    words: str
+    words: str  # the margin in words
 
 
 def visited_sets(recording: Recording) -> tuple[VisitedSet, ...]:
@@ -60,10 +43,7 @@ def visited_sets(recording: Recording) -> tuple[VisitedSet, ...]:
     Of more than `MOST` sets, those of the longest stay. Empty for a board without piecewise linear
     amplifiers.
 
-    Raises
-    ------
-    EngineError
-        As `taction.verification.engines.statespace.transients.stepped.simulate`.
+    EngineError: as `taction.verification.engines.statespace.transients.stepped.simulate`.
     """
     board, transient = recording.design.board, recording.design.transient
     if board.circuit.is_linear or board.descriptor.is_large or not board.has_only_breaks:

@@ -46,27 +46,20 @@ def worst_channel(errors: Floats) -> int:
 
 @dataclass(frozen=True, slots=True)
 class BuiltBoards:
-    """Where boards of real parts rest, to first order in their deviations.
+    """Where boards of real parts rest, to first order in their deviations."""
 
-    Attributes
-    ----------
-    distance, error : float
-        Largest distance of an output from the regularised answer that `SHARE` of the boards keep,
-        and the bound on its error, V; infinite where it is not `known`.
-    least, most : float
-        Bounds on the share of the boards that rest within the limits of the scene: the tolerance
-        of the steady state, and the band of the settling time. The yield is at most `most`.
-    limit : float
-        The smaller one of these limits, a fraction of the step amplitude.
-    varies, counted : str
-        What differs between the boards, and what of this the check of the steady state counts.
-    """
-
+    # `distance`, `error`: largest distance of an output from the regularised answer that `SHARE` of
+    # the boards keep, and the bound on its error, V; infinite where it is not `known`.
     distance: float
     error: float
+    # `least`, `most`: bounds on the share of the boards that rest within the limits of the scene:
+    # the tolerance of the steady state, and the band of the settling time. The yield is at most
+    # `most`.
     least: float
     most: float
-    limit: float
+    limit: float  # the smaller one of these limits, a fraction of the step amplitude
+    # `varies`, `counted`: what differs between the boards, and what of this the check of the steady
+    # state counts.
     varies: str
     counted: str
 
@@ -107,28 +100,7 @@ class BuiltBoards:
 
 @dataclass(frozen=True, eq=False)
 class AnswerError:
-    """The errors of an answer, in one unit.
-
-    Attributes
-    ----------
-    network : IdealNetwork
-        The problem that was solved.
-    target : ndarray (N,)
-        Its regularised answer, V.
-    target_error : float
-        Bound on the error of `target`, V; infinite where the answer cannot be trusted.
-    stress : ndarray (N,) or None
-        The true stress as outputs, V; None where it is not known.
-    step : float
-        The step amplitude of the network, V; 0 where the board was not compared.
-    board : float or None
-        Largest distance of an output of the board at rest from `target`, V; None for a board that
-        does not come to rest there, or that was not compared.
-    board_error : float
-        Bound on the error of `board`, V.
-    built : BuiltBoards or None
-        Where boards of real parts rest; None where nothing varies, or `board` is None.
-    """
+    """The errors of an answer, in one unit."""
 
     DOCUMENT = (
         *("board_error [stress] = board_share", "board_error_uncertainty [stress] = board_doubt"),
@@ -139,16 +111,20 @@ class AnswerError:
         *("true_error [stress]", "true_error_uncertainty [stress] = true_doubt"),
         *("regularisation [stress]", "noise [stress]", "channel = number # from 1"),
         "largest_stress [V] = unit # the true one; if it is not known, that of the answer",
-        "text = verification.report.views.answer:answer_text()",
+        "text = verification.report.views.answer_view:answer_text()",
     )
 
-    network: IdealNetwork
-    target: Floats
+    network: IdealNetwork  # the problem that was solved
+    target: Floats  # (N,): its regularised answer, V
+    # Bound on the error of `target`, V; infinite where the answer cannot be trusted.
     target_error: float
-    stress: Floats | None
-    step: float = 0.0
+    stress: Floats | None  # (N,): the true stress as outputs, V; None where it is not known
+    step: float = 0.0  # the step amplitude of the network, V; 0 where the board was not compared
+    # Largest distance of an output of the board at rest from `target`, V; None for a board that
+    # does not come to rest there, or that was not compared.
     board: float | None = None
-    board_error: float = 0.0
+    board_error: float = 0.0  # bound on the error of `board`, V
+    # Where boards of real parts rest; None where nothing varies, or `board` is None.
     built: BuiltBoards | None = None
 
     @classmethod
@@ -157,12 +133,8 @@ class AnswerError:
     ) -> AnswerError:
         """Return the errors of a solution.
 
-        Parameters
-        ----------
-        stress : ndarray (N,) or None
-            The true stress, dimensionless.
-        doubt : str
-            Why the solution cannot be trusted, if it is not for its certificate.
+        `stress` (N,): the true stress, dimensionless.
+        `doubt`: why the solution cannot be trusted, if it is not for its certificate.
         """
         trusted = solution.trusted and not doubt
         error = solution.error_bound * network.U0 if trusted else math.inf

@@ -1,4 +1,4 @@
-"""The parts of a whole board, its supply current and dissipation at rest with the strain."""
+"""The parts of a whole board with its power at rest, and what a builder of the board gets."""
 
 from __future__ import annotations
 
@@ -10,34 +10,25 @@ from taction.netlist_gen.board.bill_of_materials import BillOfMaterials, bill_of
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.wired_arrays import joined_resistors
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.output_files import check_own_folder
 from taction.system.results import Result
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.verdict.verify import Verdict
 
 
 @dataclass(frozen=True, slots=True)
 class BoardPower:
-    """Power in W and current in A; ideal antilog stages take part in neither.
-
-    Attributes
-    ----------
-    quiescent : float
-        Of the op-amps without load.
-    outputs : float
-        In the output stages of the op-amps, which carry the load currents from a supply.
-    resistors : float
-        In all resistors.
-    supply_current : float
-        Of the supply that carries more: quiescent current and load currents.
-    """
+    """Power in W and current in A; ideal antilog stages take part in neither."""
 
     DOCUMENT = (
         *("supply_current [A]", "quiescent [W]", "outputs [W]", "resistors [W]", "total [W]"),
     )
 
-    quiescent: float
+    quiescent: float  # of the op-amps without load
+    # In the output stages of the op-amps, which carry the load currents from a supply.
     outputs: float
-    resistors: float
-    supply_current: float
+    resistors: float  # in all resistors
+    supply_current: float  # of the supply that carries more: quiescent current and load currents
 
     @property
     def total(self) -> float:
@@ -49,7 +40,7 @@ class BoardPower:
 class PartsList(Result):
     """The parts of a board to buy, and its power at rest."""
 
-    VIEW = "taction.verification.report.views.parts:view"
+    VIEW = "taction.verification.report.views.opamp_view:parts_view"
     DOCUMENT = (
         *("scene = scene.name", "parts = parts.lines", "opamps.preset = parts.opamp"),
         *("opamps.packages = parts.packages", "opamps.spare = parts.spare", "power"),
@@ -64,12 +55,8 @@ class PartsList(Result):
 def parts_list(scene: Scene) -> PartsList:
     """Return the parts and the power of the board of `scene`.
 
-    Raises
-    ------
-    InputError
-        The scene cannot be built.
-    EngineError
-        The board has no equilibrium.
+    InputError: the scene cannot be built.
+    EngineError: the board has no equilibrium.
 
     Examples
     --------
@@ -90,10 +77,7 @@ def board_power(board: LinearBoard) -> BoardPower:
     supply and dissipates ``(supply - V) I``; for a current into the output the negative supply
     carries the current, and the op-amp dissipates ``(supply + V) |I|``.
 
-    Raises
-    ------
-    EngineError
-        The board has no equilibrium.
+    EngineError: the board has no equilibrium.
 
     Examples
     --------
@@ -124,3 +108,66 @@ def board_power(board: LinearBoard) -> BoardPower:
         resistors=float(across @ current),
         supply_current=quiet + float(max(sourced.sum(), sunk.sum())),
     )
+
+
+KICAD, REPORT = "kicad", "report.html"
+OWN = {
+    REPORT: "the verdict, with pictures",
+    "parts.csv": "what to buy",
+    "wiring.csv": "what is joined to what, pin by pin",
+    "deck.cir": "the deck for ngspice",
+}
+"""What the files in the folder are; below `KICAD` is the KiCad project."""
+
+
+def check_build_folder(folder: str) -> None:
+    """Refuse a folder that holds other files at its top level.
+
+    InputError: see `check_own_folder`; other files below `KICAD` are found when the board is known.
+    """
+    check_own_folder(folder, [*OWN, KICAD])
+
+
+@dataclass(frozen=True, slots=True)
+class BuiltBoard(Result):
+    """The files for building a board, with its verdict.
+
+    Attributes
+    ----------
+    files : tuple of str
+        Names below the folder.
+    parts : BillOfMaterials
+        The parts to buy.
+    verdict : Verdict or None
+        None if the verification gave no verdict.
+    refused : str
+        Why there is no verdict.
+    exit_status : int or None
+        Of the command without a verdict; None: that of the verdict.
+    """
+
+    VIEW = "taction.verification.report.views.built_board_view:view"
+    DOCUMENT = (
+        *("scene = scene.name", "folder", "files # names below the folder", "outcome"),
+        *("refused # why there is no verdict", "checks = verdict.checks"),
+        *("opamp = parts.opamp", "packages = parts.packages", "unused_opamps = parts.spare"),
+        *("not_standard # values that are in no series", "not_listed = parts.not_listed"),
+    )
+
+    scene: Scene = field(repr=False)
+    folder: str
+    files: tuple[str, ...] = field(repr=False)
+    parts: BillOfMaterials = field(repr=False)
+    verdict: Verdict | None = None
+    refused: str = ""
+    exit_status: int | None = None
+
+    @property
+    def outcome(self) -> str:
+        """That of the verdict; inconclusive without one."""
+        return "inconclusive" if self.verdict is None else str(self.verdict.outcome.value)
+
+    @property
+    def not_standard(self) -> int:
+        """Number of values that no series has."""
+        return sum(line.preferred is not None for line in self.parts.lines)

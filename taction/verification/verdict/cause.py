@@ -31,24 +31,12 @@ VALUELESS = ("headroom",)  # the reason has the value and the limit of the op-am
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """Why a verdict is no pass.
+    """Why a verdict is no pass."""
 
-    Attributes
-    ----------
-    check : str
-        The check that names the cause.
-    title : str
-        The cause in a few words; of a failed check with value and limit.
-    text : str
-        The same in full.
-    follows : tuple of str
-        The checks that fail, or are not decided, for the same cause.
-    """
-
-    check: str
-    title: str
-    text: str
-    follows: tuple[str, ...] = ()
+    check: str  # the check that names the cause
+    title: str  # the cause in a few words; of a failed check with value and limit
+    text: str  # the same in full
+    follows: tuple[str, ...] = ()  # the checks that fail, or are not decided, for the same cause
 
 
 def cause(checks: Sequence[Check]) -> Cause | None:

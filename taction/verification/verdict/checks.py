@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from taction.netlist_gen.scene.checks import Checks
+from taction.netlist_gen.scene.check_keys import Checks
 from taction.netlist_gen.scene.fields import Model
 from taction.system.quantities import percent, show, show_rate
 from taction.verification.readings.measurements import Measurements, describe_states

@@ -26,7 +26,7 @@ from taction.system.documents import Inline
 from taction.system.errors import EngineError
 from taction.system.reading_definitions import READINGS
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.readings.exact_measures import ExactResponse, measure_responses
 from taction.verification.readings.measurements import Measurements, measure, summary
@@ -49,33 +49,20 @@ COARSER = 2.0  # times the step: the step of a second run of ngspice
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Companion:
-    """A second solution for a record: from the state-space engine, or at larger steps.
+    """A second solution for a record: from the state-space engine, or at larger steps."""
 
-    Attributes
-    ----------
-    instants : ndarray (Q,)
-        Instants at which the record and the second solution are compared, s: points of the record,
-        and those of a solution by steps, at which the record is interpolated.
-    u, other : ndarray (Q, N)
-        Outputs of the record and of the second solution, V.
-    solution : Waveforms
-        The second solution at instants that resolve it.
-    error : StateSpaceError or None
-        The error of the second solution; None for a second run of ngspice at larger steps, whose
-        error is larger than that of the record, so that the difference is a bound.
-    how : str
-        Source of the second solution.
-    reason : str
-        Why the state-space engine has no solution, or empty.
-    """
-
+    # (Q,): instants at which the record and the second solution are compared, s: points of the
+    # record, and those of a solution by steps, at which the record is interpolated.
     instants: Floats
+    # `u`, `other`: (Q, N): outputs of the record and of the second solution, V.
     u: Floats
     other: Floats
-    solution: Waveforms
+    solution: Waveforms  # the second solution at instants that resolve it
+    # The error of the second solution; None for a second run of ngspice at larger steps, whose
+    # error is larger than that of the record, so that the difference is a bound.
     error: StateSpaceError | None
-    how: str
-    reason: str = ""
+    how: str  # source of the second solution
+    reason: str = ""  # why the state-space engine has no solution, or empty
 
     @property
     def exact(self) -> bool:
@@ -101,10 +88,7 @@ class Companion:
 def find_companion(design: PlannedBoard, record: Waveforms) -> Companion:
     """Return a second solution for ngspice's record of a stable board.
 
-    Raises
-    ------
-    SimulationError
-        The state-space engine has no solution, and the second run of ngspice failed.
+    SimulationError: the state-space engine has no solution, and the second run of ngspice failed.
     """
     board, tolerance = design.board, design.plan.tolerance
     by_patterns = board.circuit.is_linear and not is_exact(board)
@@ -137,19 +121,11 @@ def state_space_companion(
 ) -> Companion:
     """Return the state-space solution for the `record` of ngspice.
 
-    Parameters
-    ----------
-    tolerance : float
-        Relative tolerance of the steps, if the state-space engine needs steps.
-    dense : ndarray, optional
-        Instants, beside those of the record, that resolve the solution, s.
-    wanted : float
-        Error of the solution that suffices, V.
-
-    Raises
-    ------
-    EngineError
-        The state-space engine has no solution for the whole record, or none with a known error.
+    `tolerance`: relative tolerance of the steps, if the state-space engine needs steps.
+    `dense`: instants, beside those of the record, that resolve the solution, s.
+    `wanted`: error of the solution that suffices, V.
+    EngineError: the state-space engine has no solution for the whole record, or none with a known
+      error.
     """
     from taction.verification.engines.statespace.transients.simulate import simulate
 
@@ -183,40 +159,21 @@ def state_space_companion(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Agreement:
-    """Differences of the outputs of two engines.
+    """Differences of the outputs of two engines."""
 
-    Attributes
-    ----------
-    difference : float
-        Largest difference of any output at any instant, V; NaN without a second solution.
-    doubt : float
-        Bound of the error of the state-space engine, V.
-    step_error : float
-        Expected error of the time steps of ngspice, V.
-    limit : float
-        Largest accepted difference, fraction of the step amplitude; without a step, of `unit`.
-    unit : float
-        Unit voltage U0, V.
-    time : float
-        Instant of the largest difference, s.
-    channel : int
-        Channel of the largest difference, from 0.
-    instants, differences : ndarray (Q,) and (Q, N)
-        The differences over time, s and V.
-    reason : str
-        Why there is no second solution, or empty.
-    """
-
+    # Largest difference of any output at any instant, V; NaN without a second solution.
     difference: float
-    doubt: float
-    step_error: float
+    doubt: float  # bound of the error of the state-space engine, V
+    step_error: float  # expected error of the time steps of ngspice, V
+    # Largest accepted difference, fraction of the step amplitude; without a step, of `unit`.
     limit: float
-    unit: float
-    time: float
-    channel: int
+    unit: float  # unit voltage U0, V
+    time: float  # instant of the largest difference, s
+    channel: int  # channel of the largest difference, from 0
+    # `instants`, `differences`: (Q,) and (Q, N): the differences over time, s and V.
     instants: Floats
     differences: Floats
-    reason: str
+    reason: str  # why there is no second solution, or empty
 
 
 def compare_engines(
@@ -224,12 +181,8 @@ def compare_engines(
 ) -> Agreement:
     """Compare the outputs of ngspice with those of the state-space engine.
 
-    Parameters
-    ----------
-    step_error : float
-        Expected error of the time steps of ngspice, V.
-    limit, unit : float
-        See `Agreement`.
+    `step_error`: expected error of the time steps of ngspice, V.
+    `limit`, `unit`: see `Agreement`.
     """
     difference = companion.u - companion.other
     place, channel = np.unravel_index(int(np.argmax(np.abs(difference))), difference.shape)
@@ -253,17 +206,11 @@ class StepError:
     """Bounds on the errors of the readings of a simulation.
 
     All are infinite if nothing is known.
-
-    Attributes
-    ----------
-    steady_state : float
-        Of the record's end, fraction of the step amplitude.
-    readings : mapping of str to float
-        Of the readings of the network, in their units; 0 for a time that no channel has. Of the
-        rise times, the largest error of any channel counts.
     """
 
-    steady_state: float
+    steady_state: float  # of the record's end, fraction of the step amplitude
+    # Of the readings of the network, in their units; 0 for a time that no channel has. Of the rise
+    # times, the largest error of any channel counts.
     readings: Annotated[
         Mapping[str, float], Inline({name: kind.unit for name, kind in READINGS.items()})
     ]
@@ -303,10 +250,7 @@ def _bounded(reading: Reading | None, other: Reading | None, safety: float) -> R
 def step_error(measured: Measurements, end_error: float) -> StepError:
     """Return the errors of measurements whose uncertainties are bounds.
 
-    Parameters
-    ----------
-    end_error : float
-        Bound of the error of the record's end, V.
+    `end_error`: bound of the error of the record's end, V.
     """
     known = {name: found.uncertainty if found else 0.0 for name, found in measured.readings.items()}
     rises = (channel.rise_time for channel in measured.channels)
@@ -329,17 +273,11 @@ def measure_with_bounds(
 ) -> tuple[Measurements, bool]:
     """Measure a record; the uncertainties of the readings are bounds.
 
-    Parameters
-    ----------
-    own : StateSpaceError or None
-        The error of a record of the state-space engine.
-    companion : Companion or None
-        A second solution beside a record of ngspice.
-    known : Measurements or None
-        Those of `exact_response`, of a record with steps those of `beside_steps`, if they have been
-        measured.
-    finest : bool
-        Whether excursions of an exact solution have no error but that of rounding.
+    `own`: the error of a record of the state-space engine.
+    `companion`: a second solution beside a record of ngspice.
+    `known`: those of `exact_response`, of a record with steps those of `beside_steps`, if they have
+      been measured.
+    `finest`: whether excursions of an exact solution have no error but that of rounding.
 
     Returns
     -------

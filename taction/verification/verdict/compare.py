@@ -23,36 +23,25 @@ GROUPS: tuple[Group, ...] = ("outcome", "checks", "values", "states", "figures",
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One quantity of two records.
-
-    Attributes
-    ----------
-    channel : int or None
-        From 1; None for a quantity of the board.
-    first, second : float, str or None
-        The quantity in `unit`, a word (an outcome, a state), or None where there is none.
-    difference : float or None
-        Second minus first; None where one of them is no number.
-    allowed : float or None
-        How large the difference may be; None where that is unknown, or where both must be equal.
-    off : float
-        Magnitude of the difference over what is allowed; infinite where the two cannot be compared,
-        not a number where what is allowed is unknown.
-    note : str
-        More about the difference, such as where it is largest; of a settling time its bands.
-    """
+    """One quantity of two records."""
 
     SHOWN: ClassVar[tuple[str, ...]] = ("beyond",)
 
     group: Group
     name: str
-    channel: int | None
+    channel: int | None  # from 1; None for a quantity of the board
+    # `first`, `second`: the quantity in `unit`, a word (an outcome, a state), or None where there
+    # is none.
     first: float | str | None
     second: float | str | None
     unit: str
-    difference: float | None
+    difference: float | None  # second minus first; None where one of them is no number
+    # How large the difference may be; None where that is unknown, or where both must be equal.
     allowed: float | None
+    # Magnitude of the difference over what is allowed; infinite where the two cannot be compared,
+    # not a number where what is allowed is unknown.
     off: float
+    # More about the difference, such as where it is largest; of a settling time its bands.
     note: str = ""
 
     @property
@@ -104,14 +93,9 @@ def compare(
 
     A word must be equal. Of a fragile time the nearest of its two values counts.
 
-    Parameters
-    ----------
-    tolerance : callable
-        The difference that is allowed.
-    groups : collection of str, optional
-        What is compared, of `GROUPS`.
-    figures, channel_figures : sequence of str, optional
-        The figures of the board and of the channels that are compared.
+    `tolerance`: the difference that is allowed.
+    `groups`: what is compared, of `GROUPS`.
+    `figures`, `channel_figures`: the figures of the board and of the channels that are compared.
 
     Examples
     --------

@@ -30,14 +30,14 @@ from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.planned_board import PlannedBoard
-from taction.verification.verdict.pruning import pruning_effect
 from taction.verification.verdict.recording import Recording
+from taction.verification.verdict.scene_deck import pruning_effect
 
 
 def stage_deviation(board: LinearBoard) -> str:
@@ -45,10 +45,7 @@ def stage_deviation(board: LinearBoard) -> str:
 
     They are measured at both ends of their working range: at rest, with and without strain.
 
-    Raises
-    ------
-    EngineError
-        The board has no equilibrium.
+    EngineError: the board has no equilibrium.
     """
     circuit, points = board.circuit, (board.rest, board.equilibrium)
     u = np.array([[out.sign * point[out.node] for out in circuit.outputs] for point in points])
@@ -97,10 +94,7 @@ def _with_links(circuit: Circuit, links: Sequence[str]) -> LinearBoard:
 def outputs_at_rest(board: LinearBoard) -> Floats:
     """Return u of every channel at the equilibrium, V, (N,).
 
-    Raises
-    ------
-    EngineError
-        The board has no equilibrium.
+    EngineError: the board has no equilibrium.
     """
     rest = board.equilibrium
     return np.array([output.sign * rest[output.node] for output in board.circuit.outputs])
@@ -108,37 +102,23 @@ def outputs_at_rest(board: LinearBoard) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class ErrorPart:
-    """One part: how far it moves the outputs, and the comparison that gives it.
-
-    Attributes
-    ----------
-    value : float or None
-        Largest deviation of any channel, V; None if it cannot be known.
-    bound : float or None
-        Proven bound on the value, V, where there is one.
-    channels : tuple of float
-        Signed deviation of every channel, V; empty for a part that has no sign or is not known.
-    """
+    """One part: how far it moves the outputs, and the comparison that gives it."""
 
     name: str
-    value: float | None
+    value: float | None  # largest deviation of any channel, V; None if it cannot be known
     how: str
-    bound: float | None = None
+    bound: float | None = None  # proven bound on the value, V, where there is one
+    # Signed deviation of every channel, V; empty for a part that has no sign or is not known.
     channels: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorBudget:
-    """The parts, and the whole difference that they add up to.
-
-    Attributes
-    ----------
-    total : ErrorPart or None
-        End of the record less true stress, or less the answer where the stress is not known; None
-        for a verification without details.
-    """
+    """The parts, and the whole difference that they add up to."""
 
     parts: tuple[ErrorPart, ...] = ()
+    # End of the record less true stress, or less the answer where the stress is not known; None for
+    # a verification without details.
     total: ErrorPart | None = None
 
     def __iter__(self) -> Iterator[ErrorPart]:
@@ -216,19 +196,10 @@ def error_budget(
 ) -> ErrorBudget:
     """Split the difference of the true stress and the record's end into its parts.
 
-    Parameters
-    ----------
-    answer : AnswerError
-        The regularised answer beside the true stress, with that without noise.
-    noise : OutputNoise, optional
-        Noise of the outputs, if it was computed.
-    spread : InputSpread, optional
-        Where boards of the same parts rest, if they differ.
-
-    Raises
-    ------
-    SolverError
-        The problem with the pruned T cannot be solved.
+    `answer`: the regularised answer beside the true stress, with that without noise.
+    `noise`: noise of the outputs, if it was computed.
+    `spread`: where boards of the same parts rest, if they differ.
+    SolverError: the problem with the pruned T cannot be solved.
     """
     links = (
         *_of_answer(design, ideal, answer),

@@ -15,7 +15,7 @@ from taction.netlist_gen.board.parts import OpAmpCell
 from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
 from taction.system.quantities import show
-from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import Initial, LinearBoard
 from taction.verification.engines.statespace.transients.exact import Exact, combinations, is_exact
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.readings.course import Course
@@ -36,39 +36,25 @@ UNITS: dict[Quantity, str] = {"voltage": "V", "slope": "V/s", "current": "A", "d
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """What one op-amp has to do.
-
-    Attributes
-    ----------
-    part : str
-        Name of the op-amp in the circuit.
-    quantity : str
-        A key of `UNITS`: ``"voltage"``, ``"slope"`` or ``"current"`` of the output, or `DRIVE`.
-    peak, limit : float
-        Largest size over all time, and the limit of the part, in the quantity's unit.
-    at : float
-        Instant of the peak, s; infinite at rest.
-    rest : float
-        Size at the equilibrium, in the quantity's unit.
-    error : float
-        Bound on the error of `peak`, in the quantity's unit.
-    slewing : float or None
-        How long the simulated op-amp slews, s: its input stage is driven beyond its range. None for
-        one without a slew rate in its model.
-    """
+    """What one op-amp has to do."""
 
     DOCUMENT = (
         *("part", "quantity", "peak", "limit", "rest", "error", "slewing [s]"),
         *("time [s] = at # of the peak; null at rest", "share", "unit"),
     )
 
-    part: str
+    part: str  # name of the op-amp in the circuit
+    # A key of `UNITS`: ``"voltage"``, ``"slope"`` or ``"current"`` of the output, or `DRIVE`.
     quantity: Quantity
+    # `peak`, `limit`: largest size over all time, and the limit of the part, in the quantity's
+    # unit.
     peak: float
     limit: float
-    at: float
-    rest: float
-    error: float
+    at: float  # instant of the peak, s; infinite at rest
+    rest: float  # size at the equilibrium, in the quantity's unit
+    error: float  # bound on the error of `peak`, in the quantity's unit
+    # How long the simulated op-amp slews, s: its input stage is driven beyond its range. None for
+    # one without a slew rate in its model.
     slewing: float | None = None
 
     @property
@@ -274,29 +260,19 @@ def _sampled(loads: _Loads, time: Floats, values: Floats) -> Iterator[Load]:
 
 @dataclass(frozen=True, slots=True)
 class PartLoads:
-    """The loads of the op-amps of a board.
+    """The loads of the op-amps of a board."""
 
-    Attributes
-    ----------
-    loads : tuple of Load
-        The largest share of a limit first; empty for a board of parts without limits, and for an
-        unstable board, whose loads have no bound. Left out are those that an upper bound excludes:
-        below `FULL` of their limit, and not the largest of their quantity.
-    unknown : str
-        Why the loads are not known, or empty.
-    unit_voltage : float or None
-        U0 of a board whose loads are proportional to U0, V; else None.
-    simulated : tuple of Load
-        The loads of the small-signal board whose limits the simulated op-amps have; a slope says
-        how long the simulated op-amp slews.
-    slewing : mapping of str to float
-        How long op-amps at the large-signal level slew, s, by part; those that do not may lack.
-    """
-
+    # The largest share of a limit first; empty for a board of parts without limits, and for an
+    # unstable board, whose loads have no bound. Left out are those that an upper bound excludes:
+    # below `FULL` of their limit, and not the largest of their quantity.
     loads: tuple[Load, ...] = ()
-    unknown: str = ""
+    unknown: str = ""  # why the loads are not known, or empty
+    # U0 of a board whose loads are proportional to U0, V; else None.
     unit_voltage: float | None = None
+    # The loads of the small-signal board whose limits the simulated op-amps have; a slope says how
+    # long the simulated op-amp slews.
     simulated: tuple[Load, ...] = ()
+    # How long op-amps at the large-signal level slew, s, by part; those that do not may lack.
     slewing: Mapping[str, float | None] = field(default_factory=dict)
 
     def beside(self, small: PartLoads) -> PartLoads:
@@ -329,7 +305,7 @@ class PartLoads:
         Examples
         --------
         >>> import taction
-        >>> from taction.verification.engines.statespace.linearised.board import LinearBoard
+        >>> from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
         >>> scene = taction.load_scene("scenes/custom-matrix.toml")
         >>> worst = PartLoads.of(LinearBoard(taction.synthesise(scene))).loads[0]
         >>> worst.part, worst.quantity

@@ -29,12 +29,12 @@ from taction.netlist_gen.board.variation import (
     vary,
     with_resistors_at,
 )
-from taction.netlist_gen.scene.checks import Tolerances
+from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.spice_models.input_errors import CHANGES, MOST
 from taction.spice_models.opamp import OpAmp, Spread
 from taction.system.array_types import Floats
 from taction.system.quantities import percent, show
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 
 SHARE = 0.95  # of the boards, which keep the stated distance
@@ -52,36 +52,19 @@ NOTHING = Tolerances(
 
 @dataclass(frozen=True, eq=False)
 class InputSpread:
-    """The outputs at rest of boards whose op-amps, or parts, differ.
+    """The outputs at rest of boards whose op-amps, or parts, differ."""
 
-    Attributes
-    ----------
-    mean : ndarray (N,)
-        V.
-    parts : ndarray (P, N)
-        What each normal deviation adds for one standard deviation, V.
-    curvature : float
-        Error of the first order, as a share of a deviation.
-    largest : str
-        What moves the outputs most: a part, or an op-amp and its figure.
-    assumed : bool
-        Whether a sheet lacks a largest size, so that a spread is assumed.
-    moved : ndarray (N,)
-        What the changes add to the mean, V; without them the board rests there, too.
-    changes : dict of str to float
-        How far each kind of change (`CHANGES`, ``"resistor_drift"``, `KINDS` of devices) moves an
-        output by itself in all but 5 % of the boards, V.
-    ends : ndarray (Q, N), optional
-        What each uniform deviation adds at the end of its tolerance, V.
-    """
-
-    mean: Floats
-    parts: Floats
-    curvature: float
-    largest: str
-    assumed: bool
+    mean: Floats  # (N,): V
+    parts: Floats  # (P, N): what each normal deviation adds for one standard deviation, V
+    curvature: float  # error of the first order, as a share of a deviation
+    largest: str  # what moves the outputs most: a part, or an op-amp and its figure
+    assumed: bool  # whether a sheet lacks a largest size, so that a spread is assumed
+    # (N,): what the changes add to the mean, V; without them the board rests there, too.
     moved: Floats | float = 0.0
+    # How far each kind of change (`CHANGES`, ``"resistor_drift"``, `KINDS` of devices) moves an
+    # output by itself in all but 5 % of the boards, V.
     changes: Mapping[str, float] = field(default_factory=dict)
+    # (Q, N): what each uniform deviation adds at the end of its tolerance, V.
     ends: Floats | None = None
 
     @classmethod
@@ -90,19 +73,10 @@ class InputSpread:
     ) -> InputSpread | None:
         """Return the spread of a board; None if nothing varies that moves its rest.
 
-        Parameters
-        ----------
-        resistors : float
-            Standard deviation of the change of each resistor by temperature, a fraction.
-        tolerances : Tolerances, optional
-            Of the parts; by default they have their nominal values.
-
-        Raises
-        ------
-        EngineError
-            The board has no equilibrium.
-        InputError
-            A tolerance is of no part of the board.
+        `resistors`: standard deviation of the change of each resistor by temperature, a fraction.
+        `tolerances`: of the parts; by default they have their nominal values.
+        EngineError: the board has no equilibrium.
+        InputError: a tolerance is of no part of the board.
 
         Notes
         -----

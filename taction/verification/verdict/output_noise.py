@@ -12,11 +12,11 @@ import numpy as np
 
 from taction.netlist_gen.analysis import NoiseAnalysis, NoiseBand
 from taction.netlist_gen.deck.deck import write_deck
-from taction.netlist_gen.scene.checks import LOWEST
+from taction.netlist_gen.scene.check_keys import LOWEST
 from taction.system.array_types import Complexes
 from taction.system.errors import EngineError, SimulationError
 from taction.system.quantities import show
-from taction.verification.engines.statespace.linearised.output_noise import output_noise
+from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
 from taction.verification.verdict.planned_board import PlannedBoard
 
 STEP = 0.1  # of the distance to the nearest pole: step of the frequencies
@@ -31,10 +31,7 @@ def noise_bands(poles: Complexes, lowest: float = 0.0) -> tuple[NoiseBand, ...]:
     A spectrum changes over the distance from ``j 2 pi f`` to the nearest pole. With the defaults
     Simpson's rule errs by less than 1e-3 of the integral, and so does what lies outside the bands.
 
-    Raises
-    ------
-    EngineError
-        A resonance is so sharp that more than `MOST_STEPS` steps are needed.
+    EngineError: a resonance is so sharp that more than `MOST_STEPS` steps are needed.
 
     Examples
     --------
@@ -73,38 +70,24 @@ MAYBE_UNSTABLE = "the board may be unstable, and an unstable board has no noise 
 
 @dataclass(frozen=True, slots=True)
 class OutputNoise:
-    """Noise of every channel, from the state-space engine.
-
-    Attributes
-    ----------
-    rms, error : tuple of float
-        Of each channel, and bounds on the errors, V; empty where they are not known.
-    unknown : str
-        Why they are not known, or empty.
-    simulated : float or None
-        Noise of the channel with the largest one from ngspice, V; None without ngspice.
-    unstated : tuple of str
-        Op-amps with poles whose voltage noise is not given.
-    noiseless : tuple of str
-        Ideal op-amps: without poles and without voltage noise.
-    lowest : float
-        The lowest frequency that counts, Hz.
-    flickering, unknown_corners : tuple of str
-        Op-amps with 1/f noise, and named ones whose sheet has no corner of it.
-    """
+    """Noise of every channel, from the state-space engine."""
 
     DOCUMENT = (
         *("rms", "uncertainties = error", "unit = 'V'", "ngspice = simulated"),
         *("reason = unknown", "lowest [Hz]"),
     )
 
+    # `rms`, `error`: of each channel, and bounds on the errors, V; empty where they are not known.
     rms: tuple[float, ...] = ()
     error: tuple[float, ...] = ()
-    unknown: str = ""
+    unknown: str = ""  # why they are not known, or empty
+    # Noise of the channel with the largest one from ngspice, V; None without ngspice.
     simulated: float | None = None
-    unstated: tuple[str, ...] = ()
-    noiseless: tuple[str, ...] = ()
-    lowest: float = 0.0
+    unstated: tuple[str, ...] = ()  # op-amps with poles whose voltage noise is not given
+    noiseless: tuple[str, ...] = ()  # ideal op-amps: without poles and without voltage noise
+    lowest: float = 0.0  # the lowest frequency that counts, Hz
+    # `flickering`, `unknown_corners`: op-amps with 1/f noise, and named ones whose sheet has no
+    # corner of it.
     flickering: tuple[str, ...] = ()
     unknown_corners: tuple[str, ...] = ()
 

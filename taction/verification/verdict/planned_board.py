@@ -15,7 +15,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.input_errors import MOST
 from taction.system.array_types import Floats
 from taction.system.reading_definitions import FOUND
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.stability.poles import Poles
@@ -26,44 +26,24 @@ from taction.verification.verdict.transient_plan import TransientPlan
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnplannedBoard:
-    """The board of a scene before anything is computed from it.
+    """The board of a scene before anything is computed from it."""
 
-    Attributes
-    ----------
-    scene : Scene
-        Scene with a number for lambda.
-    board : LinearBoard
-        The circuit linearised at its equilibrium.
-    network : IdealNetwork
-        The board with ideal parts, for the reference solution.
-    """
-
-    scene: Scene
+    scene: Scene  # scene with a number for lambda
     problem: InverseProblem
-    board: LinearBoard
-    network: IdealNetwork
+    board: LinearBoard  # the circuit linearised at its equilibrium
+    network: IdealNetwork  # the board with ideal parts, for the reference solution
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedBoard(UnplannedBoard):
-    """A board, its problem, and the plan of its simulation.
+    """A board, its problem, and the plan of its simulation."""
 
-    Attributes
-    ----------
-    poles, scales
-        Poles and time scales of `board`.
-    engine : str
-        A key of `taction.verification.verdict.simulation.ENGINES`.
-    plan : TransientPlan
-        The transient, and the forecast of its error and cost.
-    small : PartLoads
-        Loads of the op-amps of the small-signal board; empty for an unstable board.
-    """
-
+    # `poles`, `scales`: poles and time scales of `board`.
     scales: TimeScales
     poles: Poles
-    engine: str
-    plan: TransientPlan
+    engine: str  # a key of `taction.verification.verdict.simulation.ENGINES`
+    plan: TransientPlan  # the transient, and the forecast of its error and cost
+    # Loads of the op-amps of the small-signal board; empty for an unstable board.
     small: PartLoads = NOT_LIMITED
 
     def loads(self) -> PartLoads:
@@ -131,37 +111,21 @@ class PlannedBoard(UnplannedBoard):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SteadyState:
-    """The equilibrium of a board at its outputs.
+    """The equilibrium of a board at its outputs."""
 
-    Attributes
-    ----------
-    values : ndarray (N,)
-        Outputs at the equilibrium, V.
-    error : float
-        Bound on the rounding error of `values`, V.
-    scales : TimeScales
-        Modes of the board.
-    linear : bool
-        Whether the board has no behavioural amplifiers.
-    estimated : bool
-        Whether `left` is an estimate: for a board with behavioural amplifiers, and for the coarse
-        image of a large board.
-    """
-
-    values: Floats
-    error: float
-    scales: TimeScales
-    linear: bool
+    values: Floats  # (N,): outputs at the equilibrium, V
+    error: float  # bound on the rounding error of `values`, V
+    scales: TimeScales  # modes of the board
+    linear: bool  # whether the board has no behavioural amplifiers
+    # Whether `left` is an estimate: for a board with behavioural amplifiers, and for the coarse
+    # image of a large board.
     estimated: bool = False
 
     @classmethod
     def of(cls, board: LinearBoard, scales: TimeScales) -> SteadyState:
         """Return the steady state of `board`, whose modes are in `scales`.
 
-        Raises
-        ------
-        EngineError
-            The board has no equilibrium.
+        EngineError: the board has no equilibrium.
         """
         rest, outputs = board.equilibrium, board.circuit.outputs
         places = [board.descriptor.place(output.node) for output in outputs]

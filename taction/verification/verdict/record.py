@@ -188,38 +188,24 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """A verdict as flat data, or why there is none.
+    """A verdict as flat data, or why there is none."""
 
-    Attributes
-    ----------
-    outcome : str
-        ``"pass"``, ``"fail"``, ``"inconclusive"``, or `ERROR`: no verdict was reached.
-    engine, simulator : str
-        ``"ngspice"`` or ``"statespace"``; the same with its version, None without a verdict.
-    failure : str or None
-        Name of the exception that ended the verification; None of a verdict.
-    reason : str
-        Why the outcome is not pass.
-    state : str or None
-        State of the worst channel at the end of the record.
-    figures : dict
-        By the names in `FIGURES`; None where the board has no such figure. A board that is not
-        known to be stable has no rise time and no excursions: they depend on its record's length.
-    uncertainties : dict
-        Bounds on their errors, where there is one; None where it is infinite.
-    alternatives : dict
-        Of fragile times, the value after a small change of a level, None where there is none.
-    """
-
-    outcome: str
+    outcome: str  # ``"pass"``, ``"fail"``, ``"inconclusive"``, or `ERROR`: no verdict was reached
+    # `engine`, `simulator`: ``"ngspice"`` or ``"statespace"``; the same with its version, None
+    # without a verdict.
     engine: str
     simulator: str | None = None
+    # Name of the exception that ended the verification; None of a verdict.
     failure: str | None = None
-    reason: str = ""
-    state: str | None = None
+    reason: str = ""  # why the outcome is not pass
+    state: str | None = None  # state of the worst channel at the end of the record
     stable: bool | None = None
+    # By the names in `FIGURES`; None where the board has no such figure. A board that is not known
+    # to be stable has no rise time and no excursions: they depend on its record's length.
     figures: Annotated[dict[str, float | None], Inline(UNITS)] = field(default_factory=dict)
+    # Bounds on their errors, where there is one; None where it is infinite.
     uncertainties: Bounds = field(default_factory=dict)
+    # Of fragile times, the value after a small change of a level, None where there is none.
     alternatives: Bounds = field(default_factory=dict)
     checks: tuple[Check, ...] = ()
     channels: tuple[Channel, ...] = ()

@@ -33,7 +33,7 @@ from taction.verification.verdict.companion import (
     outputs,
     step_error,
 )
-from taction.verification.verdict.design import design_board
+from taction.verification.verdict.plan_board import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.simulation import (
     ENGINES,
@@ -59,40 +59,22 @@ SMALLER = 1.05  # times: by so much the forecast error of a finer plan is smalle
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """The error of a transient, largest over all outputs and times.
+    """The error of a transient, largest over all outputs and times."""
 
-    Attributes
-    ----------
-    wanted : float
-        Error that the checks allow, fraction of the step amplitude (`wanted_error`).
-    achieved : float or None
-        Bound of the error, measured after the run; None if it cannot be measured.
-    seconds : float
-        Wall time of the run (of all tries), s.
-    points : int
-        Time points or steps of the run.
-    points_per_period : float
-        Points on the period of the fastest ringing, averaged over the record.
-    engine, method : str
-        Engine and integration method.
-    how : str
-        How `achieved` was measured.
-    tries : int
-        Number of runs; 2 or more if the first run did not suffice.
-    asked : bool
-        Whether the scene allows `wanted`; False where it states the steps, of which an error
-        follows that it does not name.
-    """
-
-    wanted: float
+    wanted: float  # error that the checks allow, fraction of the step amplitude (`wanted_error`)
+    # Bound of the error, measured after the run; None if it cannot be measured.
     achieved: float | None
-    seconds: float
-    points: int
+    seconds: float  # wall time of the run (of all tries), s
+    points: int  # time points or steps of the run
+    # Points on the period of the fastest ringing, averaged over the record.
     points_per_period: float
+    # `engine`, `method`: engine and integration method.
     engine: str
     method: str
-    how: str
-    tries: int = 1
+    how: str  # how `achieved` was measured
+    tries: int = 1  # number of runs; 2 or more if the first run did not suffice
+    # Whether the scene allows `wanted`; False where it states the steps, of which an error follows
+    # that it does not name.
     asked: Annotated[bool, HIDDEN] = True
 
     @property
@@ -117,12 +99,8 @@ def attained(
 ) -> tuple[float, str, str]:
     """Return the bound of the error of a transient, V, NaN if unknown; its method, and how.
 
-    Parameters
-    ----------
-    own : StateSpaceError or None
-        Of a record of the state-space engine.
-    companion : Companion or None
-        Second solution for the record of ngspice; None for an unstable board.
+    `own`: of a record of the state-space engine.
+    `companion`: second solution for the record of ngspice; None for an unstable board.
     """
     if own is not None:
         return own.volts, own.record.method, own.how
@@ -187,7 +165,7 @@ REPEAT_FAILED = (
 class MeasuredTransient(Result):
     """Waveforms of one transient, their measurements, and their file, if there is one."""
 
-    VIEW = "taction.verification.report.views.solution:transient_view"
+    VIEW = "taction.verification.report.views.solution_view:transient_view"
     DOCUMENT = (
         *("scene = circuit.name", "simulator = waveforms.engine"),
         *("solver = waveforms.solver or null", "method = waveforms.method or null"),
@@ -221,41 +199,22 @@ class MeasuredTransient(Result):
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A measured transient with its error.
+    """A measured transient with its error."""
 
-    Attributes
-    ----------
-    design : PlannedBoard
-        The board, with the plan of this record.
-    ends : Waveforms
-        The record, with the remarks of the engine; at least its first and its last point.
-    measurements : Measurements
-        Measurements on the record.
-    error : StepError
-        Error of the readings.
-    agreement : Agreement or None
-        Comparison with the other engine; None if only one engine ran.
-    attained : tuple of float, str and str
-        Bound of the error of any output at any time, V, NaN if unknown; the method; how the bound
-        was found.
-    forever : bool
-        Whether the measurements are those of the exact solution, which has no end.
-    exact_end : ndarray (N,) or None
-        Outputs of the second solution at the record's end, V, or of the record of an engine that
-        bounds its own error; None without either.
-    before : Accuracy or None
-        Of the runs that did not suffice.
-    """
-
-    design: PlannedBoard
+    design: PlannedBoard  # the board, with the plan of this record
+    # The record, with the remarks of the engine; at least its first and its last point.
     ends: Waveforms
-    measurements: Measurements
-    error: StepError
-    agreement: Agreement | None
+    measurements: Measurements  # measurements on the record
+    error: StepError  # error of the readings
+    agreement: Agreement | None  # comparison with the other engine; None if only one engine ran
+    # Bound of the error of any output at any time, V, NaN if unknown; the method; how the bound was
+    # found.
     attained: tuple[float, str, str]
-    forever: bool
+    forever: bool  # whether the measurements are those of the exact solution, which has no end
+    # (N,): outputs of the second solution at the record's end, V, or of the record of an engine
+    # that bounds its own error; None without either.
     exact_end: Floats | None
-    before: Accuracy | None = None
+    before: Accuracy | None = None  # of the runs that did not suffice
 
     @cached_property
     def waveforms(self) -> Waveforms:
@@ -314,10 +273,7 @@ def record_transient(
 
     `problem` replaces the problem of the scene.
 
-    Raises
-    ------
-    InputError, NoVerdictError
-        As `taction.verification.verdict.verify.verify`.
+    InputError, NoVerdictError: as `taction.verification.verdict.verify.verify`.
     """
     clock = Clock(progress)
     design = design_board(scene, clock, problem=problem)
@@ -346,10 +302,7 @@ def record_and_measure(
     for a reading is repeated with a longer stop time; the record stays if its repeat fails. `known`
     are the measurements of `companion.exact_response`, if it has been measured.
 
-    Raises
-    ------
-    SimulationError
-        Of the first run, as `taction.verification.verdict.simulation.Pending.result`.
+    SimulationError: of the first run, as `taction.verification.verdict.simulation.Pending.result`.
     """
     recording = _record(design, ideal, pending, clock, known)
     for _ in range(REPEATS):

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 
-from taction.netlist_gen.scene import checks as keys
+from taction.netlist_gen.scene import check_keys as keys
 from taction.system.array_types import EPS
 from taction.system.plugins import OpenTable
 from taction.system.quantities import percent, show, show_pole

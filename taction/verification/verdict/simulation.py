@@ -36,7 +36,7 @@ from taction.system.errors import (
 from taction.system.plugins import OpenTable
 from taction.system.waveforms import PHYSICAL_BOUND, Cost, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.verdict.headroom import watched_nodes
 from taction.verification.verdict.planned_board import PlannedBoard
@@ -52,20 +52,12 @@ HALVINGS = 3  # most, where the error of a record is above what is wanted
 
 @dataclass(frozen=True, slots=True)
 class StateSpaceError:
-    """The error of a record of the state-space engine.
+    """The error of a record of the state-space engine."""
 
-    Attributes
-    ----------
-    volts : float
-        Bound of the error of any output at any time, V; NaN if the second solution failed.
-    how : str
-        The source of the bound.
-    record : Waveforms
-        The record that errs by no more: the given one if it is exact, else a better one.
-    """
-
+    # Bound of the error of any output at any time, V; NaN if the second solution failed.
     volts: float
-    how: str
+    how: str  # the source of the bound
+    # The record that errs by no more: the given one if it is exact, else a better one.
     record: Waveforms
 
 
@@ -156,17 +148,10 @@ GROWING = 20_000  # least number of points in the record of an unstable board
 
 @dataclass(frozen=True, slots=True)
 class Pending:
-    """A simulation whose process may still run; `result` waits for the end.
+    """A simulation whose process may still run; `result` waits for the end."""
 
-    Attributes
-    ----------
-    wait : callable
-        Waits for the run and returns its waveforms.
-    instead : callable or None
-        Simulates a board that is known to be unstable by the state-space engine, if the run fails.
-    """
-
-    wait: Callable[[], Waveforms]
+    wait: Callable[[], Waveforms]  # waits for the run and returns its waveforms
+    # Simulates a board that is known to be unstable by the state-space engine, if the run fails.
     instead: Callable[[], Waveforms] | None = None
 
     def result(self) -> Waveforms:
@@ -240,11 +225,8 @@ def choose_engine(scene: Scene) -> str:
 def begin(design: PlannedBoard) -> Pending:
     """Start the simulation of a board; its process runs while the caller does other work.
 
-    Raises
-    ------
-    NoVerdictError
-        From this function or from `Pending.result`. A board that the plan knows to be unstable has
-        a short record by the state-space engine instead.
+    NoVerdictError: from this function or from `Pending.result`. A board that the plan knows to be
+      unstable has a short record by the state-space engine instead.
     """
     engine = ENGINES[design.engine]
     if not design.plan.growing:
@@ -289,10 +271,7 @@ def growing_record(board: LinearBoard, plan: TransientPlan) -> Waveforms:
     If the amplifiers of a small board stop the engine, too, the record is that of the board
     linearised at its equilibrium.
 
-    Raises
-    ------
-    EngineError
-        A large board has no such record.
+    EngineError: a large board has no such record.
     """
     from taction.verification.engines.statespace.transients.exact import exact_solution
     from taction.verification.engines.statespace.transients.simulate import ENGINE, simulate

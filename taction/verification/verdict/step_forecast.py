@@ -27,7 +27,7 @@ import numpy as np
 
 from taction.spice_models.subcircuits import STAGE_CAPACITANCE
 from taction.system.array_types import EPS, Complexes, Floats
-from taction.verification.engines.statespace.linearised.board import (
+from taction.verification.engines.statespace.linearised.linear_board import (
     Initial,
     LinearBoard,
     initial_unknowns,
@@ -100,28 +100,15 @@ LEAST, MOST = 1e-15, 0.5  # truncation errors
 
 @dataclass(frozen=True, slots=True)
 class StepForecast:
-    """A step control and the forecast of its steps and error.
+    """A step control and the forecast of its steps and error."""
 
-    Attributes
-    ----------
-    truncation : float
-        Local error that one step may make, relative.
-    charge : float
-        Charge below which the truncation error is absolute, C.
-    max_step, first_step : float
-        Maximum and first step, s.
-    steps : float
-        Number of accepted steps.
-    error : float
-        Largest error of any output at any time, in step amplitudes.
-    """
-
-    truncation: float
-    charge: float
+    truncation: float  # local error that one step may make, relative
+    charge: float  # charge below which the truncation error is absolute, C
+    # `max_step`, `first_step`: maximum and first step, s.
     max_step: float
     first_step: float
-    steps: float
-    error: float
+    steps: float  # number of accepted steps
+    error: float  # largest error of any output at any time, in step amplitudes
 
     def rank(self, error: float) -> tuple[float, float]:
         """Return a sort key: the error if it exceeds `error`, then the number of steps."""
@@ -130,37 +117,19 @@ class StepForecast:
 
 @dataclass(frozen=True, eq=False)
 class StepModel:
-    """The step control of one board over one record.
+    """The step control of one board over one record."""
 
-    Attributes
-    ----------
-    time : ndarray (T,)
-        s, from 0 to the end of the record.
-    poles : ndarray (n,)
-        Modes that show at the outputs, one of each conjugate pair, 1/s.
-    shares : ndarray (n, N)
-        Their amplitudes at the outputs, in step amplitudes.
-    all_poles, charges : ndarray (m,) and (m, Q)
-        All modes, and their amplitudes in every charge, 1/s and C.
-    rest : ndarray (Q,)
-        The charges at rest, C.
-    charge : float
-        Charge below which the truncation error is absolute, C.
-    amplitude : float
-        Step amplitude, V.
-    current : float
-        Current up to which the truncation error is absolute, A.
-    """
-
-    time: Floats
-    poles: Complexes
-    shares: Complexes
+    time: Floats  # (T,): s, from 0 to the end of the record
+    poles: Complexes  # (n,): modes that show at the outputs, one of each conjugate pair, 1/s
+    shares: Complexes  # (n, N): their amplitudes at the outputs, in step amplitudes
+    # `all_poles`, `charges`: (m,) and (m, Q): all modes, and their amplitudes in every charge, 1/s
+    # and C.
     all_poles: Complexes
     charges: Complexes
-    rest: Floats
-    charge: float
-    amplitude: float
-    current: float = 0.0
+    rest: Floats  # (Q,): the charges at rest, C
+    charge: float  # charge below which the truncation error is absolute, C
+    amplitude: float  # step amplitude, V
+    current: float = 0.0  # current up to which the truncation error is absolute, A
 
     @classmethod
     def of(
@@ -171,10 +140,7 @@ class StepModel:
         A growing mode of the coarse image of a board that is known to be `stable` is taken as
         decaying at the same rate.
 
-        Raises
-        ------
-        EngineError
-            No state-space form, or no equilibrium.
+        EngineError: no state-space form, or no equilibrium.
         """
         coarse = board.descriptor.is_large
         board = board.coarse if coarse else board
@@ -277,12 +243,9 @@ class StepModel:
     def instants(self, error: float) -> Floats:
         """Return the instants of a record whose cubic interpolation errs by `error`, s.
 
-        Parameters
-        ----------
-        error : float
-            Interpolation error, in step amplitudes. The error of a cubic through four points h
-            apart is ``h⁴ |d⁴u/dt⁴| 3/128``.
-            The record errs more where `MOST_INSTANTS` do not suffice.
+        `error`: interpolation error, in step amplitudes. The error of a cubic through four points h
+          apart is ``h⁴ |d⁴u/dt⁴| 3/128``. The record errs more where `MOST_INSTANTS` do not
+          suffice.
         """
         rate = np.abs(self.growth @ (self.poles[:, None] * self.shares)).max(axis=1, initial=TINY)
         bend = np.abs(self.growth @ (self.poles[:, None] ** 4 * self.shares))

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.scene.checks import Checks
+from taction.netlist_gen.scene.check_keys import Checks
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.system.reading_definitions import EXCURSIONS
-from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import Initial, LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import GROWN, TimeScales
 from taction.verification.verdict.step_forecast import StepForecast, StepModel
 
@@ -50,36 +50,18 @@ TOO_SLOW = (
 
 @dataclass(frozen=True, slots=True)
 class TransientPlan:
-    """A transient and the forecast of its error and cost.
+    """A transient and the forecast of its error and cost."""
 
-    Attributes
-    ----------
-    transient : Transient
-        The transient to simulate.
-    wanted : float
-        Largest error of any output at any time that the checks allow, in step amplitudes.
-    forecast : StepForecast
-        What ngspice's step control will do; `NO_STEPS` for the state-space engine.
-    seconds : float
-        Estimated processor time of ngspice, s.
-    growing : bool
-        Whether the board is unstable and its outputs grow.
-    grown : float
-        Length of the shortest record that shows a growing instability, s.
-    notes : tuple of str
-        What the plan omits, for the user.
-    curved : bool
-        Whether the board has behavioural amplifiers or transistors.
-    """
-
-    transient: Transient
+    transient: Transient  # the transient to simulate
+    # Largest error of any output at any time that the checks allow, in step amplitudes.
     wanted: float
+    # What ngspice's step control will do; `NO_STEPS` for the state-space engine.
     forecast: StepForecast
-    seconds: float
-    growing: bool
-    grown: float
-    notes: tuple[str, ...] = ()
-    curved: bool = False
+    seconds: float  # estimated processor time of ngspice, s
+    growing: bool  # whether the board is unstable and its outputs grow
+    grown: float  # length of the shortest record that shows a growing instability, s
+    notes: tuple[str, ...] = ()  # what the plan omits, for the user
+    curved: bool = False  # whether the board has behavioural amplifiers or transistors
 
     @property
     def tolerance(self) -> float:
@@ -154,23 +136,14 @@ def plan_transient(
     tolerance, or when an instability has grown. ``analysis.points_per_period`` asks for even steps
     instead of the cheapest step control.
 
-    Parameters
-    ----------
-    steps : bool
-        Whether the engine takes the steps of the plan; False for one that bounds its own error.
-    stable : bool, optional
-        Whether the board is stable, by its own poles; by default as `scales` say, which for a
-        large board are those of its coarse image.
-    resolution : float, optional
-        Rounding error of the poles, 1/s. Modes that decay or grow more slowly than this do not
-        lengthen the record: their rates are not known.
-    aim : float, optional
-        Error to plan for, in step amplitudes; the default is `AIM` times the wanted error.
-
-    Raises
-    ------
-    EngineError
-        No mode of the board is visible at its outputs.
+    `steps`: whether the engine takes the steps of the plan; False for one that bounds its own
+      error.
+    `stable`: whether the board is stable, by its own poles; by default as `scales` say, which for a
+      large board are those of its coarse image.
+    `resolution`: rounding error of the poles, 1/s. Modes that decay or grow more slowly than this
+      do not lengthen the record: their rates are not known.
+    `aim`: error to plan for, in step amplitudes; the default is `AIM` times the wanted error.
+    EngineError: no mode of the board is visible at its outputs.
     """
     growing = math.isfinite(scales.growth_time) if stable is None else not stable
     stop, error = _stop(scene, scales, resolution, growing=growing), wanted_error(scene)
@@ -272,10 +245,7 @@ def _stop(scene: Scene, scales: TimeScales, resolution: float, *, growing: bool)
 def settled_after(checks: Checks, scales: TimeScales, resolution: float = 0.0) -> float:
     """Return the length of a record in which every check of a stable board can be decided, s.
 
-    Raises
-    ------
-    EngineError
-        No mode of the board is visible at its outputs.
+    EngineError: no mode of the board is visible at its outputs.
     """
     remainder = REMAINDER * min(checks.steady_state.tolerance, checks.settling_time.band)
     settled = AFTER_SETTLING * scales.stop_for(remainder, slowest=resolution)

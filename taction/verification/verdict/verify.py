@@ -1,22 +1,34 @@
-"""Verify a scene: circuit, deck, waveforms, measurements, checks, verdict."""
+"""Verify a scene: circuit, deck, waveforms, measurements, checks, verdict.
+
+Of several scenes, boards that are alike are built and read together.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene, opamp_words
-from taction.system.after_result import attempt
 from taction.system.array_types import Floats
-from taction.system.progress import Clock, Progress
+from taction.system.errors import TactionError
+from taction.system.own_folders import remove_own_folder
+from taction.system.progress import Clock, Progress, attempt
 from taction.system.quantities import sizes
 from taction.system.results import RENDERERS, Result, load
 from taction.system.waveforms import Waveforms
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import (
+    LinearBoard,
+    parts_of,
+    solve_together,
+)
+from taction.verification.readings.exact_measures import ExactResponse, measure_responses
 from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.ideal_answer import (
     EnergyRise,
@@ -24,19 +36,30 @@ from taction.verification.reference.ideal_answer import (
     energy_rise,
     ideal_answer,
 )
-from taction.verification.stability.margin import REACH, Margin, MarginSearch, find_margin
+from taction.verification.stability.margin import (
+    REACH,
+    Margin,
+    MarginSearch,
+    find_margin,
+    margins_together,
+)
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
-from taction.verification.verdict.companion import Agreement, StepError
-from taction.verification.verdict.design import design_board
+from taction.verification.verdict.companion import (
+    Agreement,
+    StepError,
+    beside_steps,
+    exact_response,
+)
 from taction.verification.verdict.error_budget import ErrorBudget, error_budget
 from taction.verification.verdict.headroom import PartLoads
 from taction.verification.verdict.output_noise import OutputNoise
-from taction.verification.verdict.planned_board import PlannedBoard, SteadyState
+from taction.verification.verdict.plan_board import design_board, planned_board, synthesised_board
+from taction.verification.verdict.planned_board import PlannedBoard, SteadyState, UnplannedBoard
 from taction.verification.verdict.recording import Accuracy, Recording, finest, record_and_measure
 from taction.verification.verdict.run_checks import could_be_finer, run_checks
-from taction.verification.verdict.simulation import Pending, begin
+from taction.verification.verdict.simulation import ENGINES, Pending, begin, begin_together
 from taction.verification.verdict.warnings import all_warnings, find_contradiction, missing_witness
 
 if TYPE_CHECKING:
@@ -48,16 +71,10 @@ class Effort:
     """Results that a verification computes in addition to the checks.
 
     No outcome and no reading of a check depends on these choices.
-
-    Attributes
-    ----------
-    details : bool
-        Whether to compute the error budget and the energy.
-    full_margin : bool
-        Whether to scan the stability margin up to `REACH`, not only up to the limit of the scene.
     """
 
-    details: bool = True
+    details: bool = True  # whether to compute the error budget and the energy
+    # Whether to scan the stability margin up to `REACH`, not only up to the limit of the scene.
     full_margin: bool = True
 
 
@@ -68,8 +85,8 @@ FULL = Effort()
 class Verdict(Result):
     """All results of `verify`; ``print`` shows one screen, `outcome` is the overall result."""
 
-    VIEW = "taction.verification.report.views.verdict:view"
-    SCREEN = "taction.verification.report.views.verdict_screen:screen"
+    VIEW = "taction.verification.report.views.verdict_view:view"
+    SCREEN = "taction.verification.report.views.verdict_screen_view:screen"
     CARD = "Verdict"
     DOCUMENT = "taction.verification.report.documents.verdict:VerdictBody.of"
 
@@ -344,3 +361,106 @@ def judged(
         failures=tuple(failures),
         timing=clock.seconds,
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Request:
+    """What `verify` gets."""
+
+    scene: Scene
+    problem: InverseProblem | None = None
+    circuit: Circuit | LinearBoard | None = None
+    ideal: IdealAnswer | None = None
+    effort: Effort = FULL
+
+    def verdict(self) -> Verdict:
+        """Return the verdict of this board alone; errors as `verify`."""
+        return verify(
+            self.scene,
+            problem=self.problem,
+            circuit=self.circuit,
+            ideal=self.ideal,
+            effort=self.effort,
+        )
+
+
+BRIEF = 1.0  # s: a longer run of ngspice gains nothing, and is not repeated if it fails
+TOGETHER = 600_000  # squared numbers of parts of the boards that are computed together
+
+Built = tuple[Request, UnplannedBoard, Clock]
+
+
+def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]]:
+    """Verify scenes; boards that are alike are built, and simulated or read if exact, in one go.
+
+    Yields
+    ------
+    int, Verdict
+        Place of a request, and its verdict. A request is left out where it gains nothing from
+        other ones, and where `verify` raises. Simulations in processes run one after the other.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/custom-matrix.toml").with_engine("statespace")
+    >>> ((place, verdict),) = verify_together([Request(scene)])
+    >>> place, verdict.outcome is taction.verify(scene).outcome
+    (0, True)
+    """
+    built, size = dict[int, Built](), 0
+    for place, request in enumerate(requests):
+        clock = Clock(lambda stage: None)
+        with suppress(Exception):
+            board = synthesised_board(
+                request.scene, clock, problem=request.problem, circuit=request.circuit
+            )
+            clock.pause()
+            built[place] = request, board, clock
+            size += parts_of(board.board) ** 2
+        if size > TOGETHER:
+            yield from _verified(built)
+            built, size = {}, 0
+    yield from _verified(built)
+
+
+def _verified(built: dict[int, Built]) -> Iterator[tuple[int, Verdict]]:
+    """Yield the verdicts of boards whose run is brief; their readings and margins are known."""
+    with suppress(Exception):  # each alone says why
+        solve_together([board.board for _, board, _ in built.values()])
+    designs = dict[int, tuple[PlannedBoard, IdealAnswer]]()
+    responses, searches = dict[int, ExactResponse](), dict[int, MarginSearch]()
+    for place, (request, board, clock) in built.items():
+        with suppress(Exception):
+            design = planned_board(board, clock)
+            if design.board.descriptor.is_large or design.plan.seconds >= BRIEF:
+                continue
+            ideal = request.ideal or ideal_answer(design.network, design.scene)
+            response, search = exact_response(design, ideal), margin_search(design, request.effort)
+            if response is not None and response.is_stable:
+                bounds_itself = ENGINES[design.engine].error is not None
+                responses[place] = response if bounds_itself else beside_steps(response)
+                searches |= {} if search is None else {place: search}
+            designs[place] = design, ideal
+            clock.pause()
+    found = margins_together([*searches.values()])
+    margins = dict(zip(searches, found, strict=True))
+    readings = dict(zip(responses, measure_responses([*responses.values()]), strict=True))
+    runs = begin_together([design for design, _ in designs.values()])
+    for run, (place, (design, ideal)) in zip(runs, designs.items(), strict=True):
+        (request, _, clock), margin = built[place], margins.get(place)
+        if not isinstance(margin, TactionError):
+            with _left_out():
+                known = readings.get(place), margin
+                evidence = gather_evidence(design, ideal, run, clock, request.effort, *known)
+                yield place, judged(*evidence, ideal, clock, request.effort)
+
+
+@contextmanager
+def _left_out() -> Iterator[None]:
+    """Leave out a board that fails: alone it says why, with a run folder of its own."""
+    try:
+        yield
+    except Exception as error:
+        folder = getattr(error, "folder", None)
+        if isinstance(folder, Path):
+            remove_own_folder(folder)

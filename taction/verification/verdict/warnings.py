@@ -14,7 +14,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.part_warnings import part_warnings, stuck_cells
-from taction.netlist_gen.scene.questions import questions
+from taction.netlist_gen.scene.slips import questions
 from taction.spice_models.imported import ImportedOpAmp
 from taction.spice_models.input_errors import not_known
 from taction.system.array_types import Floats
@@ -122,14 +122,9 @@ def find_contradiction(circuit: Circuit, ideal: IdealAnswer, start: Floats) -> s
     The starts are compared only if the reference can be trusted, and if its error is smaller than
     the step.
 
-    Parameters
-    ----------
-    circuit : Circuit
-        The board with the numbers that it states.
-    ideal : IdealAnswer
-        The reference with its own numbers.
-    start : ndarray (N,)
-        Outputs at the first instant of the record, V.
+    `circuit`: the board with the numbers that it states.
+    `ideal`: the reference with its own numbers.
+    `start` (N,): outputs at the first instant of the record, V.
     """
     network = ideal.network
     wanted_facts = {"lambda": network.lam, "U0": network.U0, "Ve": network.Ve}

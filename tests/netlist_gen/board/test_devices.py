@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.board.devices import Device, load_devices
-from taction.netlist_gen.scene.array_tables import DevicesTable
+from taction.netlist_gen.scene.design import DevicesTable
 
 # By hand, from the formulas in the sources, in uS: conductance and standard deviation.
 PRINTED = {

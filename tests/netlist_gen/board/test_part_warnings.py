@@ -17,7 +17,7 @@ from taction.netlist_gen.board.part_warnings import (
     part_warnings,
 )
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from tests.support.making import make_scene, matrix_problem
 from tests.support.paths import ROOT
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taction.netlist_gen.board.preferred_values import (
+from taction.netlist_gen.board.bill_of_materials import (
     buyable,
     mantissas,
     nearest,

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.variation import INPUT_ERROR, Parameter, draw, parameters, vary
-from taction.netlist_gen.scene.checks import Tolerances
+from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats

@@ -11,7 +11,7 @@ import pytest
 from taction.netlist_gen.analysis import OperatingPoint, Transient
 from taction.netlist_gen.board.circuit import Circuit, Omission
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.deck.checks import tolerances
+from taction.netlist_gen.deck.circuit_checks import tolerances
 from taction.netlist_gen.deck.deck import write_deck
 from tests.support.making import make_scene, matrix_problem
 

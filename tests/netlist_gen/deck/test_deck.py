@@ -20,7 +20,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.process import find_simulator, simulate
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
 from tests.support.paths import GOLDEN, SCENES
 

@@ -25,7 +25,7 @@ from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.deck.dialects import DIALECTS
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients import simulate
 from tests.support.making import make_scene
 from tests.support.other_simulators import Record, distance, gnucap_record, ngspice_record

@@ -11,9 +11,8 @@ import pytest
 
 from taction import check
 from taction.netlist_gen.deck.elements import CardError
-from taction.netlist_gen.deck.flat_cards import read_cards
+from taction.netlist_gen.deck.flat_cards import read_cards, stimulus_of
 from taction.netlist_gen.deck.foreign_deck import read_deck
-from taction.netlist_gen.deck.stimuli import stimulus_of
 from taction.system.errors import InputError, TactionError
 from taction.verification.engines.ngspice import commands
 from taction.verification.studies.foreign_board import read_board

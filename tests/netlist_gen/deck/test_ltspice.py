@@ -12,7 +12,7 @@ import pytest
 from taction.netlist_gen.deck.linear_expressions import affine, without_poly
 from taction.netlist_gen.deck.ltspice import plain_cards, spelt
 from taction.system.errors import InputError
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.poles import poles
 from taction.verification.studies.foreign_board import ForeignBoard, read_board
 

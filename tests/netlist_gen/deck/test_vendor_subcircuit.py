@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from taction.netlist_gen.deck.foreign_lines import number
 from taction.netlist_gen.deck.linear_expressions import polynomial
 from taction.netlist_gen.deck.vendor_subcircuit import (
     flat_subcircuit,
     stored_subcircuit,
     vendor_subcircuit,
 )
-from taction.spice_models.foreign_expressions import number
 from taction.system.errors import InputError
 from taction.verification.characterise.operating_point import find_point
 from taction.verification.engines.ngspice.executable import find_simulator

@@ -15,7 +15,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.kicad.board import KicadProject, kicad_project
 from taction.netlist_gen.kicad.drawing import branches
 from taction.netlist_gen.kicad.lists import wiring
-from taction.netlist_gen.kicad.parts import BoardParts, reference
+from taction.netlist_gen.kicad.part_symbols import BoardParts, reference
 from taction.netlist_gen.kicad.sheet import quoted
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS

@@ -18,7 +18,7 @@ from taction.netlist_gen.scene.axes import (
 from taction.netlist_gen.scene.keys import find_key, own_value
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.table import topology_of
+from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.errors import InputError
 from tests.support.making import make_scene
 from tests.support.paths import SCENES

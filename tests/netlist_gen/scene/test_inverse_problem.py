@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from taction.netlist_gen.scene.inverse_problem import cylinder_stress, grid, kernel, make_problem
 from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.problem import CylinderLoad
+from taction.netlist_gen.scene.problem_keys import CylinderLoad
 from taction.system.errors import InputError
 from tests.support.making import make_scene, write_matrix_scene
 

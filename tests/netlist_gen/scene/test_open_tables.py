@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from taction.netlist_gen.scene.axes import parse_axes, with_settings
+from taction.netlist_gen.scene.keys import scene_text
 from taction.netlist_gen.scene.scene import Scene, parse_scene
-from taction.netlist_gen.scene.writing import scene_text
 from taction.system.errors import InputError
 from taction.verification.studies.running.versions import digest
 
@@ -23,7 +23,7 @@ GROUPS = {
 SOURCE = """
 from types import SimpleNamespace
 from pydantic import Field
-from taction.netlist_gen.scene.checks import UpperLimit
+from taction.netlist_gen.scene.check_keys import UpperLimit
 from taction.netlist_gen.scene.fields import Count, Model, NonNegative, Ohms, Seconds
 
 class DroopCheck(UpperLimit):

@@ -10,7 +10,7 @@ import pytest
 
 from taction.netlist_gen.scene.keys import Key, all_keys
 from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.places import place
+from taction.netlist_gen.scene.mistakes import place
 from taction.netlist_gen.scene.scene import parse_scene
 from taction.system.errors import InputError
 from tests.support.paths import SCENES

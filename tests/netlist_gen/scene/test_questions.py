@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from taction.netlist_gen.scene.axes import parse_axes, with_value
-from taction.netlist_gen.scene.questions import axis_questions, questions
 from taction.netlist_gen.scene.scene import Scene, parse_scene
+from taction.netlist_gen.scene.slips import axis_questions, questions
 from taction.system.errors import InputError
 from tests.support.making import make_scene
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from taction.netlist_gen.scene.keys import scene_text
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import parse_scene
-from taction.netlist_gen.scene.writing import scene_text
 from tests.support.paths import ROOT
 
 SCENES = sorted((ROOT / "scenes").glob("*.toml"))

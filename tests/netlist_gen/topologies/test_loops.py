@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.array_tables import DevicesTable
-from taction.netlist_gen.scene.questions import questions
+from taction.netlist_gen.scene.design import DevicesTable
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.slips import questions
 from taction.system.errors import InputError
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
 
 Matrix = NDArray[np.float64]

@@ -20,7 +20,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.reference.solve import solve
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem

@@ -12,7 +12,7 @@ from taction.netlist_gen.board.circuit import Circuit, Role
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.variation import parameters
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from tests.support.making import make_scene, matrix_problem
 
 T, EPS = [[1.0, -0.5], [0.25, 2.0], [0.5, 0.5]], [0.3, 0.0, -0.2]

@@ -17,7 +17,7 @@ from taction.spice_models.imported import ImportedOpAmp
 from taction.spice_models.opamp import OpAmp
 from taction.system.errors import InputError
 from taction.verification.characterise.characterise import open_loop
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.studies.vendor_model import import_opamp
 
 

@@ -13,10 +13,10 @@ import taction
 from taction.netlist_gen.board.part_warnings import ANY_PART, broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.keys import scene_text
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.scene.writing import scene_text
 from taction.system.errors import InputError
 from taction.verification.design.choice_plan import (
     CAPACITANCE,
@@ -26,10 +26,9 @@ from taction.verification.design.choice_plan import (
     choice_plan,
 )
 from taction.verification.design.choose import best_designs, design_scene, designs
-from taction.verification.report.views.choose import view
+from taction.verification.report.views.choose_view import view
 from taction.verification.studies.store import Store
-from taction.verification.studies.sweep.plan import Plan
-from taction.verification.studies.sweep.run import computed
+from taction.verification.studies.sweep.plan import Plan, computed
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import Effort, verify

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from taction.netlist_gen.board.part_warnings import broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.array_files import problem_tables
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.problem_tables import problem_tables
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
 from taction.verification.design.fresh_scene import (

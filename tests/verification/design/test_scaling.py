@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from taction.netlist_gen.board.bill_of_materials import buyable, values_between
 from taction.netlist_gen.board.part_warnings import ANY_PART
-from taction.netlist_gen.board.preferred_values import buyable, values_between
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene

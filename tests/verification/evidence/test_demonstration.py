@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import taction
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.evidence import demonstration
 from taction.verification.evidence.demonstration import Demonstration
 from taction.verification.evidence.paper.findings import paper_scene

@@ -16,7 +16,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.readings.course import Course, Courses
 from taction.verification.readings.exact_measures import ExactResponse, measure_responses

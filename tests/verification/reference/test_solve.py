@@ -11,12 +11,17 @@ import numpy as np
 import pytest
 
 from taction.system.errors import InputError, SolverError
-from taction.verification.reference.exact_products import PRODUCT_ERROR, ExactMatrix, Pair
 from taction.verification.reference.problem import Problem, Solution, solution_difference
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
 from taction.verification.reference.smooth import FUNCTION_ERROR
 from taction.verification.reference.solve import solve
-from taction.verification.reference.stacked_least_squares import SVD, factorise
+from taction.verification.reference.stacked_least_squares import (
+    PRODUCT_ERROR,
+    SVD,
+    ExactMatrix,
+    Pair,
+    factorise,
+)
 from tests.support.oracle import count_claims, error_of, exact_solution, kernel, random_problems
 
 NONLINEAR = ("exponential", "sinh", "softplus", "tanh")

@@ -18,7 +18,7 @@ from mcp.client.stdio import StdioServerParameters, stdio_client
 
 from taction.system.errors import InputError
 from taction.verification.report import tool_server
-from taction.verification.report.documents.catalogue import schema
+from taction.verification.report.documents.document_catalogue import schema
 from taction.verification.report.tool_server import TOOLS, server
 from tests.support.entries import write_fast
 from tests.support.running import taction

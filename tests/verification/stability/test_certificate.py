@@ -10,8 +10,8 @@ import pytest
 
 import taction
 from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.output_noise import output_noise
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
 from taction.verification.stability import families
 from taction.verification.stability.instant_feedback import latching
 from taction.verification.stability.margin import Margin

@@ -16,7 +16,7 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
 from taction.verification.engines.statespace.equations import descriptor
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.loci import LociSearch, _Trace, trace_together
 from taction.verification.stability.poles import count_unstable, poles

@@ -17,7 +17,7 @@ from taction.netlist_gen.scene.axes import with_value
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import EngineError, TactionError
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability import certificate
 from taction.verification.stability import families as module
 from taction.verification.stability import margin as margin_module

@@ -12,7 +12,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import EPS
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.poles import Poles, count_unstable, poles, poles_together

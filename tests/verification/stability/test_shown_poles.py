@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.instant_feedback import latching
 from taction.verification.stability.poles import poles
 from taction.verification.stability.shown_poles import BAND, told_apart

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 
 from taction.system.errors import EngineError, InputError
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.poles import poles
 from taction.verification.studies.board_check import BoardCheck, check_board

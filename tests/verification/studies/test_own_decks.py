@@ -11,8 +11,8 @@ from scipy.optimize import brentq
 
 import taction
 from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
-from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.netlist_gen.topologies.frame.topology import TOPOLOGIES
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.edges import Edge
 from taction.verification.stability.poles import poles
 from taction.verification.studies.foreign_board import read_board

@@ -18,7 +18,7 @@ from taction.system.errors import SolverError
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.solve import solve
 from taction.verification.report.documents.verdict import budget_parts, verdict_document
-from taction.verification.report.views.answer import answer_text
+from taction.verification.report.views.answer_view import answer_text
 from taction.verification.verdict import answer_error
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.verify import Verdict, verify

@@ -14,7 +14,7 @@ from taction.netlist_gen.board.bill_of_materials import bill_of_materials
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.variation import DEVICE, draw, parameters, vary
 from taction.netlist_gen.deck.deck import write_deck
-from taction.netlist_gen.scene.checks import NoiseCheck, Tolerances
+from taction.netlist_gen.scene.check_keys import NoiseCheck, Tolerances
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.spice_models.transistor import load_pairs
@@ -23,10 +23,10 @@ from taction.system.errors import InputError
 from taction.system.progress import Clock
 from taction.verification.engines.ngspice.process import find_simulator, start
 from taction.verification.engines.statespace.equations import descriptor
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.simulate import simulate
-from taction.verification.verdict.design import design_board
 from taction.verification.verdict.output_noise import OutputNoise
+from taction.verification.verdict.plan_board import design_board
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.paths import SCENES
 

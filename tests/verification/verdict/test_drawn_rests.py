@@ -14,7 +14,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.system.array_types import Floats
 from taction.verification.report.documents.verdict import verdict_document
-from taction.verification.report.views.answer import answer_text, yield_text
+from taction.verification.report.views.answer_view import answer_text, yield_text
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene
 

@@ -17,9 +17,9 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.verification.report.blocks import Table
 from taction.verification.report.documents.verdict import budget_parts, verdict_document
-from taction.verification.report.views.verdict import budget_blocks
+from taction.verification.report.views.verdict_view import budget_blocks
 from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart, Link, chained
-from taction.verification.verdict.pruning import pruning_of
+from taction.verification.verdict.scene_deck import pruning_of
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import make_scene, matrix_problem, write_matrix_scene
 from tests.support.oracle import optimum

@@ -21,16 +21,16 @@ from taction.system.errors import InputError
 from taction.system.progress import Clock
 from taction.verification.engines.ngspice.process import find_simulator, simulate
 from taction.verification.engines.statespace.equations import descriptor
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.report.views.checks import check_bar
-from taction.verification.report.views.verdict import view
+from taction.verification.report.views.answer_view import check_bar
+from taction.verification.report.views.verdict_view import view
 from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.design import design_board
 from taction.verification.verdict.headroom import Load, PartLoads
+from taction.verification.verdict.plan_board import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.simulation import begin, own_error
 from taction.verification.verdict.verify import Verdict, verify

@@ -23,7 +23,7 @@ from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import opamp_subcircuit
 from taction.system.errors import InputError
 from taction.verification.engines.ngspice.process import find_simulator, simulate
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene

@@ -12,11 +12,11 @@ from pydantic import ValidationError
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.variation import draw, parameters, vary, with_resistors_at
-from taction.netlist_gen.scene.checks import Tolerances
+from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.spice_models.input_errors import spreads
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.input_spread import InputSpread

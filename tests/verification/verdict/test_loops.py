@@ -17,7 +17,7 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import plain
 from taction.system.errors import InputError
-from taction.verification.evidence.stress.compare import compare
+from taction.verification.evidence.stress.judge import compare
 from taction.verification.report.documents.verdict import VerdictBody
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
@@ -213,7 +213,7 @@ def test_the_margin_of_inv_is_where_the_slowest_inputs_let_a_mode_grow() -> None
         a = t2 + tc + wp * t2 * tc
         return float(a * (1.0 + wp * (t2 + tc)) - t2 * tc * (wp + wt))  # mu = 1, the largest
 
-    edge = float(brentq(excess, 1e-9, 1e-5, rtol=1e-13)) / (C / G0)
+    edge = float(brentq(excess, 1e-9, 1e-5, xtol=1e-21, rtol=1e-13)) / (C / G0)
     one = scene("inv", unit_conductance=G0, stray_capacitance=0, opamp=opamp)
     problem = {"kind": "matrix", "matrix": ring.tolist(), "strain": [1.0, 0.0, 0.0, 0.5, 0.0]}
     for asked, outcome in ((0.99 * edge, Outcome.PASS), (1.01 * edge, Outcome.FAIL)):

@@ -19,12 +19,12 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import EngineError
 from taction.verification.engines.ngspice.process import find_simulator, start
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.output_noise import output_noise
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
 from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.report.views.verdict import view
+from taction.verification.report.views.verdict_view import view
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.output_noise import STEP, OutputNoise, noise_bands
 from taction.verification.verdict.run_checks import run_checks

@@ -24,7 +24,7 @@ from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.verdict import companion, recording, transient_plan
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.companion import Companion, outputs
-from taction.verification.verdict.design import design_board
+from taction.verification.verdict.plan_board import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.recording import (
     Accuracy,

@@ -16,11 +16,11 @@ from taction.system.array_types import Floats
 from taction.system.errors import DivergesError, EngineError
 from taction.system.progress import Clock
 from taction.system.waveforms import Cost, Waveforms
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients import simulate, stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.design import design_board
+from taction.verification.verdict.plan_board import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.simulation import (
     StateSpaceError,

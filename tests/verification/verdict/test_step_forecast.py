@@ -17,7 +17,7 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import start
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.verdict.step_forecast import StepForecast, StepModel, slip

@@ -15,10 +15,10 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import EngineError
 from taction.system.progress import Clock
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.design import design_board
+from taction.verification.verdict.plan_board import design_board
 from taction.verification.verdict.transient_plan import (
     UNSTABLE_SECONDS,
     TransientPlan,

@@ -20,23 +20,22 @@ from taction.system.errors import SimulatorNotFound, TimedOut
 from taction.system.progress import Clock
 from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.evidence.stress.catalogue import load_catalogue
 from taction.verification.readings.settling import ChannelState
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.report.views.verdict import view
+from taction.verification.report.views.verdict_view import view
 from taction.verification.stability.poles import Poles, poles
-from taction.verification.verdict import design
-from taction.verification.verdict import verify_together as module_of_batches
+from taction.verification.verdict import plan_board as design
+from taction.verification.verdict import verify as module_of_batches
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.design import design_board
+from taction.verification.verdict.plan_board import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.recording import record_transient
-from taction.verification.verdict.verify import Verdict, verify
-from taction.verification.verdict.verify_together import Request, verify_together
+from taction.verification.verdict.verify import Request, Verdict, verify, verify_together
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
 

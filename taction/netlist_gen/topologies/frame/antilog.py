@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from taction.netlist_gen.board.bill_of_materials import nearest, preferred
 from taction.netlist_gen.board.circuit import GROUND, Circuit, Role
 from taction.netlist_gen.board.parts import (
     Capacitor,
@@ -22,9 +23,8 @@ from taction.netlist_gen.board.parts import (
     TransistorCell,
     VoltageSource,
 )
-from taction.netlist_gen.board.preferred_values import nearest, preferred
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.parts import Parts
+from taction.netlist_gen.topologies.frame.entries import Parts
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.transistor import Transistor, load_pairs, thermal_voltage
 from taction.system.errors import Complaint, InputError
@@ -49,11 +49,8 @@ class AntilogStage:
     def of(cls, scene: Scene, opamp: OpAmp) -> AntilogStage:
         """Choose the parts for a scene.
 
-        Raises
-        ------
-        InputError
-            The slope is not above the thermal voltage, so no divider gives it, or the board does
-            not start at rest.
+        InputError: the slope is not above the thermal voltage, so no divider gives it, or the board
+          does not start at rest.
         """
         if scene.analysis.initial != "rest":
             text = (

@@ -22,6 +22,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.antilog import AntilogStage
 from taction.netlist_gen.topologies.frame.entries import (
     Numbered,
+    Parts,
     left_out_of_the_matrix,
     matrix_resistors,
     place_strain,
@@ -29,7 +30,6 @@ from taction.netlist_gen.topologies.frame.entries import (
     pruning_omission,
     simplest_parts,
 )
-from taction.netlist_gen.topologies.frame.parts import Parts
 from taction.netlist_gen.topologies.frame.topology import Topology, slope_of
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Bools, Floats

@@ -1,19 +1,28 @@
-"""`Topology`: how a scene becomes a board, and what the board states about itself."""
+"""`Topology`: how a scene becomes a board, and what the board states about itself; their table.
+
+The table has one module each beside this folder, and those of other packages.
+
+Other packages add a topology by an entry point of the group ``taction.topologies``: its name is
+the word in the scene, its object a `Topology`.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
 
+from taction.netlist_gen import topologies
+from taction.netlist_gen.board.bill_of_materials import nearest
 from taction.netlist_gen.board.circuit import Circuit, Fact, Knob, common_facts, common_knobs
-from taction.netlist_gen.board.preferred_values import nearest
 from taction.netlist_gen.scene.field_values import LARGE, LEAST, MOST, SMALL
 from taction.netlist_gen.scene.fields import Model
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from taction.system.errors import Complaint, InputError
+from taction.system.plugins import OpenTable, objects_of
 
 
 class Topology(ABC):
@@ -102,3 +111,14 @@ class Topology(ABC):
 def slope_of(scene: Scene) -> float:
     """Return Ve of a scene, V; 1 V, without effect, where it has none."""
     return scene.design.exponential_slope or 1.0
+
+
+TOPOLOGIES: Mapping[str, Topology] = OpenTable(
+    "taction.topologies", objects_of(topologies, "TOPOLOGY"), Topology
+)
+"""The topologies by the word in a scene."""
+
+
+def topology_of(scene: Scene) -> Topology:
+    """Return the topology of a scene."""
+    return TOPOLOGIES[scene.design.topology]

@@ -17,8 +17,8 @@ from taction.netlist_gen.analysis import Analysis, OperatingPoint
 from taction.system.array_types import Complexes
 from taction.system.errors import DidNotLoad, SimulationError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
+from taction.system.processes import time_left
 from taction.system.raw_file import KINDS, read_plots
-from taction.system.time_limit import time_left
 from taction.system.waveforms import PHYSICAL_BOUND
 from taction.verification.engines.ngspice.evidence import Ending, check_end
 from taction.verification.engines.ngspice.executable import Simulator
@@ -87,18 +87,11 @@ def run_commands(
 ) -> Answers:
     """Run commands on cards.
 
-    Parameters
-    ----------
-    cards : iterable of str
-        One a line, checked before.
-    commands : sequence of str
-        They write plots into `RESULT` and listings into `TEXT`.
-    mode : str
-        Of ngspice's ``ngbehavior``, such as ``"psa"``; empty for its own.
-    seconds : float
-        Time allowed, s; less where `taction.system.time_limit` leaves less.
-    last : str
-        The last command; without ``quit`` ngspice then sets the circuit up, and checks it.
+    `cards`: one a line, checked before.
+    `commands`: they write plots into `RESULT` and listings into `TEXT`.
+    `mode`: of ngspice's ``ngbehavior``, such as ``"psa"``; empty for its own.
+    `seconds`: time allowed, s; less where `taction.system.processes` leaves less.
+    `last`: the last command; without ``quit`` ngspice then sets the circuit up, and checks it.
     """
     if not (seconds := time_left(seconds)):
         return Answers(failure=DidNotLoad(OVER))
@@ -144,19 +137,10 @@ def expand(
 
     Subcircuits are flattened, and every expression is a number; nothing is simulated.
 
-    Parameters
-    ----------
-    lines : iterable of str
-        Cards, one a line, checked before.
-    values : sequence of mapping
-        Numbers for ``.param`` names, in the place of the deck's own.
-    seconds : float
-        Time allowed, s.
-
-    Raises
-    ------
-    SimulationError
-        ngspice does not expand the deck; the text has what it said.
+    `lines`: cards, one a line, checked before.
+    `values`: numbers for ``.param`` names, in the place of the deck's own.
+    `seconds`: time allowed, s.
+    SimulationError: ngspice does not expand the deck; the text has what it said.
     """
     commands: list[str] = []
     for changed in values:
@@ -184,10 +168,7 @@ def expand(
 def listed_cards(part: str) -> tuple[str, ...]:
     """Return the flat cards of one listing.
 
-    Raises
-    ------
-    DidNotLoad
-        A card is so long that it may be listed without its end.
+    DidNotLoad: a card is so long that it may be listed without its end.
     """
     cards = [match[1] for line in part.split("\n") if (match := _CARD.match(line))]
     for card in cards:

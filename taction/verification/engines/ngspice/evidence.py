@@ -195,11 +195,8 @@ def accepted_waveforms(
     `engine` and `solver` are for `Waveforms`; `bound` is the largest possible node voltage of a
     working board, V.
 
-    Raises
-    ------
-    SimulationError
-        One of its kinds, for the first piece of evidence that is missing, with the important
-        lines of the log and the run folder.
+    SimulationError: one of its kinds, for the first piece of evidence that is missing, with the
+      important lines of the log and the run folder.
     """
 
     def judge() -> Waveforms:
@@ -320,11 +317,8 @@ FREQUENCY_TOLERANCE = 1e-6
 def integrated_noise(deck: DeckToRun, ending: Ending) -> float:
     """Return the noise of the saved node over all bands, rms, V.
 
-    Raises
-    ------
-    SimulationError
-        One of its kinds; `BadEvidence` where a plot is missing, is another one than asked for, or
-        has other frequencies.
+    SimulationError: one of its kinds; `BadEvidence` where a plot is missing, is another one than
+      asked for, or has other frequencies.
     """
     return _accepted(ending, lambda: _total(deck, read_plots(ending.raw)))
 
@@ -383,11 +377,8 @@ PLOT = "AC Analysis"
 def small_signal_response(deck: DeckToRun, ending: Ending) -> tuple[Floats, Complexes]:
     """Return the frequencies (P,), Hz, and the voltages of the saved nodes (P, K), V.
 
-    Raises
-    ------
-    SimulationError
-        One of its kinds; `BadEvidence` where the plot, its vectors or frequencies are others than
-        those asked for, or a value is not finite.
+    SimulationError: one of its kinds; `BadEvidence` where the plot, its vectors or frequencies are
+      others than those asked for, or a value is not finite.
     """
     return _accepted(ending, lambda: _checked(deck, read_raw(ending.raw, flags="complex")))
 

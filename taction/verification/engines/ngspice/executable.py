@@ -76,12 +76,8 @@ def find_simulator(path: str | None = None) -> Simulator:
 
     Its version is read once in each Python process.
 
-    Raises
-    ------
-    SimulatorNotFound
-        There is no such executable, or the executable is not ngspice.
-    SimulatorTooOld
-        The version is below `OLDEST`.
+    SimulatorNotFound: there is no such executable, or the executable is not ngspice.
+    SimulatorTooOld: the version is below `OLDEST`.
     """
     name = path or os.environ.get("TACTION_NGSPICE") or "ngspice"
     if os.sep in name:

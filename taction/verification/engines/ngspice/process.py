@@ -88,12 +88,8 @@ def make_folder(deck: DeckToRun, command: str, folder: Path | None) -> Path:
     `command` is the command line that repeats the run in its folder. An existing `folder` must be
     empty; without `folder`, a new temporary folder is made.
 
-    Raises
-    ------
-    InputError
-        The folder is not empty.
-    OutOfDisk
-        The folder cannot be written.
+    InputError: the folder is not empty.
+    OutOfDisk: the folder cannot be written.
     """
     texts = {
         "spinit": "* no code models are loaded\n",
@@ -224,10 +220,7 @@ class Run:
     def result(self) -> Waveforms:
         """Wait for the end and return the waveforms; call it once.
 
-        Raises
-        ------
-        SimulationError
-            One of its kinds; the run folder is kept and named in the message.
+        SimulationError: one of its kinds; the run folder is kept and named in the message.
         """
         engine, solver = self._simulator.engine, self._simulator.solver_of(self._deck.text)
         accepted = functools.partial(
@@ -298,30 +291,16 @@ def start(
 ) -> Run:
     """Start the simulation of a deck.
 
-    Parameters
-    ----------
-    deck : DeckToRun
-        What to run.
-    simulator : Simulator
-        The executable.
-    timeout : float
-        Wall time allowed, s.
-    folder : Path, optional
-        The run folder, which is created; an existing folder must be empty. By default a new
-        temporary folder.
-    keep : bool
-        Whether to keep the run folder also on success.
-    bound : float
-        Voltage above which a result is rejected, V.
-
-    Raises
-    ------
-    InputError
-        The run folder is not empty.
-    SimulatorNotFound
-        The executable no longer exists.
-    OutOfDisk
-        The deck could not be written.
+    `deck`: what to run.
+    `simulator`: the executable.
+    `timeout`: wall time allowed, s.
+    `folder`: the run folder, which is created; an existing folder must be empty. By default a new
+      temporary folder.
+    `keep`: whether to keep the run folder also on success.
+    `bound`: voltage above which a result is rejected, V.
+    InputError: the run folder is not empty.
+    SimulatorNotFound: the executable no longer exists.
+    OutOfDisk: the deck could not be written.
     """
     place = make_folder(deck, command_line(simulator), folder)
     try:

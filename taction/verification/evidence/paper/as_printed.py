@@ -9,7 +9,7 @@ import numpy as np
 
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import cylinder_stress, kernel, make_problem
-from taction.netlist_gen.scene.problem import CylinderLoad
+from taction.netlist_gen.scene.problem_keys import CylinderLoad
 from taction.system.array_types import Floats
 from taction.verification.evidence.paper.findings import (
     Chapter,

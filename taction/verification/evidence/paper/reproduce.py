@@ -59,7 +59,7 @@ class PaperSection:
 class Reproduction(Result):
     """The result of all chapters; `left_out` are the claims that only a full run judges."""
 
-    VIEW = "taction.verification.report.views.evidence:paper_view"
+    VIEW = "taction.verification.report.views.evidence_view:paper_view"
     DOCUMENT = (
         *("outcome", "quick", "seconds [s]", "machine", "claims = findings"),
         *("left_out = omitted", "chapters = sections"),

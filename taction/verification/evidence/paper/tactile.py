@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taction.netlist_gen.scene.inverse_problem import cylinder_stress, grid, kernel
-from taction.netlist_gen.scene.problem import CylinderLoad
+from taction.netlist_gen.scene.problem_keys import CylinderLoad
 from taction.system.array_types import Floats
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.problem import Problem

@@ -25,7 +25,7 @@ from taction.verification.design.exploration import (
     view_limits,
 )
 from taction.verification.design.explorer_settings import STEPS, Settings, Start, read_value
-from taction.verification.report.explorer.parts import (
+from taction.verification.report.explorer.page_parts import (
     KEPT,
     Part,
     SliderLook,

@@ -9,10 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from taction.system.atomic_files import replacing
 from taction.system.charts import BLUE, ORANGE, PURPLE
-from taction.system.output_files import check_package
-from taction.system.picture import MATPLOTLIB, check_plot_file
+from taction.system.output_files import check_package, replacing
+from taction.system.results import MATPLOTLIB, check_plot_file
 from taction.verification.report.texts import glued
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
-from taction.system.foreign_text import escaped, visible
+from taction.system.foreign_files import escaped, visible
 from taction.verification.report.blocks import (
     TERMINAL,
     Bars,

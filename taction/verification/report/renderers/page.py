@@ -16,8 +16,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from taction.system.atomic_files import write_atomically
-from taction.system.foreign_text import escaped, visible
+from taction.system.foreign_files import escaped, visible
+from taction.system.output_files import write_atomically
 from taction.verification.report.blocks import PAGE as MEDIUM
 from taction.verification.report.blocks import Block, Page, Section
 from taction.verification.report.output_checks import check_report_file

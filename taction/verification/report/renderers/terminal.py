@@ -19,7 +19,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from taction.system.charts import OUTCOMES, Chart
-from taction.system.foreign_text import escaped, visible
+from taction.system.foreign_files import escaped, visible
 from taction.verification.report import blocks
 from taction.verification.report.blocks import TERMINAL, Bar, Bars, Block, Page
 from taction.verification.report.texts import glued

@@ -19,8 +19,8 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import Over, SweepAxis, parse_axes, with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import own_value
-from taction.netlist_gen.scene.questions import axis_questions
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.slips import axis_questions
 from taction.system.documents import DocumentKey, Number
 from taction.system.errors import (
     Complaint,
@@ -115,7 +115,7 @@ class WithoutPoles:
 class Onset(Result):
     """Every crossing of a scene over one axis; `plot` draws the pole map and the root locus."""
 
-    VIEW = "taction.verification.report.views.onset:view"
+    VIEW = "taction.verification.report.views.onset_view:view"
     DOCUMENT = (
         *("scene = scene.name", "file = scene.file", "over = axis.key.path"),
         *(
@@ -177,11 +177,8 @@ class Onset(Result):
 def parse_onset_axis(scene: Scene, over: Over) -> SweepAxis:
     """Read ``--over`` of an onset: a key alone means the scene's value / 30 to its value * 30.
 
-    Raises
-    ------
-    InputError
-        See `netlist_gen.scene.axes.parse_axes`; also for more than one key, a key that does not
-        vary continuously, or a list of fewer than two values.
+    InputError: see `netlist_gen.scene.axes.parse_axes`; also for more than one key, a key that does
+      not vary continuously, or a list of fewer than two values.
     """
     groups = parse_axes(scene, over, points=POINTS, around=AROUND)
     if [len(group) for group in groups] != [1]:

@@ -24,7 +24,7 @@ from taction.system.errors import EngineError, InputError, SimulationError
 from taction.system.quantities import show, show_rate
 from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.ngspice.process import Run, start
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
 from taction.verification.readings.ringing import Mode, find_growth, find_ringing
 from taction.verification.stability.edges import Edge
@@ -90,18 +90,12 @@ def confirm(
 ) -> TransientTest:
     """Run transients on both sides of `crossing` at the same time and compare with the poles.
 
-    Parameters
-    ----------
-    boards : callable
-        The board at a value.
-    crossing : Edge
-        The crossing to confirm.
-    simulator : Simulator
-        An ngspice.
-    logarithmic : bool
-        Whether the values on the two sides differ by a factor or by a fraction of the value.
-    timeout : float
-        Wall time allowed for each run, s.
+    `boards`: the board at a value.
+    `crossing`: the crossing to confirm.
+    `simulator`: an ngspice.
+    `logarithmic`: whether the values on the two sides differ by a factor or by a fraction of the
+      value.
+    `timeout`: wall time allowed for each run, s.
     """
     try:
         trials = [_prepare(boards, crossing, side, logarithmic, simulator) for side in (-1, 1)]
@@ -173,25 +167,17 @@ def _follow(
 def along(board: LinearBoard, pole: complex, fastest: float = 0.0) -> Transient:
     """Plan a transient that starts from the equilibrium plus the mode of `pole`.
 
-    Parameters
-    ----------
-    board : LinearBoard
-        The board.
-    pole : complex
-        A pole of the board, 1/s.
-    fastest : float
-        Growth rate of the fastest other instability, 1/s: the record ends before that dominates.
+    `board`: the board.
+    `pole`: a pole of the board, 1/s.
+    `fastest`: growth rate of the fastest other instability, 1/s: the record ends before that
+      dominates.
+    EngineError: no state space, or no equilibrium.
 
     Returns
     -------
     Transient
         `FOLDS` e-foldings long, but at least `FEWEST_PERIODS` and at most `MOST_PERIODS`. With
         imported op-amps it starts at rest instead, with the strain of `strained_along`.
-
-    Raises
-    ------
-    EngineError
-        No state space, or no equilibrium.
     """
     space = board.state_space
     length, step = _span(pole, fastest)

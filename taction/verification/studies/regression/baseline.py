@@ -73,38 +73,23 @@ class Entry:
     """The stored results of one scene.
 
     An unstable board has no readings of its transient and no samples.
-
-    Attributes
-    ----------
-    fingerprint : str
-        SHA-256 of the scene and its files, without the tolerances.
-    revision, taction : str
-        git commit, and version.
-    solved_by : str
-        Engine with its version, matrix solver and integration method.
-    speed : float
-        Magnitude of the rightmost pole, 1/s.
-    record : Record
-        What is compared: `ALWAYS`, `STABLE` and the same of the channels.
-    stop : float or None
-        Length of the record, s; None of an unstable board.
-    time, outputs : samples
-        Instants, s, and every output there, V.
-    keys : dict of str to str
-        The keys that the scene gives, with their values as it could write them; empty in a
-        baseline of an older taction.
     """
 
     name: str
-    fingerprint: str
+    fingerprint: str  # SHA-256 of the scene and its files, without the tolerances
+    # `revision`, `taction`: git commit, and version.
     revision: str
     taction: str
-    solved_by: str
-    speed: Annotated[float, "1/s"]
+    solved_by: str  # engine with its version, matrix solver and integration method
+    speed: Annotated[float, "1/s"]  # magnitude of the rightmost pole, 1/s
+    # What is compared: `ALWAYS`, `STABLE` and the same of the channels.
     record: Annotated[Record, INLINE]
-    stop: Annotated[float | None, "s"] = None
+    stop: Annotated[float | None, "s"] = None  # length of the record, s; None of an unstable board
+    # `time`, `outputs`: instants, s, and every output there, V.
     time: Annotated[tuple[float, ...], "s"] = ()
     outputs: Annotated[dict[str, tuple[float, ...]], "V"] = field(default_factory=dict)
+    # The keys that the scene gives, with their values as it could write them; empty in a baseline
+    # of an older taction.
     keys: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -250,10 +235,7 @@ class BaselineFile:
 def load_baseline(path: str | Path) -> tuple[dict[str, Entry], Commit]:
     """Read the entries of a baseline, and the commit at which it was written.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read, is damaged, is no baseline, or has another format.
+    InputError: the file cannot be read, is damaged, is no baseline, or has another format.
     """
 
     def unusable(key: str, value: str, reason: str) -> InputError:

@@ -30,20 +30,11 @@ EXPECTED = "expected tcp://HOST:PORT or tls://HOST:PORT, with a port from 1 to 6
 def cluster(address: str, announce: Callable[[str], None] = lambda text: None) -> Iterator[Workers]:
     """Run points on the Dask cluster whose scheduler is at `address`.
 
-    Parameters
-    ----------
-    address : str
-        ``tcp://HOST:PORT`` or ``tls://HOST:PORT``.
-    announce : callable, optional
-        Receives a line of text when a wait for workers begins.
-
-    Raises
-    ------
-    InputError
-        The address cannot be one, dask.distributed is not installed, or no scheduler answers at
-        `address` within `PATIENCE`.
-    NoVerdictError
-        No worker comes within `WORKER_PATIENCE`.
+    `address`: ``tcp://HOST:PORT`` or ``tls://HOST:PORT``.
+    `announce`: receives a line of text when a wait for workers begins.
+    InputError: the address cannot be one, dask.distributed is not installed, or no scheduler
+      answers at `address` within `PATIENCE`.
+    NoVerdictError: no worker comes within `WORKER_PATIENCE`.
     """
     check_address(address)
     try:

@@ -61,10 +61,7 @@ class Workers:
 class Worker:
     """One process, started by the first call and again after a call that ended the process.
 
-    Parameters
-    ----------
-    threads : int, optional
-        Threads of its BLAS libraries; by default as in this process.
+    `threads`: threads of its BLAS libraries; by default as in this process.
     """
 
     def __init__(self, threads: int | None = None) -> None:
@@ -87,21 +84,11 @@ class Worker:
     def call(self, timeout: float | None, function: Callable[..., T], *args: Any, **kw: Any) -> T:
         """Return ``function(*args, **kw)``, computed in the process, or raise its exception.
 
-        Parameters
-        ----------
-        timeout : float or None
-            s, None for no limit; the time to start the process does not count.
-        function : callable
-            Can be pickled, as its arguments and its result.
-
-        Raises
-        ------
-        TimeoutError
-            The call took longer; the process was stopped.
-        WorkerDiedError
-            The process ended.
-        NotStartedError
-            No process starts.
+        `timeout`: s, None for no limit; the time to start the process does not count.
+        `function`: can be pickled, as its arguments and its result.
+        TimeoutError: the call took longer; the process was stopped.
+        WorkerDiedError: the process ended.
+        NotStartedError: no process starts.
         """
         try:
             pipe = self.start()

@@ -53,29 +53,21 @@ def study(
 
     Memory does not grow with the number of points, which are read only as workers become free.
 
-    Parameters
-    ----------
-    compute : callable
-        Gets several points and returns the row of each, or None of a point that needs a call of its
-        own. It raises only what is wrong with the worker: a `NoVerdictError`.
-    points : iterable of (key, point)
-        A call that killed its workers gives an exception in the place of its row; if it has several
-        points, each of them gets another call of its own.
-    count : int, optional
-        About how many points there are; 1: each gets a call of its own.
-
-    Raises
-    ------
-    NoVerdictError
-        No worker answers, one cannot run `compute`, or its machine or its versions are unfit. The
-        message says that what is stored is intact.
+    `compute`: gets several points and returns the row of each, or None of a point that needs a call
+      of its own. It raises only what is wrong with the worker: a `NoVerdictError`.
+    `points`: a call that killed its workers gives an exception in the place of its row; if it has
+      several points, each of them gets another call of its own.
+    `count`: about how many points there are; 1: each gets a call of its own.
+    NoVerdictError: no worker answers, one cannot run `compute`, or its machine or its versions are
+      unfit. The message says that what is stored is intact.
 
     Examples
     --------
     >>> def halves(*points):
     ...     return [x / 2 if x > 1 or len(points) == 1 else None for x in points]
-    >>> list(study(HERE, halves, [("a", 1), ("b", 2), ("c", 4)], 8))
-    [('b', 1.0), ('a', 0.5), ('c', 2.0)]
+    >>> from taction.verification.studies.running.pool import HERE
+    >>> sorted(study(HERE, halves, [("a", 1), ("b", 2), ("c", 4)], 8))
+    [('a', 0.5), ('b', 1.0), ('c', 2.0)]
     """
     size = min(max(count // (SHARES * workers.processes), 1), AT_ONCE)
     waiting, alone = iter(points), list[tuple[K, P]]()
@@ -155,27 +147,18 @@ def for_each_file(
 ) -> list[R | BaseException | None]:
     """Return ``function(file, *arguments[i])`` of each file, in the order of `files`.
 
-    Parameters
-    ----------
-    function : callable
-        With several processes it can be pickled, as its arguments and its results. It raises no
-        exception of one file.
-    arguments : sequence of tuple
-        The further arguments for each file.
-    jobs : int, optional
-        Number of processes; by default one for each core. One file, or one job, is computed in
-        this process.
+    `function`: with several processes it can be pickled, as its arguments and its results. It
+      raises no exception of one file.
+    `arguments`: the further arguments for each file.
+    `jobs`: number of processes; by default one for each core. One file, or one job, is computed in
+      this process.
+    NoVerdictError: the processes do not start.
 
     Returns
     -------
     list
         An exception where a call killed its process again and again; None where Ctrl-C came before
         the result.
-
-    Raises
-    ------
-    NoVerdictError
-        The processes do not start.
 
     Examples
     --------
@@ -247,10 +230,8 @@ def attempted(function: Callable[[], T], without: Callable[[BaseException, str],
     This is what a worker does with each point and each sample, also with a defect of taction: it
     must not end a study of ten thousand. A run whose ngspice was killed by a signal is repeated.
 
-    Raises
-    ------
-    SimulatorNotFound, SimulatorTooOld, OutOfDisk
-        This machine can compute nothing; the point itself may be right.
+    SimulatorNotFound, SimulatorTooOld, OutOfDisk: this machine can compute nothing; the point
+      itself may be right.
 
     Examples
     --------

@@ -72,10 +72,7 @@ def own_code() -> bytes:
 def own_version(ngspice: bool) -> str:
     """Return taction, its source, its plug-ins and ngspice, as far as they can change a result.
 
-    Raises
-    ------
-    SimulatorNotFound, SimulatorTooOld
-        No ngspice was found, or it is too old.
+    SimulatorNotFound, SimulatorTooOld: no ngspice was found, or it is too old.
     """
     added = sorted(set(map(plugins.distribution, plugins.offers())))
     name = simulator_name(find_simulator()) if ngspice else "no ngspice"

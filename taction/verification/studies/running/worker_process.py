@@ -12,7 +12,7 @@ import time
 from contextlib import suppress
 from multiprocessing.connection import Connection
 
-from taction.system.ending_signals import Ended, ending_signals
+from taction.system.processes import Ended, ending_signals
 
 GRACE = 2.0  # s between the clean-up's start and a hard end
 STATUS = 128 + signal.SIGTERM

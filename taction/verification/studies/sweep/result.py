@@ -16,17 +16,21 @@ import numpy as np
 
 from taction.netlist_gen.scene.axes import Fixed, Over, SweepAxis
 from taction.netlist_gen.scene.keys import Value
-from taction.netlist_gen.scene.questions import axis_questions
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.atomic_files import replacing
+from taction.netlist_gen.scene.slips import axis_questions
 from taction.system.documents import INLINE
 from taction.system.errors import Complaint, InputError
-from taction.system.output_files import check_file
+from taction.system.output_files import check_file, replacing
 from taction.system.progress import Progress, ask
 from taction.system.results import Result
 from taction.verification.studies.store import Store
-from taction.verification.studies.sweep.plan import Plan, grid_points, plan_sweep
-from taction.verification.studies.sweep.run import SweepCounts, computed
+from taction.verification.studies.sweep.plan import (
+    Plan,
+    SweepCounts,
+    computed,
+    grid_points,
+    plan_sweep,
+)
 from taction.verification.verdict.record import FIGURES, Record
 
 TEXT_COLUMNS = ("outcome", "failure", "state", "simulator", "reason")
@@ -97,7 +101,7 @@ class SweepResult(Result):
         Whether a point that fails makes the outcome fail.
     """
 
-    VIEW = "taction.verification.report.views.sweep:view"
+    VIEW = "taction.verification.report.views.sweep_view:view"
     CARD = "Sweep"
     DOCUMENT = (
         *("scene = plan.scene.name", "file = plan.scene.file", "database", "axes"),
@@ -376,10 +380,7 @@ PACKAGES = {  # by ending: the package and how to install it
 def check_sweep_export(path: str) -> None:
     """Refuse a file that could not be written, before any work is done.
 
-    Raises
-    ------
-    InputError
-        An unknown ending, a missing folder, or a package that is not installed.
+    InputError: an unknown ending, a missing folder, or a package that is not installed.
     """
     check_file(path, "--export", tuple(WRITERS), PACKAGES)
 
@@ -390,10 +391,7 @@ def export_sweep(result: SweepResult, path: str) -> None:
     CSV and Parquet have one row for each point; netCDF has one dimension for each group of axes,
     the axes as coordinates, and a unit for every variable.
 
-    Raises
-    ------
-    InputError
-        See `check_sweep_export`; or the file cannot be written.
+    InputError: see `check_sweep_export`; or the file cannot be written.
     """
     check_sweep_export(path)
     with replacing(path) as temporary:

@@ -59,7 +59,7 @@ class Corner:
 class CornerStudy(Result):
     """Verified corners of a scene, and the worst-case direction of every channel at rest."""
 
-    VIEW = "taction.verification.report.views.tolerance:corner_view"
+    VIEW = "taction.verification.report.views.tolerance_view:corner_view"
     DOCUMENT = ("scene = name", "corners", "directions")
 
     name: str
@@ -151,17 +151,9 @@ def worst_of(
 ) -> CornerStudy:
     """Return the nominal board, for every quantity the corner that makes it worst, and directions.
 
-    Parameters
-    ----------
-    workers : Workers
-        Run the verifications, one for each component.
-
-    Raises
-    ------
-    EngineError
-        The nominal board, or one at a corner, has no equilibrium.
-    NoVerdictError
-        The cluster does not answer any more.
+    `workers`: run the verifications, one for each component.
+    EngineError: the nominal board, or one at a corner, has no equilibrium.
+    NoVerdictError: the cluster does not answer any more.
     """
     reported = board.quantities
     gradient = _gradient(board.by_statespace(), workers, progress)
@@ -194,16 +186,9 @@ def named_corners(
 ) -> tuple[Corner, ...]:
     """Verify corners that the user gives, in this process.
 
-    Parameters
-    ----------
-    named : sequence of (name, deviations)
-        Deviations in tolerances (1 and -1 are the ends), by component or by kind (``capacitor``);
-        the deviation of a component overrides that of its kind.
-
-    Raises
-    ------
-    InputError
-        A key names neither a component that varies nor a kind.
+    `named`: deviations in tolerances (1 and -1 are the ends), by component or by kind
+      (``capacitor``); the deviation of a component overrides that of its kind.
+    InputError: a key names neither a component that varies nor a kind.
     """
     kinds = sorted({parameter.kind for parameter in board.varied})
     known = [*kinds, *(parameter.name for parameter in board.varied)]
@@ -273,10 +258,7 @@ def _worse(quantity: Quantity, moved: BoardSample, centre: BoardSample) -> float
 def deviations_of(corner: str | Mapping[str, float]) -> tuple[str, Mapping[str, float]]:
     """Return the name of a corner and its deviations, in units of the tolerances.
 
-    Raises
-    ------
-    InputError
-        A part of the text is not ``KEY=Z``, or Z is not from -100 to 100.
+    InputError: a part of the text is not ``KEY=Z``, or Z is not from -100 to 100.
 
     Examples
     --------

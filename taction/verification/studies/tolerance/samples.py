@@ -1,7 +1,7 @@
 """Boards whose parts deviate from their nominal values, and what is known of each of them.
 
 Monte Carlo and corners see a `Varied` board only: a scene (`varied_board`), or a deck
-(`verification.studies.varied_deck`).
+(`verification.studies.board_sweep`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Annotated
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.variation import Parameter, draw, vary
-from taction.netlist_gen.scene.checks import Tolerances
+from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.system.array_types import Floats
 from taction.system.documents import INLINE
 from taction.system.quantities import banded
@@ -28,21 +28,12 @@ from taction.verification.verdict.record import ERROR, Record, finite
 
 @dataclass(frozen=True, slots=True)
 class BoardSample:
-    """One board with deviating components, and the record of its verdict.
+    """One board with deviating components, and the record of its verdict."""
 
-    Attributes
-    ----------
-    number : int
-        In the study; number and seed determine the deviations.
-    record : Record
-        Of the whole board.
-    errors : tuple of float
-        Equilibrium minus reference by channel, fractions of the step amplitude; empty where they
-        are not known.
-    """
-
-    number: int
-    record: Annotated[Record, INLINE]
+    number: int  # in the study; number and seed determine the deviations
+    record: Annotated[Record, INLINE]  # of the whole board
+    # Equilibrium minus reference by channel, fractions of the step amplitude; empty where they are
+    # not known.
     errors: Annotated[tuple[float, ...], "step"] = ()
 
     @property
@@ -101,36 +92,18 @@ class Varied(ABC):
 
     Every call to a worker sends it: it is pickled once and each worker unpickles it once, because
     pickling takes as long as varying the board.
-
-    Attributes
-    ----------
-    name, engine : str
-        What the study is called, and the engine of its samples.
-    nominal : Circuit
-        The board without deviations.
-    varied : tuple of Parameter
-        In the order of the deviations z.
-    tolerances : Tolerances
-        Of the parts.
-    quantities : tuple of Quantity
-        What is reported of the samples.
-    target : ndarray (N,)
-        The outputs at rest that are wanted, V.
-    step_amplitude : float
-        Largest step of any output, V; not a number without a step.
-    version : str
-        Of the process that runs the study.
     """
 
+    # `name`, `engine`: what the study is called, and the engine of its samples.
     name: str
     engine: str
-    nominal: Circuit
-    varied: tuple[Parameter, ...]
-    tolerances: Tolerances
-    quantities: tuple[Quantity, ...]
-    target: Floats
-    step_amplitude: float
-    version: str
+    nominal: Circuit  # the board without deviations
+    varied: tuple[Parameter, ...]  # in the order of the deviations z
+    tolerances: Tolerances  # of the parts
+    quantities: tuple[Quantity, ...]  # what is reported of the samples
+    target: Floats  # (N,): the outputs at rest that are wanted, V
+    step_amplitude: float  # largest step of any output, V; not a number without a step
+    version: str  # of the process that runs the study
 
     def by_statespace(self) -> Varied:
         """Return the same board with samples by the state-space engine."""
@@ -168,11 +141,8 @@ def _unpickled(kind: type[Varied], packed: bytes) -> Varied:
 def evaluate(board: Varied, number: int, z: Floats) -> BoardSample:
     """Verify the board with deviations `z`; a verification that fails gives a sample, too.
 
-    Raises
-    ------
-    NoVerdictError
-        This process has other versions of taction or ngspice than `board`, or it can compute no
-        sample; the sample itself may be right.
+    NoVerdictError: this process has other versions of taction or ngspice than `board`, or it can
+      compute no sample; the sample itself may be right.
     """
     check_version(board.version)
     return attempted(partial(board.measured, number, z), partial(_without_verdict, number, board))
@@ -203,10 +173,7 @@ def evaluate_all(
     There are at most `count` of them. A sample whose worker was killed several times has no
     verdict.
 
-    Raises
-    ------
-    NoVerdictError
-        As `taction.verification.studies.running.study.study`.
+    NoVerdictError: as `taction.verification.studies.running.study.study`.
     """
     points = ((number, (board, number, z)) for number, z in requests)
     size = 1 if board.engine == "ngspice" else count  # processes share no work

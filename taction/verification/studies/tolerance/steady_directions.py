@@ -19,7 +19,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.variation import Parameter
 from taction.system.array_types import Floats
 from taction.system.documents import HIDDEN
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.studies.tolerance.samples import Varied
 from taction.verification.verdict.input_spread import tolerance_slopes
@@ -28,10 +28,7 @@ from taction.verification.verdict.input_spread import tolerance_slopes
 def rest_slopes(board: Varied) -> Floats:
     """Return the change of each output for a deviation of one tolerance, V, (components, N).
 
-    Raises
-    ------
-    EngineError
-        The nominal board has no equilibrium.
+    EngineError: the nominal board has no equilibrium.
 
     Notes
     -----
@@ -62,32 +59,16 @@ def largest_parts(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Direction:
-    """One channel, one sign of its error, and the corner that makes it largest.
+    """One channel, one sign of its error, and the corner that makes it largest."""
 
-    Attributes
-    ----------
-    channel : int
-        From 1.
-    sign : int
-        1 where the output is above the reference, else -1.
-    predicted : float
-        Error of the channel at the corner, to first order, in step amplitudes.
-    solved : float
-        The same from the equilibrium of the board at this corner.
-    largest : tuple of str
-        The components with the largest slopes, with the signs of their deviations.
-    deviations : dict of str to float
-        Of the corner, in tolerances, by component.
-    slopes : ndarray (components,)
-        Change of the error, times `sign`, for a deviation of one tolerance, in step amplitudes.
-    """
-
-    channel: int
-    sign: int
-    predicted: float
-    solved: float
+    channel: int  # from 1
+    sign: int  # 1 where the output is above the reference, else -1
+    predicted: float  # error of the channel at the corner, to first order, in step amplitudes
+    solved: float  # the same from the equilibrium of the board at this corner
+    # The components with the largest slopes, with the signs of their deviations.
     largest: tuple[str, ...]
-    deviations: dict[str, float]
+    deviations: dict[str, float]  # of the corner, in tolerances, by component
+    # Change of the error, times `sign`, for a deviation of one tolerance, in step amplitudes.
     slopes: Annotated[Floats, HIDDEN]
 
     @property
@@ -101,10 +82,7 @@ def steady_directions(board: Varied) -> tuple[Direction, ...]:
 
     There are none where no output has to move: errors are fractions of the largest step.
 
-    Raises
-    ------
-    EngineError
-        The nominal board, or one at a corner, has no equilibrium.
+    EngineError: the nominal board, or one at a corner, has no equilibrium.
 
     Notes
     -----

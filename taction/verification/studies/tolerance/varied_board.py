@@ -26,8 +26,7 @@ from taction.verification.studies.running.versions import own_version
 from taction.verification.studies.tolerance.samples import BoardSample, Quantity, Varied, evaluate
 from taction.verification.verdict.record import Record, signed_errors
 from taction.verification.verdict.simulation import choose_engine
-from taction.verification.verdict.verify import Effort, Verdict, verify
-from taction.verification.verdict.verify_together import Request, verify_together
+from taction.verification.verdict.verify import Effort, Request, Verdict, verify, verify_together
 
 SAMPLE_EFFORT = Effort(details=False, full_margin=False)
 
@@ -42,7 +41,7 @@ class VerifiedSample(Result):
         Of each part, in units of its tolerance.
     """
 
-    VIEW = "taction.verification.report.views.verdict:sample_view"
+    VIEW = "taction.verification.report.views.verdict_view:sample_view"
     DOCUMENT = ("seed", "sample", "deviations", "* = verdict")
 
     verdict: Verdict
@@ -114,12 +113,8 @@ class VariedBoard(Varied):
 def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
     """Build the nominal board of `scene` and solve its problem.
 
-    Raises
-    ------
-    InputError
-        The scene cannot be built, or none of its tolerances is above zero.
-    NoVerdictError
-        The problem has no answer, or the scene needs ngspice and no ngspice was found.
+    InputError: the scene cannot be built, or none of its tolerances is above zero.
+    NoVerdictError: the problem has no answer, or the scene needs ngspice and no ngspice was found.
     """
     problem = make_problem(scene)
     nominal = synthesise(scene, problem)

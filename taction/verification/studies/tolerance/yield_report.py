@@ -93,7 +93,7 @@ class YieldReport(Result):
         The board; None of a deck.
     """
 
-    VIEW = "taction.verification.report.views.tolerance:yield_view"
+    VIEW = "taction.verification.report.views.tolerance_view:yield_view"
     CARD = "Yield"
     DOCUMENT = (
         *("scene = name", "engine", "seed", "complete", "samples", "passed"),

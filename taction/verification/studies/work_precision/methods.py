@@ -26,7 +26,7 @@ from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import LONGEST_LOG
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.engines.statespace.transients.record_times import record_times

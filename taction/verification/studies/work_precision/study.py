@@ -74,14 +74,9 @@ def fit_order(steps: Sequence[float | None], errors: Sequence[float | None], flo
     Runs with an error above `MAX_ERROR` or below `ABOVE_FLOOR` times `floor` are left out, then the
     coarsest, one by one, until the others are near a straight line (`SCATTER`).
 
-    Parameters
-    ----------
-    steps : sequence of float or None
-        Mean step of each run, s; coarse to fine. None where there is no run.
-    errors : sequence of float or None
-        Error of each run; None where it is unknown.
-    floor : float
-        Error of the reference.
+    `steps`: mean step of each run, s; coarse to fine. None where there is no run.
+    `errors`: error of each run; None where it is unknown.
+    `floor`: error of the reference.
     """
     pairs = list(zip(steps, errors, strict=True))
     usable = {
@@ -177,30 +172,21 @@ class Ladder:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class References:
-    """Up to two solutions of one problem, with which runs are compared.
-
-    Attributes
-    ----------
-    references : tuple of str
-        Their names, the one that runs are compared with first.
-    floor : float or None
-        Largest difference of the two over the step amplitude; None where one failed.
-    amplitude : float
-        Step amplitude, V: the largest distance of an output from its start.
-    """
+    """Up to two solutions of one problem, with which runs are compared."""
 
     DOCUMENT = ("references", "reference_error = floor", "step_amplitude [V] = amplitude")
 
-    references: tuple[str, ...]
+    references: tuple[str, ...]  # their names, the one that runs are compared with first
+    # Largest difference of the two over the step amplitude; None where one failed.
     floor: float | None
-    amplitude: float
+    amplitude: float  # step amplitude, V: the largest distance of an output from its start
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WorkPrecisionStudy(Result):
     """A work-precision study of one scene."""
 
-    VIEW = "taction.verification.report.views.accuracy:view"
+    VIEW = "taction.verification.report.views.accuracy_view:view"
     DOCUMENT = (
         *("scene = scene.name", "file = scene.file", "stop [s] = transient.stop"),
         *("stretch", "period [s]", "problems", "methods = ladders", "omissions"),

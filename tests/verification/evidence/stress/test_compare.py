@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import pytest
 
-from taction.netlist_gen.scene.checks import ExcursionCheck
+from taction.netlist_gen.scene.check_keys import ExcursionCheck
 from taction.verification.evidence.stress.catalogue import load_catalogue, select
-from taction.verification.evidence.stress.compare import (
+from taction.verification.evidence.stress.judge import (
+    TrueValues,
     TruthComparison,
     compare,
     worst,
     wrong_checks,
 )
-from taction.verification.evidence.stress.true_values import TrueValues
 from taction.verification.verdict.verify import Verdict, verify
 
 CASES = load_catalogue()

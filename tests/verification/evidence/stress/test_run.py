@@ -8,21 +8,21 @@ from dataclasses import replace
 import pytest
 
 from taction.system.errors import Interrupted
-from taction.verification.evidence.stress import run as running
+from taction.verification.evidence.stress import run_cases as running
 from taction.verification.evidence.stress.catalogue import (
     Case,
     load_catalogue,
     select,
     stored_values,
 )
-from taction.verification.evidence.stress.run import (
+from taction.verification.evidence.stress.run_cases import (
     CaseJudgement,
     CaseRun,
     StressReport,
     run_case,
     stress,
 )
-from taction.verification.report.views.evidence import headline
+from taction.verification.report.views.evidence_view import headline
 from taction.verification.verdict.checks import Outcome
 from tests.support.true_values import true_values
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from taction.verification.report.explorer.guard import Guard
+from taction.verification.report.explorer.server import Guard
 
 TOKEN, PORT = "secret", 8080
 HOST = f"127.0.0.1:{PORT}"

@@ -14,14 +14,18 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.verification.design.exploration import judge, view_rest
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.solve import solve
-from taction.verification.report.explorer import parts
-from taction.verification.report.explorer.parts import rest_part, verdict_part
+from taction.verification.report.explorer import page_parts as parts
+from taction.verification.report.explorer.page_parts import rest_part, verdict_part
 from taction.verification.report.renderers.markdown import line, markdown
 from taction.verification.report.renderers.notebook import card
 from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.report.views.answer import answer_heading, answer_text, true_error_text
-from taction.verification.report.views.waveforms import stress_chart
+from taction.verification.report.views.answer_view import (
+    answer_heading,
+    answer_text,
+    true_error_text,
+)
+from taction.verification.report.views.waveforms_view import stress_chart
 from taction.verification.verdict.answer_error import AnswerError
 
 SCENE = "scenes/custom-matrix.toml"

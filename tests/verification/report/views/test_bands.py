@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.keys import scene_text
 from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.writing import scene_text
 from taction.system.charts import Chart
 from taction.system.documents import plain
 from taction.verification.report.blocks import PICTURE, Table
@@ -19,12 +19,12 @@ from taction.verification.report.junit import files_junit
 from taction.verification.report.renderers.markdown import markdown
 from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.report.views.checks import check_bar
-from taction.verification.report.views.files import view as files_view
-from taction.verification.report.views.verdict import view
-from taction.verification.report.views.verdict_screen import screen
-from taction.verification.report.views.waveforms import outputs_chart
-from taction.verification.studies.verify_files import VerifiedFiles
+from taction.verification.report.views.answer_view import check_bar
+from taction.verification.report.views.files_view import view as files_view
+from taction.verification.report.views.verdict_screen_view import screen
+from taction.verification.report.views.verdict_view import view
+from taction.verification.report.views.waveforms_view import outputs_chart
+from taction.verification.studies.scene_files import VerifiedFiles
 from taction.verification.verdict.cause import cause
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import Record

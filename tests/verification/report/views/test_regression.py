@@ -14,17 +14,17 @@ from lxml import etree
 from taction.system.charts import Chart
 from taction.system.documents import plain
 from taction.verification.evidence.stress.catalogue import load_catalogue, select
-from taction.verification.evidence.stress.compare import TruthComparison
-from taction.verification.evidence.stress.run import CaseJudgement, CaseRun, StressReport
+from taction.verification.evidence.stress.judge import TruthComparison
+from taction.verification.evidence.stress.run_cases import CaseJudgement, CaseRun, StressReport
 from taction.verification.report.blocks import PAGE, TERMINAL, Table
 from taction.verification.report.junit import regression_annotations, regression_junit
 from taction.verification.report.renderers.markdown import markdown
 from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.report.views.evidence import stress_view
-from taction.verification.report.views.regression import SHOWN, view
+from taction.verification.report.views.evidence_view import stress_view
+from taction.verification.report.views.regression_view import SHOWN, view
 from taction.verification.studies.regression.baseline import Commit
-from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
+from taction.verification.studies.regression.regress import RegressionReport, SceneResult, Status
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.compare import Difference, words
 from tests.support.entries import entry

@@ -20,9 +20,9 @@ from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout
 from taction.verification.report.renderers.terminal import shown
 from taction.verification.report.texts import figure
-from taction.verification.report.views import tolerance
-from taction.verification.report.views.sweep import SHOWN, Plane, _worth
-from taction.verification.report.views.tolerance import _edges
+from taction.verification.report.views import tolerance_view as tolerance
+from taction.verification.report.views.sweep_view import SHOWN, Plane, _worth
+from taction.verification.report.views.tolerance_view import _edges
 from taction.verification.studies.sweep.result import grids
 from taction.verification.studies.tolerance.yield_report import (
     QuantitySpread,

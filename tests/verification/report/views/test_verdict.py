@@ -14,7 +14,7 @@ from lxml.html import document_fromstring
 
 from taction.system.charts import Chart, Columns, Curve, Grid, Limit, Text
 from taction.system.quantities import readable, show
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
 from taction.verification.report.blocks import (
@@ -31,9 +31,9 @@ from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import page_text, plain
 from taction.verification.report.texts import quantity
-from taction.verification.report.views.board import LARGEST, matrix_chart, schematic
-from taction.verification.report.views.checks import check_bar
-from taction.verification.report.views.verdict import channel_table, load_bars, view
+from taction.verification.report.views.answer_view import check_bar
+from taction.verification.report.views.board_view import LARGEST, matrix_chart, schematic
+from taction.verification.report.views.verdict_view import channel_table, load_bars, view
 from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.headroom import Load

@@ -16,7 +16,7 @@ from taction.system.errors import TactionError
 from taction.verification.evidence.stress.catalogue import load_catalogue
 from taction.verification.report.blocks import Page
 from taction.verification.report.renderers.terminal import Terminal, print_page
-from taction.verification.report.views.verdict_screen import CHANGES, COLUMNS, MOST, screen
+from taction.verification.report.views.verdict_screen_view import CHANGES, COLUMNS, MOST, screen
 from taction.verification.verdict.verify import Effort, Verdict, verify
 from tests.support.paths import SCENES
 from tests.support.report_pages import verdicts

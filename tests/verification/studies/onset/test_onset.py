@@ -23,7 +23,7 @@ from taction.netlist_gen.scene.design import Design
 from taction.netlist_gen.scene.loading import load_scene
 from taction.spice_models.opamp import OpAmp
 from taction.system.errors import InputError
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.families import Family
 from taction.verification.stability.poles import poles
 from taction.verification.studies.onset import transient_trial as confirm_module

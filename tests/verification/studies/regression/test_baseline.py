@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.scene.checks import Regression
+from taction.netlist_gen.scene.check_keys import Regression
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.documents import plain
 from taction.system.errors import InputError
@@ -27,7 +27,7 @@ from taction.verification.studies.regression.baseline import (
     load_baseline,
     observe,
 )
-from taction.verification.studies.regression.run import compare_entry
+from taction.verification.studies.regression.regress import compare_entry
 from taction.verification.verdict.compare import Difference
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.entries import channel, entry, write_fast

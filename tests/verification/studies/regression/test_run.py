@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from taction.system.errors import InputError, Interrupted
-from taction.verification.studies.regression import run as module
+from taction.verification.studies.regression import regress as module
 from taction.verification.studies.regression.baseline import Entry, baseline_text
-from taction.verification.studies.regression.run import (
+from taction.verification.studies.regression.regress import (
     INTERRUPTED,
     RegressionReport,
     SceneResult,

@@ -19,9 +19,8 @@ from taction.system.errors import InputError, NoVerdictError
 from taction.verification.studies.running import cluster as module
 from taction.verification.studies.running.cluster import cluster
 from taction.verification.studies.store import Store
-from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.plan import Plan, sweep_points
 from taction.verification.studies.sweep.result import records
-from taction.verification.studies.sweep.run import sweep_points
 from tests.support.clusters import address, another_taction, scheduler, worker
 from tests.support.making import NEAR_IDEAL, make_scene
 from tests.support.running import taction as command
@@ -93,7 +92,7 @@ def test_a_worker_with_another_source_and_another_ngspice_is_refused(
 
 
 def test_a_worker_that_lacks_our_functions_is_named_with_both_versions(tmp_path: Path) -> None:
-    gone = "verification/studies/sweep/run.py"
+    gone = "verification/studies/sweep/plan.py"
     with ExitStack() as stack:
         file = stack.enter_context(scheduler(tmp_path))
         worker(stack, file, source=another_taction(tmp_path / "other", "0.1.7", without=gone))

@@ -23,12 +23,17 @@ from taction.system.errors import (
 from taction.verification.studies.running.pool import WorkerDiedError, Workers
 from taction.verification.studies.running.versions import own_version
 from taction.verification.studies.store import Store
-from taction.verification.studies.sweep.plan import Plan, grid_points, plan_sweep
+from taction.verification.studies.sweep.plan import (
+    Plan,
+    SweepCounts,
+    compute_points,
+    grid_points,
+    plan_sweep,
+    sweep_points,
+)
 from taction.verification.studies.sweep.result import records
-from taction.verification.studies.sweep.run import SweepCounts, compute_points, sweep_points
-from taction.verification.verdict import verify_together as module_of_batches
-from taction.verification.verdict.verify import verify
-from taction.verification.verdict.verify_together import Request
+from taction.verification.verdict import verify as module_of_batches
+from taction.verification.verdict.verify import Request, verify
 from tests.support.making import NEAR_IDEAL, make_scene, write_matrix_scene
 from tests.support.studying import IDEAL
 

@@ -21,14 +21,12 @@ from taction.system.reading_definitions import READINGS
 from taction.verification.studies.running.pool import HERE
 from taction.verification.studies.running.versions import own_version
 from taction.verification.studies.store import Store
-from taction.verification.studies.sweep.plan import plan_sweep
+from taction.verification.studies.sweep.plan import POINT_EFFORT, plan_sweep, sweep_points
+from taction.verification.studies.sweep.plan import compute_points as compute
 from taction.verification.studies.sweep.result import records
-from taction.verification.studies.sweep.run import POINT_EFFORT, sweep_points
-from taction.verification.studies.sweep.run import compute_points as compute
-from taction.verification.verdict.design import design_board
+from taction.verification.verdict.plan_board import design_board
 from taction.verification.verdict.record import FIGURES, Record
-from taction.verification.verdict.verify import verify
-from taction.verification.verdict.verify_together import Request
+from taction.verification.verdict.verify import Request, verify
 from tests.support.paths import SCENES
 from tests.support.scenes_of_all_kinds import random_scene
 

@@ -12,14 +12,14 @@ import pytest
 from click.testing import Result
 
 from taction.netlist_gen.board.variation import vary
-from taction.netlist_gen.scene.checks import Tolerances
+from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.report.views.tolerance import corner_view
+from taction.verification.report.views.tolerance_view import corner_view
 from taction.verification.studies.tolerance.corners import Corner, named_corners, worst_of
-from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
+from taction.verification.studies.tolerance.montecarlo import SampleCollection, run_samples
 from taction.verification.studies.tolerance.samples import evaluate
 from taction.verification.studies.tolerance.steady_directions import rest_slopes, steady_directions
 from taction.verification.studies.tolerance.varied_board import prepare

@@ -14,11 +14,11 @@ import pytest
 
 from taction.netlist_gen.board.variation import draw, vary
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.output_noise import output_noise
-from taction.verification.report.views.sweep import columns_of
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
+from taction.verification.report.views.sweep_view import columns_of
 from taction.verification.studies.store import Store
-from taction.verification.studies.tolerance.drawing import (
+from taction.verification.studies.tolerance.montecarlo import (
     SampleCollection,
     run_samples,
     sample_keys,

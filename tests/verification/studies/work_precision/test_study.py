@@ -15,7 +15,7 @@ from taction.system.documents import plain
 from taction.system.errors import EngineError, SimulatorNotFound
 from taction.verification.report.renderers.page import write_page
 from taction.verification.report.renderers.picture import draw_page
-from taction.verification.report.views.accuracy import view
+from taction.verification.report.views.accuracy_view import view
 from taction.verification.studies.work_precision import study as study_module
 from taction.verification.studies.work_precision.methods import (
     METHODS,

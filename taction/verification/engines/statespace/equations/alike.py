@@ -31,10 +31,7 @@ class Unlike(Exception):  # noqa: N818 - no error: the stack is solved in parts
 def agreed(decisions: Bools | np.bool_) -> Bools:
     """Return what all boards of a stack decide: one row of `decisions` (B, ...).
 
-    Raises
-    ------
-    Unlike
-        Boards decide differently.
+    Unlike: boards decide differently.
 
     Examples
     --------
@@ -52,10 +49,7 @@ def agreed(decisions: Bools | np.bool_) -> Bools:
 def alone(count: int) -> None:
     """Go on with a single board only.
 
-    Raises
-    ------
-    Unlike
-        The stack has more than one board.
+    Unlike: the stack has more than one board.
     """
     if count > 1:
         raise Unlike(np.arange(count))

@@ -92,12 +92,8 @@ def by_newton(
 def straight(breaks: tuple[float, ...], slopes: tuple[float, ...]) -> Gain:
     """Return the continuous g of straight pieces with ``g(0) = 0``.
 
-    Parameters
-    ----------
-    breaks : tuple of float (k,)
-        Where pieces meet, increasing; at a break the slope is that of the piece to the right.
-    slopes : tuple of float (k + 1,)
-        Slopes of the pieces from left to right, at least 0.
+    `breaks`: where pieces meet, increasing; at a break the slope is that of the piece to the right.
+    `slopes`: slopes of the pieces from left to right, at least 0.
 
     Examples
     --------
@@ -188,10 +184,7 @@ def gain_of(kinds: tuple[str, ...]) -> Gain:
 
     Amplifiers of one kind, also of any number, have the entry of `GAINS`.
 
-    Raises
-    ------
-    EngineError
-        An unknown kind.
+    EngineError: an unknown kind.
     """
     for kind in kinds:
         if kind not in GAINS:

@@ -99,47 +99,30 @@ class Devices:
 
 @dataclass(frozen=True, eq=False)
 class Descriptor:
-    """The equations of one board, ``M z' = K z + b + f(z)``.
+    """The equations of one board, ``M z' = K z + b + f(z)``."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Of the unknowns: `node_count` nodes, then the poles of the op-amps, ``x<op-amp>.p1`` and
-        ``.p2``, named as in the deck's subcircuits.
-    mass, local : Triplets
-        M, and K without the couplings.
-    couplings : tuple of Coupling
-        The rest of K.
-    switched, constant : ndarray (size,)
-        b = switched (sources of the strain, on from t = 0) + constant (other voltage sources).
-    determined : ndarray of bool (size,)
-        Rows that state a voltage instead of a current balance.
-    devices : Devices
-        f.
-    places : dict
-        Index of each name.
-    mirror : ndarray of int (size,), or None
-        The image of each unknown that the names propose; valid where the matrices commute with it.
-    has_branches : bool
-        Whether the circuit has parts of a deck, between any two nodes: such a circuit has no design
-        that keeps its numbers apart, so rounding counts at every step, and the poles are counted.
-    moved : dict
-        The rows that take the currents into nodes whose voltage a source between two nodes
-        determines; `GROUND` where the source's other node is ground.
-    """
-
+    # Of the unknowns: `node_count` nodes, then the poles of the op-amps, ``x<op-amp>.p1`` and
+    # ``.p2``, named as in the deck's subcircuits.
     names: tuple[str, ...]
     node_count: int
+    # `mass`, `local`: M, and K without the couplings.
     mass: Triplets
     local: Triplets
-    couplings: tuple[Coupling, ...]
+    couplings: tuple[Coupling, ...]  # the rest of K
+    # `switched`, `constant`: b = switched (sources of the strain, on from t = 0) + constant (other
+    # voltage sources).
     switched: Floats
     constant: Floats
-    determined: Bools
-    devices: Devices
-    places: dict[str, int] = field(repr=False)
+    determined: Bools  # rows that state a voltage instead of a current balance
+    devices: Devices  # f
+    places: dict[str, int] = field(repr=False)  # index of each name
+    # The image of each unknown that the names propose; valid where the matrices commute with it.
     mirror: Ints | None = field(repr=False)
+    # Whether the circuit has parts of a deck, between any two nodes: such a circuit has no design
+    # that keeps its numbers apart, so rounding counts at every step, and the poles are counted.
     has_branches: bool = False
+    # The rows that take the currents into nodes whose voltage a source between two nodes
+    # determines; `GROUND` where the source's other node is ground.
     moved: dict[int, int] = field(default_factory=dict, repr=False)
 
     @functools.cached_property

@@ -83,21 +83,14 @@ def block_diagonal(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DenseBlock:
-    """Equations that are solved by themselves: ``z = basis y`` obeys ``mass y' = stiffness y``.
+    """Equations that are solved by themselves: ``z = basis y`` obeys ``mass y' = stiffness y``."""
 
-    Attributes
-    ----------
-    basis, left : ndarray (size, k) and (k, size)
-        Vectors of all unknowns z as columns, and the rows that find ``y = left z`` again.
-    places : ndarray of int (k,)
-        Unknowns whose equations it has.
-    mass, stiffness : ndarray (k, k)
-        Those of the board in these vectors.
-    """
-
+    # `basis`, `left`: vectors of all unknowns z as columns, and the rows that find ``y = left z``
+    # again.
     basis: Floats
     left: Floats
-    places: Ints
+    places: Ints  # (k,): unknowns whose equations it has
+    # `mass`, `stiffness`: (k, k): those of the board in these vectors.
     mass: Floats
     stiffness: Floats
 

@@ -1,9 +1,14 @@
-"""Structured solves of ``(c M - K) x = r``: only T connects the channels.
+"""Large boards: structured solves of ``(c M - K) x = r``, and a coarse board for estimates.
 
-The unknowns are the summing nodes (N + M of them, the sinks of the two resistor matrices) and the
-inner unknowns. Without the summing nodes, the inner unknowns form separate small cells, an op-amp
-and its inverter each, which are inverted all at once. A dense system on the summing nodes alone
-remains (the Schur complement of the cells). With N = M:
+The coarse board has every k-th channel and sensor, more strongly coupled. It has the cells, the
+loads and the low spatial modes of the whole board, so its poles lie near those of the whole board,
+and its transient shows the modes that the strain step excites. It serves for estimates only, never
+for a result.
+
+In the solves only T connects the channels. The unknowns are the summing nodes (N + M of them, the
+sinks of the two resistor matrices) and the inner unknowns. Without the summing nodes, the inner
+unknowns form separate small cells, an op-amp and its inverter each, which are inverted all at once.
+A dense system on the summing nodes alone remains (the Schur complement of the cells). With N = M:
 
 - a factorisation costs four products of N-by-2N with 2N-by-N and one dense LU of size 2N, instead
   of one of size 16 N: N = 500 takes 0.35 s, N = 128 15 ms;
@@ -23,7 +28,106 @@ import numpy as np
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.descriptor import Coupling, Descriptor
+from taction.verification.engines.statespace.equations.descriptor import (
+    Coupling,
+    Descriptor,
+    Devices,
+    Triplets,
+)
+from taction.verification.engines.statespace.equations.mirror_symmetry import proposed_mirror
+
+CHANNELS = 14  # of the coarse board, and as many sensors
+
+
+def coarsen(descriptor: Descriptor, channels: int = CHANNELS) -> Descriptor:
+    """Keep about `channels` channels and as many sensors of a board, evenly spaced.
+
+    The result has a subset of the names; a small board is returned unchanged.
+    """
+    kept, gain = _choose(descriptor, channels)
+    if kept.all():
+        return descriptor
+    place = np.full(descriptor.size, -1)
+    place[kept] = np.arange(kept.sum())
+    names = tuple(name for name, keep in zip(descriptor.names, kept.tolist(), strict=True) if keep)
+    devices = descriptor.devices
+    used = kept[devices.input] & kept[devices.output]
+    return Descriptor(
+        names=names,
+        node_count=int(kept[: descriptor.node_count].sum()),
+        mass=_restrict(descriptor.mass, kept, place),
+        local=_restrict(descriptor.local, kept, place),
+        couplings=tuple(_thin(part, kept, place, gain) for part in descriptor.couplings),
+        switched=descriptor.switched[kept],
+        constant=descriptor.constant[kept],
+        determined=descriptor.determined[kept],
+        devices=Devices(
+            tuple(kind for kind, kept in zip(devices.kinds, used.tolist(), strict=True) if kept),
+            place[devices.input[used]],
+            place[devices.output[used]],
+            devices.u_scale[used],
+            devices.v_scale[used],
+        ),
+        places={name: k for k, name in enumerate(names)},
+        mirror=proposed_mirror(names),
+    )
+
+
+def _restrict(triplets: Triplets, kept: Bools, place: Ints) -> Triplets:
+    both = kept[triplets.rows] & kept[triplets.columns]
+    rows, columns = place[triplets.rows[both]], place[triplets.columns[both]]
+    return Triplets(rows, columns, triplets.values[both])
+
+
+def _thin(part: Coupling, kept: Bools, place: Ints, gain: float) -> Coupling:
+    sinks, drivers = kept[part.sinks], kept[part.drivers]
+    return Coupling(
+        place[part.sinks[sinks]],
+        place[part.drivers[drivers]],
+        gain * part.conductance[np.ix_(sinks, drivers)],
+        part.loaded[drivers],
+    )
+
+
+def _choose(descriptor: Descriptor, channels: int) -> tuple[Bools, float]:
+    """Choose the unknowns to keep; return the factor of the couplings, too."""
+    unit = units(descriptor)
+    kept = unit < 0
+    gain, assigned = 1.0, np.zeros(max(int(unit.max(initial=0)) + 1, 1), dtype=np.bool_)
+    for part in descriptor.couplings:
+        new_units: Ints = np.unique(unit[part.sinks])
+        new_units = new_units[~assigned[np.maximum(new_units, 0)] & (new_units >= 0)]
+        if not len(new_units):
+            continue
+        assigned[new_units] = True
+        count = min(channels, len(new_units))
+        chosen = new_units[np.linspace(0.0, len(new_units) - 1.0, count).round().astype(np.int64)]
+        kept = kept | np.isin(unit, chosen)
+        gain = max(gain, len(new_units) / count)
+    return kept, gain
+
+
+def units(descriptor: Descriptor) -> Ints:
+    """Return the channel or sensor of each unknown; -1 for voltage sources.
+
+    Two unknowns belong together if an element connects them that is neither a resistor matrix nor
+    a constant voltage source; a source of a strain belongs to its sensor.
+    """
+    from scipy.sparse import coo_array, csgraph
+
+    source = np.zeros(descriptor.size, dtype=np.bool_)
+    single = np.bincount(descriptor.local.rows, minlength=descriptor.size) == 1
+    source[single & descriptor.determined & (descriptor.switched == 0.0)] = True
+    source[descriptor.devices.output] = False
+    pairs = [(t.rows, t.columns) for t in (descriptor.local, descriptor.mass)]
+    pairs.append((descriptor.devices.input, descriptor.devices.output))
+    rows, columns = (np.concatenate(side) for side in zip(*pairs, strict=True))
+    tied = ~source[rows] & ~source[columns]
+    shape = (descriptor.size, descriptor.size)
+    ties = coo_array((np.ones(tied.sum()), (rows[tied], columns[tied])), shape=shape)
+    unit = csgraph.connected_components(ties, directed=False)[1]
+    return np.where(source, -1, unit)
+
 
 KEPT, COMPLEX = 3e8, 16  # bytes of all solvers that are kept, and of a number in them
 SMALL = 400  # unknowns of a board whose Schur complement alone is quicker with full matrices
@@ -49,12 +153,9 @@ class Factor:
 class Structure:
     """The pencil ``c M - K`` of a board, ready to be factorised at any shift.
 
-    Parameters
-    ----------
-    descriptor : Descriptor
-        The equations.
-    slopes : ndarray (m,), optional
-        Slopes of the behavioural amplifiers at the point of linearisation; by default zero.
+    `descriptor`: the equations.
+    `slopes` (m,): slopes of the behavioural amplifiers at the point of linearisation; by default
+      zero.
     """
 
     def __init__(self, descriptor: Descriptor, slopes: Floats | None = None) -> None:
@@ -175,10 +276,7 @@ class Structure:
     def factor(self, shift: complex, *, solver: bool = True) -> Factor:
         """Factorise ``shift M - K``; without `solver`, stop at the Schur complement.
 
-        Raises
-        ------
-        EngineError
-            The shift is an eigenvalue to working precision.
+        EngineError: the shift is an eigenvalue to working precision.
         """
         real = complex(shift).imag == 0.0
         c = complex(shift).real if real else complex(shift)
@@ -314,10 +412,7 @@ LOOSE = 1e17  # largest element of an inverse (rows scaled) that counts as regul
 def dense_response(descriptor: Descriptor) -> Response:
     """Prepare the dense solution: ``r -> z``, and z (size, m) for a unit output of each amplifier.
 
-    Raises
-    ------
-    EngineError
-        K is singular: a node has no DC path, or a loop has no DC solution.
+    EngineError: K is singular: a node has no DC path, or a loop has no DC solution.
     """
     K, blocks = descriptor.dense.stiffness, descriptor.dense.blocks
     inverses = [found for block in blocks if (found := _inverse(block.stiffness)) is not None]

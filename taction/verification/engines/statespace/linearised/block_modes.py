@@ -32,38 +32,24 @@ SPARE = 1.05  # for what lies between the instants
 
 @dataclass(frozen=True, eq=False)
 class BlockModes:
-    """Vectors and poles of one block, and what their residual says; as they come, not ordered.
-
-    Attributes
-    ----------
-    T : ndarray (n, n)
-        Poles, 1/s, and the triangular matrices of groups, along the diagonal.
-    group, mates : ndarray of int (n,)
-        Number of the group of each mode, and the place of its conjugate; -1 in a group of several.
-    X, V, W : ndarray (n, n), (k, n) and (n, k)
-        Vectors of the states; right and left vectors of the pencil.
-    F, E : ndarray (n, n)
-        What corrects T, 1/s, and a bound on the error of that.
-    mixed : ndarray (n, n)
-        Bound on ``W M V - 1``.
-    unseen : ndarray (k, n)
-        Bound on the error of V in unknowns without charge.
-    other : BlockModes, optional
-        Modes found otherwise, whose poles may be better known.
-    """
+    """Vectors and poles of one block, and what their residual says; as they come, not ordered."""
 
     reduced: Reduced
-    T: Complexes
+    T: Complexes  # (n, n): poles, 1/s, and the triangular matrices of groups, along the diagonal
+    # `group`, `mates`: (n,): number of the group of each mode, and the place of its conjugate; -1
+    # in a group of several.
     group: Ints
     mates: Ints
+    # `X`, `V`, `W`: (n, n): vectors of the states; right and left vectors of the pencil.
     X: Complexes
     V: Complexes
     W: Complexes
+    # `F`, `E`: (n, n): what corrects T, 1/s, and a bound on the error of that.
     F: Complexes
     E: Floats
-    mixed: Floats
-    unseen: Floats
-    other: BlockModes | None = None
+    mixed: Floats  # (n, n): bound on ``W M V - 1``
+    unseen: Floats  # (k, n): bound on the error of V in unknowns without charge
+    other: BlockModes | None = None  # modes found otherwise, whose poles may be better known
 
     @property
     def poles(self) -> Complexes:
@@ -121,23 +107,13 @@ class BlockModes:
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Nearly parallel modes: ``exp(T t)`` is ``exp(centre t) exp(inner t)`` among them.
+    """Nearly parallel modes: ``exp(T t)`` is ``exp(centre t) exp(inner t)`` among them."""
 
-    Attributes
-    ----------
-    members : ndarray of int (m,)
-        Their places.
-    growth : ndarray (m, m)
-        G with ``|exp(inner t)| <= G exp(scale t)`` for t >= 0, by element.
-    scale : float
-        1/s.
-    """
-
-    members: Ints
+    members: Ints  # (m,): their places
     centre: complex
     inner: Complexes
-    growth: Floats
-    scale: float
+    growth: Floats  # (m, m): G with ``|exp(inner t)| <= G exp(scale t)`` for t >= 0, by element
+    scale: float  # 1/s
 
     @classmethod
     def of(cls, modes: BlockModes, members: Ints) -> Group:
@@ -172,10 +148,7 @@ def find_block_modes(reduced: Reduced) -> BlockModes:
     What the vectors miss is corrected by Newton's steps; what rounding hides in nearly parallel
     vectors, by groups.
 
-    Raises
-    ------
-    LinAlgError
-        A is not finite.
+    LinAlgError: A is not finite.
     """
     first = _refined(eigenmodes(reduced))
     best = first

@@ -43,14 +43,13 @@ class Pencil:
     Attributes
     ----------
     M, K, b : ndarray (k, k), (k, k) and (k, inputs)
-    mass, pull : ndarray (k, k)
-        Sizes of the terms of M and K, to which their rounding is relative.
     basis, left : ndarray (size, k) and (k, size)
     """
 
     M: Floats
     K: Floats
     b: Floats
+    # `mass`, `pull`: (k, k): sizes of the terms of M and K, to which their rounding is relative.
     mass: Floats
     pull: Floats
     basis: Floats
@@ -274,12 +273,8 @@ def reduce_together(
 
     `exact` makes M of a pencil that is alone, for `graded`.
 
-    Raises
-    ------
-    EngineError
-        The equations have no such form (see `state_space.linearise`), those of any board.
-    Unlike
-        The boards need different steps.
+    EngineError: the equations have no such form (see `state_space.linearise`), those of any board.
+    Unlike: the boards need different steps.
     """
     work = _Reduction(stack, names)
     inverse_mass = work.run(grade=exact is not None)

@@ -22,8 +22,8 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.cell_stamps import gain_stage
 from taction.verification.engines.statespace.equations.stamps import stamp
-from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.equilibrium import balance, scaled_jacobian
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -44,13 +44,6 @@ class StateSpace:
 
     Attributes
     ----------
-    states : tuple of str
-        Names of x.
-    blocks : tuple of Reduced
-        Those of the states, which are solved by themselves: one, or two of a board that is its own
-        mirror image, which costs a quarter.
-    lost : int
-        Poles of the board that are so far away that rounding hides them.
     A, B : ndarray (n, n) and (n, 2)
         1/s, and V/s.
     C, D : ndarray (size, n) and (size, 2)
@@ -58,9 +51,11 @@ class StateSpace:
     """
 
     descriptor: Descriptor
-    states: tuple[str, ...]
+    states: tuple[str, ...]  # names of x
+    # Those of the states, which are solved by themselves: one, or two of a board that is its own
+    # mirror image, which costs a quarter.
     blocks: tuple[Reduced, ...]
-    lost: int = 0
+    lost: int = 0  # poles of the board that are so far away that rounding hides them
 
     @property
     def n(self) -> int:
@@ -132,11 +127,8 @@ def linearise(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
     For other boards the result is exact. The matrices are dense, and x is a vector of voltages, not
     of deviations. Costs a few dense factorisations of all unknowns.
 
-    Raises
-    ------
-    EngineError
-        The equations have no state-space form (a node without any path, or charges that are not
-        free, such as a loop of capacitors and voltage sources).
+    EngineError: the equations have no state-space form (a node without any path, or charges that
+      are not free, such as a loop of capacitors and voltage sources).
     """
     return _single(*linearise_together([(descriptor, point)]))
 
@@ -184,10 +176,7 @@ def find_modes(spaces: Sequence[StateSpace]) -> None:
 def driven(descriptor: Descriptor, point: Equilibrium | None, inputs: Floats) -> StateSpace:
     """Return the state space with other inputs: currents (or voltages) into rows, (size, k).
 
-    Raises
-    ------
-    EngineError
-        As `linearise`.
+    EngineError: as `linearise`.
     """
     board = linear_matrices(descriptor, point)
     return _single(*_state_spaces([LinearEquations(descriptor, board, inputs)]))
@@ -199,11 +188,8 @@ def open_loop(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
     B and D then have ``2 + m`` columns: ``z = C x + D [on, 1, v_out]``. The states are those of the
     state space at `point`.
 
-    Raises
-    ------
-    EngineError
-        As `linearise`; also for a capacitor at such an output, whose current would need the
-        output's time derivative.
+    EngineError: as `linearise`; also for a capacitor at such an output, whose current would need
+      the output's time derivative.
     """
     devices = descriptor.devices
     b = np.zeros((descriptor.size, 2 + devices.count))

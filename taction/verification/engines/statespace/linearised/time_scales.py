@@ -11,7 +11,10 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats
-from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
+from taction.verification.engines.statespace.linearised.linear_board import (
+    LinearBoard,
+    initial_unknowns,
+)
 
 GROWN = 10.0  # step amplitudes: an instability of this height counts as shown
 LEAST = 1.0  # time constants: growth shown of a mode that is as high from the start
@@ -22,63 +25,33 @@ RINGS = 1.0 / math.sqrt(2.0)  # a mode rings if its damping ratio is below this
 
 @dataclass(frozen=True, slots=True)
 class Ringing:
-    """One oscillating mode that the strain step excites.
+    """One oscillating mode that the strain step excites."""
 
-    Attributes
-    ----------
-    frequency, period : float
-        Frequency, Hz, and period, s.
-    decay : float
-        Time constant of the envelope, s; negative for growing ringing.
-    amplitude : float
-        Largest initial amplitude over the outputs, in step amplitudes.
-    """
-
+    # `frequency`, `period`: frequency, Hz, and period, s.
     frequency: float
     period: float
-    decay: float
-    amplitude: float
+    decay: float  # time constant of the envelope, s; negative for growing ringing
+    amplitude: float  # largest initial amplitude over the outputs, in step amplitudes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeScales:
-    """Record length and time step of a board, from the modes that its strain step excites.
+    """Record length and time step of a board, from the modes that its strain step excites."""
 
-    Attributes
-    ----------
-    poles : ndarray (n,)
-        Poles, 1/s, rightmost first.
-    amplitudes : ndarray (n,)
-        Height of each mode's envelope in any output, in step amplitudes.
-    rates : ndarray (n,)
-        Rate of each mode's envelope, 1/s.
-    slowest : float
-        Time constant of the slowest relevant decaying mode, s.
-    ringing : tuple of Ringing
-        Relevant oscillating modes, the fastest first.
-    growth_time : float
-        Instant at which the fastest growing mode reaches `GROWN`, s; infinite if stable.
-    stop : float
-        Suggested stop time, s.
-    max_step : float
-        Suggested maximum step, s.
-    step : float
-        Step amplitude of the board: the largest distance of an output from the equilibrium at
-        t = 0, V.
-    complete : bool
-        Whether `poles` are those of the board; False for a large board, whose `poles` are those of
-        the coarse board (`coarse_board`) and do not show its stability.
-    """
-
-    poles: Complexes
-    amplitudes: Floats
-    rates: Floats
-    slowest: float
-    ringing: tuple[Ringing, ...]
+    poles: Complexes  # (n,): poles, 1/s, rightmost first
+    amplitudes: Floats  # (n,): height of each mode's envelope in any output, in step amplitudes
+    rates: Floats  # (n,): rate of each mode's envelope, 1/s
+    slowest: float  # time constant of the slowest relevant decaying mode, s
+    ringing: tuple[Ringing, ...]  # relevant oscillating modes, the fastest first
+    # Instant at which the fastest growing mode reaches `GROWN`, s; infinite if stable.
     growth_time: float
-    stop: float
-    max_step: float
+    stop: float  # suggested stop time, s
+    max_step: float  # suggested maximum step, s
+    # Step amplitude of the board: the largest distance of an output from the equilibrium at t = 0,
+    # V.
     step: float = 0.0
+    # Whether `poles` are those of the board; False for a large board, whose `poles` are those of
+    # the coarse board (`coarse_board`) and do not show its stability.
     complete: bool = True
 
     def left(self, time: float) -> float:
@@ -164,19 +137,11 @@ def time_scales(
     For a board with behavioural amplifiers the modes are those at the equilibrium with the strain
     applied; they are an estimate if the step is large.
 
-    Parameters
-    ----------
-    error : float
-        Amplitude below which a mode is ignored, and remaining ringing at `stop`, step amplitudes.
-    points : float
-        Points on the fastest ringing period with `max_step`.
-    initial : str
-        As in `taction.netlist_gen.analysis.Transient`.
-
-    Raises
-    ------
-    EngineError
-        No state-space form, or no equilibrium.
+    `error`: amplitude below which a mode is ignored, and remaining ringing at `stop`, step
+      amplitudes.
+    `points`: points on the fastest ringing period with `max_step`.
+    `initial`: as in `taction.netlist_gen.analysis.Transient`.
+    EngineError: no state-space form, or no equilibrium.
     """
     board = LinearBoard.of(circuit)
     large = board.descriptor.is_large

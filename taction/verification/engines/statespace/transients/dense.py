@@ -22,39 +22,20 @@ SAME = 1e-12  # relative: two instants that only rounding tells apart
 
 @dataclass(eq=False)
 class Dense:
-    """Dense output: Legendre coefficients of the watched voltages in every step.
+    """Dense output: Legendre coefficients of the watched voltages in every step."""
 
-    Attributes
-    ----------
-    ends : list of float
-        0 and the end of every step, s.
-    pieces : list of ndarray (W, s + 1)
-        Coefficients over a step.
-    levels : list of int
-        Binary logarithms of the lengths, in units of the base.
-    factorisations : int
-        What it cost.
-    escaped : bool
-        Whether it ended early because a voltage passed its limit.
-    rounding : float
-        What rounding left where it was more than a small part of the tolerance, V.
-    tail : float
-        The largest last Legendre coefficient of a step, V, without its rounding.
-    switches : list of Switch
-        The straight pieces of the amplifiers: those of the start, and after each passage of one.
-    failure : str
-        Why the integration ended without a solution, or empty.
-    """
-
-    ends: list[float] = field(default_factory=lambda: [0.0])
-    pieces: list[Floats] = field(default_factory=list)
+    ends: list[float] = field(default_factory=lambda: [0.0])  # 0 and the end of every step, s
+    pieces: list[Floats] = field(default_factory=list)  # (W, s + 1): coefficients over a step
+    # Binary logarithms of the lengths, in units of the base.
     levels: list[int] = field(default_factory=list)
-    factorisations: int = 0
-    escaped: bool = False
+    factorisations: int = 0  # what it cost
+    escaped: bool = False  # whether it ended early because a voltage passed its limit
+    # What rounding left where it was more than a small part of the tolerance, V.
     rounding: float = 0.0
-    tail: float = 0.0
+    tail: float = 0.0  # the largest last Legendre coefficient of a step, V, without its rounding
+    # The straight pieces of the amplifiers: those of the start, and after each passage of one.
     switches: list[Switch] = field(default_factory=list)
-    failure: str = ""
+    failure: str = ""  # why the integration ended without a solution, or empty
 
     def checked(self, board: str) -> Dense:
         """Return this output; raise EngineError, with the name of the board, without a solution."""

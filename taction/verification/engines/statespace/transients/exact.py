@@ -12,7 +12,7 @@ import numpy as np
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import EPS, Complexes, Floats, Ints
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.linearised.board import (
+from taction.verification.engines.statespace.linearised.linear_board import (
     Initial,
     LinearBoard,
     initial_unknowns,
@@ -89,22 +89,12 @@ def exact_solution(
 ) -> Exact:
     """Solve a linear board exactly.
 
-    Parameters
-    ----------
-    circuit : Circuit or LinearBoard
-        The board, without behavioural amplifiers.
-    initial, voltages
-        See `taction.netlist_gen.analysis.Transient`.
-    nodes : iterable of str, optional
-        By default the outputs' nodes.
-    linearised : bool
-        Whether a board with behavioural amplifiers may stand for its linearisation.
-
-    Raises
-    ------
-    EngineError
-        The board is not linear, or has no equilibrium or no state space, or rounding hides the
-        solution.
+    `circuit`: the board, without behavioural amplifiers.
+    `initial`, `voltages`: see `taction.netlist_gen.analysis.Transient`.
+    `nodes`: by default the outputs' nodes.
+    `linearised`: whether a board with behavioural amplifiers may stand for its linearisation.
+    EngineError: the board is not linear, or has no equilibrium or no state space, or rounding hides
+      the solution.
 
     Notes
     -----
@@ -187,23 +177,15 @@ def combinations(
 ) -> Exact:
     """Solve for ``volts @ V + rates @ dV/dt`` of a linear board, V the voltages of `nodes`.
 
-    Parameters
-    ----------
-    nodes : tuple of str (n,)
-        Nodes, or states of op-amps by their names in the descriptor.
-    volts, rates : ndarray (K, n)
-        Weights of the voltages (1/V) and of their time derivatives (s/V). The start is just after
-        the strain step, so jumps at that instant have no derivative.
+    `nodes`: nodes, or states of op-amps by their names in the descriptor.
+    `volts`, `rates` (K, n): weights of the voltages (1/V) and of their time derivatives (s/V). The
+      start is just after the strain step, so jumps at that instant have no derivative.
+    EngineError: as `exact_solution`.
 
     Returns
     -------
     Exact
         Its "nodes" are the numbers of the combinations.
-
-    Raises
-    ------
-    EngineError
-        As `exact_solution`.
     """
     space = board.state_space
     C, D = space.rows(nodes)

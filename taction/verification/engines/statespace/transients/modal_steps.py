@@ -15,12 +15,15 @@ import numpy as np
 
 from taction.system.array_types import Bools, Complexes, Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.linearised.loop_newton import solve_loop
+from taction.verification.engines.statespace.linearised.equilibrium import solve_loop
 from taction.verification.engines.statespace.linearised.modes import Modes
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
-from taction.verification.engines.statespace.transients.amplifiers import BEYOND, Amplifiers
-from taction.verification.engines.statespace.transients.batch import Batch
 from taction.verification.engines.statespace.transients.radau import SIGMA, TABLE
+from taction.verification.engines.statespace.transients.straight_pieces import (
+    BEYOND,
+    Amplifiers,
+    Batch,
+)
 
 DEFECT = 1e-10  # of ``left right - 1``: with more, modes lose digits that solves keep
 
@@ -36,20 +39,13 @@ class StateBoard:
     y are the inputs of the amplifiers, then other watched nodes. `core` are the four matrices, and
     `constant` the other terms of x', of the board with `slopes` in the place of its amplifiers.
 
-    Parameters
-    ----------
-    space : StateSpace
-        Its states, with the outputs of the amplifiers as inputs.
-    nodes : tuple of str
-        The other watched nodes.
-    slopes : ndarray (m,)
-        Of the amplifiers, V/V.
-    draw : int
-        If not 0, every coefficient is moved by this draw of the relative `rounding`. A slow mode
-        beside fast ones has few digits in A: a second run by the same matrices has the same errors,
-        one by these shows them.
-    rounding : float
-        See `draw`.
+    `space`: its states, with the outputs of the amplifiers as inputs.
+    `nodes`: the other watched nodes.
+    `slopes` (m,): of the amplifiers, V/V.
+    `draw`: if not 0, every coefficient is moved by this draw of the relative `rounding`. A slow
+      mode beside fast ones has few digits in A: a second run by the same matrices has the same
+      errors, one by these shows them.
+    `rounding`: see `draw`.
     """
 
     def __init__(
@@ -118,12 +114,8 @@ class ModalBoards(Batch):
     Those that are joined have as many states, amplifiers and watched nodes. The voltages of a mode
     are at most 1 V, so that its coordinate is about its share in volts.
 
-    Parameters
-    ----------
-    board : StateBoard
-        One board at its slopes at rest.
-    modes : Modes or None
-        Of the same board; None where they are no basis.
+    `board`: one board at its slopes at rest.
+    `modes`: of the same board; None where they are no basis.
     """
 
     factorisations = 1

@@ -12,7 +12,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.waveforms import Cost, Waveforms
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
 from taction.verification.engines.statespace.transients.record_times import record_times
 

@@ -22,19 +22,22 @@ from taction.system.quantities import show
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.equations.alike import of_one_kind
 from taction.verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS
-from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
-from taction.verification.engines.statespace.transients.amplifiers import Amplifiers
-from taction.verification.engines.statespace.transients.batch import Batch
+from taction.verification.engines.statespace.linearised.linear_board import (
+    LinearBoard,
+    initial_unknowns,
+)
 from taction.verification.engines.statespace.transients.dense import Dense
-from taction.verification.engines.statespace.transients.integrator import Integration
 from taction.verification.engines.statespace.transients.modal_steps import (
     ModalBoards,
     StateBoard,
     is_basis,
 )
 from taction.verification.engines.statespace.transients.radau import NODES, STAGES, TABLE
+from taction.verification.engines.statespace.transients.radau_integrator import Integration
 from taction.verification.engines.statespace.transients.record_times import ESCAPED, record_times
 from taction.verification.engines.statespace.transients.straight_pieces import (
+    Amplifiers,
+    Batch,
     LimitCycle,
     limit_cycle,
 )
@@ -392,10 +395,7 @@ def halved(first: Waveforms, *, resolved: bool = False) -> Waveforms:
     change of modes that are too fast for both runs, which `rounding` of this one includes. The cost
     is that of both.
 
-    Raises
-    ------
-    EngineError
-        The first run is not one of the integrator's, or half a step is not found.
+    EngineError: the first run is not one of the integrator's, or half a step is not found.
     """
     if not isinstance(first.curve, SteppedCurve):
         raise EngineError("the first run is not one of the integrator's")

@@ -10,10 +10,13 @@ import numpy as np
 from taction.system.array_types import Bools, Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.structured_solve import Structure
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.transients.amplifiers import BEYOND, Amplifiers
-from taction.verification.engines.statespace.transients.batch import Batch
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.radau import SIGMA, TABLE
+from taction.verification.engines.statespace.transients.straight_pieces import (
+    BEYOND,
+    Amplifiers,
+    Batch,
+)
 
 INSTANT = 1e-9  # of the fastest time constant: a step without charge
 SETTLING_STEPS = 50
@@ -62,10 +65,7 @@ class StructuredBoard(Batch):
         as the difference of the inputs of an op-amp with an offset: the state just before the step
         has others than the voltages that the steps start from.
 
-        Raises
-        ------
-        EngineError
-            An amplifier is beyond the range of floats.
+        EngineError: an amplifier is beyond the range of floats.
         """
         weight, m = self.structure.capacitance, self.count
         pull = abs(self.structure.local).max(axis=1).toarray().ravel()

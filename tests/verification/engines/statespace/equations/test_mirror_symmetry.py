@@ -16,7 +16,7 @@ from taction.verification.engines.statespace.equations.mirror_symmetry import (
     proposed_image,
     proposed_mirror,
 )
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import decompose
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.engines.statespace.transients.matrix_exponential import ModalFlow

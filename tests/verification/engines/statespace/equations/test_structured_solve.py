@@ -11,19 +11,18 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations import descriptor
-from taction.verification.engines.statespace.equations.coarse_board import coarsen
 from taction.verification.engines.statespace.equations.stamps import stamp
-from taction.verification.engines.statespace.equations.structured_solve import Structure
+from taction.verification.engines.statespace.equations.structured_solve import Structure, coarsen
 from taction.verification.engines.statespace.linearised import (
     rightmost_poles as rightmost_poles_module,
 )
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.count_unstable import (
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
+from taction.verification.engines.statespace.linearised.rightmost_poles import (
     cell_poles,
     count_right,
+    rightmost_poles,
 )
-from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
-from taction.verification.engines.statespace.linearised.rightmost_poles import rightmost_poles
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.poles import count_unstable, poles

@@ -10,8 +10,8 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Complexes
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.lead_pole import LeadPole, lead_poles
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.linearised.rightmost_poles import LeadPole, lead_poles
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
 from tests.support.boards import lags, paper_board, single_mode
 from tests.support.paths import SCENES

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards, stepped
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.poles import poles
 from tests.support.nodal_analysis import exact_poles

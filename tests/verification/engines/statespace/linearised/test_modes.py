@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import EPS, Complexes, Floats
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import decompose
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.engines.statespace.transients.matrix_exponential import ModalFlow

@@ -15,9 +15,9 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.spice_models.opamp import OpAmp
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.linearised import output_noise as noise_module
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.output_noise import (
+from taction.verification.engines.statespace.linearised import noise_covariance as noise_module
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.linearised.noise_covariance import (
     _flicker,
     _variance,
     _white,

@@ -24,9 +24,12 @@ from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations import stamps as stamps_module
-from taction.verification.engines.statespace.linearised import board as board_module
+from taction.verification.engines.statespace.linearised import linear_board as board_module
 from taction.verification.engines.statespace.linearised import state_space as state_space_module
-from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
+from taction.verification.engines.statespace.linearised.linear_board import (
+    LinearBoard,
+    solve_together,
+)
 from taction.verification.verdict import transient_plan
 from taction.verification.verdict.verify import verify
 from tests.support.boards import bare, kernel, paper_board, single_mode, strain

@@ -17,8 +17,8 @@ from taction.netlist_gen.board.wired_arrays import wire_branches
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.verification.engines.statespace.equations.structured_solve import Structure
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.output_noise import noise_intensities
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.linearised.noise_covariance import noise_intensities
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.checks import Outcome

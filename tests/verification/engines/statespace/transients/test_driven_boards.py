@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.evidence.stress.compare import compare, wrong_checks
+from taction.verification.evidence.stress.judge import compare, wrong_checks
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
 from tests.support.true_values import true_values

@@ -13,10 +13,10 @@ from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.stamps import stamp
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.reduced_board import ReducedBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients import reduced_transient
 from taction.verification.engines.statespace.transients.exact import exact_solution
+from taction.verification.engines.statespace.transients.reduced_transient import ReducedBoard
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.verdict.simulation import state_space_error
 from tests.support.boards import IDEAL, board, kernel, lags, paper_board, strain

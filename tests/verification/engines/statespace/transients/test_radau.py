@@ -10,12 +10,11 @@ import pytest
 
 from taction.system.array_types import Floats, Ints
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.transients.amplifiers import StraightPieces
-from taction.verification.engines.statespace.transients.batch import Batch
 from taction.verification.engines.statespace.transients.dense import Dense
-from taction.verification.engines.statespace.transients.integrator import Integration
 from taction.verification.engines.statespace.transients.modal_steps import ModalBoards, StateBoard
 from taction.verification.engines.statespace.transients.radau import STAGES, tableau
+from taction.verification.engines.statespace.transients.radau_integrator import Integration
+from taction.verification.engines.statespace.transients.straight_pieces import Batch, StraightPieces
 
 
 @pytest.mark.parametrize("stages", [3, 5, 9])

@@ -31,9 +31,11 @@ from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import start
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
-from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
-from taction.verification.engines.statespace.transients import integrator
-from taction.verification.engines.statespace.transients.amplifiers import StraightPieces
+from taction.verification.engines.statespace.linearised.linear_board import (
+    LinearBoard,
+    initial_unknowns,
+)
+from taction.verification.engines.statespace.transients import radau_integrator as integrator
 from taction.verification.engines.statespace.transients.radau import STAGES
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.engines.statespace.transients.stepped import (
@@ -43,6 +45,7 @@ from taction.verification.engines.statespace.transients.stepped import (
     halved,
 )
 from taction.verification.engines.statespace.transients.straight_pieces import (
+    StraightPieces,
     first_passage,
     hull,
     limit_cycle,
@@ -50,7 +53,7 @@ from taction.verification.engines.statespace.transients.straight_pieces import (
 )
 from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
 from taction.verification.evidence.stress.catalogue import load_catalogue
-from taction.verification.verdict.design import large_signal
+from taction.verification.verdict.plan_board import large_signal
 from taction.verification.verdict.simulation import on_curve, state_space_error
 from tests.support.boards import bare, board, kernel, lone_amplifier, strain, two_pole
 

@@ -13,7 +13,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.waveforms import Waveforms
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import decompose
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.modal_steps import (

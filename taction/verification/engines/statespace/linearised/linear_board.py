@@ -1,0 +1,265 @@
+"""A board and its linearisation; each part is computed once, on first use."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from taction.netlist_gen.board.circuit import Circuit
+from taction.system.array_types import Floats
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.amplifier_gains import GAINS
+from taction.verification.engines.statespace.equations.descriptor import LARGE, Descriptor
+from taction.verification.engines.statespace.equations.stamps import stamp, stamp_together
+from taction.verification.engines.statespace.equations.structured_solve import (
+    Response,
+    Structure,
+    coarsen,
+    dense_response,
+    structured_response,
+)
+from taction.verification.engines.statespace.linearised.equilibrium import (
+    Equilibrium,
+    limited_equilibrium,
+    rounding,
+    solve_equilibrium,
+    tangent,
+)
+from taction.verification.engines.statespace.linearised.state_space import (
+    StateSpace,
+    find_modes,
+    linearise,
+    linearise_together,
+    open_loop,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearBoard:
+    """One board, linearised at its equilibrium with the strain applied.
+
+    Every property may raise `EngineError`: no equilibrium, or no state-space form. `equations`
+    replace those of the circuit, and `point` replaces the equilibrium as point of linearisation.
+    """
+
+    circuit: Circuit
+    equations: Descriptor | None = None
+    point: Equilibrium | None = None
+
+    @classmethod
+    def of(cls, circuit: Circuit | LinearBoard) -> LinearBoard:
+        """Return a `LinearBoard` unchanged, and make one of a circuit."""
+        return circuit if isinstance(circuit, LinearBoard) else cls(circuit)
+
+    def reported(self, nodes: Iterable[str] | None) -> tuple[str, ...]:
+        """Return the nodes that a transient reports: `nodes`, by default the outputs' nodes."""
+        return tuple(o.node for o in self.circuit.outputs) if nodes is None else tuple(nodes)
+
+    @functools.cached_property
+    def descriptor(self) -> Descriptor:
+        """The descriptor equations."""
+        return stamp(self.circuit) if self.equations is None else self.equations
+
+    @functools.cached_property
+    def equilibrium(self) -> Equilibrium:
+        """The equilibrium with the strain applied."""
+        return self.point or self._equilibrium(sources_on=True)
+
+    @property
+    def has_breaks(self) -> bool:
+        """Whether the slope of an amplifier jumps."""
+        kinds = self.descriptor.devices.kinds
+        return any(kind in GAINS and GAINS[kind].breaks is not None for kind in kinds)
+
+    @property
+    def has_only_breaks(self) -> bool:
+        """Whether all amplifiers consist of straight pieces."""
+        kinds = self.descriptor.devices.kinds
+        return all(kind in GAINS and GAINS[kind].breaks is not None for kind in kinds)
+
+    def at_start(self, initial: Initial) -> LinearBoard:
+        """Return the linear board that has the slopes of the amplifiers at the start.
+
+        Raises
+        ------
+        EngineError
+            It has no equilibrium.
+        """
+        point = tangent(self.descriptor, initial_unknowns(self, initial))
+        return LinearBoard(self.circuit, self.equations, point)
+
+    @functools.cached_property
+    def rounding(self) -> Floats:
+        """Bound on the rounding error of the equilibrium with the strain applied, V, (size,)."""
+        return rounding(self.equilibrium)
+
+    @functools.cached_property
+    def rest(self) -> Equilibrium:
+        """The equilibrium without strain; voltage sources stay on."""
+        return self._equilibrium(sources_on=False)
+
+    def _equilibrium(self, *, sources_on: bool) -> Equilibrium:
+        if self.descriptor.has_limits:
+            free = LinearBoard(self.circuit, self.descriptor.without_limits)
+            start = free._equilibrium(sources_on=sources_on)
+            near = limited_equilibrium(self.descriptor, start.values, sources_on=sources_on)
+            if near is not None:
+                return near
+        return solve_equilibrium(self.descriptor, self._response, sources_on=sources_on)
+
+    @functools.cached_property
+    def _response(self) -> Response:
+        if self.descriptor.is_large:
+            return structured_response(self._bare)
+        return dense_response(self.descriptor)
+
+    @functools.cached_property
+    def _bare(self) -> Structure:
+        """The structure without the amplifiers' slopes."""
+        return Structure(self.descriptor)
+
+    @property
+    def operating_point(self) -> Equilibrium | None:
+        """The equilibrium if the linearisation depends on it, else None."""
+        return self.equilibrium if self.descriptor.devices.count else None
+
+    @functools.cached_property
+    def state_space(self) -> StateSpace:
+        """``x' = A x + B [on, 1]``, with its modes; dense."""
+        return linearise(self.descriptor, self.operating_point)
+
+    @functools.cached_property
+    def open_loop(self) -> StateSpace:
+        """The state space with the amplifiers' outputs as inputs."""
+        return open_loop(self.descriptor, self.operating_point)
+
+    @functools.cached_property
+    def structure(self) -> Structure:
+        """The equations of a large board, for solves without a dense matrix of all unknowns."""
+        point = self.operating_point
+        return self._bare if point is None else Structure(self.descriptor, point.slopes)
+
+    @functools.cached_property
+    def integrations(self) -> dict[Hashable, Any]:
+        """Transients by steps, which one verification uses several times; see `stepped`."""
+        return {}
+
+    @functools.cached_property
+    def coarse(self) -> LinearBoard:
+        """A coarse board in place of a large one; see `coarse_board`."""
+        return LinearBoard(self.circuit, coarsen(self.descriptor))
+
+
+def parts_of(board: LinearBoard) -> int:
+    """Return the number of parts without those of the matrices: about that of the unknowns."""
+    circuit = board.circuit
+    return len(circuit.opamps) + len(circuit.resistors) + len(circuit.capacitors)
+
+
+def solve_together(boards: Sequence[LinearBoard]) -> None:
+    """Compute equations, state spaces and modes of boards; see `linearise_boards`.
+
+    Examples
+    --------
+    >>> import taction
+    >>> from taction.netlist_gen.board.synthesis import synthesise
+    >>> circuit = synthesise(taction.load_scene("scenes/custom-matrix.toml"))
+    >>> one, other = LinearBoard(circuit), LinearBoard(circuit)
+    >>> solve_together([one, other])
+    >>> one.state_space.states is other.state_space.states
+    True
+    """
+    if len(boards) > 1:
+        find_modes([space for space in linearise_boards(boards) if space is not None])
+
+
+def linearise_boards(boards: Sequence[LinearBoard]) -> list[StateSpace | None]:
+    """Compute equations, equilibria and state spaces of boards, of one structure together.
+
+    Boards that differ in capacitances alone have one equilibrium, computed once. Every board has
+    the digits that it has alone. A board that has no state space, and a large one, stays as it is,
+    and says why where it is asked: None in its place.
+    """
+    spaces = state_spaces(boards)
+    _share_rests(boards)
+    return spaces
+
+
+def state_spaces(boards: Sequence[LinearBoard]) -> list[StateSpace | None]:
+    """Compute equations and state spaces as `linearise_boards`, and only equilibria that count."""
+    stamp_boards(boards)
+    _share_rests([board for board in boards if _bends(board)])
+    ready = dict[LinearBoard, tuple[Descriptor, Equilibrium | None]]()
+    for board in boards:
+        if "state_space" not in vars(board):
+            with suppress(EngineError):
+                if not board.descriptor.is_large:
+                    ready[board] = board.descriptor, board.operating_point
+    for board, space in zip(ready, linearise_together(list(ready.values())), strict=True):
+        if not isinstance(space, EngineError):
+            vars(board)["state_space"] = space
+    return [vars(board).get("state_space") for board in boards]
+
+
+def stamp_boards(boards: Sequence[LinearBoard]) -> None:
+    """Stamp the equations of small boards together; what fails says why where it is asked."""
+    small = [board for board in boards if parts_of(board) <= LARGE and board.equations is None]
+    unstamped = [board for board in small if "descriptor" not in vars(board)]
+    stamped = stamp_together([board.circuit for board in unstamped])
+    for board, descriptor in zip(unstamped, stamped, strict=True):
+        if not isinstance(descriptor, EngineError):
+            vars(board)["descriptor"] = descriptor
+
+
+def _bends(board: LinearBoard) -> bool:
+    """Tell whether the linearisation of a board depends on its equilibrium."""
+    with suppress(EngineError):
+        return board.descriptor.devices.count > 0
+    return False
+
+
+def _share_rests(boards: Sequence[LinearBoard]) -> None:
+    """Give boards that differ in capacitances alone what the first of them has at rest.
+
+    A board that has limits may reach its rest by steps in time, which depend on its capacitances.
+    """
+    known = dict[bytes, LinearBoard]()
+    for board in boards:
+        with suppress(EngineError):
+            descriptor, computed = board.descriptor, board.point or vars(board).get("equilibrium")
+            if computed is not None or descriptor.is_large or descriptor.has_limits:
+                continue
+            first = known.setdefault(descriptor.at_rest, board)
+            if first is not board:
+                vars(board).update(
+                    _response=first._response,
+                    equilibrium=replace(first.equilibrium, descriptor=descriptor),
+                    rest=replace(first.rest, descriptor=descriptor),
+                    rounding=first.rounding,
+                )
+
+
+Initial = Literal["zero", "rest"]
+
+
+def initial_unknowns(
+    board: LinearBoard, initial: Initial, voltages: Mapping[str, float] | None = None
+) -> Floats:
+    """Return every unknown just before the strain step, V, shape (size,).
+
+    ``"rest"`` is the equilibrium with the current sources off. With ``"zero"`` all capacitors and
+    op-amps are discharged, except those that `voltages` (V, by node or op-amp state) charge.
+
+    EngineError: the circuit does not have a name of `voltages`, or has no equilibrium.
+    """
+    if initial == "rest":
+        return board.rest.values
+    z = np.zeros(board.descriptor.size)
+    for name, volts in (voltages or {}).items():
+        z[board.descriptor.place(name)] = volts
+    return z

@@ -1,0 +1,316 @@
+"""Noise of the outputs at rest, over a band of frequencies, by the Lyapunov equation.
+
+``x' = A x + B w`` with white noise w of covariance W has the covariance P of its states with
+``A P + P A^T = -B W B^T``, and an output ``c x`` the variance ``c P c^T``.
+
+What the numerical P leaves, ``R = A P + P A^T + B W B^T``, changes the variance by ``sum R Y``,
+with the adjoint solution Y of ``A^T Y + Y A = -c^T c``. R includes the rounding of A, P and W,
+element by element. One Y of all outputs, ``C^T C`` in the place of ``c^T c``, bounds the elements
+of each: ``|Y_ij|² <= Y_ii Y_jj``. ``sum B W B^T Y`` is the sum of all variances, too: the
+difference of the two is added to the bound.
+
+Above a lowest frequency w (rad/s) the modes of A weight P. The spectrum of an output is
+``2 Re c (jf - A)^-1 P c^T``, and its integrals have the logarithm ``L = log(1 + j A / w)``. The
+variance is ``Re c H P c^T``, for white noise with ``H = (2/pi) j L``, and for noise of the density
+``W / f`` with ``H = -4 A^-1 L``; without a lowest frequency that one has no end. H is computed
+twice, by the modes of A and of its transpose: their difference is added to the bound.
+
+The sources: a resistor has the thermal current ``4 k T / R`` (A²/Hz). An op-amp has a voltage
+noise, which adds to the input of its gain stages behind the input impedances, and a current noise
+into each input that is not on ground. Where its sheet has a corner, the voltage noise has a 1/f
+part, too, with the same density at the corner. The impedances of an op-amp's model are no resistors
+of the part: they make no noise of their own. A transistor has the shot noise ``2 q I`` of collector
+and base current, and the thermal noise of its bulk resistance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+
+from taction.netlist_gen.board.circuit import GROUND, Circuit
+from taction.netlist_gen.board.wired_arrays import joined_resistors
+from taction.spice_models.opamp import THERMAL
+from taction.spice_models.transistor import ELECTRON, NOMINAL
+from taction.system.array_types import EPS, Complexes, Floats, Ints
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.cell_stamps import (
+    gain_stage,
+    transistor_currents,
+)
+from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.equations.mirror_symmetry import block_diagonal
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.linearised.reduction import ROUNDED
+from taction.verification.engines.statespace.linearised.state_space import StateSpace, driven
+
+
+def noise_intensities(
+    circuit: Circuit, descriptor: Descriptor, point: Floats | None = None
+) -> Floats:
+    """Return the covariance of the noise in each pair of rows, over positive and negative f.
+
+    `point` (size,) is the equilibrium, which sets the currents of transistors; without it they are
+    silent.
+
+    Returns
+    -------
+    ndarray (size, size)
+        In A²/Hz for current balances, V²/s²/Hz for states of op-amps, V²/Hz for rows that state a
+        voltage; half of the density over positive frequencies.
+    """
+    size = descriptor.size
+    density = np.zeros((size + 1, size + 1))  # the last row is ground
+    _resistors(density, circuit, descriptor)
+    for cell in circuit.opamps:
+        pins = _places(descriptor, (cell.noninverting, cell.inverting))
+        density[pins, pins] += circuit.models[cell.model].current_noise ** 2
+    for source in circuit.noises:
+        place = descriptor.place(source.node)
+        density[place, place] += source.density**2
+    if point is not None and circuit.transistors:
+        _transistors(density, circuit, descriptor, point)
+    rows = descriptor.balance_rows
+    for place in np.flatnonzero(rows != np.arange(size + 1)).tolist():
+        if rows[place] != size:
+            density[rows[place]] += density[place]
+            density[:, rows[place]] += density[:, place]
+        density[place] = 0.0
+        density[:, place] = 0.0
+    for cell in circuit.opamps:
+        row, gain = gain_stage(circuit.models[cell.model], cell, descriptor)
+        density[row, row] += (gain * circuit.models[cell.model].voltage_noise) ** 2
+    return 0.5 * density[:size, :size]
+
+
+def flicker_intensities(circuit: Circuit, descriptor: Descriptor) -> Floats:
+    """Return the 1/f noise of each row times the frequency, as `noise_intensities`, (size,)."""
+    density = np.zeros(descriptor.size)
+    for cell in circuit.opamps:
+        row, gain = gain_stage(circuit.models[cell.model], cell, descriptor)
+        density[row] += gain**2 * circuit.models[cell.model].flicker_noise
+    return 0.5 * density
+
+
+def _resistors(density: Floats, circuit: Circuit, descriptor: Descriptor) -> None:
+    parts = list(joined_resistors(circuit))
+    a = _places(descriptor, (end for end, _, _ in parts))
+    b = _places(descriptor, (end for _, end, _ in parts))
+    _between(density, a, b, THERMAL / np.array([ohms for _, _, ohms in parts]))
+
+
+def _transistors(density: Floats, circuit: Circuit, descriptor: Descriptor, point: Floats) -> None:
+    """Add shot noise of collector and base current, and thermal noise of the bulk resistance."""
+    cells = circuit.transistors
+    collector, base, emitter = (
+        _places(descriptor, (getattr(cell, leg) for cell in cells))
+        for leg in ("collector", "base", "emitter")
+    )
+    inner = _places(descriptor, (f"q{cell.name}.e" for cell in cells))
+    models = [circuit.transistor_models[cell.model] for cell in cells]
+    currents = np.abs(transistor_currents(circuit, descriptor, point))
+    _between(density, collector, inner, 2.0 * ELECTRON * currents[0])
+    _between(density, base, inner, 2.0 * ELECTRON * currents[1])
+    _between(density, emitter, inner, THERMAL / np.array([m.emitter_resistance for m in models]))
+
+
+def _between(density: Floats, a: Ints, b: Ints, current: Floats) -> None:
+    """Add noise currents, A²/Hz, between places."""
+    for p, q in ((a, b), (b, a)):
+        np.add.at(density, (p, p), current)
+        np.add.at(density, (p, q), -current)
+
+
+def _places(descriptor: Descriptor, names: Iterable[str]) -> Ints:
+    places = [descriptor.size if name == GROUND else descriptor.place(name) for name in names]
+    return np.array(places, dtype=np.int64)
+
+
+HIDDEN = "rounding hides the noise: the poles of the board are too far apart"
+DIRECT = 1e-9  # of the variance: direct noise in the band of the board that counts as rounding
+MOST = 1200  # unknowns: some seconds, in which the dense matrices are decomposed
+FEW = 12  # states of which a linear system of all elements of P is inverted
+REFINED = 3  # solutions: the first, and its refinements
+BALANCING = 8  # sweeps
+SOURCES = 2  # columns of the equations of a board before those of the noise
+
+
+def output_noise(board: LinearBoard, lowest: float = 0.0) -> tuple[Floats, Floats]:
+    """Return the noise of every output of a stable board, rms, V, and bounds on the errors, (N,).
+
+    `lowest`: the lowest frequency that counts, Hz.
+    EngineError: a large or unstable board, noise of unlimited bandwidth at an output, 1/f noise
+      without a lowest frequency, or rounding as large as the noise; also as `linearise`.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/custom-matrix.toml")
+    >>> rms, error = output_noise(LinearBoard(taction.synthesise(scene)))
+    >>> bool((error < 1e-6 * rms).all())
+    True
+    """
+    descriptor, outputs = board.descriptor, board.circuit.outputs
+    if descriptor.size > MOST:
+        text = f"the board has {descriptor.size} unknowns; the noise of up to {MOST} is computed"
+        raise EngineError(text)
+    if board.circuit.transistors and board.circuit.temperature != NOMINAL:
+        raise EngineError(f"the noise of transistors is computed at {NOMINAL:g} degrees C only")
+    if board.circuit.has_imported:
+        raise EngineError("the noise of an imported op-amp is not known to the state-space engine")
+    density = noise_intensities(board.circuit, descriptor, board.equilibrium.values)
+    flicker = flicker_intensities(board.circuit, descriptor)
+    if flicker.any() and not lowest > 0.0:
+        raise EngineError("1/f noise has no end at 0 Hz: a lowest frequency is needed")
+    live = np.flatnonzero(density.diagonal())
+    inputs = np.zeros((descriptor.size, SOURCES + len(live)))
+    inputs[live, SOURCES + np.arange(len(live))] = 1.0
+    space = driven(descriptor, board.operating_point, inputs)
+    poles = board.state_space.modes.poles
+    if not len(poles):
+        raise EngineError("a board without poles does not limit the bandwidth of its noise")
+    lead = float(poles.real.max(initial=-1.0))
+    if lead > len(poles) * EPS * float(np.abs(poles).max(initial=0.0)):
+        raise EngineError("the board is not stable")
+    if not lead < 0.0:  # the eigensolver cannot tell the sign
+        raise EngineError(HIDDEN)
+    W = density[np.ix_(live, live)]
+    C, D = space.rows([out.node for out in outputs])
+    B, D = space.B[:, SOURCES:], D[:, SOURCES:]
+    w, fastest = math.tau * lowest, float(np.abs(poles).max(initial=0.0))
+    sizes = _sizes(space)
+    variance, error = _variance(space.A, B @ W @ B.T, C, _white(w) if w else None, sizes)
+    direct = np.einsum("ki,ij,kj->k", D, W, D) * fastest
+    if flicker.any():
+        V = flicker[live]
+        more, doubt = _variance(space.A, (B * V) @ B.T, C, _flicker(w), sizes)
+        variance, error = variance + more, error + doubt
+        direct += 2.0 * math.log1p(fastest / w) * (D**2 @ V)
+    if (endless := np.flatnonzero(direct > DIRECT * np.abs(variance))).size:
+        raise EngineError(
+            f"the noise of output {outputs[endless[0]].node} has no limit of its bandwidth: no"
+            " capacitance is at that node of the model"
+        )
+    silent = ~(C.any(axis=1) | D.any(axis=1))  # behind amplifiers whose output cannot move
+    errors = np.where(silent, 0.0, error + direct)
+    if not (silent | (errors < variance)).all():
+        raise EngineError(HIDDEN)
+    rms = np.sqrt(variance)
+    return rms, rms - np.sqrt(variance - errors)
+
+
+Weight = Callable[[Complexes], Complexes]
+
+
+def _white(w: float) -> Weight:
+    """Return the share of each mode in white noise above w, rad/s."""
+    return lambda poles: (2j / math.pi) * np.log1p(1j * poles / w)
+
+
+def _flicker(w: float) -> Weight:
+    """Return the share of each mode in noise of the density ``W / f`` above w, rad/s, in s."""
+    return lambda poles: -4.0 / poles * np.log1p(1j * poles / w)
+
+
+def _weights(A: Floats, weight: Weight) -> Floats:
+    """Return the real part of a function of A, by its modes."""
+    poles, right = np.linalg.eig(A)
+    weighted = np.linalg.solve(right.T, (right * weight(poles)).T).T
+    return np.asarray(weighted.real)
+
+
+def _variance(
+    A: Floats, Q: Floats, C: Floats, weight: Weight | None = None, sizes: Floats | None = None
+) -> tuple[Floats, float]:
+    """Return ``C P C^T`` of ``A P + P A^T = -Q``, by rows of C, and a bound on each error.
+
+    `sizes` (2, n, n) are those to which the rounding of A is relative (0 if it has none). With a
+    `weight`, P is weighted with this function of A.
+    """
+    scale = balance(A)
+    sizes = np.zeros((2, *A.shape)) if sizes is None else sizes
+    A = A * scale / scale[:, None]
+    equation = _Lyapunov(A)
+    Q, C = Q / np.outer(scale, scale), C * scale
+    P = equation.solve(Q)
+    Y = equation.solve(C.T @ C, adjoint=True)
+    remainder, doubt = _remainder(A, P, Q, sizes * scale / scale[:, None]), 0.0
+    if weight is not None:
+        first, second = _weights(A, weight), _weights(A.T.copy(), weight).T
+        doubt = float(np.abs(np.einsum("ki,ij,kj->k", C, (first - second) @ P, C)).max(initial=0.0))
+        P, Y = first @ P, Y @ first
+    variance = np.einsum("ki,ij,kj->k", C, P, C)
+    reach = np.sqrt(np.maximum(Y.diagonal(), 0.0))
+    return variance, float(reach @ remainder @ reach + abs(variance.sum() - np.sum(Q * Y)) + doubt)
+
+
+def balance(A: Floats) -> Floats:
+    """Return sizes of the states, (n,), in which rows and columns of A are about equally large."""
+    scale, size = np.ones(len(A)), np.abs(A)
+    np.fill_diagonal(size, 0.0)
+    for _ in range(BALANCING):
+        rows, columns = (size @ scale) / scale, scale * ((1.0 / scale) @ size)
+        filled = (rows > 0.0) & (columns > 0.0)
+        ratio = np.where(filled, rows, 1.0) / np.where(filled, columns, 1.0)
+        scale *= ratio**0.25
+    return np.asarray(np.exp2(np.round(np.log2(scale))))
+
+
+class _Lyapunov:
+    """Solver of ``A P + P A^T = -Q``, with refinement.
+
+    Of up to `FEW` states it inverts the linear map of all elements of P, which is as stable as the
+    method of Bartels and Stewart for more of them, and needs no `scipy.linalg`.
+    """
+
+    def __init__(self, A: Floats) -> None:
+        self.A = A
+        if len(A) <= FEW:
+            one = np.eye(len(A))
+            self.inverse = np.linalg.inv(np.kron(A, one) + np.kron(one, A))
+            return
+        from scipy.linalg import get_lapack_funcs, schur
+
+        decomposed: Any = schur(A, output="real")
+        self.T, self.U = decomposed
+        self.trsyl: Any = get_lapack_funcs("trsyl", (self.T,))
+
+    def solve(self, Q: Floats, *, adjoint: bool = False) -> Floats:
+        """Return P; with `adjoint` that of ``A^T P + P A = -Q``."""
+        A = self.A.T if adjoint else self.A
+        P, left = np.zeros_like(Q), Q
+        for _ in range(REFINED):
+            step = self._step(left, adjoint)
+            P = P + 0.5 * (step + step.T)
+            product = A @ P
+            left = product + product.T + Q
+        return P
+
+    def _step(self, Q: Floats, adjoint: bool) -> Floats:
+        """Return P without refinement."""
+        if len(Q) <= FEW:
+            inverse = self.inverse.T if adjoint else self.inverse
+            return np.asarray(-(inverse @ Q.ravel()).reshape(Q.shape))
+        kinds = {"trana": "T"} if adjoint else {"tranb": "T"}
+        Y, scale, _ = self.trsyl(self.T, self.T, -self.U.T @ Q @ self.U, **kinds)
+        return np.asarray(self.U @ (Y * scale) @ self.U.T)
+
+
+def _sizes(space: StateSpace) -> Floats:
+    """Return the sizes of the terms of A, and of the charges that a unit of ``x'`` moves."""
+    parts = []
+    for block in space.blocks:
+        pencil, L, seen = block.pencil, np.abs(block.left), np.abs(block.seen)
+        parts.append((L @ pencil.pull @ seen, L @ pencil.mass @ seen))
+    return np.stack([block_diagonal(each) for each in zip(*parts, strict=True)])
+
+
+def _remainder(A: Floats, P: Floats, Q: Floats, sizes: Floats) -> Floats:
+    """Return bounds on the elements of ``A P + P A^T + Q``, with the rounding of A, P and Q."""
+    product, size = A @ P, np.abs(A) @ np.abs(P)
+    rounding = len(A) * EPS * (size + size.T + np.abs(Q))
+    stamped = ROUNDED * (sizes[0] @ np.abs(P) + sizes[1] @ np.abs(product))
+    return np.asarray(np.abs(product + product.T + Q) + rounding + stamped + stamped.T)

@@ -1,0 +1,130 @@
+"""The documents of all commands by name: their head, and their schemas as they are published."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module, metadata
+from typing import Annotated, Any
+
+from taction.system import document_schema, documents
+from taction.system.documents import DocumentKey, Note
+from taction.system.errors import SimulationError
+from taction.verification.engines.ngspice.executable import find_simulator
+
+VERSION = 2  # of all schemas; a field that changes its name or its meaning increases it
+ERROR = "error"
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """What made a document: `units` has the unit of every field of the document that has one."""
+
+    version: str
+    name: Annotated[str, DocumentKey("schema"), Note("name and version of the schema")]
+    simulator: Annotated[str | None, Note("ngspice of this machine; null where there is none")]
+    solver: Annotated[str | None, Note("its matrix solver")]
+    units: dict[str, str]
+
+
+MODELS = {
+    "verify": "verification.report.documents.verdict.VerdictBody",
+    "verify-files": "verification.report.documents.plain.VerifyFilesDocument",
+    "check": "verification.studies.board_check.BoardCheck",
+    "demo": "verification.evidence.demonstration.Demonstration",
+    "diff": "verification.studies.difference.VerdictDifference",
+    "netlist": "verification.verdict.scene_deck.Netlist",
+    "bom": "verification.verdict.board_power.PartsList",
+    "kicad": "netlist_gen.kicad.board.KicadProject",
+    "build": "verification.verdict.board_power.BuiltBoard",
+    "explore": "verification.report.documents.plain.ExploreDocument",
+    "solve": "verification.reference.problem.Solution",
+    "simulate": "verification.verdict.recording.MeasuredTransient",
+    "montecarlo": "verification.studies.tolerance.yield_report.YieldReport",
+    "montecarlo-sample": "verification.studies.tolerance.varied_board.VerifiedSample",
+    "corners": "verification.studies.tolerance.corners.CornerStudy",
+    "tune": "verification.design.tune.Tuned",
+    "scale": "verification.design.scaling.Scaled",
+    "choose": "verification.design.choose.Choice",
+    "onset": "verification.studies.onset.onset.Onset",
+    "sweep": "verification.studies.sweep.result.SweepResult",
+    "regress": "verification.studies.regression.regress.RegressionReport",
+    "stress": "verification.evidence.stress.run_cases.StressReport",
+    "accuracy": "verification.studies.work_precision.study.WorkPrecisionStudy",
+    "reproduce": "verification.evidence.paper.reproduce.Reproduction",
+    "models": "verification.report.documents.plain.ModelsDocument",
+    "models-show": "verification.report.documents.plain.ShowDocument",
+    "models-import": "verification.report.documents.plain.ImportDocument",
+    "new": "verification.report.documents.plain.NewDocument",
+    "new-matrix": "verification.report.documents.plain.NewMatrixDocument",
+    "help": "verification.report.documents.plain.HelpDocument",
+    "doctor": "verification.studies.running.installation.Installation",
+    ERROR: "system.error_document.ErrorDocument",
+}
+"""By the name of the schema: that of the command, or of one of its documents."""
+
+
+def model(name: str) -> Any:
+    """Return the type of the documents `name`; its module is loaded at the first use."""
+    module, _, kind = MODELS[name].rpartition(".")
+    return getattr(import_module(f"{__name__.partition('.')[0]}.{module}"), kind)
+
+
+@cache
+def units(name: str) -> dict[str, str]:
+    """Return the unit of every field of the documents `name` that has one."""
+    return document_schema.units(model(name))
+
+
+def document_head(name: str) -> dict[str, Any]:
+    """Return the field ``taction`` of a document of the schema `name`."""
+    simulator = solver = None
+    try:
+        found = find_simulator()
+        simulator, solver = found.engine, "KLU" if found.klu else "SPARSE"
+    except SimulationError:  # none, or none that can be used
+        pass
+    head = Head(metadata.version("taction"), schema_name(name), simulator, solver, units(name))
+    return {"taction": documents.plain(head)}
+
+
+def sweep_pieces(found: Any) -> Iterator[str]:
+    """Yield the JSON document of a sweep in pieces, since it may be larger than the memory."""
+    head = document_head("sweep") | documents.plain(found)
+    del head["points"]
+    yield json.dumps(head, indent=2, ensure_ascii=False, allow_nan=False)[:-2]
+    yield ',\n  "points": ['
+    between = "\n    "
+    for record in found.records():
+        yield between + json.dumps(record, ensure_ascii=False, allow_nan=False)
+        between = ",\n    "
+    yield "\n  ]\n}\n"
+
+
+def schema_name(name: str) -> str:
+    """Return the name of a schema with its version, and of its file without the ending.
+
+    Examples
+    --------
+    >>> schema_name("verify")
+    'verify-2'
+    """
+    return f"{name}-{VERSION}"
+
+
+def schemas() -> Iterator[tuple[str, str]]:
+    """Yield the name of each file in ``docs/schemas`` and its text."""
+    for name in MODELS:
+        text = json.dumps(schema(name), indent=1, ensure_ascii=False)
+        yield f"{schema_name(name)}.json", f"{text}\n"
+
+
+def schema(name: str) -> dict[str, Any]:
+    """Return the JSON Schema of the documents `name`; a field with a unit has it as `unit`."""
+    made = document_schema.schema(model(name))
+    first = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": schema_name(name)}
+    properties = {"taction": document_schema.schema(Head), **made.pop("properties", {})}
+    required = ["taction", *made.pop("required", [])]
+    return first | made | {"properties": properties, "required": required}

@@ -1,0 +1,339 @@
+"""What the page of the explorer receives: charts, numbers and texts, ready to be drawn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from taction.netlist_gen.scene.open_tables import OPAMPS
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.system.charts import (
+    Axis,
+    Band,
+    Chart,
+    Curve,
+    Limit,
+    Line,
+    Mark,
+    spread_colours,
+    thinned,
+)
+from taction.system.errors import EngineError
+from taction.verification.design.exploration import (
+    CELLS,
+    ExplorerCurves,
+    Judgement,
+    PoleView,
+    RestView,
+    view_poles,
+    view_rest,
+)
+from taction.verification.design.explorer_settings import STEPS, Control, Settings, Start
+from taction.verification.report.blocks import Bars
+from taction.verification.report.renderers.plotly import plotly_spec
+from taction.verification.report.texts import figure, quantity, readable
+from taction.verification.report.views.answer_view import (
+    answer_text,
+    check_bar,
+    decisive_text,
+    true_error_text,
+)
+from taction.verification.report.views.stability_view import pole_map, ranges_text
+from taction.verification.report.views.waveforms_view import end_names, recovered_stress
+from taction.verification.stability.edges import Edges
+from taction.verification.verdict.cause import band_text
+from taction.verification.verdict.record import ERROR
+
+POINTS = 500  # of a curve
+ALL_POINTS = 12_000  # of all curves
+KEPT = 500  # of a record that another process makes, before it is thinned to `POINTS`
+NAMED = 12  # channels above which curves have no names, targets and bands
+ROOM = 0.06  # of the height of the chart, above and below the curves
+VALUE_DIGITS = 6
+Part = dict[str, Any]
+
+
+def chart_part(chart: Chart) -> Part:
+    """Return a chart as the page draws it, with its caption."""
+    return {**plotly_spec(chart), "note": chart.summary}
+
+
+def start_part(start: Start) -> Part:
+    """Return what the page shows before any value moves."""
+    scene = start.scene
+    finite = [name for name, opamp in OPAMPS.items() if math.isfinite(opamp.gbw)]
+    return {
+        "name": scene.name,
+        "file": str(scene.file),
+        "steps": STEPS,
+        "controls": [_control(control) for control in start.controls],
+        "opamps": finite,
+        "own_opamp": scene.design.opamp.file or scene.design.opamp.base,
+        "saved": f"{scene.file.stem}-explored.toml",
+    }
+
+
+def _control(control: Control) -> Part:
+    return {
+        "path": control.path,
+        "symbol": control.symbol,
+        "name": control.name,
+        "low": "0" if control.has_zero else typed_value(control.low, control.unit, 3),
+        "high": typed_value(control.high, control.unit, 3),
+        **place_part(control, control.own),
+    }
+
+
+def place_part(control: Control, value: float) -> Part:
+    """Return the text and the place of a value, and whether it is the scene's."""
+    return {
+        "text": typed_value(value, control.unit),
+        "place": round(STEPS * control.place(value)),
+        "own": value == control.own,
+    }
+
+
+def typed_value(value: float, unit: str, digits: int = VALUE_DIGITS) -> str:
+    """Return a value as a user may type it, too: ``"12 pF"``, ``"0.003"``."""
+    return quantity(value, unit, digits) if unit else f"{value:.{digits}g}"
+
+
+def settings_part(start: Start, settings: Settings) -> Part:
+    """Return the values that the page shows, and the command line that has them."""
+    values = {
+        control.path: place_part(control, settings.values.get(control.path, control.own))
+        for control in start.controls
+    }
+    return {"values": values, "opamp": settings.opamp, "command": settings.command(start)}
+
+
+def rest_part(view: RestView) -> Part:
+    """Return the recovered stress, and the numbers of the board."""
+    stated = view.board.circuit.facts
+    names = {"R": "R", "λ": "lambda", "G0": "G0", "C on the board": "C"}
+    facts = {name: stated[key].text for name, key in names.items() if key in stated}
+    return {"stress": chart_part(stress_chart(view)), "facts": facts}
+
+
+def poles_part(view: PoleView) -> Part:
+    """Return the poles in the upper half plane, and what they say."""
+    doubts = [readable(doubt) for doubt in view.doubts]
+    chart = pole_map(view.poles)
+    damping = f"{view.poles.damping_ratio:.3g}" if view.poles.frequency else "does not ring"
+    note = f"The board is {view.state}: {chart.message}; damping ratio {damping}."
+    return {"doubts": doubts, "poles": chart_part(replace(chart, summary=note, legend=""))}
+
+
+def boundary_part(found: Edges | EngineError, control: Control) -> Part:
+    """Return the stable values of a knob as parts of its slider, and in words."""
+    if isinstance(found, EngineError):
+        text = f"not known: {readable(str(found))}"
+        return {"boundary": _boundary(control, text, [], unknown=True)}
+    parts = [(control.place(low), control.place(high)) for low, high in found.stable_ranges]
+    text = ranges_text(found, control.low, control.high, control.unit)
+    return {"boundary": _boundary(control, text, parts)}
+
+
+def _boundary(
+    control: Control, text: str, parts: list[tuple[float, float]], *, unknown: bool = False
+) -> Part:
+    return {"symbol": control.symbol, "text": text, "parts": parts, "unknown": unknown}
+
+
+def verdict_part(found: Judgement) -> Part:
+    """Return the checks of a verdict, and its numbers."""
+    record, warnings = found.record, found.warnings
+    text = f"{decisive_text(record.checks, record.outcome)} {_answer(found)}".rstrip()
+    if record.outcome == ERROR:
+        text, warnings = "there is no verdict on these values", (record.reason,)
+    return {
+        "verdict": {
+            "outcome": record.outcome,
+            "text": text,
+            "checks": Bars("", tuple(map(check_bar, record.checks))),
+            "figures": {} if record.outcome == ERROR else _figures(found),
+            "warnings": [readable(text) for text in warnings],
+        }
+    }
+
+
+def _answer(found: Judgement) -> str:
+    return "" if found.answer is None else answer_text(found.answer, volts=False)
+
+
+def along_part(start: Start, known: Mapping[str, Mapping[int, tuple[str, str]]]) -> Part:
+    """Return what is known of the checks along each slider: a cell, its outcome and its text."""
+    return {
+        "along": {
+            control.path: [
+                _cell(control, cell, known.get(control.path, {}).get(cell)) for cell in range(CELLS)
+            ]
+            for control in start.controls
+        }
+    }
+
+
+def _cell(control: Control, cell: int, found: tuple[str, str] | None) -> Part:
+    value = typed_value(control.chosen((cell + 0.5) / CELLS), control.unit, 3)
+    if found is None:
+        return {"outcome": "unknown", "text": f"{value}: not known yet"}
+    outcome, reason = found
+    words = "no verdict" if outcome == ERROR else outcome
+    return {"outcome": outcome, "text": f"{value}: {words}{': ' * bool(reason)}{readable(reason)}"}
+
+
+def simulation_part(found: Judgement) -> Part:
+    """Return what ngspice says, beside the state-space engine."""
+    record = found.record
+    if record.outcome == ERROR:
+        return {"simulation": {"outcome": ERROR, "error": readable(record.reason)}}
+    undecided = [check for check in record.checks if check.outcome.value != "pass"]
+    return {
+        "simulation": {
+            "outcome": record.outcome,
+            "engine": found.engine,
+            "figures": _figures(found),
+            "seconds": quantity(record.value("seconds"), "s", 2),
+            "difference": None if found.difference is None else figure(found.difference, "step", 3),
+            "reasons": [readable(f"{check.name}: {check.reason}") for check in undecided],
+        }
+    }
+
+
+def _figures(found: Judgement) -> dict[str, str]:
+    value = found.record.value
+    band = next(filter(None, map(band_text, found.record.checks)), "")
+    return {
+        f"settling time {band}".rstrip(): quantity(value("settling_time"), "s"),
+        "rise time": quantity(value("rise_time"), "s"),
+        "overshoot": figure(value("overshoot") if found.record.stable else None, "step"),
+    }
+
+
+def outputs_chart(
+    curves: ExplorerCurves, other: ExplorerCurves | None, view: RestView, window: str
+) -> Chart:
+    """Return the outputs in a window, ``"rise"`` or ``"whole"``, with targets and bands."""
+    end = curves.rise if window == "rise" else curves.stop
+    time, outputs, beyond = _shown(curves, end, view)
+    targets, count = view.targets, outputs.shape[1]
+    colours, supply = spread_colours(count), quantity(view.board.circuit.supply, "V")
+    low = min(float(outputs.min()), float(targets.min()))
+    high = max(float(outputs.max()), float(targets.max()))
+    room = ROOM * ((high - low) or max(abs(high), 1e-12))
+    limits = (low - room, high + room)
+    named = count <= NAMED
+    marks: list[Mark] = []
+    if named:
+        step = float(np.abs(targets - outputs[0]).max(initial=0.0))
+        band = view.scene.checks.settling_time.band * step
+        for y, colour in zip(targets.tolist(), colours, strict=True):
+            marks += [Band(y - band, y + band, "y", "", colour), Limit(y, "y", "", colour, "dot")]
+    for n, (column, colour) in enumerate(zip(outputs.T, colours, strict=True), 1):
+        dash: Line = "dash" if n > (count + 1) // 2 and count > 1 else "solid"
+        curve = thinned(time, column, min(POINTS, ALL_POINTS // count))
+        marks.append(Curve(*curve, f"u{n}", colour, dash, width=1.8, label=""))
+    if named:
+        marks += end_names(outputs[-1].tolist(), *limits, ["ink"] * count)
+    if other is not None:
+        time, theirs, _ = _shown(other, end, view)
+        marks += [
+            Curve(*thinned(time, column, POINTS), "ngspice", "ink", "dot", width=2.4, label="")
+            for column in theirs.T
+        ]
+    notes = ["Dotted: targets; shaded: the settling band."]
+    if not named:
+        notes = [f"{count} channels, the first to the last from blue to orange."]
+    if count > 1:
+        notes.append("Dashed curves: the second half of the channels.")
+    if beyond:
+        text = f"The chart ends at the supply of {supply}: beyond it the linear board is not"
+        notes.append(f"{text} the board.")
+    if other is not None:
+        notes.append("Dots on the curves: ngspice.")
+    time_axis, volts = Axis("time", "s", limits=(0.0, end)), Axis("", "V", limits=limits)
+    return Chart("Outputs", time_axis, volts, tuple(marks), summary=" ".join(notes), legend="")
+
+
+def _shown(curves: ExplorerCurves, end: float, view: RestView) -> tuple[Floats, Floats, bool]:
+    """Return a window of the curves within the supply, and whether they go beyond it."""
+    shown = curves.time <= end * (1.0 + 1e-9)
+    outputs, limit = curves.outputs[shown], view.board.circuit.supply
+    with np.errstate(invalid="ignore"):
+        beyond = bool((~(np.abs(outputs) <= limit)).any())
+    outputs = np.nan_to_num(outputs, nan=limit, posinf=limit, neginf=-limit)
+    return curves.time[shown], np.clip(outputs, -limit, limit), beyond
+
+
+def stress_chart(view: RestView) -> Chart:
+    """Return the recovered stress: the truth, the numerical solution, and the board at rest."""
+    unit = view.board.circuit.value("U0")
+    targets, rest = view.targets / unit, view.rest / unit
+    note = f"Board less answer: at most {float(np.abs(rest - targets).max(initial=0.0)):.3g}."
+    if view.problem.stress is not None:
+        note += f" {true_error_text(view.answer, volts=False)}"
+    return replace(recovered_stress(view.problem, view.scene, targets, rest), summary=note)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SliderLook:
+    """Everything that is known so far of one set of values."""
+
+    settings: Settings
+    scene: Scene
+    rest: RestView
+    part: Part = field(default_factory=dict)  # what the page is told first
+    poles: PoleView | None = None  # None as long as they are not known
+    limits: tuple[str, ...] = ()  # what the op-amps cannot do
+    verdict: Judgement | None = None  # of the state-space engine
+    other: Judgement | None = None  # of ngspice
+
+    def with_poles(self, window: str) -> tuple[SliderLook, Part]:
+        """Add the poles and, of a small linear board, the curves."""
+        found = view_poles(self.rest)
+        look = replace(self, poles=found)
+        return look, poles_part(found) | look.outputs_part(window)
+
+    def curves(self, window: str) -> ExplorerCurves | None:
+        """Return the best curves that are known.
+
+        Those of the verdict where the linear board has no closed form, or is not the board.
+        """
+        response = None if self.poles is None else self.poles.response
+        if response is None or self.limits:
+            judged = None if self.verdict is None else self.verdict.curves
+            if judged is not None or response is None:
+                return judged
+        return response.curves(response.rise if window == "rise" else response.stop)
+
+    def outputs_part(self, window: str) -> Part:
+        """Return the part of the page with the outputs, as far as they are known."""
+        curves = self.curves(window)
+        if curves is None:
+            return {}
+        other = None if self.other is None else self.other.curves
+        return {"outputs": chart_part(outputs_chart(curves, other, self.rest, window))}
+
+    def later_outputs(self, window: str) -> Part:
+        """Return the curves that came with the verdict, if they are better than the first."""
+        has_first = self.poles is not None and self.poles.response is not None
+        return {} if has_first and not self.limits else self.outputs_part(window)
+
+
+def look_at(start: Start, settings: Settings, window: str) -> SliderLook:
+    """Return what is fast: the board at rest and, of a small linear board, poles and curves.
+
+    Raises as `view_rest` and `view_poles` do.
+    """
+    scene = settings.scene(start)
+    rest = view_rest(scene, settings.problem(start, scene))
+    look, part = SliderLook(settings, scene, rest), rest_part(rest)
+    if not rest.is_large:  # the poles of a large board take longer than a movement of the hand
+        look, more = look.with_poles(window)
+        part |= more
+    return replace(look, part=part)

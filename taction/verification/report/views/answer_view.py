@@ -1,0 +1,247 @@
+"""The error of the answer in words, and the checks of a verdict with bars to their limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from taction.system.quantities import readable
+from taction.verification.report.blocks import Bar
+from taction.verification.report.texts import (
+    KNOWN,
+    LEAST_SHARE,
+    figure,
+    percent,
+    quantity,
+    rounded_up,
+    spaced,
+    with_error,
+)
+from taction.verification.studies.questions import QUESTIONS
+from taction.verification.verdict.answer_error import AnswerError
+from taction.verification.verdict.cause import band_text, causes, listed, named
+from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.input_spread import SHARE
+from taction.verification.verdict.verify import Verdict
+
+
+def answer_text(
+    answer: AnswerError, *, short: bool = False, volts: bool = True, covers: bool = True
+) -> str:
+    """Return in a sentence how far the board is from the answer, and the answer from the truth.
+
+    The board is measured as its check is, in shares of the step. The sentence is empty for a board
+    that does not come to rest at the answer, and where the answer cannot be trusted. "Within"
+    rounds up. The `short` one has neither channel nor the kind of its unit; without `volts` the
+    largest stress is named without its value, and without `covers` what differs between boards.
+    """
+    if answer.board is None or not answer.unit:
+        return ""
+    subject = "it" if short else "that answer"
+    built, near = answer.built, _within(answer.board + answer.board_error, answer.step)
+    text = f"The board as drawn finds the regularised answer {near} of the step"
+    if built is not None and built.known:
+        wide = _within(built.distance + built.error, answer.step)
+        text += f", {100 * SHARE:g} % of built boards {wide}{f' ({built.covers})' * covers}"
+    return f"{text}; {_truth(answer, subject, short=short, volts=volts)}."
+
+
+def yield_text(answer: AnswerError) -> str:
+    """Return what a board that passes as drawn says of built ones; empty where most of them pass.
+
+    The bound is that of the place of rest alone, to first order in the deviations.
+    """
+    built = answer.built
+    if built is None or (built.known and built.most >= SHARE):
+        return ""
+    if not built.known:
+        return (
+            "passes as drawn; how many built boards pass is not known for so many parts"
+            f" ({built.covers}): 'taction yield montecarlo' draws some"
+        )
+    at_most = percent(rounded_up(built.most, 2)) if built.most else "0 %"
+    return (
+        f"passes as drawn; at most {at_most} of built boards pass: the others rest beyond"
+        f" {percent(built.limit)} of the step ({built.covers})"
+    )
+
+
+def true_error_text(answer: AnswerError, *, volts: bool = True) -> str:
+    """Return in a sentence how far the answer is from the true stress, and why."""
+    text = _truth(answer, "the regularised answer", volts=volts)
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def answer_heading(answer: AnswerError) -> str:
+    """Return both distances without causes, those that are known."""
+    texts = []
+    if answer.board is not None and answer.unit:
+        near = _within(answer.board + answer.board_error, answer.step)
+        texts.append(f"found {near} of the step")
+    if answer.true_error is not None:
+        far = figure(answer.true_error, "step", 3)
+        texts.append(f"{far} (of the largest) from the true stress")
+    return f"the answer is {', and '.join(texts)}" if texts else ""
+
+
+def of_unit(answer: AnswerError) -> str:
+    """Return what every share of an answer's error is a fraction of."""
+    known = answer.stress is not None and answer.stress.any()
+    return f"of the largest {'true ' * bool(known)}stress, {quantity(answer.unit, 'V', 3)}"
+
+
+def _within(volts: float, unit: float) -> str:
+    """Return a bound as a fraction of `unit`, rounded up."""
+    share = volts / unit
+    up = "1 ppm" if share <= LEAST_SHARE else figure(rounded_up(share, 2), "step")
+    return f"within {up}"
+
+
+def _truth(answer: AnswerError, subject: str, *, short: bool = False, volts: bool = True) -> str:
+    """Return how far the answer is from the true stress, and why."""
+    stress, far, n = answer.stress, answer.true_error, answer.channel
+    if stress is None:
+        return "the true stress is not known"
+    if not stress.any():
+        return "the true stress is zero"
+    if far is None or n is None:
+        return f"{subject} cannot be trusted"
+    off = far * answer.unit + answer.target_error
+    if off <= max(2.0 * answer.target_error, LEAST_SHARE * answer.unit):
+        return f"{subject} is the true stress {_within(off, answer.unit)}"
+    value = quantity(answer.unit, "V", 3)
+    unit = f"of {value}" if short else f"(of the largest{f', {value}' * volts})"
+    text = f"{subject} is {figure(far, 'step', 3)} {unit} from the true stress"
+    if short:
+        return f"{text} by {_causes(answer)}{_lambda(answer, short=True)}"
+    place = f" in channel {n + 1}" if len(stress) > 1 else ""
+    return f"{text}{place}, because of {_causes(answer)}{_lambda(answer)}"
+
+
+def _lambda(answer: AnswerError, *, short: bool = False) -> str:
+    """Return what another lambda does to an error; empty where lambda is 0 or a cause unknown."""
+    if not answer.regularisation or answer.noise is None:
+        return ""
+    if abs(answer.regularisation) >= abs(answer.noise):
+        how = "trades bias for noise" if short else "regularises less, but lets more noise through"
+        return f"; a smaller lambda {how}"
+    how = "trades noise for bias" if short else "lets less noise through, but regularises more"
+    return f"; a larger lambda {how}"
+
+
+def _causes(answer: AnswerError) -> str:
+    """Return the causes with their shares, the larger one first; they add up to the error."""
+    if answer.regularisation is None or answer.noise is None:
+        return "regularisation and strain noise (their shares are not known)"
+    shares = {"regularisation": answer.regularisation, "strain noise": answer.noise}
+    first, second = sorted(shares, key=lambda name: -shares[name])
+    if not shares[second]:
+        return f"{first} alone"
+    joint = " and" if shares[second] > 0.0 else ", partly cancelled by"
+    large, small = (figure(abs(shares[name]), "step", 3) for name in (first, second))
+    return f"{first} ({large}){joint} {second} ({small})"
+
+
+LIMITED = ("settling_time", "rise_time")  # checks that may have a smallest accepted value, too
+MARGINS = (
+    "The bar is the part of the limit that is used, the thin line on its end the uncertainty. A"
+    " check is inconclusive where the uncertainty reaches the limit. Blue and solid: within the"
+    " limit. Orange and hatched: beyond it. Dotted: not decided."
+    f" {KNOWN}"
+)
+
+
+def decisive_text(checks: Sequence[Check], outcome: str) -> str:
+    """Return what decides the outcome of a verdict in a sentence."""
+    found = [*causes(checks)]
+    if not found:
+        nearest = nearest_bar(checks)
+        near = (
+            "" if nearest is None else f"; {nearest.name} is nearest to its limit ({nearest.used})"
+        )
+        every = f"All {len(checks)} checks pass" if len(checks) > 1 else "The check passes"
+        return f"{every}{near}."
+    first, *others = found
+    text = readable(first.text)
+    if first.follows and outcome == Outcome.FAIL.value:
+        text += f"; from this follow {listed(first.follows)}"
+    undecided = {check.name for check in checks if check.outcome is Outcome.INCONCLUSIVE}
+    failed = [readable(each.title) for each in others if each.check not in undecided]
+    open_ = [name for each in others if each.check in undecided for name in named(each)]
+    more = [f"{listed(open_)} not decided"] if open_ else []
+    return "; ".join((text, *failed, *more))
+
+
+def nearest_bar(checks: Sequence[Check]) -> Bar | None:
+    """Return the check that is nearest to its limit; None where no limit has a distance."""
+    bars = [bar for bar in map(check_bar, checks) if bar.share is not None]
+    return max(bars, key=lambda bar: bar.share or 0.0, default=None)
+
+
+def check_bars(verdict: Verdict) -> tuple[Bar, ...]:
+    """Return the checks of a verdict as bars, in their order."""
+    limits = {name: getattr(verdict.scene.checks, name) for name in LIMITED}
+    least = {name: each.min for name, each in limits.items() if each and each.min is not None}
+    return tuple(check_bar(check, least.get(check.name)) for check in verdict.checks)
+
+
+def check_bar(check: Check, smallest: float | None = None) -> Bar:
+    """Return a check as a bar; below `smallest`, the bar shows how far.
+
+    Examples
+    --------
+    >>> from taction.verification.verdict.checks import Outcome
+    >>> bar = check_bar(Check("overshoot", Outcome.PASS, 0.1, 0.01, 0.4, None, "step", ""))
+    >>> bar.value, bar.limit, bar.used
+    ('10 % ± 1 %', 'at most 40 %', '25 % of the limit')
+    """
+    value, unit = check.value, check.unit
+    limit = check.tolerance if check.tolerance is not None else check.expected
+    question = QUESTIONS.get(check.name)
+    least = question.large if question else check.name == "stability" and unit == "ratio"
+    if smallest is not None and value is not None and value < smallest:
+        limit, least = smallest, True
+    centre = (check.expected or 0.0) if check.tolerance is not None else 0.0
+    off = None if value is None else value - centre
+    share, doubt = _share(off, limit, check.uncertainty or 0.0, least=least)
+    side = "at least" if least else "below" if unit == "1/s" else "at most"
+    side = f"{figure(centre, unit)} ±" if centre else side
+    band = band_text(check)
+    shown = with_error(value, check.uncertainty, unit)
+    if value is None and check.outcome is Outcome.PASS:  # the reason says what limits the board
+        limit, shown = None, readable(check.reason.partition("; ")[0])
+    return Bar(
+        name=f"settling {band}" if band else spaced(check.name),
+        outcome=check.outcome.value,
+        share=share,
+        doubt=doubt,
+        value=shown,
+        limit="" if limit is None else f"{side} {_limit(limit, unit)}",
+        reason=readable(check.reason.replace("to ±", "within ±")),
+    )
+
+
+def _limit(limit: float, unit: str) -> str:
+    """Return a limit as text: one below a millionth of the step keeps its number."""
+    small = unit == "step" and 0.0 < limit < LEAST_SHARE
+    return f"{limit:g} of the step" if small else figure(limit, unit)
+
+
+def _share(
+    value: float | None, limit: float | None, error: float, *, least: bool
+) -> tuple[float | None, float]:
+    """Return the part of the limit that a value uses, and its uncertainty."""
+    if value is None or limit is None or not math.isfinite(value) or limit <= 0.0:
+        return None, 0.0
+    error = error if math.isfinite(error) else 0.0
+    if not least:
+        return abs(value) / limit, error / limit
+    return (limit / value, limit * error / value**2) if value > 0.0 else (None, 0.0)
+
+
+def margin_lines(document: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the stability margins that were asked for."""
+    for margin in document.get("stability", {}).get("margins", {}).values():
+        doubt = f", but {margin['doubt']}" if margin["doubt"] else ""
+        yield f"margin: {margin['text']}{doubt}"

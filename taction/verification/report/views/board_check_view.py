@@ -1,0 +1,347 @@
+"""A board that `taction check` examined: checks, outputs, poles, parts, and sweeps of values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+from taction.system.charts import SERIES, TIME, Axis, Chart, Curve, Limit, Mark, spread_colours
+from taction.verification.engines.statespace.linearised.time_scales import Ringing
+from taction.verification.report.blocks import (
+    BOTH,
+    DRAWN,
+    Bars,
+    Block,
+    Cell,
+    Notes,
+    Page,
+    Section,
+    Table,
+)
+from taction.verification.report.texts import (
+    KNOWN,
+    banded,
+    fields,
+    figure,
+    is_small,
+    number_cell,
+    outcome_cell,
+    quantity,
+    spaced,
+    titled,
+    with_error,
+)
+from taction.verification.report.views.answer_view import MARGINS, check_bar, decisive_text
+from taction.verification.report.views.stability_view import pole_map, ranges_words
+from taction.verification.report.views.tolerance_view import (
+    causes,
+    directions,
+    failures,
+    histograms,
+    ranges,
+    spreads,
+)
+from taction.verification.report.views.tolerance_view import tables as corner_tables
+from taction.verification.studies.board_check import BoardCheck, OutputRow
+from taction.verification.studies.board_sweep import PointRow, Sweep
+from taction.verification.studies.measured_board import MeasuredBoard
+from taction.verification.studies.part_influence import PartRow
+from taction.verification.studies.questions import QUESTIONS, Question
+from taction.verification.verdict.checks import Check, overall
+
+POLES, PARTS, POINTS = 12, 12, 31  # rows in a terminal
+BESIDE = 3  # values on either side of a crossing that come first
+FAMILY = 5  # step responses in a picture, beside those around crossings
+LEADS = {"pass": "", "fail": "Fails: ", "inconclusive": "Not decided: "}
+RINGS = 0.3  # damping ratio below which the summary says first that the board rings
+FAMILY_WORDS = (
+    "The first output over time after the step, for some of the values; dashed: not stable."
+)
+PART_WORDS = (
+    "Moves the pole by: the change of the rightmost pole, 1/s and Hz, for 1 % more of the value."
+)
+EDGE_WORDS = {
+    True: " Unstable below and above: the nearest values with a pole on the imaginary axis, within"
+    " a factor of 100.",
+    False: " Stable below and above: the nearest values with which it is stable, within a factor of"
+    " 100, if nothing else changes.",
+    None: "",
+}
+
+
+def view(found: BoardCheck) -> Page:
+    """Return the page of a check."""
+    return Page(
+        title=found.name,
+        command="taction check",
+        outcome=found.outcome.value,
+        summary=_summary(found),
+        lines=found.notes,
+        sections=(
+            Section("Checks", (Bars("", tuple(map(check_bar, found.checks)), MARGINS),), "", BOTH),
+            Section("Outputs", lambda: _outputs(found), media=BOTH),
+            Section("Poles", lambda: (_poles(found),), media=BOTH),
+            Section("Pole map", lambda: (pole_map(found.poles),), media=DRAWN),
+            Section("Step response", lambda: (_response(found),), media=DRAWN),
+            Section("Parts", lambda: _parts(found), media=BOTH),
+            *(section for each in found.sweeps for section in _swept(each, found)),
+            *_varied(found),
+        ),
+        foot=(_witness(found),),
+    )
+
+
+def _summary(found: BoardCheck) -> str:
+    text, stable = _stability(found), found.poles.stable is True
+    said = {"stability"} if stable else {"stability", "margin"}
+    others = [check for check in found.checks if _kind(check) not in said]
+    undecided = any(_kind(c) in said and c.outcome.value != "pass" for c in found.checks)
+    counted = others if undecided else found.checks  # the text says why it is not stable
+    if others and not (undecided and overall(others).value == "pass"):
+        outcome = overall(counted).value
+        text += f" {LEADS[outcome]}{decisive_text(counted, outcome).rstrip('.')}."
+    if found.corners is None or found.yields is None:
+        return text
+    worst = {name: None for corner in found.corners.corners for name in corner.result.failed}
+    failing = f"{', '.join(map(spaced, worst))} not kept" if worst else "all checks pass"
+    share = found.yields
+    return f"{text} Worst cases: {failing}; {share.sentence}."
+
+
+def _kind(check: Check) -> str:
+    """Return the name of a check; a margin has that of stability, and a ratio for its unit."""
+    return "margin" if check.name == "stability" and check.unit == "ratio" else check.name
+
+
+def _stability(found: BoardCheck) -> str:
+    """Return whether the board is stable, with the sentence that a designer needs most."""
+    lead = found.poles.rightmost
+    at = f" at {quantity(abs(lead.imag) / math.tau, 'Hz')}" if lead.imag else ""
+    rate = figure(abs(lead.real), "1/s")
+    if found.poles.doubt:
+        return f"Not decided whether it is stable: {found.poles.doubt}."
+    if found.poles.stable is None:
+        return f"Not decided: a pole is on the imaginary axis to within rounding{at}."
+    if not len(found.poles.poles):
+        if len(found.apart.hidden):
+            return "Stable: no output shows a pole, the outputs follow the sources at once."
+        return "The board has no poles: it follows its sources at once."
+    if found.poles.stable is False:
+        if any(
+            check.name == "oscillates" and check.outcome.value == "pass" for check in found.checks
+        ):
+            return f"Oscillates{at}, growing with {rate}."
+        how = f"oscillates{at}, growing with {rate}" if lead.imag else f"runs away with {rate}"
+        return f"Not stable: {how}; {found.remedy}. {_nearest_stable(found)}".rstrip()
+    slowest = f"the slowest mode decays with {rate}{at}"
+    ringing = min(found.scales.ringing, key=damping_ratio, default=None)
+    if ringing is None or damping_ratio(ringing) >= RINGS:
+        return f"Stable: {slowest}."
+    ratio = f"damping ratio {damping_ratio(ringing):.2g} at {quantity(ringing.frequency, 'Hz')}"
+    over = found.measurements.readings["overshoot"]
+    beyond = "" if over is None else f", overshoot {figure(over.value, 'step', 3)}"
+    return f"Stable, but rings: {ratio}{beyond}; {slowest}."
+
+
+def damping_ratio(ringing: Ringing) -> float:
+    """Return ``-Re p / |p|`` of a mode that rings."""
+    rate = 1.0 / ringing.decay
+    return rate / math.hypot(rate, math.tau * ringing.frequency)
+
+
+def _nearest_stable(found: BoardCheck) -> str:
+    """Return the nearest value of a part that makes a board stable."""
+    ends = [
+        (max(end / each.value, each.value / end), f"{each.name} {side}", end, each)
+        for each in found.parts
+        for side, end in (("below", each.below), ("above", each.above))
+        if end and each.value and not each.doubt
+    ]
+    if not ends:
+        known = found.parts and not any(each.doubt for each in found.parts)
+        text = "No value of one part alone, within a factor of 100, makes it stable."
+        return text if known else ""
+    factor, name, end, part = min(ends, key=lambda each: each[0])
+    values = [figure(each, part.unit or "ratio", 4) for each in (end, part.value)]
+    return f"Nearest stable value: {name} {values[0]} (now {values[1]}, factor {factor:.3g})."
+
+
+def _outputs(found: BoardCheck) -> Iterator[Block]:
+    columns = {
+        "output": lambda each: each.name,
+        "before": lambda each: number_cell(each.before, "V", 6),
+        "at rest": lambda each: _with(each.rest, each.rest_bound, "V", 5, found.amplitude),
+        **_answers(found.measurements.band, over=False),
+    }
+    step = quantity(found.amplitude, "V")
+    note = f"Shares of the largest step, {step}. {KNOWN}"
+    yield Table.of("", found.outputs, columns, note)
+    if found.noise.unknown:
+        yield Notes("", (f"output noise: {found.noise.unknown}",))
+
+
+def _answers(band: float, *, over: bool) -> dict[str, Callable[[Any], Cell]]:
+    """Return a column for each question, or for each one that a sweep shows."""
+    return {
+        banded(each.title, band) if each.second == "band" else each.title: partial(_answer, each)
+        for each in QUESTIONS.values()
+        if each.over or not over
+    }
+
+
+def _answer(question: Question, row: OutputRow | PointRow) -> Cell:
+    value, bound = (row.figures.get(key) for key in (question.name, question.bound))
+    return _with(value, bound, question.unit)
+
+
+def _with(
+    value: float | None, error: float | None, unit: str, digits: int = 5, whole: float = 0.0
+) -> Cell:
+    small = value is not None and is_small(error, value, unit, whole)
+    return Cell(figure(value, unit, digits) if small else with_error(value, error, unit), value)
+
+
+def _frequency(row: Any) -> Cell | str:
+    return number_cell(row.frequency, "Hz", 6) if row.frequency else "real pole"
+
+
+def _poles(found: BoardCheck) -> Table:
+    columns = {
+        "real part": lambda each: _with(each.real, each.bound, "1/s"),
+        "frequency": _frequency,
+        "damping ratio": lambda each: f"{each.damping:.4g}",
+    }
+    if any(each.hidden for each in found.pole_rows):
+        columns["shown"] = lambda each: "by no output" if each.hidden else ""
+    return Table.of("", found.pole_rows, columns, most={"terminal": POLES}, more="--json has all")
+
+
+def _parts(found: BoardCheck) -> Iterator[Block]:
+    def edge(part: PartRow, value: float | None) -> Cell:
+        undecided = outcome_cell("not decided", "inconclusive")
+        return undecided if part.doubt else number_cell(value, part.unit, 6)
+
+    columns: dict[str, Callable[[Any], Any]] = {
+        **fields("part = name; value @unit 6"),
+        "moves the pole by": lambda each: number_cell(0.01 * each.real, "1/s", 3),
+    }
+    if any(each.frequency for each in found.parts):  # else the rightmost pole is real
+        columns["and"] = lambda each: number_cell(0.01 * each.frequency, "Hz", 3)
+    if (stable := found.poles.stable) is not None:
+        word = "unstable" if stable else "stable"
+        columns[f"{word} below"] = lambda each: edge(each, each.below)
+        columns[f"{word} above"] = lambda each: edge(each, each.above)
+    note = PART_WORDS + EDGE_WORDS[stable]
+    yield Table.of("", found.parts, columns, note, most={"terminal": PARTS}, more="--json has all")
+
+
+def _swept(found: Sweep, board: BoardCheck) -> Iterator[Section]:
+    band, name = board.measurements.band, found.name
+    yield Section(f"Over {name}", lambda: _sweep(found, band), media=BOTH)
+    yield Section(f"Step responses over {name}", lambda: (_family(found),), media=DRAWN)
+
+
+def _sweep(found: Sweep, band: float) -> Iterator[Block]:
+    low, high = found.edges.low, found.edges.high
+    unit = found.unit
+    stable = ranges_words(found.stable_ranges, low, high, unit)
+    if near := sorted((*found.edges.near, *found.doubtful)):
+        ends = dict.fromkeys(quantity(near[k], unit) for k in (0, -1))
+        stable += f"; not decided at {len(near)} values, {' to '.join(ends)}"
+    crossings = {
+        "crossing": lambda edge: _with(edge.value, edge.bound, unit, 8),
+        "frequency": _frequency,
+        "unstable poles": lambda edge: f"{edge.below} → {edge.above}",
+    }
+    yield Notes("", (f"Stable: {stable}.",))
+    yield Table.of("Crossings", found.crossings, crossings)
+    points = {
+        found.name: lambda each: number_cell(each.value, unit, 6),
+        "rightmost pole": lambda each: _with(each.real, each.bound, "1/s"),
+        "at": lambda each: number_cell(each.frequency, "Hz"),
+        **_answers(band, over=True),
+    }
+    beside = found.beside_crossings(BESIDE)
+    if len(found.points) > POINTS and beside:
+        yield Table.of("Around the crossings", [found.points[n] for n in beside], points)
+    yield Table.of("Values", found.points, points, most={"terminal": POINTS}, more="--json has all")
+
+
+def _family(found: Sweep) -> Chart | None:
+    """Return the step responses of the first output at some of the values."""
+    count = len(found.boards)
+    spread = {round(k * (count - 1) / (FAMILY - 1)) for k in range(FAMILY)} if count else set()
+    chosen = sorted({*spread, *found.beside_crossings(1)})
+    boards = [(n, b) for n in chosen if isinstance(b := found.boards[n], MeasuredBoard)]
+    stops = [b.scales.stop for _, b in boards if b.poles.stable and b.scales.stop > 0.0]
+    until = math.exp(sum(map(math.log, stops)) / len(stops)) if stops else math.inf
+    drawn = [(n, b, c[0], c[1][:, 0]) for n, b in boards if (c := b.curve(until)) is not None]
+    if not drawn:
+        return None
+    seen = [volts for _, b, _, volts in drawn if b.poles.stable] or [each[3] for each in drawn]
+    low, high = min(float(u.min()) for u in seen), max(float(u.max()) for u in seen)
+    room = 0.1 * ((high - low) or 1.0)
+    curves = []
+    for (n, board, time, volts), colour in zip(drawn, spread_colours(len(drawn)), strict=True):
+        name = figure(found.points[n].value, found.unit or "ratio", 3)
+        curves.append(Curve(time, volts, name, colour, "solid" if board.poles.stable else "dash"))
+    output = Axis(drawn[0][1].circuit.outputs[0].node, "V", limits=(low - room, high + room))
+    title = f"Step responses over {found.name}"
+    return Chart(title, TIME, output, tuple(curves), "", FAMILY_WORDS, legend="beside")
+
+
+def _varied(found: BoardCheck) -> Iterator[Section]:
+    """Yield the worst corners and the yield, where there are tolerances."""
+    study, share = found.corners, found.yields
+    if study is None or share is None:
+        return
+    nodes = [out.node for out in found.circuit.outputs]
+    yield Section("Worst cases", lambda: corner_tables(study.quantities, study.corners), media=BOTH)
+    yield Section("Least, typical and largest values", lambda: ranges(study))
+    yield Section("Outputs at rest, worst case", lambda: (directions(study, nodes),), media=BOTH)
+    yield Section("Yield", lambda: (Notes("", (f"{titled(share.sentence)}.",)),), media=BOTH)
+    yield Section("Checks that do not pass", lambda: failures(share), media=BOTH)
+    yield Section("Spread", lambda: (spreads(share),), media=BOTH)
+    yield Section("Histograms", lambda: histograms(share))
+    yield Section("Causes", lambda: (causes(share),), media=BOTH)
+
+
+def _response(found: BoardCheck) -> Chart | None:
+    """Return the step response of the outputs, from the exact solution."""
+    drawn = found.curve() if found.amplitude else None
+    if drawn is None:
+        return None
+    time, values = drawn
+    marks: list[Mark] = [
+        Curve(time, values[:, k], out.node, SERIES[k % len(SERIES)])
+        for k, out in enumerate(found.circuit.outputs)
+    ]
+    title, times = "Step response", [row.figures["settling_time"] for row in found.outputs]
+    if not found.poles.stable:
+        title += ": it grows" if found.poles.known_unstable else ": not decided"
+    else:
+        rests = (row.rest for row in found.outputs if row.rest is not None)
+        marks += (Limit(rest, "y", colour="muted", line="dot") for rest in rests)
+        if settled := [each for each in times if each is not None]:
+            band = banded("settled", found.measurements.band)
+            title += f": {band} at {quantity(max(settled), 's')}"
+    summary = "Outputs over time after the step at t = 0; dotted: where they come to rest."
+    return Chart(title, TIME, Axis("output", "V"), tuple(marks), "", summary)
+
+
+def _witness(found: BoardCheck) -> str:
+    if found.agreement is not None:
+        off = figure(found.agreement, "step")
+        text = f"ngspice's own transient differs by at most {off} of the step"
+        return f"{text} from the state-space engine"
+    known = [each.value for each in found.checks if each.name == "ac_agrees"]
+    if not known or known[0] is None:
+        return "one witness: the state-space engine"
+    if known[0] == 0.0:
+        return "ngspice's small signal (.ac) agrees at every node within rounding"
+    return (
+        f"ngspice's small signal (.ac) differs by at most {known[0]:.1e} at any node, beyond"
+        " rounding"
+    )

@@ -1,0 +1,209 @@
+"""The board: numbers, one channel as a schematic, the matrix, what was left out, parts, deck."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+
+from taction.netlist_gen.board.bill_of_materials import bill_of_materials
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.kicad.drawing import schematic_strokes, schematic_summary
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.problem_keys import StatedProblem
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.system.charts import BLUE, GREY, Axis, Chart, Curve, Grid, Limit, segments
+from taction.system.quantities import readable, sizes
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.report.blocks import (
+    NOTEBOOK,
+    PICTURE,
+    Block,
+    Code,
+    Drawing,
+    Facts,
+    Notes,
+    Page,
+    Section,
+    Table,
+)
+from taction.verification.report.texts import counted, opamp_name, quantity
+from taction.verification.report.views.opamp_view import part_columns
+from taction.verification.verdict.board_power import board_power
+from taction.verification.verdict.verify import Verdict
+
+WRITTEN = 12  # rows or columns up to which the entries are written into the chart
+LARGEST = 160  # rows or columns of the chart of the matrix
+REFERENCES = 12  # names of parts in a line
+CHANNEL, SENSOR = Axis("channel", whole=True), Axis("sensor", whole=True, reverse=True)
+LONGEST = 400_000  # characters of a deck on a page
+
+
+def board_lines(verdict: Verdict) -> tuple[str, ...]:
+    """Return the size of the board and its numbers in one line each."""
+    c = verdict.circuit
+    rows, columns = c.shape
+    numbers = ", ".join(f"{fact.symbol} = {fact.text}" for fact in c.facts.values())
+    rule = f" (chosen by {verdict.scene.lambda_rule})" if verdict.scene.lambda_rule else ""
+    return (
+        f"{counted(columns, 'channel')}, {counted(rows, 'sensor')}, {c.amplifier} amplifiers,"
+        f" topology {c.topology}, op-amps {', '.join(map(opamp_name, c.models))}",
+        readable(f"{numbers}{rule}"),
+    )
+
+
+def board_blocks(circuit: Circuit) -> tuple[Block, ...]:
+    """Return the schematic of one channel, the matrix and the numbers of the board."""
+    rows = [
+        (f"{opamp_name(name)}, {title}", quantity(value, unit))
+        for name, model in circuit.models.items()
+        for title, value, unit in (
+            ("gain-bandwidth product", model.gbw, "Hz"),
+            ("input capacitance", model.input_capacitance, "F"),
+            ("output resistance", model.output_resistance, "ohm"),
+        )
+    ]
+    level = "small signal" if circuit.is_small_signal else "large signal"
+    rows += [("supply", f"±{quantity(circuit.supply, 'V')}"), ("level of the op-amp models", level)]
+    return schematic(circuit), matrix_chart(circuit), Facts("", tuple(rows))
+
+
+def schematic(circuit: Circuit) -> Drawing:
+    """Return the schematic of one channel and one sensor row."""
+    return Drawing("One channel", schematic_strokes(circuit), schematic_summary(circuit))
+
+
+def problem_view(scene: StatedProblem) -> Page:
+    """Return the picture of a problem: the matrix with its signs, the strain, and the truth."""
+    problem = make_problem(scene)
+    rows, columns = problem.matrix.shape
+    empty, entries = "an empty square has no resistor", _entries(problem.matrix)
+    charts = [
+        Chart("matrix T", CHANNEL, SENSOR, (entries,), empty),
+        _stems("strain eps: the input", "sensor", problem.strain, BLUE),
+    ]
+    if problem.stress is not None:
+        title = "true stress u: what the board shall recover"
+        charts.append(_stems(title, "channel", problem.stress, GREY))
+    size = f"eps = T u, {rows} sensors, {columns} channels"
+    section = Section("", tuple(charts), media=(PICTURE,))
+    return Page(scene.name, "", summary=size, sections=(section,))
+
+
+def _stems(title: str, along: str, values: Floats, colour: str) -> Chart:
+    x = np.arange(1.0, len(values) + 1.0)
+    ends = [((n, 0.0), (n, value)) for n, value in zip(x.tolist(), values.tolist(), strict=True)]
+    heads = Curve(x, values, "", colour, "", "circle", size=4.0)
+    marks = heads, Curve(*segments(ends), "", colour, width=1.2), Limit(0.0, "y", line="solid")
+    return Chart(title, Axis(along, whole=True), Axis(), marks)
+
+
+def matrix_chart(circuit: Circuit) -> Chart:
+    """Return T as colours with signs: orange is negative, blue is positive."""
+    T, ohms = circuit.realised, circuit.forward_ohms
+    M, N = T.shape
+    count, minus = int(np.isfinite(ohms).sum()), int((T < 0.0).sum())
+    note, step = "", 1
+    if max(M, N) > LARGEST:
+        step = -(-max(M, N) // LARGEST)
+        T, ohms = _coarse(T, ohms, step)
+        note = f" Each square is the largest entry of a part of the {M} by {N} matrix."
+    texts = tuple(
+        tuple(f"T = {t:.4g}, {quantity(value, 'ohm')}" for t, value in zip(*pair, strict=True))
+        for pair in zip(T.tolist(), ohms.tolist(), strict=True)
+    )
+    said = f"{counted(count, 'entry', 'entries')}, {minus} negative"
+    summary = (
+        f"The matrix T of {counted(M, 'sensor')} and {counted(N, 'channel')} as the resistors"
+        f" realise it: {count} entries, of which {minus} are negative (orange, with a minus); an"
+        f" empty square has no resistor. The colour follows the square root of the size.{note}"
+    )
+    height = int(min(max(28 * len(T) + 110, 240), 620))
+    entries = _entries(T, step, texts)
+    return Chart("Matrix", CHANNEL, SENSOR, (entries,), said, summary, height=height)
+
+
+def _entries(T: Floats, step: int = 1, texts: tuple[tuple[str, ...], ...] = ()) -> Grid:
+    """Return T with a colour for each entry that is not zero, `step` places apart."""
+    rows, columns = T.shape
+    written: tuple[tuple[str, ...], ...] = ()
+    if max(rows, columns) <= WRITTEN:
+        written = tuple(
+            tuple(f"{value:+.2g}" if value else "" for value in row) for row in T.tolist()
+        )
+    x, y = 1.0 + step * np.arange(columns), 1.0 + step * np.arange(rows)
+    shown = np.where(T == 0.0, np.nan, T)
+    return Grid(x, y, shown, "", "signed", title="T", texts=texts, written=written)
+
+
+def _coarse(T: Floats, ohms: Floats, step: int) -> tuple[Floats, Floats]:
+    """Return the entry with the largest magnitude of each part of a large matrix."""
+    rows, columns = (range(0, size, step) for size in T.shape)
+    parts = [[T[k : k + step, n : n + step] for n in columns] for k in rows]
+    coarse = np.array([[part.flat[int(np.abs(part).argmax())] for part in row] for row in parts])
+    least = [[ohms[k : k + step, n : n + step].min() for n in columns] for k in rows]
+    return coarse, np.array(least)
+
+
+def omission_blocks(circuit: Circuit) -> tuple[Block, ...]:
+    """Return the parts that the board omits."""
+    if not circuit.omissions:
+        return (Notes("", ("Nothing was left out.",)),)
+    columns = {"part": lambda each: readable(each.what), "why": lambda each: readable(each.why)}
+    return (Table.of("Parts that this scene does not need", circuit.omissions, columns),)
+
+
+def parts_blocks(circuit: Circuit, scene: Scene) -> tuple[Block, ...]:
+    """Return the bill of materials with the packages and the power."""
+    parts, power = bill_of_materials(circuit, scene), board_power(LinearBoard(circuit))
+    columns = part_columns(REFERENCES, "nearest preferred value", "standard value")
+    facts = (
+        ("op-amps", f"{len(parts.packages)} packages {parts.opamp}"),
+        ("op-amps without use", str(parts.spare)),
+        ("supply current", quantity(power.supply_current, "A", 3)),
+        ("dissipation at rest", quantity(power.total, "W", 3)),
+    )
+    table = Table.of("Bill of materials", parts.lines, columns)
+    missing = Notes("Not included", tuple(map(readable, parts.not_listed)))
+    return Facts("", facts), table, missing
+
+
+def deck_blocks(verdict: Verdict) -> tuple[Block, ...]:
+    """Return the deck of the simulated board, to copy."""
+    deck = write_deck(verdict.circuit, verdict.transient).text
+    digest = ("SHA-256 of the deck", hashlib.sha256(deck.encode()).hexdigest())
+    size = f"{len(deck.splitlines())} lines"
+    run = f"{size}; it runs with: ngspice -b -r board.raw board.cir"
+    block: Block = Code("the deck", deck, run)
+    if len(deck) > LONGEST:
+        text = f"The deck has {size}, too many for this page: taction netlist SCENE -o board.cir"
+        block = Notes("", (text,))
+    return block, Facts("", (digest,))
+
+
+def view(circuit: Circuit) -> Page:
+    """Return the card of a board, and its picture: the schematic of one channel."""
+    facts = Section("Board", (Facts("", circuit_facts(circuit)),), media=(NOTEBOOK,))
+    drawn = Section("One channel", lambda: (schematic(circuit),), media=(PICTURE,))
+    return Page(circuit.name, "", "", f"one of {len(circuit.outputs)} channels", (), (facts, drawn))
+
+
+def circuit_facts(circuit: Circuit) -> tuple[tuple[str, str], ...]:
+    """Return the size of a board, the facts that its topology states, and its parts."""
+    entries = sum(int(np.isfinite(matrix.ohms).sum()) for matrix in circuit.matrices)
+    parts = (
+        counted(len(circuit.opamps), "op-amp"),
+        counted(entries, "matrix resistor"),
+        counted(len(circuit.resistors), "other resistor"),
+        counted(len(circuit.capacitors), "capacitor"),
+    )
+    return (
+        ("size", sizes(len(circuit.outputs), len(circuit.constraint_nodes))),
+        ("board", f"{circuit.topology}, {circuit.amplifier} amplifiers"),
+        ("op-amps", f"{', '.join(circuit.models)}, supply ±{quantity(circuit.supply, 'V')}"),
+        *((fact.label, fact.text) for fact in circuit.facts.values()),
+        ("parts", ", ".join(parts)),
+        ("left out", counted(len(circuit.omissions), "kind") + " of parts that it does not need"),
+    )

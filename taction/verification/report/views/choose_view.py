@@ -1,0 +1,330 @@
+"""A choice of op-amp, C and gain: the best designs, a map for each op-amp, the best in full."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.charts import Axis, Chart, Curve, Grid, Mark, segments, zero_lines
+from taction.system.foreign_files import shortened
+from taction.verification.design.choice_plan import CAPACITANCE, FEEDBACK, G0, GAIN, NAMES, U0
+from taction.verification.design.choose import BestDesign, Choice, ChosenDesign
+from taction.verification.report.blocks import (
+    BOTH,
+    DRAWN,
+    PAGE,
+    TERMINAL,
+    Block,
+    Cell,
+    Notes,
+    Page,
+    Section,
+    Shown,
+    Table,
+)
+from taction.verification.report.texts import (
+    counted,
+    figure,
+    number_cell,
+    outcome_cell,
+    percent,
+    quantity,
+    readable,
+    spaced,
+)
+from taction.verification.report.views.answer_view import yield_text
+from taction.verification.verdict.cause import band_text
+from taction.verification.verdict.checks import Outcome
+from taction.verification.verdict.record import ERROR, finite
+
+if TYPE_CHECKING:
+    from taction.verification.verdict.verify import Verdict
+
+
+LONGEST = 60  # characters of a reason in a table
+SHOWN = 12  # op-amps in a terminal
+LISTED = 500  # designs in the table
+MAPS, ACROSS = 9, 3  # op-amps with a map, the best first; maps side by side in a picture
+LOW, HIGH = 0.1, 10.0  # ends of the colours: shares of a limit
+MAP = (
+    "Blue: within every limit; orange: beyond one; the line is where the worst value reaches its"
+    " limit; empty: unstable, or without a verdict. Circle: passes, with parts that can be bought;"
+    " star: among the best."
+)
+WORST = (
+    "Worst: the largest value over its limit; below 1 every check passes; -: a check that does not"
+    " pass has no value."
+)
+COMMAND = "taction design choose"
+UNITS = {CAPACITANCE: "F", GAIN: "ohm", G0: "S", U0: "V", FEEDBACK: "S"}
+
+
+def full_view(choice: Choice) -> Page:
+    """Return the page with the verdict of the proposed design in full, if there is one.
+
+    The design is verified anew where ngspice is missing.
+    """
+    if not choice.best:
+        return view(choice)
+    from taction.verification.verdict.verify import verify
+
+    one = proposed(choice.best)
+    return view(choice, one.verdict or verify(one.scene.with_engine("statespace")))
+
+
+def view(choice: Choice, verdict: Verdict | None = None) -> Page:
+    """Return the page of a choice; with a verdict, of the proposed design, this is in full."""
+    scene, designs, best = choice.scene, choice.designs, choice.best
+    passing = sum(design.good for design in designs)
+    summary = f"{passing} of {len(designs)} designs pass with parts that can be bought."
+    own = (
+        Section("Best designs", tuple(_best(best)), WORST, BOTH),
+        Section("Op-amps", (_opamps(designs),), media=BOTH),
+        Section("Maps", lambda: _maps(designs, best), MAP, DRAWN, ACROSS),
+        Section("All designs", lambda: (_table(designs),), folded=True),
+    )
+    lines = tuple(_moved(scene, designs))
+    if not best:
+        none = "No design passes; the table of op-amps has the nearest of each with its reason."
+        lines = (none, *lines)
+    page = Page(
+        title=scene.name,
+        command=COMMAND,
+        outcome="pass" if best else "fail",
+        summary=summary,
+        lines=lines,
+        sections=own,
+    )
+    if verdict is None:
+        return page
+    from taction.verification.report.views.verdict_view import view as verdict_report
+
+    full = verdict_report(verdict, COMMAND)
+    return replace(
+        page,
+        outcome=full.outcome,
+        summary=f"{_words(proposed(best).design)}. {full.summary} {summary}",
+        lines=(f"In full below: {verdict.scene.name}, {verdict.waveforms.simulator}.", *full.lines),
+        sections=(*own, *(replace(each, folded=True) for each in full.sections)),
+    )
+
+
+def _moved(scene: Scene, designs: Sequence[ChosenDesign]) -> Iterator[str]:
+    """Yield which op-amps have another G0 than the scene, and why."""
+    own = scene.design.unit_conductance
+    moved = {
+        one.opamp: float(one.values[G0])
+        for one in designs
+        if G0 not in one.keys and one.values.get(G0, own) != own
+    }
+    if moved:
+        values = ", ".join(f"{name} {quantity(G0, 'S')}" for name, G0 in moved.items())
+        yield (
+            f"G0 is moved from {quantity(own, 'S')}, with U0, s and C, for op-amps whose input"
+            f" errors miss the limit of the steady state with the scene's resistors: {values}."
+        )
+
+
+def proposed(best: Sequence[BestDesign]) -> BestDesign:
+    """Return the first design that ngspice confirms; the first if it confirms none."""
+    return next((one for one in best if one.outcome is Outcome.PASS), best[0])
+
+
+def _values(design: ChosenDesign) -> tuple[float, float]:
+    """Return the values of the two keys that its topology searches."""
+    first, second = (float(design.values[path]) for path in design.keys)
+    return first, second
+
+
+def _words(design: ChosenDesign) -> str:
+    values = zip(design.keys, _values(design), strict=True)
+    return ", ".join((design.opamp, *(f"{NAMES[path]} = {_text(path, v)}" for path, v in values)))
+
+
+def _text(path: str, value: float) -> str:
+    return quantity(value, UNITS[path])
+
+
+def _best(best: Sequence[BestDesign]) -> Iterator[Block]:
+    said = {one.design.place: one for one in best}
+
+    def ngspice(design: ChosenDesign) -> Cell:
+        outcome = said[design.place].outcome
+        return Cell("not run") if outcome is None else Cell(outcome.value, None, outcome.value)
+
+    def built(design: ChosenDesign) -> Cell:
+        share = said[design.place].yield_at_most
+        return Cell("-" if share is None else f"at most {percent(share)}", share)
+
+    designs = [one.design for one in best]
+    columns = {**_columns(designs), "yield": built, "ngspice": ngspice}
+    yield Table.of("Best designs", designs, columns)
+    lines = (
+        f"{one.design.opamp}: {text}"
+        for one in best
+        if one.verdict is not None
+        and one.outcome is Outcome.PASS
+        and (text := yield_text(one.verdict.answer))
+    )
+    yield Notes("Built boards", tuple(lines))
+    reasons = (f"{one.design.opamp}: {readable(one.reason)}" for one in best if one.reason)
+    yield Notes("What ngspice says", tuple(reasons))
+
+
+def _opamps(designs: Sequence[ChosenDesign]) -> Table:
+    """Return the best design of each op-amp, and why it does not pass; `_table` has its G0, U0."""
+    passing = Counter(design.opamp for design in designs if design.good)
+    columns = {
+        **_columns(designs),
+        "passing": lambda each: passing[each.opamp],
+        "outcome": _outcome,
+    }
+    for path in (G0, U0):
+        columns.pop(NAMES[path], None)
+    title, most = "The best design of each op-amp", {TERMINAL: SHOWN}
+    return Table.of(title, _first_of_each(designs), columns, "", most, "{} more: --json.")
+
+
+def _table(designs: Sequence[ChosenDesign]) -> Table:
+    columns = {**_columns(designs), "outcome": _outcome}
+    more = f"The first {LISTED} of {len(designs)}; --json has all."
+    return Table.of("Designs, the best first", designs, columns, "", {PAGE: LISTED}, more)
+
+
+def _outcome(design: ChosenDesign) -> Cell:
+    """Return the outcome with the check that decides it, or what cannot be bought."""
+    if design.refused:
+        return Cell(f"no parts: {readable(design.refused)}", None, "fail")
+    line = design.reason.split("\n")[0]
+    if design.outcome == ERROR:  # file, key and value, then what is wrong with it
+        line = line.rpartition(": ")[2]
+    check = shortened(spaced(line.partition(" (limit")[0].partition("; ")[0]), LONGEST)
+    return outcome_cell(": ".join(filter(None, (design.outcome, check))), design.outcome)
+
+
+def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Callable[[ChosenDesign], Shown]]:
+    bands = (band_text(check) for each in designs for check in each.record.checks)
+    settling = f"settling {next(filter(None, bands), '')}".rstrip()
+    columns: dict[str, Callable[[ChosenDesign], Shown]] = {
+        "op-amp": lambda each: each.opamp,
+        **dict(_moved_columns(designs)),
+        settling: lambda each: number_cell(finite(each.settling_time), "s", 3),
+        "overshoot": lambda each: number_cell(finite(each.overshoot), "step", 3),
+        "op-amp load": lambda each: number_cell(each.headroom, "step", 3),
+        "output noise": lambda each: number_cell(each.noise, "V", 3),
+        "worst": lambda each: number_cell(each.worst_share, "", 3),
+    }
+    if all(design.noise is None for design in designs):
+        del columns["output noise"]
+    return columns
+
+
+Columns = Iterator[tuple[str, Callable[[ChosenDesign], Shown]]]
+
+
+def _moved_columns(designs: Sequence[ChosenDesign]) -> Columns:
+    """Yield the columns of the keys that move."""
+    searched = {path for design in designs for path in design.keys}
+    for path in (CAPACITANCE, GAIN, FEEDBACK, G0, U0):
+        if any(path in design.values for design in designs) and (
+            path in searched or path in (G0, U0)
+        ):
+
+            def shown(each: ChosenDesign, path: str = path) -> Shown:
+                if path not in each.values or (path not in each.keys and path not in (G0, U0)):
+                    return ""
+                return number_cell(float(each.values[path]), UNITS[path], 3)
+
+            yield NAMES[path], shown
+
+
+def _first_of_each(designs: Sequence[ChosenDesign]) -> list[ChosenDesign]:
+    """Return the best design of every op-amp, the best first; `designs` are in their order."""
+    first: dict[str, ChosenDesign] = {}
+    for design in designs:
+        first.setdefault(design.opamp, design)
+    return list(first.values())
+
+
+def _maps(designs: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> Iterator[Block]:
+    names = [design.opamp for design in _first_of_each(designs)]
+    for name in names[:MAPS]:
+        own = [design for design in designs if design.opamp == name]
+        if any(design.shares for design in own):
+            yield _map(name, own, best)
+        else:
+            text = f"{name} has no map: each of {counted(len(own), 'design')} is unstable,"
+            yield Notes("", (f"{text} has no parts that can be bought, or has no verdict.",))
+    if names[MAPS:]:
+        yield Notes("", (f"The tables have {len(names) - MAPS} op-amps more.",))
+
+
+def _map(name: str, own: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> Chart:
+    farads, ohms = (np.array(sorted(set(each))) for each in zip(*map(_values, own), strict=True))
+    at = {_values(design): design for design in own}
+    cells = [[at.get((x, y)) for x in farads.tolist()] for y in ohms.tolist()]
+    grid = Grid(
+        farads,
+        ohms,
+        np.array([[_level(design) for design in row] for row in cells]),
+        scale="share",
+        limits=(LOW, HIGH),
+        bar=False,
+        texts=tuple(tuple(map(_hover, row)) for row in cells),
+    )
+    chosen = {one.design.place for one in best}
+    others = [design for design in own if design.good and design.place not in chosen]
+    stars = [design for design in own if design.place in chosen]
+    x, y = (Axis(NAMES[path], UNITS[path], "log") for path in own[0].keys)
+    marks: tuple[Mark, ...] = (
+        grid,
+        *_limit_line(grid),
+        *_points(others, "passes", "circle-open", 6.0),
+        *_points(stars, "among the best", "star", 13.0),
+    )
+    passing, text = sum(design.good for design in own), "pass and can be bought"
+    summary = f"{name}: {passing} of {counted(len(own), 'design')} {text}."
+    said = f"{passing} of {len(own)} {text}"
+    return Chart(name, x, y, marks, said, summary, legend="", height=230)
+
+
+def _limit_line(grid: Grid) -> Iterator[Curve]:
+    """Yield the line on which the worst value reaches its limit, where there is one."""
+    x, y = np.log(grid.x), np.log(grid.y)
+    lines = list(zero_lines(x, y, np.log(np.asarray(grid.values))))
+    if lines:
+        across, down = segments(lines)
+        yield Curve(np.exp(across), np.exp(down), "the limit", "ink", width=2.0)
+
+
+def _points(designs: Sequence[ChosenDesign], name: str, mark: str, size: float) -> Iterator[Curve]:
+    if designs:
+        x, y = np.array([_values(design) for design in designs]).T
+        yield Curve(x, y, name, "ink", "", mark, size=size)
+
+
+def _level(design: ChosenDesign | None) -> float:
+    """Return the worst share; not a number for an unstable design.
+
+    Where a check that does not pass has no value, the share is as bad as the colours go.
+    """
+    if design is None or not design.shares:
+        return math.nan
+    return min(max(design.worst, LOW / 10.0), HIGH)
+
+
+def _hover(design: ChosenDesign | None) -> str:
+    if design is None:
+        return ""
+    worst = design.worst_share
+    share = "no value" if worst is None else figure(worst, "", 3)
+    values = zip(design.keys, _values(design), strict=True)
+    place = ", ".join(f"{NAMES[path]} {_text(path, value)}" for path, value in values)
+    outcome = "no parts" if design.refused else design.outcome
+    return f"{place}: {outcome}, worst {share}"

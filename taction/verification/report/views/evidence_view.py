@@ -1,0 +1,217 @@
+"""What taction shows of itself: the paper claim by claim, the stress cases, the demonstration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+
+from taction.system.charts import Outcome
+from taction.verification.evidence.demonstration import Demonstration, DemonstrationStep
+from taction.verification.evidence.paper.findings import ClaimOutcome, Finding
+from taction.verification.evidence.paper.reproduce import Reproduction
+from taction.verification.evidence.stress.catalogue import Case
+from taction.verification.evidence.stress.run_cases import CaseJudgement, CaseRun, StressReport
+from taction.verification.report.blocks import BOTH, DRAWN, Block, Cell, Notes, Page, Section, Table
+from taction.verification.report.texts import fields, figure, outcome_cell
+from taction.verification.report.views.answer_view import answer_text, decisive_text
+from taction.verification.report.views.origin_view import origin_section
+from taction.verification.report.views.waveforms_view import outputs_chart, stress_chart
+
+SOURCE = (
+    "Y. C. Pati, P. S. Krishnaprasad and M. C. Peckerar, Neural network solutions to problems in"
+    " early taction"
+)
+CLAIMS: dict[ClaimOutcome, Outcome] = {
+    ClaimOutcome.HOLDS: "pass",
+    ClaimOutcome.FITTED: "pass",
+    ClaimOutcome.CONDITION: "inconclusive",
+    ClaimOutcome.FAILS: "fail",
+    ClaimOutcome.NOT_RUN: "error",
+}
+COLUMNS = {
+    "claim": lambda each: each.claim.claim,
+    "verdict": lambda each: _verdict(each),
+    "place": lambda each: each.claim.place,
+    "what was run": lambda each: each.run,
+    "printed": lambda each: each.claim.printed,
+    "ours": lambda each: each.ours,
+}
+
+
+def paper_view(result: Reproduction) -> Page:
+    """Return the page of the reproduction."""
+    chapters = []
+    for chapter in result.sections:
+        table = Table.of(chapter.title, chapter.findings, COLUMNS)
+        chapters.append(Section(chapter.title, (table,), media=BOTH))
+        if chapter.charts:
+            chapters.append(Section(f"{chapter.title}: pictures", chapter.charts))
+    unexpected = tuple(
+        f"{each.claim.id}: {each.outcome.value}; expected: {each.claim.expected.value}. {each.ours}"
+        for each in result.findings
+        if not each.as_expected
+    )
+    left_out = Notes("", (", ".join(result.omitted),)) if result.omitted else None
+    return Page(
+        title="The paper, claim by claim",
+        command="taction reproduce",
+        outcome=result.outcome,
+        summary=f"{summary(result)} {result.seconds:.0f} s.",
+        lines=(f"{SOURCE}.",),
+        sections=(
+            *chapters,
+            Section("Left out of a quick run", (left_out,), media=BOTH),
+            Section("Unexpected", (Notes("", unexpected, "fail"),), media=BOTH),
+            origin_section(None),
+        ),
+    )
+
+
+def summary(result: Reproduction) -> str:
+    """Return the number of claims with each verdict."""
+    outcomes = [each.outcome for each in result.findings]
+    counts = ", ".join(f"{o.value} {outcomes.count(o)}" for o in ClaimOutcome if o in outcomes)
+    return f"{len(outcomes)} claims: {counts}."
+
+
+def _verdict(each: Finding) -> Cell:
+    text = each.outcome.value
+    if not each.as_expected:
+        text += f" (expected: {each.claim.expected.value})"
+    return outcome_cell(text, CLAIMS[each.outcome])
+
+
+OUTCOMES: dict[CaseJudgement, Outcome] = {
+    CaseJudgement.RIGHT: "pass",
+    CaseJudgement.WRONG_OUTCOME: "fail",
+    CaseJudgement.WRONG_NUMBER: "fail",
+    CaseJudgement.NOT_RUN: "inconclusive",
+}
+
+
+def stress_view(report: StressReport) -> Page:
+    """Return the page of a run of the stress cases."""
+    outcome = "fail" if report.wrong else "pass" if not report.exit_status else "inconclusive"
+    wrong = tuple(
+        f"{run.case.name}, {run.engine}: {run.judgement.value}: {run.reason}"
+        for run in report.wrong
+    )
+    cases = {run.case.name: run.case for run in report.runs}
+    families = dict.fromkeys(case.family for case in cases.values())
+    return Page(
+        title="Stiff and extreme cases",
+        command="taction self stress",
+        outcome=outcome,
+        summary=headline(report),
+        sections=(
+            Section("Results", (_results(report.runs),), media=BOTH),
+            Section("Wrong", (Notes("Wrong", wrong, "fail"),), media=BOTH),
+            *(
+                Section(f"Cases: {family}", (_cases(family, cases.values()),))
+                for family in families
+            ),
+        ),
+    )
+
+
+def headline(report: StressReport) -> str:
+    """Return the counts, the time and the versions as one line of text."""
+    counts = ", ".join(f"{count} {kind}" for kind, count in report.count().items())
+    cases = len({run.case.name for run in report.runs})
+    numbers, seconds = report.numbers, sum(run.seconds for run in report.runs)
+    versions = ", ".join(f"{name} {version}" for name, version in report.versions.items())
+    compared = f"{report.outside} of {numbers} numbers outside their stated error"
+    if not numbers:
+        compared = "no numbers compared: a checkout has their true values"
+    return (
+        f"{cases} cases, {len(report.runs)} runs: {counts}; {compared}; {seconds:.0f} s; {versions}"
+    )
+
+
+def _results(runs: Iterable[CaseRun]) -> Table:
+    """Return a row for each run.
+
+    The worst quantity is the stated number whose true error is largest in its stated error;
+    "outside" counts the numbers whose true error is larger than the stated one.
+    """
+    columns = {
+        **fields("case = case.name; engine"),
+        "outcome": lambda run: outcome_cell(run.outcome, OUTCOMES[run.judgement]),
+        "worst quantity": lambda run: run.worst and run.worst.name,
+        "true error": lambda run: run.worst and _error(run.worst.error, run.worst.unit),
+        "stated error": lambda run: run.worst and _error(run.worst.uncertainty, run.worst.unit),
+        "outside": lambda run: (
+            run.worst and Cell(f"{run.outside} of {len(run.comparisons)}", run.outside)
+        ),
+        **fields("time = seconds s 2"),
+    }
+    return Table.of("Results", runs, columns)
+
+
+def _error(error: float, unit: str) -> Cell:
+    return Cell("–") if math.isnan(error) else Cell(figure(error, unit, 2), error)
+
+
+def _cases(family: str, cases: Iterable[Case]) -> Table:
+    columns = {
+        **fields("case = name; hard because = why"),
+        "right outcome": lambda case: ", ".join(_outcomes(case)),
+        **fields("known from = known"),
+    }
+    return Table.of(family, (case for case in cases if case.family == family), columns)
+
+
+def _outcomes(case: Case) -> Iterator[str]:
+    """Yield the one outcome of all engines, or the outcome of each."""
+    words = {engine: " or ".join(outcomes) for engine, outcomes in case.outcome.items()}
+    if len(set(words.values())) == 1:
+        yield next(iter(words.values()))
+    else:
+        yield from (f"{engine}: {outcome}" for engine, outcome in words.items())
+    yield from (f"{name} {outcome}" for name, outcome in case.decided.items())
+
+
+TITLE = "Seven sensors, one board"
+NEXT = (
+    "Your own board: taction new board.toml, then taction verify board.toml --report board.html,"
+    " then taction explore board.toml."
+)
+
+
+STEPS = {
+    "board": lambda step: step.title,
+    "outcome": lambda step: outcome_cell(step.verdict.outcome.value),
+    "because": lambda step: decisive_text(step.verdict.checks, step.verdict.outcome.value),
+}
+
+
+def demonstration_view(found: Demonstration) -> Page:
+    """Return the page of the demonstration."""
+    told = "as told" if found.outcome == "pass" else "NOT as told"
+    steps = [part for number, step in enumerate(found.steps, 1) for part in _sections(number, step)]
+    return Page(
+        title=TITLE,
+        command="taction demo",
+        outcome=found.outcome if found.outcome == "fail" else "pass",
+        summary=f"Three boards, {told}, in {found.seconds:.0f} s.",
+        sections=(
+            *steps,
+            Section("Next", (Notes("", (NEXT,)),), media=BOTH),
+            origin_section(None),
+        ),
+    )
+
+
+def _sections(number: int, step: DemonstrationStep) -> tuple[Section, Section]:
+    """Return the sentences and checks of a board, and its outputs; of the first also the answer."""
+    verdict, title, first = step.verdict, f"{number}. {step.title}", number == 1
+    answers = (answer_text(verdict.answer),) if first else ()
+
+    def charts() -> tuple[Block, ...]:
+        return (outputs_chart(verdict), *((stress_chart(verdict),) if first else ()))
+
+    told = Notes("", (step.text, *answers)), Table.of("", (step,), STEPS)
+    return (
+        Section(title, told, media=BOTH),
+        Section(f"{title}: outputs", charts, media=DRAWN),
+    )

@@ -1,0 +1,326 @@
+"""One op-amp with its sources and open loop; the parts of a board, also as CSV for KiCad."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from taction.netlist_gen.board.bill_of_materials import UNITS, BillOfMaterials, PartLine
+from taction.netlist_gen.kicad.part_symbols import printed_value
+from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
+from taction.spice_models.presets import Origin
+from taction.system.charts import BLUE, Axis, Chart, Curve, Limit, Mark, Text
+from taction.system.foreign_files import visible
+from taction.system.quantities import show
+from taction.verification.characterise.characterise import Bode, OpAmpFigures, open_loop
+from taction.verification.report.blocks import (
+    BOTH,
+    DRAWN,
+    EVERYWHERE,
+    Cell,
+    Notes,
+    Page,
+    Section,
+    Table,
+)
+from taction.verification.report.texts import counted, fields, percent, quantity
+from taction.verification.studies.vendor_model import ImportedModel
+from taction.verification.verdict.board_power import BoardPower, PartsList
+
+TITLES = {
+    "dc_gain": ("DC gain", ""),
+    "unity_gain_bandwidth": ("unity-gain bandwidth", "Hz"),
+    "phase_margin": ("phase margin", "degrees"),
+    "input_resistance": ("input resistance", "ohm"),
+    "differential_capacitance": ("differential input capacitance", "F"),
+    "input_capacitance": ("input capacitance", "F"),
+    "output_resistance": ("output resistance", "ohm"),
+    "slew_rate": ("slew rate", "V/s"),
+    "saturation": ("supply less largest output voltage", "V"),
+    "output_current": ("largest output current", "A"),
+    "least_supply": ("supply, at least ±", "V"),
+    "most_supply": ("supply, at most ±", "V"),
+    "offset_voltage": ("offset voltage", "V"),
+    "bias_current": ("input bias current", "A"),
+    "offset_current": ("input offset current", "A"),
+    "common_mode_rejection": ("common-mode rejection", "dB"),
+    "offset_drift": ("drift of the offset voltage", "V/K"),
+    "bias_drift": ("drift of the bias current", "A/K"),
+    "bias_doubling": ("warming that doubles the input currents", "K"),
+    "supply_rejection": ("supply rejection", "dB"),
+    "voltage_noise": ("voltage noise", "V/rtHz"),
+    "voltage_noise_corner": ("corner of its 1/f noise", "Hz"),
+    "current_noise": ("current noise", "A/rtHz"),
+    "supply_current": ("supply current", "A"),
+    "channels_per_package": ("op-amps in a package", ""),
+}
+"""Title and unit of every figure of the data file."""
+ABSENT = (0.0, math.inf, -math.inf, None)  # values of a figure that a part does not have
+Origins = Mapping[str, Origin]  # by the name of the figure
+WORDS = ("derived", "assumed")  # in the place of a document
+AT_LEAST = ("common_mode_rejection", "supply_rejection", "dc_gain")  # guaranteed minima
+LISTED = {
+    "GBW": ("gbw", "Hz"), "slew rate": ("slew_rate", "V/s"), "offset": ("offset_voltage", "V"),
+    "bias": ("bias_current", "A"), "noise": ("voltage_noise", "V/rtHz"),
+}  # fmt: skip
+"""Figures of the list of op-amps, beside the range of the supply; `view` has all."""
+IMPORTED = (
+    ("dc_gain", ""), ("unity_gain_bandwidth", "Hz"), ("phase_margin", "degrees"),
+    ("output_resistance", "ohm"), ("slew_rate", "V/s"), ("swing", "V"), ("supply_current", "A"),
+    ("offset_voltage", "V"), ("bias_current", "A"), ("offset_current", "A"),
+    ("common_mode_rejection", "dB"), ("differential_resistance", "ohm"),
+    ("common_resistance", "ohm"), ("differential_capacitance", "F"), ("common_capacitance", "F"),
+)  # fmt: skip
+"""Figures of an imported op-amp, and their units."""
+
+
+def view(result: OpAmpFigures) -> Page:
+    """Return the page of an op-amp."""
+    opamp, origins = result.opamp, result.origins
+    documents = list(_documents(opamp, origins))
+    titles = ("figure", "typical", "guaranteed", "from", "note")
+    table = Table("Figures", titles, tuple(_rows(opamp, origins, documents)))
+    sources = [f"source: {opamp.source}"]
+    sources += [f"[{number}] {title}" for number, title in enumerate(documents, 1)]
+    if documents:
+        text = "assumed: in no public text of a sheet that was found; derived: see the note"
+        sources.append(text)
+    if opamp.external_part:
+        sources.append(f"every op-amp needs a {opamp.external_part}")
+    return Page(
+        title=opamp.name,
+        command="taction parts show",
+        sections=(
+            Section("Figures", (table, Notes("", tuple(sources))), "", EVERYWHERE),
+            Section("Open loop", lambda: _bode(open_loop(opamp)), media=DRAWN),
+        ),
+    )
+
+
+def stated_figures(opamp: OpAmp) -> dict[str, float]:
+    """Return the figures that the part has, by the keys of `TITLES`."""
+    own = {
+        "unity_gain_bandwidth": unity_gain_bandwidth(opamp),
+        "phase_margin": phase_margin(opamp) if math.isfinite(opamp.gbw) else math.inf,
+    }
+    values = {name: own.get(name, getattr(opamp, name, math.inf)) for name in TITLES}
+    return {name: value for name, value in values.items() if value not in ABSENT}
+
+
+def _documents(opamp: OpAmp, origins: Origins) -> dict[str, None]:
+    """Return the documents that the shown figures name, in the order of the figures."""
+    shown = [origins[name] for name in stated_figures(opamp) if name in origins]
+    named = (title for origin in shown for title in (origin.document, origin.limit))
+    return dict.fromkeys(title for title in named if title and title not in WORDS)
+
+
+def _rows(opamp: OpAmp, origins: Origins, documents: list[str]) -> Iterator[tuple[Cell, ...]]:
+    limits, nothing = dict(opamp.guaranteed), Cell("")
+    numbers = {title: f"[{number}]" for number, title in enumerate(documents, 1)}
+    for name, value in stated_figures(opamp).items():
+        title, unit = TITLES[name]
+        origin = origins.get(name, Origin("", "", ""))
+        limit = _cell(limits.get(name), unit)
+        if limit.text:
+            limit = Cell(f"{'≥' if name in AT_LEAST else '≤'} {limit.text}", limit.number)
+        named = filter(None, dict.fromkeys((origin.document, origin.limit)))
+        source = Cell(" ".join(numbers.get(each, each) for each in named))
+        yield Cell(title), _cell(value, unit), limit, source, Cell(origin.note)
+        if name == "saturation":
+            supply = min(15.0, opamp.most_supply)
+            swing, note = _cell(opamp.swing(supply), "V"), Cell(f"at ±{supply:g} V")
+            yield Cell("output swing"), swing, nothing, nothing, note
+
+
+def _cell(value: float | None, unit: str) -> Cell:
+    if value is None:
+        return Cell("")
+    known = unit in ("degrees", "dB")
+    return Cell(f"{value:.4g} {unit}" if known else quantity(value, unit), value)
+
+
+def _bode(found: Bode) -> tuple[Chart, Chart]:
+    frequency, response = Axis("frequency", "Hz", "log"), found.response
+    decibels, phase = 20.0 * np.log10(np.abs(response)), np.degrees(np.unwrap(np.angle(response)))
+    gain: tuple[Mark, ...] = (Curve(found.frequency, decibels, "", BLUE),)
+    angle: tuple[Mark, ...] = (Curve(found.frequency, phase, "", BLUE),)
+    said = turned = ""
+    if abs(response[-1]) < 1.0:
+        crossing, margin = found.crossing()
+        said, turned = f"unity gain at {quantity(crossing, 'Hz', 3)}", f"{margin:.3g} degrees"
+        gain += _crossing(crossing, 0.0, said)
+        angle += _crossing(crossing, margin - 180.0, f"phase margin {turned}")
+    title, text = "Bode diagram of the open loop", "Gain of the open loop over the frequency."
+    ticks = tuple(range(-180, 1, 45))
+    degrees = Axis("phase (degrees)", limits=(-190.0, 10.0), ticks=ticks)
+    below = "Phase of the open loop over the frequency."
+    return (
+        Chart(title, frequency, Axis("gain (dB)"), gain, said, text),
+        Chart("Phase of the open loop", frequency, degrees, angle, "", below),
+    )
+
+
+def _crossing(frequency: float, level: float, text: str) -> tuple[Mark, ...]:
+    place = np.array([frequency]), np.array([level])
+    return (
+        Limit(frequency, "x", "", "muted"),
+        Curve(*place, text, "muted", "", "square", size=5.0, label=""),
+        Text(text, frequency, level, ("left", "below")),
+    )
+
+
+def list_view(models: Mapping[str, OpAmp]) -> Page:
+    """Return the page of all presets, with the figures that most boards depend on."""
+
+    def shown(entry: tuple[str, OpAmp], figure: str, unit: str) -> str:
+        value = getattr(entry[1], figure)
+        return show(value, unit, 3) if value and math.isfinite(value) else "-"
+
+    def supply(model: OpAmp) -> str:
+        ends = f"±{model.least_supply:g} to {model.most_supply:g} V"
+        return ends if math.isfinite(model.most_supply) else "-"
+
+    columns: dict[str, Callable[[Any], Any]] = {"": lambda each: each[0]}
+    for title, (figure, unit) in LISTED.items():
+        columns[title] = partial(shown, figure=figure, unit=unit)
+    columns["supply"] = lambda each: supply(each[1])
+    return Page(
+        title="op-amps",
+        command="taction parts",
+        sections=(Section("Op-amps", (Table.of("", models.items(), columns),), "", EVERYWHERE),),
+        foot=("all figures with their sources: taction parts show NAME",),
+    )
+
+
+def imported_view(result: ImportedModel) -> Page:
+    """Return the page of an imported model: what was measured, and how a scene uses it."""
+    model, lines = result.model, []
+    for key, unit in IMPORTED:
+        value = model["figures"][key]
+        text = "none found" if value is None else show(value, unit)
+        lines.append(f"  {key.replace('_', ' '):22} {text}")
+    lines += [f"warning: {doubt}" for doubt in model["doubts"]]
+    linear = model["linear"]
+    if linear is not None:
+        text = f"linear at rest: {len(linear['parts'])} parts, within {100 * linear['error']:.2g} %"
+        lines.append(f"{text} of ngspice's small signal up to {show(linear['band'][1], 'Hz', 3)}")
+    else:
+        lines.append(f"{model['missing']}: boards with it stay inconclusive")
+    lines.append(f'in a scene beside it: opamp = {{ file = "{visible(result.file)}" }}')
+    return Page(
+        title=f"{model['name']}, simulated at ±{show(model['supply'], 'V')}",
+        command="taction parts import",
+        sections=(Section("Figures", (Notes("", tuple(lines)),), media=EVERYWHERE),),
+    )
+
+
+SHOWN = 3  # references in a line of the table
+DIGITS = 6  # of a value in a file; the JSON document has all of them
+# The fields of KiCad's bill of materials, then our own; a footprint is not known.
+COLUMNS = (
+    *("Reference", "Value", "Footprint", "Quantity", "DNP"),
+    *("Kind", "Unit", "Tolerance", "Preferred", "Series", "Deviation"),
+)
+
+
+def parts_view(result: PartsList) -> Page:
+    """Return the page of the parts of a board."""
+    parts, power = result.parts, result.power
+    columns = part_columns(SHOWN, "not a standard value; nearest")
+    return Page(
+        title=result.scene.name,
+        command="taction export bom",
+        summary=counts_text(parts),
+        sections=(
+            Section("Parts", (Table.of("Parts", parts.lines, columns),), media=BOTH),
+            Section("Board", (Notes("", tuple(_lines(parts, power))),), media=BOTH),
+        ),
+    )
+
+
+def counts_text(parts: BillOfMaterials) -> str:
+    """Return how many parts and values there are, and how many are not standard."""
+    counts = " and ".join(f"{parts.count(kind)} {kind}s" for kind in UNITS)
+    odd = sum(line.preferred is not None for line in parts.lines)
+    remedy = "; set resistor_series and capacitor_series" if odd else ""
+    return f"{counts} of {len(parts.lines)} values; not a standard value: {odd}{remedy}"
+
+
+def _lines(parts: BillOfMaterials, power: BoardPower) -> Iterator[str]:
+    """Yield the packages, the power and what is not listed."""
+    yield packages_text(parts)
+    yield (
+        f"supply current {quantity(power.supply_current, 'A', 3)}, dissipation"
+        f" {quantity(power.total, 'W', 3)} at rest: op-amps {quantity(power.quiescent, 'W', 3)}"
+        f" quiescent and {quantity(power.outputs, 'W', 3)} by their load,"
+        f" resistors {quantity(power.resistors, 'W', 3)}"
+    )
+    yield from (f"not included: {what}" for what in parts.not_listed)
+
+
+def packages_text(parts: BillOfMaterials) -> str:
+    """Return the packages of op-amps, and the op-amps without use."""
+    names = [package.reference for package in parts.packages]
+    shown = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
+    spare = f"; spare op-amps: {parts.spare} in {names[-1]}" if parts.spare else ""
+    return f"{counted(len(names), 'package')} {parts.opamp}, {shown}{spare}"
+
+
+def part_columns(shown: int, nearest: str, standard: str = "") -> dict[str, Callable[[Any], Any]]:
+    """Return the columns of the parts of one value, of which `shown` have their names.
+
+    The column `nearest` has the nearest value that is sold, or `standard` for a value of a series.
+    """
+
+    def names(line: PartLine) -> str:
+        more = len(line.references) - shown
+        return " ".join(line.references[:shown]) + (f" and {more} more" if more > 0 else "")
+
+    def sold(line: PartLine) -> str:
+        if (near := line.preferred) is None:
+            return standard
+        return f"{near.series}: {quantity(near.value, line.unit)} ({100 * near.deviation:+.2g} %)"
+
+    return {
+        **fields("part = kind; value @unit"),
+        "count": lambda line: len(line.references),
+        "tolerance": lambda line: (
+            None if line.tolerance is None else Cell(percent(line.tolerance), line.tolerance)
+        ),
+        nearest: sold,
+        "references": names,
+    }
+
+
+def parts_csv(parts: BillOfMaterials) -> str:
+    """Return the parts as CSV, one row for each value, the op-amps last; values have prefixes."""
+    text = io.StringIO()
+    table = csv.DictWriter(text, COLUMNS, restval="", lineterminator="\n")
+    table.writeheader()
+    table.writerows(_records(parts))
+    return text.getvalue()
+
+
+def _records(parts: BillOfMaterials) -> Iterator[dict[str, Any]]:
+    packages = tuple(package.reference for package in parts.packages)
+    opamps = {"Value": parts.opamp.upper(), "Kind": "op-amp"}
+    rows = [(line.references, _record(line)) for line in parts.lines] + [(packages, opamps)]
+    for names, record in rows:
+        yield {"Reference": ",".join(names), "Quantity": len(names), **record}
+
+
+def _record(line: PartLine) -> dict[str, Any]:
+    record: dict[str, Any] = {"Value": printed_value(line.value, DIGITS), "Kind": line.kind}
+    record["Unit"] = line.unit
+    if line.tolerance is not None:
+        record["Tolerance"] = repr(line.tolerance)
+    if (near := line.preferred) is not None:
+        record |= {"Preferred": printed_value(near.value, DIGITS), "Series": near.series}
+        record["Deviation"] = f"{near.deviation:.3g}"
+    return record

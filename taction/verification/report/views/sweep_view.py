@@ -1,0 +1,409 @@
+"""A sweep: maps over two axes, curves over one, small maps over three; points."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taction.netlist_gen.scene import axes
+from taction.netlist_gen.scene.keys import Value
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.system.charts import (
+    OUTCOMES,
+    Axis,
+    Band,
+    Cells,
+    Chart,
+    Curve,
+    Grid,
+    Look,
+    Mark,
+    looks_of,
+    segments,
+    zero_lines,
+)
+from taction.system.errors import Complaint, InputError
+from taction.system.plugins import OpenTable
+from taction.system.quantities import readable
+from taction.system.reading_definitions import EXCURSIONS
+from taction.verification.report.blocks import (
+    DRAWN,
+    NOTEBOOK,
+    PICTURE,
+    TERMINAL,
+    Block,
+    Cell,
+    Facts,
+    Notes,
+    Page,
+    Section,
+    Table,
+)
+from taction.verification.report.texts import (
+    LEAST_SHARE,
+    banded,
+    counted,
+    figure,
+    number_cell,
+    outcome_cell,
+    quantity,
+    spaced,
+    titled,
+)
+from taction.verification.report.views.origin_view import origin_section
+from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.result import SweepResult, all_records, grids
+from taction.verification.verdict.record import FIGURES
+
+LOGARITHMIC = ("settling_time", "steady_state_error")
+ENGINES = OpenTable(
+    "taction.engines", {"ngspice": "ngspice", "statespace": "state space"}, str, "title"
+)
+"""Names of the engines for people."""
+Names = np.ndarray[Any, Any]
+OUTCOME = (
+    "The result of every point. Of several checks that fail the first one is shown, stability"
+    " before all others.{} A grey or empty cell has no value."
+)
+EDGE = (
+    " Thick line: stability boundary, interpolated between the points; `taction onset` finds every"
+    " crossing along an axis."
+)
+UNSTABLE = "unstable by its poles"
+
+
+def place_text(where: axes.SweepAxis, value: Any) -> str:
+    """Return a value of an axis as text."""
+    return quantity(value, where.key.unit) if isinstance(value, float) else str(value)
+
+
+def axis_of(where: axes.SweepAxis) -> tuple[Axis, Floats]:
+    """Return an axis of a chart and the places of its values; words stand one after the other."""
+    if where.key.kind == "choice" or where.scale == "list":
+        names = tuple(place_text(where, value) for value in where.values)
+        return Axis(where.name, scale="names", names=names), np.arange(float(len(names)))
+    places = np.array([float(value) for value in where.values])
+    log = where.scale == "log" and places.min() > 0.0
+    return Axis(where.name, where.key.unit, "log" if log else "linear"), places
+
+
+class Plane:
+    """The first two axes of a plan, and the stability boundary over them.
+
+    It is where the growth rates (n, m), 1/s, pass through 0, interpolated; `where` says where the
+    plane is among other axes: ``" at stray_capacitance = 1 pF"``.
+    """
+
+    def __init__(self, plan: Plan, growth: Floats, where: str = "") -> None:
+        (self.x, self.across), (self.y, self.down) = (axis_of(g[0]) for g in plan.groups[:2])
+        self.growth, self.where, self.band = growth, where, band_of(plan)
+
+    @property
+    def edge(self) -> Curve | None:
+        """The boundary; nothing lies between two values of a list."""
+        if "names" in (self.x.scale, self.y.scale):
+            return None
+        ends: list[Any] = list(zero_lines(self.across, self.down, self.growth.T))
+        return Curve(*segments(ends), "", "ink", width=2.5, label="") if ends else None
+
+    @property
+    def note(self) -> str:
+        """Where the board is stable, for the caption."""
+        if self.edge is not None:
+            return EDGE
+        if (self.growth > 0.0).any() and (self.growth < 0.0).any():
+            return " Stable at some points, unstable at others: no line is between listed values."
+        where = "at every point" if np.isfinite(self.growth).all() else "where it is known"
+        return f" Stability is the same {where}."
+
+    def chart(self, title: str, mark: Mark, message: str, summary: str) -> Chart:
+        """Return a chart of the plane with its boundary."""
+        marks = (mark,) if self.edge is None else (mark, self.edge)
+        message = f"{message}{self.where}"
+        return Chart(title, self.x, self.y, marks, message, summary, legend="below", height=420)
+
+    def outcomes(self, names: Names, looks: dict[str, Look]) -> Chart:
+        """Return what each point says."""
+        passing, total = int((names == "pass").sum()), int((names != "").sum())
+        text = f"{passing} of {total} points {'passes' if passing == 1 else 'pass'}"
+        cells = Cells(self.across, self.down, names.T, looks)
+        return self.chart("Outcome", cells, text, OUTCOME.format(self.note))
+
+    def quantity(
+        self, name: str, values: Floats, limits: tuple[float, float] | None = None
+    ) -> Chart:
+        """Return the values (n, m) of a quantity as colours."""
+        unit, title, signed = FIGURES[name].unit, titled(name, self.band), name == "growth_rate"
+        scale: Any = "signed" if signed else "log" if name in LOGARITHMIC else "linear"
+        heat = Grid(self.across, self.down, values.T, unit, scale, limits=limits, warm="positive")
+        colours = " The strongest colour is the largest value."
+        if signed:
+            colours = " Blue decays, orange grows."
+        text = f"{title} over {self.x.title} and {self.y.title}.{colours}"
+        return self.chart(title, heat, extent(values, unit), f"{text} Empty: no value.{self.note}")
+
+
+def band_of(plan: Plan) -> float | None:
+    """Return the settling band of a sweep; None if it is swept."""
+    swept = any(each.key.path == "checks.settling_time.band" for each in plan.axes)
+    return None if swept else plan.scene.checks.settling_time.band
+
+
+def extent(values: Floats, unit: str) -> str:
+    """Return the smallest and the largest value in words."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return "no point has a value"
+    return " to ".join(dict.fromkeys(figure(float(v), unit, 3) for v in (known.min(), known.max())))
+
+
+def curve_of(
+    plan: Plan, name: str, data: dict[str, Any], names: Names, looks: dict[str, Look]
+) -> Chart:
+    """Return a quantity over one axis; the mark is the result of the point."""
+    unit, values, band = FIGURES[name].unit, data[name], band_of(plan)
+    x, places = axis_of(plan.groups[0][0])
+    marks: list[Mark] = list(_unstable(data["growth_rate"], places))
+    if x.scale != "names":
+        marks.append(Curve(places, values, "", "muted", width=0.8, behind=True))
+    for kind, look in looks.items():
+        there, shade = names == kind, look.colour
+        if there.any():
+            hover = tuple(figure(v, unit) for v in values[there].tolist())
+            own = places[there], values[there], kind, shade
+            marks.append(Curve(*own, line="", mark=look.mark, size=7.0, hover=hover))
+    known = np.abs(values[np.isfinite(values)])
+    low, high = float(known.min(initial=np.inf)), float(known.max(initial=0.0))
+    log = name != "growth_rate" and 0.0 < 10.0 * low < high
+    limits = None
+    if log and unit == "step":  # below `LEAST_SHARE` lies rounding
+        limits = (max(low, LEAST_SHARE) * 0.8, high * 1.25)
+    y = Axis(banded(name, band), unit, "log" if log else "linear", limits)
+    title, said = titled(name, band), extent(values, unit)
+    summary = f"{title} over {x.title}; the mark is the result of the point."
+    return Chart(title, x, y, tuple(marks), said, summary, legend="beside")
+
+
+def _unstable(growth: Floats, places: Floats) -> Iterator[Band]:
+    """Yield the parts of an axis whose points are unstable by their poles."""
+    edges = [places[0], *0.5 * (places[1:] + places[:-1]), places[-1]]
+    for grows, run in itertools.groupby(range(len(places)), key=(growth > 0.0).__getitem__):
+        own = list(run)
+        if grows:
+            ends = float(edges[own[0]]), float(edges[own[-1] + 1])
+            yield Band(*ends, "x", UNSTABLE, "fail", hatched=True)
+
+
+LISTED, LINES = 500, 40  # points in the table of a page, and of a terminal
+MAPPED = 40_000  # points of the maps of a page
+MOST_AXES = 3
+MOST_MAPS = 6  # small maps beside each other
+COLUMNS = ("settling_time", *EXCURSIONS, "growth_rate", "frequency")
+SHOWN = ("settling_time", *EXCURSIONS, "steady_state_error", "growth_rate")
+
+
+def columns_of(scene: Scene) -> tuple[str, ...]:
+    """Return the figures in the table of a sweep: `COLUMNS`, and the noise if it has a limit."""
+    return COLUMNS if scene.checks.noise is None else (*COLUMNS, "noise")
+
+
+def view(result: SweepResult) -> Page:
+    """Return what a sweep shows: the stored points of its plan."""
+    plan, count, path = result.plan, result.count, result.store.path
+    names = " x ".join(f"{each.name} ({len(each)})" for each in plan.axes)
+    known = [name for name in OUTCOMES if count.outcomes.get(name)]
+    outcomes = ", ".join(f"{count.outcomes[name]} {name}" for name in known)
+    text = f"{plan.points} points are too many for this page; see --plot."
+    many = (text,) if plan.points > MAPPED else ()
+    foot = [f"{count.ran} computed now, {count.done - count.ran} from {path}"]
+    if count.outcomes["error"]:
+        foot.append("the same command computes the points without a verdict (error) again")
+    return Page(
+        title=plan.scene.name,
+        command="taction sweep",
+        summary=f"{count.done} of {count.total} points: {outcomes}.",
+        lines=(f"Over {names}; engine: {ENGINES[plan.engine]}.", *map(readable, result.notes)),
+        sections=(
+            Section("Axes", (Facts("", tuple(_axes(plan))),), media=(NOTEBOOK,)),
+            Section("Pictures", (Notes("", many),)),
+            Section("Pictures", lambda: _charts(result), media=(PICTURE,) if many else DRAWN),
+            Section("Points", lambda: _listed(result), media=(TERMINAL,)),
+            Section("Points", lambda: (_points(result),)),
+            origin_section(plan.scene, (("database", path),)),
+        ),
+        foot=tuple(foot),
+    )
+
+
+def check_axes(count: int, path: str | Path | None) -> None:
+    """Refuse a picture of more than three axes, before any work is done, with `InputError`."""
+    if count > MOST_AXES:
+        text = f"{count} axes; a picture has at most three, --export writes all of them"
+        raise InputError("--plot", Complaint("FILE", repr(path and str(path)), text))
+
+
+def result_names(result: SweepResult) -> Names:
+    """Return what each point says, as words over the grid.
+
+    ``"pass"``, ``"fail: stability"``, ``"inconclusive: rise time"``, ``"error: TimedOut"``; empty
+    for a point without a result. Of several checks the first one counts, stability before all.
+    """
+    found = [_name(record) if record else "" for record in all_records(result.plan, result.store)]
+    return np.array(found, dtype=object).reshape(result.plan.shape)
+
+
+def _name(record: dict[str, Any]) -> str:
+    outcome: str = record["outcome"]
+    if outcome == "error":
+        return f"error: {record['failure']}"
+    found = [check["name"] for check in record["checks"] if check["outcome"] == outcome]
+    if outcome == "pass" or not found:
+        return outcome
+    return f"{outcome}: {spaced('stability' if 'stability' in found else found[0])}"
+
+
+def _axes(plan: Plan) -> Iterator[tuple[str, str]]:
+    for each in plan.axes:
+        first, last = (place_text(each, each.values[k]) for k in (0, -1))
+        ends = first if len(each) == 1 else f"{first} to {last}"
+        yield each.name, f"{counted(len(each), 'value')}, {ends}"
+
+
+def _worth(data: Mapping[str, Any]) -> tuple[list[str], tuple[str, ...]]:
+    """Return the quantities with a chart, and what is to be said of the others."""
+    empty = [name for name in SHOWN if not np.isfinite(data[name]).any()]
+    shares = (name for name in SHOWN if name not in empty and FIGURES[name].unit == "step")
+    little = [name for name in shares if np.nanmax(data[name]) < LEAST_SHARE]
+    said = (("No value at any point", empty), ("Under 1 ppm of the step where it has one", little))
+    lines = tuple(f"{what}: {', '.join(map(spaced, names))}." for what, names in said if names)
+    return [name for name in SHOWN if name not in (*empty, *little)], lines
+
+
+def _charts(result: SweepResult) -> Iterator[Block]:
+    plan = result.plan
+    if len(plan.groups) > MOST_AXES:
+        text = f"{len(plan.groups)} axes: pictures have at most {MOST_AXES}; --export writes all."
+        yield Notes("", (text,))
+        return
+    data, names = grids(result), result_names(result)
+    lines: tuple[str, ...] = ()
+    if len(plan.groups) == MOST_AXES:
+        charts = _multiples(plan, data, names)
+    else:
+        shown, lines = _worth(data)
+        charts = _one_or_two(plan, data, names, shown)
+    for first in itertools.islice(charts, 1):
+        yield replace(first, summary=f"{first.summary} Engine: {ENGINES[plan.engine]}.".strip())
+    yield from charts
+    yield Notes("", lines)
+
+
+def _one_or_two(
+    plan: Plan, data: dict[str, Any], names: Names, shown: Sequence[str]
+) -> Iterator[Chart]:
+    """Yield the outcome and the quantities over one or two axes."""
+    looks = looks_of(names.ravel().tolist())
+    if len(plan.groups) == 1:
+        for name in shown:
+            yield curve_of(plan, name, data, names, looks)
+        return
+    plane = Plane(plan, data["growth_rate"])
+    yield plane.outcomes(names, looks)
+    for name in shown:
+        yield plane.quantity(name, data[name])
+
+
+def _multiples(plan: Plan, data: dict[str, Any], names: Names) -> Iterator[Chart]:
+    """Yield what fails and the settling time over two axes, for values of the third."""
+    third, looks = plan.groups[2][0], looks_of(names.ravel().tolist())
+    places = chosen_places(len(third))
+    shared = data[SHOWN[0]][:, :, places]
+    known = shared[np.isfinite(shared)]
+    limits = (float(known.min()), float(known.max())) if len(known) else None
+    for k in places:
+        where = f" at {third.name} = {place_text(third, third.values[k])}"
+        plane = Plane(plan, data["growth_rate"][:, :, k], where)
+        yield plane.outcomes(names[:, :, k], looks)
+        yield plane.quantity(SHOWN[0], data[SHOWN[0]][:, :, k], limits)
+
+
+def chosen_places(count: int) -> list[int]:
+    """Return the places of the values of the third axis that have a map: first, last, between."""
+    places = np.linspace(0, count - 1, min(count, MOST_MAPS)).round()
+    return [int(place) for place in np.unique(places)]
+
+
+def _places(plan: Plan, values: Mapping[str, Value]) -> str:
+    return ", ".join(f"{a.name} = {place_text(a, values[a.name])}" for a in plan.axes)
+
+
+def _listed(result: SweepResult) -> Iterator[Block]:
+    """Yield the points of a small sweep, else those without a verdict, and their reasons."""
+    whole = result.count.total <= LINES
+    wanted = (r for r in result.records() if whole or r["outcome"] == "error")
+    shown = list(itertools.islice(wanted, LINES))
+    yield _table(result.plan, "", shown).folded()
+    yield Notes("", tuple(_reasons(result.plan, shown)))
+
+
+def _reasons(plan: Plan, shown: Iterable[dict[str, Any]]) -> Iterator[str]:
+    """Yield a line for each thing that is wrong at some points: how many, and the first of them.
+
+    The values of all of them stand in the table; the reasons of points without a verdict do not,
+    so each of these has its line.
+    """
+    alike: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for record in shown:
+        reason = record["reason"].split("\n")[0][:160]
+        if reason:
+            name = _name(record)
+            kind = reason if record["outcome"] == "error" else ""
+            alike.setdefault((name, kind), []).append({**record, "reason": reason})
+    for (name, _), records in alike.items():
+        first = records[0]
+        place = f"{_places(plan, first['values'])}: {first['reason']}"
+        yield place if len(records) == 1 else f"{len(records)} {name}, such as {place}"
+
+
+def _points(result: SweepResult) -> Table:
+    listed = list(itertools.islice(result.records(), LISTED))
+    made = _table(result.plan, "Points", listed, why=True)
+    more = result.count.total > LISTED
+    return replace(made, note=f"The first {LISTED} points; --export writes all." * more)
+
+
+def _table(plan: Plan, title: str, listed: Sequence[dict[str, Any]], *, why: bool = False) -> Table:
+    columns: dict[str, Callable[[dict[str, Any]], Any]] = {
+        each.name: partial(_value, where=each) for each in plan.axes
+    }
+    columns["outcome"] = lambda record: outcome_cell(record["outcome"])
+    for name in columns_of(plan.scene):
+        columns[banded(name, band_of(plan))] = partial(figure_cell, name=name)
+    columns |= {"why": _why} if why else {}
+    return replace(Table.of(title, listed, columns), heads=len(plan.axes))
+
+
+def figure_cell(record: Mapping[str, Any], name: str) -> Cell:
+    """Return a figure of a point."""
+    return number_cell(record[name], FIGURES[name].unit)
+
+
+def _why(record: dict[str, Any]) -> str:
+    """Return the first line of the reason, with the check in words."""
+    name, colon, rest = record["reason"].split("\n")[0].partition(":")
+    return readable(f"{spaced(name) if name.isidentifier() else name}{colon}{rest}")
+
+
+def _value(record: Mapping[str, Any], where: axes.SweepAxis) -> Cell:
+    value = record["values"][where.name]
+    if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+        return Cell(quantity(float(value), where.key.unit), float(value))
+    return Cell(str(value))

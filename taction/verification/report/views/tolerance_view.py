@@ -1,0 +1,438 @@
+"""Tolerances: a yield with its histograms and causes, and the worst corners."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from taction.system.array_types import Floats
+from taction.system.charts import Axis, Band, Chart, Columns, Limit, Mark, Text, View
+from taction.verification.report.blocks import (
+    BOTH,
+    DRAWN,
+    EVERYWHERE,
+    NOTEBOOK,
+    PAGE,
+    TERMINAL,
+    Bar,
+    Bars,
+    Block,
+    Cell,
+    Notes,
+    Page,
+    Section,
+    Table,
+)
+from taction.verification.report.texts import (
+    counted,
+    fields,
+    figure,
+    number_cell,
+    outcome_cell,
+    percent,
+    spaced,
+    titled,
+)
+from taction.verification.report.views.origin_view import origin_section
+from taction.verification.studies.tolerance.corners import Corner, CornerStudy
+from taction.verification.studies.tolerance.samples import BoardSample, Quantity
+from taction.verification.studies.tolerance.yield_report import (
+    CHECK_OF,
+    QuantitySpread,
+    YieldReport,
+)
+
+BINS = 40  # of a histogram, at most
+CULPRITS = 12  # parts of a chart
+SHOWN = 10  # sensitivities in a terminal
+FAR = 1.5  # times the range of the values: a limit farther away is an arrow
+SAME = 1e-9  # relative: values that are one value
+Limits = tuple[float | None, float | None]  # the least and the largest accepted value
+CULPRIT = (
+    "Share of a part in the variance of a quantity with a limit; the quantity whose check costs"
+    " most yield comes first. Solid with +: the quantity grows with the part; hatched with −: it"
+    " falls."
+)
+
+
+def yield_view(result: YieldReport) -> Page:
+    """Return the page of a yield."""
+    rows = (("seed", str(result.seed)), ("samples", str(result.samples)))
+    text = result.sentence
+    return Page(
+        title=result.name,
+        command="taction yield montecarlo",
+        summary=f"{text[:1].upper()}{text[1:]}. {_worst(result)}".rstrip(),
+        sections=(
+            Section("Checks that do not pass", tuple(failures(result)), media=EVERYWHERE),
+            Section("What costs yield", lambda: (_culprits(result),), media=DRAWN),
+            Section("Spread and limits", (_limits(result),)),
+            Section("Quantities", (spreads(result),), media=EVERYWHERE),
+            Section("Histograms", lambda: histograms(result), media=DRAWN),
+            Section("Causes", (causes(result),), media=EVERYWHERE),
+            origin_section(result.scene, rows),
+        ),
+    )
+
+
+def _worst(result: YieldReport) -> str:
+    """Return which check costs most yield, and which part moves it most; empty without losses."""
+    worst = next(iter(result.failures), "")
+    if not (worst and result.samples):
+        return ""
+    share = percent(result.failures[worst] / result.samples, 4)
+    text = f"{share} of the boards do not pass the check of the {spaced(worst)}"
+    own = (each for each in result.sensitivities if _check(each.quantity) == worst)
+    if (first := next(own, None)) is None:
+        return f"{text}."
+    place = "" if first.channel is None else f" in channel {first.channel}"
+    return (
+        f"{text}; {first.parameter} moves it most: it is behind {100 * first.correlation**2:.0f} %"
+        f" of the variance of the {spaced(first.quantity)}{place}."
+    )
+
+
+def _check(quantity: str) -> str:
+    """Return the check that a quantity belongs to."""
+    return CHECK_OF.get(quantity, quantity)
+
+
+def failures(result: YieldReport) -> Iterator[Block]:
+    """Yield the checks that do not pass, and the samples without a verdict."""
+    columns = {
+        "check": lambda each: spaced(each[0]),
+        "samples": lambda each: each[1],
+        "of all": lambda each: percent(each[1] / result.samples, 4),
+    }
+    yield Table.of("Checks that do not pass", result.failures.items(), columns)
+    if result.without_verdict:
+        text = f"{counted(result.without_verdict, 'sample')} without a verdict count as failed."
+        lines = (f"{count} samples: {reason}" for reason, count in result.reasons.items())
+        yield Notes("Samples without a verdict", (text, *lines))
+
+
+def _limits(result: YieldReport) -> Bars:
+    spreads = (
+        (each, {"5th percentile": each.low, "median": each.median, "95th": each.high})
+        for each in result.quantities
+    )
+    rows = tuple(
+        spread_bar(each.title, each.unit, values, (each.at_least, each.at_most))
+        for each, values in spreads
+        if all(map(math.isfinite, values.values()))
+    )
+    note = "The bar is the part of the limit that the percentile nearest to it uses."
+    return Bars("5th percentile, median and 95th percentile against the limits", rows, note)
+
+
+def spread_bar(
+    name: str, unit: str, values: Mapping[str, float], limits: Limits, missing: str = ""
+) -> Bar:
+    """Return the spread of a quantity against its limits; the end nearest to one is the bar.
+
+    `values` are the least, the typical and the largest one, finite, by their names on the page;
+    `missing` says which values the quantity lacks: they do not pass.
+
+    Examples
+    --------
+    >>> found = spread_bar("rise_time", "s", {"least": 1.0, "mid": 2.0, "most": 4.0}, (None, 3.0))
+    >>> found.outcome, found.value, found.limit, found.used
+    ('fail', 'least 1 s, mid 2 s, most 4 s', 'at most 3 s', '133 % of the limit')
+    """
+    low, high = min(values.values()), max(values.values())
+    least, most = limits
+    shares, limited = [], []
+    if least is not None:
+        shares += [least / low] if low > 0.0 else []
+        limited.append(f"at least {figure(least, unit)}")
+    if most is not None:
+        shares += [high / most] if most > 0.0 else []
+        limited.append(f"at most {figure(most, unit)}")
+    fails = bool(_beyond(np.array([low, high]), limits).any()) or bool(missing)
+    return Bar(
+        name=spaced(name),
+        outcome=("fail" if fails else "pass") if limited else "",
+        share=max(shares, default=None),
+        doubt=0.0,
+        value=", ".join(f"{title} {figure(value, unit)}" for title, value in values.items()),
+        limit=", ".join(limited),
+        reason=missing,
+    )
+
+
+def _beyond(values: Floats, limits: Limits) -> np.ndarray:
+    least, most = limits
+    low, high = -math.inf if least is None else least, math.inf if most is None else most
+    return np.asarray((values < low) | (values > high))
+
+
+def spreads(result: YieldReport) -> Table:
+    """Return the spread of each quantity."""
+    columns = {
+        **fields("quantity = title; at_least @unit; at_most @unit"),
+        **fields("5 % = low @unit; median @unit; 95 % = high @unit"),
+        "no value": lambda each: _gaps(result, each)[0],
+    }
+    shown = result.quantities if result.samples else ()
+    notes = (f"{titled(each.title)}: {text}." for each in shown if (text := _gaps(result, each)[1]))
+    note = " ".join(("5 % and 95 %: percentiles of the samples.", *notes))
+    return Table.of("Quantities", shown, columns, note)
+
+
+def _gaps(result: YieldReport, spread: QuantitySpread) -> tuple[int, str]:
+    """Return how many samples have no value of a quantity, and in words whether they pass."""
+    without = [each for each in result.boards if _number(each, spread) is None]
+    count, lost = len(without), sum(each.outcome != "pass" for each in without)
+    text = f"{counted(count, 'sample')} without a value" if count else ""
+    if lost:
+        text += f", {'' if lost == count else f'{lost} of them '}counted as failing"
+    return count, text
+
+
+def _number(sample: BoardSample, spread: QuantitySpread) -> float | None:
+    """Return the finite value of a quantity; None without one, or without a verdict."""
+    value = None if sample.lost else sample.value(spread.name)
+    return value if value is not None and math.isfinite(value) else None
+
+
+def histograms(result: YieldReport) -> Iterator[Block]:
+    """Yield a histogram of each quantity, those first whose check costs most yield."""
+
+    def place(spread: QuantitySpread) -> tuple[bool, int]:
+        unlimited = spread.at_least is None and spread.at_most is None
+        return unlimited, -result.failures.get(_check(spread.name), 0)
+
+    for spread in sorted(result.quantities, key=place):
+        found, title = (_number(each, spread) for each in result.boards), titled(spread.title)
+        values = np.array([value for value in found if value is not None], dtype=np.float64)
+        count, text = _gaps(result, spread)
+        if len(values) and np.ptp(values) > SAME * np.abs(values).max():
+            yield _histogram(title, spread, values, text)
+            continue
+        if len(values):
+            same = figure(float(values[0]), spread.unit)
+            every = "every sample has" if not count else f"{len(values)} samples have"
+            text = "; ".join(filter(None, (f"{every} {same}", text)))
+        yield Notes(title, (f"{title}: {text}.",) if text else ())
+
+
+def _histogram(title: str, spread: QuantitySpread, values: Floats, text: str) -> Chart:
+    """Return the histogram of values; `text` says what has none."""
+    unit, limits = spread.unit, [x for x in (spread.at_least, spread.at_most) if x is not None]
+    beyond, edges = _beyond(values, (spread.at_least, spread.at_most)), _edges(values, limits)
+    width = float(edges[1] - edges[0])
+    low, high = float(edges[0]) - width, float(edges[-1]) + width
+    reach = FAR * (high - low)
+    near = [limit for limit in limits if low - reach <= limit <= high + reach]
+    first, last = min([low, *limits]) - width, max([high, *limits]) + width
+    views = [View("samples", (min([low, *near]), max([high, *near])))]
+    if len(near) < len(limits):
+        views.append(View("with the limits", (first, last)))
+    marks: list[Mark] = [Limit(limit, "x", "limit") for limit in limits]
+    if spread.at_most is not None:
+        marks.append(Band(spread.at_most, max(last, high + reach), "x", colour="fail"))
+    if spread.at_least is not None:
+        marks.append(Band(min(first, low - reach), spread.at_least, "x", colour="fail"))
+    marks += _bars(values, beyond, edges)
+    if any(limit > high + reach for limit in limits):
+        marks.append(Text("limit →", None, None, ("left", "below")))
+    if any(limit < low - reach for limit in limits):
+        marks.append(Text("← limit", None, None, ("right", "below")))
+    message = "no limit"
+    if limits:
+        share = percent(float(beyond.mean()))
+        texts = " and ".join(figure(limit, unit) for limit in limits)
+        message = f"{int(beyond.sum())} of {len(values)} samples ({share}) beyond {texts}"
+    message += f", {text}" * bool(text)
+    ends = " to ".join(figure(float(end), unit) for end in (values.min(), values.max()))
+    summary = f"{title}: {len(values)} samples from {ends}; {message}."
+    x, y = Axis(spread.title, unit), Axis("samples", whole=True)
+    legend: Any = "inside" if limits else ""
+    return Chart(title, x, y, tuple(marks), message, summary, tuple(views), legend)
+
+
+def _bars(values: Floats, beyond: np.ndarray, edges: Floats) -> Iterator[Columns]:
+    """Yield the bars of the samples within the limits, and on them of those beyond."""
+    middles, widths = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
+    bases = np.zeros(len(middles))
+    for name, outcome, chosen in (
+        ("within the limit", "pass", ~beyond),
+        ("beyond the limit", "fail", beyond),
+    ):
+        if chosen.any():
+            counts = np.histogram(values[chosen], bins=edges)[0].astype(np.float64)
+            hover = tuple(f"{count:.0f} samples {name}" for count in counts)
+            yield Columns(middles, counts, "x", bases, widths, (outcome,), name, hover=hover)
+            bases = bases + counts
+
+
+def _edges(values: Floats, limits: list[float]) -> Floats:
+    """Return the edges of the bins; a limit among the values is an edge."""
+    edges = np.histogram_bin_edges(values, bins=min(BINS, 4 + math.isqrt(len(values))))
+    inside = [limit for limit in limits if edges[0] < limit < edges[-1]]
+    if not inside:
+        return np.asarray(edges, dtype=np.float64)
+    width = float(edges[1] - edges[0])
+    before = math.ceil((inside[0] - edges[0]) / width)
+    after = math.ceil((edges[-1] - inside[0]) / width)
+    return np.asarray(inside[0] + width * np.arange(-before, after + 1))
+
+
+def _culprits(result: YieldReport) -> Block:
+    shown = result.sensitivities[:CULPRITS]
+    if not shown:
+        return _no_causes(result)
+    shares = [100.0 * each.correlation**2 for each in shown]
+    looks = tuple("pass" if each.correlation > 0.0 else "fail" for each in shown)
+    signs = ("+" if look == "pass" else "−" for look in looks)
+    written = tuple(f"{sign} {share:.0f} %" for sign, share in zip(signs, shares, strict=True))
+    bars = Columns(np.arange(float(len(shown))), shares, "y", looks=looks, written=written)
+    names = tuple(f"{each.parameter}, {spaced(each.quantity)}" for each in shown)
+    message = f"{shown[0].parameter} is behind {shares[0]:.0f} % of the variance of the"
+    return Chart(
+        "Parts behind the lost yield",
+        Axis("share of the variance (%)", limits=(0.0, 1.25 * max(shares))),
+        Axis(scale="names", names=names, reverse=True),
+        (bars,),
+        f"{message} {spaced(shown[0].quantity)}",
+        CULPRIT,
+    )
+
+
+def _no_causes(result: YieldReport) -> Notes:
+    text = "No sample fails a check: no part costs yield."
+    if result.failures:
+        text = (
+            "No part's influence on a quantity whose check costs yield stands out of the scatter of"
+            f" these {counted(result.samples, 'sample')}."
+        )
+    elif result.passed < result.samples:
+        text = "The lost samples have no verdict: no part is known to cost yield."
+    return Notes("Parts behind the lost yield", (text,) if result.samples else ())
+
+
+def causes(result: YieldReport) -> Block:
+    """Return the parts behind the spread of what costs yield, or why none is listed."""
+    if not result.sensitivities:
+        return _no_causes(result)
+    columns = {
+        "quantity": lambda each: spaced(each.quantity),
+        "channel": lambda each: "" if each.channel is None else each.channel,
+        "lost": lambda each: Cell(percent(each.lost, 4), each.lost),
+        "part": lambda each: each.parameter,
+        "correlation": lambda each: Cell(
+            f"{each.correlation:+.2f} ± {each.standard_error:.2f}", each.correlation
+        ),
+        "variance": lambda each: Cell(f"{100 * each.correlation**2:.0f} %", each.correlation**2),
+    }
+    few = {TERMINAL: SHOWN, NOTEBOOK: SHOWN}
+    note = "lost: of the yield; variance: the share that the part explains."
+    return Table.of("Causes, by lost yield", result.sensitivities, columns, note, most=few)
+
+
+WORST = ("fail", "inconclusive", "pass")
+RANGES = "The bar is the part of the limit that the worst corner uses; typical: the nominal board."
+DEVIATIONS = 200  # deviations in a table
+DIRECTIONS = 4  # worst-case directions in a terminal
+
+
+def corner_view(study: CornerStudy) -> Page:
+    """Return the page of the corners of a scene."""
+    corners = study.corners
+    outcomes = [corner.result.outcome for corner in corners]
+    outcome = next((each for each in WORST if each in outcomes), "")
+    counts = ", ".join(f"{outcomes.count(each)} {each}" for each in WORST if each in outcomes)
+    return Page(
+        title=study.name,
+        command="taction yield corners",
+        outcome=outcome,
+        summary=f"{counted(len(corners), 'corner')}: {counts}.",
+        lines=("Every component at an end of its tolerance, as it makes a quantity worst.",),
+        sections=(
+            Section("Least, typical and largest values", lambda: ranges(study)),
+            Section("Corners", tuple(tables(study.quantities, corners)), media=BOTH),
+            Section("Channels at rest", (directions(study),), media=BOTH),
+            Section("Deviations", (_deviations(corners),)),
+            origin_section(study.scene),
+        ),
+    )
+
+
+def ranges(study: CornerStudy) -> Iterator[Block]:
+    """Yield the least, typical and largest values of the corners, against the limits."""
+    rows = []
+    for each in study.quantities:
+        found = [corner.result.value(each.name) for corner in study.corners]
+        if values := [value for value in found if value is not None and math.isfinite(value)]:
+            nominal = found[0] if found[0] in values else values[0]
+            shown = {"least": min(values), "typical": nominal, "largest": max(values)}
+            lost = len(found) - len(values)
+            missing = f"{lost} corners without a value" if lost else ""
+            rows.append(spread_bar(each.title, each.unit, shown, each.limits, missing))
+    yield Bars("", tuple(rows), RANGES)
+
+
+def tables(reported: Sequence[Quantity], corners: Sequence[Corner]) -> Iterator[Block]:
+    """Yield the corners with their values, and why they do not pass."""
+    columns: dict[str, Callable[[Corner], Any]] = {
+        "corner": _name,
+        "outcome": lambda corner: outcome_cell(corner.result.outcome),
+    }
+    columns |= {each.title: partial(_quantity, each) for each in reported}
+    yield Table.of("Corners", corners, columns)
+    yield Notes("Why, and most moved by", tuple(filter(None, map(_remark, corners))))
+
+
+def _quantity(quantity: Quantity, corner: Corner) -> Cell:
+    return number_cell(corner.result.value(quantity.name), quantity.unit)
+
+
+def _name(corner: Corner) -> str:
+    """Return the name of a corner in words, and a user's own name unchanged."""
+    return spaced(corner.name) if corner.quantity else corner.name
+
+
+def _remark(corner: Corner) -> str:
+    """Return why a corner does not pass, and the parts behind it."""
+    failed, largest = corner.result.failed, " ".join(corner.largest)
+    verb = "not decided: " if corner.result.undecided else "fails "
+    remarks = (
+        corner.result.lost,
+        f"{verb}{', '.join(map(spaced, failed))}" if failed else "",
+        f"most moved by {largest}" if largest else "",
+    )
+    return f"{_name(corner)}: {'; '.join(filter(None, remarks))}" if any(remarks) else ""
+
+
+def directions(study: CornerStudy, names: Sequence[str] = ()) -> Table:
+    """Return the errors of the channels at rest, the largest first; `names` are those of decks."""
+    columns = {
+        "channel": lambda each: Cell(
+            names[each.channel - 1] if names else f"u{each.channel}", each.channel
+        ),
+        "side of the reference": lambda each: "above" if each.sign > 0 else "below",
+        **fields("first order = predicted step; solved step"),
+        "most moved by": lambda each: " ".join(each.largest),
+    }
+    note, title = "Worst-case errors at rest, from the signs of the sensitivities.", "Largest error"
+    most, more = {TERMINAL: DIRECTIONS}, "{} smaller ones: --json."
+    return Table.of(f"{title} of each channel at rest", study.directions, columns, note, most, more)
+
+
+def _deviations(corners: Sequence[Corner]) -> Table:
+    """Return the deviations, in tolerances, with a column for each corner."""
+    moved = [corner for corner in corners if corner.deviations]
+    names = list(dict.fromkeys(name for corner in moved for name in corner.deviations))
+    columns: dict[str, Callable[[str], Any]] = {"part": str}
+    columns |= {_name(corner): partial(_deviation, corner) for corner in moved}
+    note, most = "In tolerances of the part.", {PAGE: DEVIATIONS}
+    return Table.of("Deviations", names, columns, note, most, "{} more parts: --json.")
+
+
+def _deviation(corner: Corner, part: str) -> Cell | None:
+    value = corner.deviations.get(part)
+    return None if value is None else Cell(f"{value:+g}", value)

@@ -1,0 +1,301 @@
+"""Charts of a verdict over time and by channel: outputs, deviation, both engines, stress."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from taction.netlist_gen.scene.inverse_problem import InverseProblem
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.system.charts import (
+    TIME,
+    Axis,
+    Band,
+    Chart,
+    Curve,
+    Limit,
+    Limits,
+    Mark,
+    Text,
+    View,
+    spread_colours,
+    thinned,
+)
+from taction.system.waveforms import Waveforms
+from taction.verification.report.blocks import PICTURE, Page, Section
+from taction.verification.report.texts import banded, counted, figure, quantity
+from taction.verification.report.views.answer_view import answer_heading
+from taction.verification.verdict.verify import Verdict
+
+POINTS = 60_000  # of all curves of a chart
+EARLY_POINTS = 0.3  # of them in the first rise
+EARLY = 10.0  # rise times, or periods of an oscillation, that a view of the first rise shows
+LABELLED = 12  # channels above which curves have no names beside them
+MARKED = 6  # channels with marks of the second engine, of those without names
+MARKS = 18  # of the second engine in a view
+SEPARATE = 0.055  # of the height: closer names become one
+OVER = 1.35  # times the supply and the targets: what is shown of a growing record
+SEEN = 20.0  # times the optimum: a larger end of the record is off the chart
+
+
+def early_end(verdict: Verdict) -> float:
+    """Return the end of the first rise, s: some rise times, or periods of an oscillation."""
+    rises = [c.rise_time.value for c in verdict.measurements.channels if c.rise_time is not None]
+    if not rises and verdict.poles.frequency > 0.0:
+        rises = [1.0 / verdict.poles.frequency]
+    return min(EARLY * max(rises, default=math.inf), float(verdict.waveforms.time[-1]))
+
+
+def channel_names(places: Iterable[int]) -> str:
+    """Return the names of channels, of three and more in a row the first and the last.
+
+    Examples
+    --------
+    >>> channel_names([0, 6]), channel_names([4, 1, 2, 3])
+    ('u1, u7', 'u2 to u5')
+    """
+    runs: list[list[int]] = []
+    for n in sorted(places):
+        if runs and n == runs[-1][-1] + 1:
+            runs[-1].append(n)
+        else:
+            runs.append([n])
+    return ", ".join(
+        f"u{run[0] + 1} to u{run[-1] + 1}" if len(run) > 2 else ", ".join(f"u{n + 1}" for n in run)
+        for run in runs
+    )
+
+
+def outputs_chart(verdict: Verdict) -> Chart:
+    """Return the outputs with their targets, and the second engine's as circles."""
+    channels, time = verdict.measurements.channels, verdict.waveforms.time
+    count, end = len(channels), float(time[-1])
+    targets, colours = [channel.target for channel in channels], spread_colours(count)
+    low, high, cut = _window(verdict)
+    marks: list[Mark] = list(_curves(verdict, time, verdict.u, 1.2))
+    marks += (Limit(y, "y", "", look, "dot") for y, look in zip(targets, colours, strict=True))
+    marks += _circles(verdict)
+    engines = verdict.waveforms.simulator.replace("statespace", "the state-space engine")
+    if isinstance(marks[-1], Curve):
+        engines += "; open circles: state-space engine"
+        if count > LABELLED:
+            engines += f", for {', '.join(f'u{n}' for n in _marked(count))}"
+    if (settling := verdict.measurements.settling_time) is not None:
+        marks.append(Limit(settling.value, "x", "", "muted"))
+    looks = " Dashed curves: the second half of the channels." if count > 1 else ""
+    if count <= LABELLED:
+        marks += end_names(targets, low, high, colours)
+    else:
+        looks = f" The colour goes from blue (u1) over violet to orange (u{count})."
+    summary = (
+        f"Outputs of {counted(count, 'channel')} from 0 to {quantity(end, 's')} by {engines}."
+        f" Dotted: the target of each channel, from the numerical solution.{looks}"
+    )
+    if cut:
+        largest = quantity(float(np.abs(verdict.u).max()), "V", 2)
+        supply = quantity(verdict.circuit.supply, "V", 3)
+        summary += f" The chart ends where the record grows to {largest}; the supply is ±{supply}."
+    views = [View("first rise", (0.0, early_end(verdict))), View("whole record", (0.0, end))]
+    if verdict.poles.known_unstable:  # the first periods are flat beside the growth
+        amplitude = verdict.measurements.amplitude or 1.0
+        views.insert(0, View("growth", _up_to_supply(verdict, verdict.u / amplitude)[0]))
+    volts, said = Axis("output", "V", limits=(low, high)), _settled(verdict)
+    return Chart("Outputs", TIME, volts, tuple(marks), said, summary, tuple(views), height=420)
+
+
+def _curves(verdict: Verdict, time: Floats, columns: Floats, width: float) -> Iterator[Curve]:
+    """Yield a curve for each channel; dashes tell symmetric channels apart."""
+    count = columns.shape[1]
+    first = time <= early_end(verdict)
+    for n, (column, look) in enumerate(zip(columns.T, spread_colours(count), strict=True), 1):
+        shares = ((first, EARLY_POINTS), (~first, 1.0 - EARLY_POINTS))
+        parts = [
+            thinned(time[part], column[part], int(share * POINTS / count)) for part, share in shares
+        ]
+        x, y = (np.concatenate(part) for part in zip(*parts, strict=True))
+        dashed = n > (count + 1) // 2 and count <= LABELLED
+        yield Curve(x, y, f"u{n}", look, "dash" if dashed else "solid", width=width, label="")
+
+
+def _circles(verdict: Verdict) -> Iterator[Curve]:
+    """Yield the second engine's outputs beside a record of ngspice, evenly in both views."""
+    agreement = verdict.agreement
+    if agreement is None or agreement.reason:
+        return
+    time, early, end = agreement.instants, early_end(verdict), float(agreement.instants[-1])
+    wanted = np.concatenate([np.linspace(0.0, early, MARKS), np.linspace(early, end, MARKS)])
+    places = np.unique(np.minimum(np.searchsorted(time, wanted), len(time) - 1))
+    own = verdict.u[np.searchsorted(verdict.waveforms.time, time[places])]
+    other, count = own - agreement.differences[places], own.shape[1]
+    colours, marked = spread_colours(count), _marked(count)
+    for n in marked:
+        yield Curve(
+            time[places], other[:, n - 1], "state-space engine", colours[n - 1], "", "circle-open",
+            size=4.5, label="legend" if n == marked[0] else "",
+        )  # fmt: skip
+
+
+def _marked(count: int) -> list[int]:
+    """Return the channels, from 1, that have marks of the second engine."""
+    places = np.linspace(1, count, min(count, LABELLED if count <= LABELLED else MARKED))
+    return [int(place) for place in places.round()]
+
+
+def _settled(verdict: Verdict) -> str:
+    """Return when the board settles, or that it does not."""
+    if verdict.measurements.settling_time is not None:
+        return settled_text(verdict)
+    states = {channel.state.value for channel in verdict.measurements.channels} - {"settled"}
+    return f"not settled ({', '.join(sorted(states))})" if states else "not settled"
+
+
+def settled_text(verdict: Verdict) -> str:
+    """Return when a network settles, to which band: ``"settled to ±1 % at 2.42 ms"``."""
+    found = verdict.measurements
+    at = None if found.settling_time is None else found.settling_time.value
+    return f"{banded('settled', found.band)} at {quantity(at, 's')}"
+
+
+def _window(verdict: Verdict) -> tuple[float, float, bool]:
+    """Return the shown range of the outputs, V, and whether a growing record is cut off."""
+    targets = np.array([c.target for c in verdict.measurements.channels])
+    u = np.where(np.isfinite(verdict.u), verdict.u, 0.0)
+    low, high = float(min(targets.min(), u.min())), float(max(targets.max(), u.max()))
+    allowed = OVER * max(verdict.circuit.supply, float(np.abs(targets).max()))
+    cut = max(-low, high) > allowed
+    low, high = max(low, -allowed), min(high, allowed)
+    room = 0.06 * ((high - low) or max(abs(high), 1e-12))
+    return low - room, high + room, cut
+
+
+def end_names(
+    targets: Sequence[float],
+    low: float,
+    high: float,
+    colours: Sequence[str],
+    name: Callable[[Iterable[int]], str] = channel_names,
+) -> Iterator[Text]:
+    """Yield the names of the channels at their targets; neighbours share a label, by `name`."""
+    groups: list[list[int]] = []
+    for n in sorted(range(len(targets)), key=targets.__getitem__):
+        if groups and targets[n] - targets[groups[-1][-1]] < SEPARATE * (high - low):
+            groups[-1].append(n)
+        else:
+            groups.append([n])
+    for group in groups:
+        height = sum(targets[n] for n in group) / len(group)
+        look = colours[group[0]] if len(group) == 1 else "muted"
+        yield Text(name(group), None, height, ("right", "middle"), look)
+
+
+def deviation_chart(verdict: Verdict) -> Chart:
+    """Return the deviation from the targets as part of the step, with the settling band."""
+    m, time = verdict.measurements, verdict.waveforms.time
+    end, band = float(time[-1]), m.band
+    off = (verdict.u - np.array([c.target for c in m.channels])) / (m.amplitude or 1.0)
+    marks: list[Mark] = [Band(-band, band, "y"), *_curves(verdict, time, off, 0.8)]
+    largest = float(np.nanmax(np.abs(off), initial=0.0)) * 1.05 or 1.0
+    if m.settling_time is None:
+        inside, settled = "not every", "the board does not settle within the record"
+        first = View("up to the supply", *_up_to_supply(verdict, off / 1.05))
+    else:
+        inside, settled = "every", f"dashed: {settled_text(verdict)}"
+        marks.append(Limit(m.settling_time.value, "x"))
+        first = View("around the band", (0.0, end), (-6.0 * band, 6.0 * band))
+    rise = View("first rise", (0.0, early_end(verdict)), (-1.3, 1.3))
+    views = first, rise, View("everything", (0.0, end), (-largest, largest))
+    width = f"±{100 * band:g} %"
+    said = f"{inside} channel stays within {width}"
+    summary = (
+        f"Output minus target of every channel; shaded: the band of {width} of the step"
+        f" of {quantity(m.amplitude, 'V')}; {settled}."
+    )
+    y = Axis("deviation", "step")
+    return Chart("Deviation from the targets", TIME, y, tuple(marks), said, summary, views)
+
+
+def _up_to_supply(verdict: Verdict, off: Floats) -> tuple[Limits, Limits]:
+    """Return the part of a record that does not settle up to where it exceeds the supply."""
+    time, end = verdict.waveforms.time, float(verdict.waveforms.time[-1])
+    reach = verdict.circuit.supply / (verdict.measurements.amplitude or 1.0)
+    beyond = np.abs(off).max(axis=1) > reach
+    if beyond.any():
+        end = min(1.1 * float(time[int(beyond.argmax())]), end)
+    largest = 1.1 * float(np.nanmax(np.abs(off), initial=0.0)) or 1.0
+    return (0.0, end), (-min(reach, largest), min(reach, largest))
+
+
+def difference_chart(verdict: Verdict) -> Chart | None:
+    """Return ngspice minus the state-space engine; None where only one engine ran."""
+    agreement = verdict.agreement
+    if agreement is None or agreement.reason:
+        return None
+    scale = 1.0 / (verdict.measurements.amplitude or agreement.unit)
+    largest = f"{figure(agreement.difference * scale, 'step')} of the step"
+    return Chart(
+        "ngspice minus the state-space engine",
+        replace(TIME, limits=(0.0, float(verdict.waveforms.time[-1]))),
+        Axis("difference", "step"),
+        tuple(_curves(verdict, agreement.instants, scale * agreement.differences, 0.8)),
+        f"apart by at most {largest}",
+        f"The largest difference is {largest}, in u{agreement.channel + 1} at"
+        f" {quantity(agreement.time, 's')}; accepted: {figure(agreement.limit, 'step')}.",
+    )
+
+
+def nodes_view(wave: Waveforms, nodes: Sequence[str] | None = None) -> Page:
+    """Return the picture of node voltages over time; KeyError for a node that was not saved."""
+    drawn = wave.nodes if nodes is None else tuple(nodes)
+    pairs = zip(drawn, spread_colours(len(drawn)), strict=True)
+    marks = tuple(Curve(wave.time, wave[node], node, colour, width=1.0) for node, colour in pairs)
+    time = replace(TIME, limits=(0.0, float(wave.time[-1])))
+    named = len(drawn) <= LABELLED
+    axes = time, Axis("voltage", "V")
+    chart = Chart("Voltages", *axes, marks, legend="beside" if named else "")
+    section = Section("", (chart,), media=(PICTURE,))
+    return Page(wave.engine, "", summary=counted(len(drawn), "node"), sections=(section,))
+
+
+def stress_chart(verdict: Verdict) -> Chart:
+    """Return the recovered stress beside the regularised answer and the true stress."""
+    unit, channels = verdict.circuit.value("U0"), verdict.measurements.channels
+    optimum = np.array([c.target for c in channels]) / unit
+    final = np.array([c.final for c in channels]) / unit
+    far = np.abs(final).max() >= SEEN * (np.abs(optimum).max() + 1e-300)
+    rest, shown = verdict.steady.values / unit, None if far else final
+    chart = recovered_stress(verdict.problem, verdict.scene, optimum, rest, shown)
+    names = ", ".join(mark.name for mark in chart.marks if isinstance(mark, Curve))
+    text = " The end of the record is far off this chart." * bool(far)
+    summary = f"Stress by channel: {names}.{text}"
+    return replace(chart, message=answer_heading(verdict.answer), summary=summary)
+
+
+def recovered_stress(
+    problem: InverseProblem,
+    scene: Scene,
+    optimum: Floats,
+    rest: Floats,
+    final: Floats | None = None,
+) -> Chart:
+    """Return stresses (N,) over the places of the channels: of an answer, a board, and the truth.
+
+    As the problem's, they have no unit: an output of U0 is a stress of 1.
+    """
+    if problem.positions is None:
+        where, x = np.arange(1.0, len(rest) + 1), Axis("channel", whole=True)
+    else:
+        where = problem.positions / getattr(scene.problem, "depth", 1.0)
+        x = Axis("place y (in depths)")
+    curves = [
+        Curve(where, optimum, "regularised answer", "pass", "dash", "square-open"),
+        Curve(where, rest, "board at rest", "ink", "", "line-ns", size=8.0),
+    ]
+    if final is not None:
+        curves.append(Curve(where, final, "board, end of record", "fail", "", "x"))
+    if problem.stress is not None:
+        curves.insert(0, Curve(where, problem.stress, "true stress", "true", "solid", "circle"))
+    return Chart("Recovered stress", x, Axis("stress"), tuple(curves), legend="below")

@@ -1,0 +1,423 @@
+"""Verify every scene of a folder and compare the results with a stored baseline."""
+
+from __future__ import annotations
+
+import enum
+import math
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from taction.netlist_gen.scene.check_keys import Regression, WaveformTolerance
+from taction.netlist_gen.scene.loading import load_scene
+from taction.system.array_types import Floats
+from taction.system.errors import INTERRUPTED, InputError, Interrupted, NoVerdictError
+from taction.system.output_files import check_folder, printable, write_atomically
+from taction.system.progress import Progress
+from taction.system.quantities import NONE
+from taction.system.results import Result
+from taction.verification.readings.record import lagrange
+from taction.verification.studies.regression.baseline import (
+    ALWAYS,
+    CHANNEL_ALWAYS,
+    CHANNEL_STABLE,
+    NO_COMMIT,
+    STABLE,
+    Baseline,
+    Commit,
+    Entry,
+    Observation,
+    baseline_text,
+    git_commit,
+    load_baseline,
+    observe,
+)
+from taction.verification.studies.running.study import for_each_file
+from taction.verification.studies.scene_files import find_scenes
+from taction.verification.verdict.cause import causes, named
+from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.compare import (
+    Difference,
+    Tolerance,
+    compare,
+    numbers,
+    relative,
+    words,
+)
+from taction.verification.verdict.record import POLE_READINGS, Figure
+from taction.verification.verdict.verify import verify
+
+STENCIL = 4  # cubic interpolation: error 1e-7 of the amplitude at 125 points on a ringing period
+
+
+def compare_entry(now: Observation, then: Entry, allowed: Regression) -> tuple[Difference, ...]:
+    """Compare a scene's results with its entry in the baseline, which is the first of both.
+
+    Every quantity of either is compared, except checks that only one of them ran; of a board that
+    became stable or unstable only the poles.
+    """
+    entry, tolerance = now.entry, scene_tolerance(allowed, then)
+    same = entry.stable == then.stable
+    found = compare(
+        then.record,
+        entry.record,
+        tolerance,
+        groups=("checks", "states", "figures") + ("channels",) * same,
+        figures=(*ALWAYS[1:], *STABLE * same),
+        channel_figures=CHANNEL_ALWAYS + CHANNEL_STABLE,
+    )
+    common = then.checks.keys() & entry.checks.keys()
+    differences = [each for each in found if each.group != "checks" or each.name in common]
+    if same:
+        stops = Figure(then.stop, "s"), Figure(entry.stop, "s")
+        differences.append(numbers("figures", "record", None, *stops, tolerance))
+        differences += _waveforms(now, then, allowed.waveforms)
+    return tuple(differences)
+
+
+def scene_tolerance(allowed: Regression, then: Entry) -> Tolerance:
+    """Return the tolerances of a scene.
+
+    An absolute tolerance of a voltage counts in step amplitudes, one of a pole in its magnitude.
+    """
+    amplitude = _amplitude(then)
+
+    def tolerance(name: str, first: Figure, second: Figure) -> float | None:
+        size, unit = abs(first.value or 0.0), first.unit
+        if name in POLE_READINGS:
+            scale = then.speed if unit else 1.0
+            return allowed.poles.absolute * scale + allowed.poles.relative * size
+        if unit == "s":
+            return allowed.times.absolute + allowed.times.relative * size
+        scale = amplitude if unit == "V" else 1.0
+        return allowed.levels.absolute * scale + allowed.levels.relative * size
+
+    return tolerance
+
+
+def _amplitude(entry: Entry) -> float:
+    return entry.record.value("step_amplitude") or 0.0
+
+
+def _waveforms(now: Observation, then: Entry, allowed: WaveformTolerance) -> Iterator[Difference]:
+    """Compare the outputs at the baseline's instants by interpolation of the record."""
+    if not then.outputs or not now.entry.outputs:
+        return
+    at = np.array([t for t in then.time if now.time[0] <= t <= now.time[-1]])
+    u = lagrange(now.time, now.u, at, STENCIL)
+    new, amplitude = dict(zip(now.entry.outputs, u.T, strict=True)), _amplitude(then)
+    for name in {**then.outputs, **new}:
+        if name not in new or name not in then.outputs or len(at) < 2:
+            sides = ["there" if name in side else None for side in (then.outputs, new)]
+            note = "the records have no instants in common" if all(sides) else ""
+            yield replace(words("waveforms", name, None, *sides), off=math.inf, note=note)
+            continue
+        known = dict(zip(then.time, then.outputs[name], strict=True))
+        old = np.array([known[t] for t in at.tolist()])
+        apart = np.abs(new[name] - old)
+        worst = int(np.argmax(apart))
+        size, distance = _norm(allowed, at, old), _norm(allowed, at, apart)
+        most = allowed.absolute * amplitude + allowed.relative * size
+        yield Difference(
+            *("waveforms", name, None, size, _norm(allowed, at, new[name]), "V", distance, most),
+            off=relative(distance, most),
+            note=f"{allowed.norm} norm; {apart[worst]:.3g} V apart at {at[worst]:.4g} s",
+        )
+
+
+def _norm(allowed: WaveformTolerance, time: Floats, u: Floats) -> float:
+    if allowed.norm == "max":
+        return float(np.max(np.abs(u)))
+    square = u * u
+    area = float(np.sum(0.5 * (square[1:] + square[:-1]) * np.diff(time)))
+    return math.sqrt(area / float(time[-1] - time[0]))
+
+
+class Status(enum.Enum):
+    """Status of a scene relative to the baseline."""
+
+    SAME = "same"
+    CHANGED = "changed"
+    BROKEN = "broken"
+    FAILING = "still failing"
+    NEWLY_PASSING = "newly passing"
+    NEW = "new"
+    MISSING = "missing"
+    NO_VERDICT = "no verdict"
+    BAD_INPUT = "bad input"
+    NOT_RUN = "not run"
+
+
+FAILURES = (Status.CHANGED, Status.BROKEN, Status.FAILING, Status.MISSING)
+KEPT = (Status.NO_VERDICT, Status.BAD_INPUT, Status.NOT_RUN)  # an update keeps their entries
+
+
+@dataclass(frozen=True, slots=True)
+class SceneResult:
+    """Comparison of one scene with its baseline."""
+
+    DOCUMENT = (
+        *("file", "status", "outcome = entry.record.outcome", "reason", "notes"),
+        *("simulator = entry.solved_by", "baseline.outcome = baseline.record.outcome"),
+        *("baseline.revision = baseline.revision", "baseline.taction = baseline.taction"),
+        *("baseline.simulator = baseline.solved_by", "baseline.fingerprint = baseline.fingerprint"),
+        *("worst # of the differences, over what is allowed", "checks"),
+        *("differences # the baseline is the first", "seconds [s]"),
+    )
+
+    file: str  # name in the folder
+    status: Status
+    checks: tuple[Check, ...] = ()
+    differences: tuple[Difference, ...] = ()
+    notes: tuple[str, ...] = ()  # possible explanations of the differences
+    reason: str = ""  # why it does not pass: failed checks with value and limit, or an error
+    entry: Entry | None = None
+    baseline: Entry | None = None
+    seconds: float = 0.0  # wall time of the verification
+
+    @property
+    def changes(self) -> tuple[Difference, ...]:
+        """Differences above their tolerance, the largest first; infinite differences lead.
+
+        The note of a check is its cause with value and limit.
+        """
+        notes = {name: found.text for found in causes(self.checks) for name in named(found)}
+        changed = (
+            replace(d, note=notes.get(d.name, "")) if d.group == "checks" else d
+            for d in self.differences
+            if d.beyond
+        )
+        return tuple(sorted(changed, key=lambda d: -d.off))
+
+    @property
+    def worst(self) -> float | None:
+        """Largest difference, in tolerances; None without differences."""
+        return max((d.off for d in self.differences), default=None)
+
+    @property
+    def failed(self) -> bool:
+        """Whether a check failed."""
+        return any(check.outcome is Outcome.FAIL for check in self.checks)
+
+    @property
+    def fails(self) -> bool:
+        """Whether a check failed or a quantity changed."""
+        return self.failed or self.status in FAILURES
+
+
+@dataclass(frozen=True, slots=True)
+class RegressionReport(Result):
+    """Comparison of a folder with its baseline.
+
+    `commit` is checked out; at `written` the baseline was written.
+    """
+
+    VIEW = "taction.verification.report.views.regression_view:view"
+    DOCUMENT = (
+        *("exit_status", "folder", "baseline", "revision = commit.revision"),
+        *("baseline_commit = written", "updated", "interrupted"),
+        *("counts = count", "scenes = results"),
+    )
+
+    folder: str
+    baseline: str
+    commit: Commit
+    results: tuple[SceneResult, ...]
+    updated: bool
+    written: Commit = NO_COMMIT
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the run was ended before its last scene."""
+        return any(result.status is Status.NOT_RUN for result in self.results)
+
+    @property
+    def exit_status(self) -> int:
+        """0 pass, 1 a check failed or a quantity changed, 2 bad input, 3 no verdict.
+
+        After an update of the baseline only failed checks count.
+        """
+        statuses = {result.status for result in self.results}
+        if self.interrupted:
+            return INTERRUPTED
+        if Status.BAD_INPUT in statuses:
+            return 2
+        if any(r.failed if self.updated else r.fails for r in self.results):
+            return 1
+        return 3 if Status.NO_VERDICT in statuses else 0
+
+    @property
+    def left(self) -> tuple[str, ...]:
+        """The scenes that an update leaves as they were, since a check fails."""
+        return tuple(each.file for each in self.results if self.updated and each.failed)
+
+    def count(self) -> dict[str, int]:
+        """Return the number of scenes by status, without zeros."""
+        statuses = [result.status for result in self.results]
+        return {status.value: statuses.count(status) for status in Status if status in statuses}
+
+
+def regress(
+    folder: str | Path,
+    *,
+    baseline: str | Path,
+    update: bool = False,
+    jobs: int | None = None,
+    progress: Progress = lambda stage: None,
+) -> RegressionReport:
+    """Verify every scene (``*.toml``) in DIR and compare the results with the baseline.
+
+    Parameters
+    ----------
+    folder : path
+        Folder of the scenes.
+    baseline : path
+        Stored results (JSON).
+    update : bool
+        Write changed results into the baseline; scenes that fail stay as they were.
+    jobs : int, optional
+        Number of processes; by default one per core.
+    progress : callable, optional
+        Receives the number of finished scenes.
+
+    Returns
+    -------
+    RegressionReport
+        The status of every scene, and what differs.
+
+    Raises
+    ------
+    InputError
+        The folder holds no scene, or the baseline cannot be used.
+    Interrupted
+        Ctrl-C; its `result` has the finished scenes.
+
+    Examples
+    --------
+    >>> import taction, tempfile
+    >>> from pathlib import Path
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     text = Path("scenes/tuned-breadboard.toml").read_text()
+    ...     made = Path(folder, "a.toml").write_text(text)
+    ...     file = Path(folder, "baseline.json")
+    ...     first = taction.regress(folder, baseline=file, update=True, jobs=1)
+    ...     taction.regress(folder, baseline=file, jobs=1).count()
+    {'same': 1}
+    """
+    check_folder(str(baseline), "--baseline")
+    fresh = update and not Path(baseline).exists()
+    entries, written = ({}, NO_COMMIT) if fresh else load_baseline(baseline)
+    files, commit = find_scenes(folder), git_commit(Path(folder))
+    names = [printable(path.name) for path in files]
+    arguments = [(entries.get(name), commit.revision) for name in names]
+    found = for_each_file(compare_scene, files, arguments, jobs=jobs, progress=progress)
+    results = [
+        SceneResult(name, Status.NOT_RUN, reason="interrupted")
+        if result is None
+        else SceneResult(name, Status.NO_VERDICT, reason=f"the process was killed: {result}")
+        if isinstance(result, BaseException)
+        else result
+        for name, result in zip(names, found, strict=True)
+    ]
+    reason = "in the baseline, but not in the folder"
+    results += [
+        SceneResult(name, Status.MISSING, reason=reason, baseline=entries[name])
+        for name in sorted(set(entries) - set(names))
+    ]
+    report = RegressionReport(str(folder), str(baseline), commit, tuple(results), update, written)
+    if update:
+        kept = updated_baseline(report, entries)
+        same = written.text and kept == entries
+        write_atomically(baseline, baseline_text(kept, written if same else commit))
+    if report.interrupted:
+        raise Interrupted("the finished scenes are in the report", report)
+    return report
+
+
+def compare_scene(path: Path, then: Entry | None, revision: str) -> SceneResult:
+    """Verify one scene and compare it with its entry; bad input gives a result, too."""
+    started, file = time.perf_counter(), printable(path.name)
+    try:
+        verdict = verify(load_scene(path))
+    except InputError as error:
+        return SceneResult(file, Status.BAD_INPUT, reason=str(error), baseline=then)
+    except (NoVerdictError, MemoryError) as error:
+        large = "out of memory: the scene is too large"
+        reason = large if isinstance(error, MemoryError) else str(error)
+        seconds = time.perf_counter() - started
+        return SceneResult(file, Status.NO_VERDICT, reason=reason, baseline=then, seconds=seconds)
+    now = observe(verdict, revision)
+    differences = () if then is None else compare_entry(now, then, verdict.scene.regression)
+    changed = any(difference.beyond for difference in differences)
+    return SceneResult(
+        file=file,
+        status=_status(verdict.outcome, then, changed),
+        checks=verdict.checks,
+        differences=differences,
+        notes=() if then is None else tuple(_notes(now.entry, then)),
+        reason="; ".join(found.text for found in causes(verdict.checks)),
+        entry=now.entry,
+        baseline=then,
+        seconds=time.perf_counter() - started,
+    )
+
+
+def updated_baseline(report: RegressionReport, baseline: Baseline) -> dict[str, Entry]:
+    """Return the entries of the updated baseline.
+
+    An unchanged scene keeps its entry, so many changes below the tolerance cannot add up from
+    update to update. A scene that fails or has no verdict is left as it was, or out.
+    """
+    entries = {}
+    for result in report.results:
+        old, new = baseline.get(result.file), result.entry
+        keep = new is None or result.failed or result.status in KEPT or _unchanged(result)
+        chosen = old if keep else new
+        if chosen is not None and result.status is not Status.MISSING:
+            entries[result.file] = chosen
+    return entries
+
+
+def _status(outcome: Outcome, then: Entry | None, changed: bool) -> Status:
+    if outcome is Outcome.INCONCLUSIVE:
+        return Status.NO_VERDICT
+    if then is None:
+        return Status.NEW
+    passed = then.record.outcome == Outcome.PASS.value
+    if outcome is Outcome.FAIL:
+        return Status.BROKEN if passed else Status.FAILING
+    if not passed:
+        return Status.NEWLY_PASSING
+    return Status.CHANGED if changed else Status.SAME
+
+
+def _unchanged(result: SceneResult) -> bool:
+    new, old = result.entry, result.baseline
+    if new is None or old is None or math.isinf(result.worst or 0.0):
+        return False
+    same = new.record.outcome == old.record.outcome and new.checks == old.checks
+    return same and new.fingerprint == old.fingerprint and not result.changes
+
+
+def _notes(now: Entry, then: Entry) -> Iterable[str]:
+    names = {**then.keys, **now.keys} if then.keys else {}
+    edited = [
+        f"{name.removeprefix('design.')} {then.keys.get(name, NONE)} → {now.keys.get(name, NONE)}"
+        for name in names
+        if then.keys.get(name) != now.keys.get(name)
+    ]
+    if edited:
+        yield f"edited: {', '.join(edited)}"
+    elif now.fingerprint != then.fingerprint:
+        yield "the scene, or a file that it names, was edited since the baseline"
+    versions = ("simulator", then.solved_by, now.solved_by), ("taction", then.taction, now.taction)
+    for name, old, new in versions:
+        if new != old:
+            yield f"{name} was {old}, now {new}"
+    if removed := sorted(set(then.checks) - set(now.checks)):
+        yield f"{', '.join(removed)} ran for the baseline, not now"
+    if added := sorted(set(now.checks) - set(then.checks)):
+        yield f"{', '.join(added)} is not in the baseline"

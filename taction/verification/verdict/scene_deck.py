@@ -1,0 +1,245 @@
+"""What pruning changes and saves: the steady state, with its bound, and parts.
+
+The deck of a scene, and the files that it is written to.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.circuit_checks import FILE_NAME
+from taction.netlist_gen.deck.deck import Deck, write_deck
+from taction.netlist_gen.deck.dialects import DIALECTS, NATIVE
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.frame.entries import pruned
+from taction.system.array_types import Floats
+from taction.system.errors import Complaint, InputError, SolverError
+from taction.system.output_files import write_together
+from taction.system.progress import Clock
+from taction.system.quantities import show
+from taction.verification.reference.dynamics import IdealNetwork
+from taction.verification.reference.ideal_answer import ideal_answer, ideal_network
+from taction.verification.reference.problem import Solution, solution_difference
+from taction.verification.verdict.plan_board import design_board
+from taction.verification.verdict.planned_board import PlannedBoard
+
+if TYPE_CHECKING:
+    from taction.netlist_gen.deck.measures import Measures
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PruningEffect:
+    """The steady state without the small entries of T."""
+
+    entries: int  # number of entries of T that the board leaves out
+    target: Floats  # (N,): the optimum with the pruned T, V
+    change: float  # largest deviation of `target` from the optimum with the whole T, V
+    # On that deviation, with the errors of both optima, V; infinite if one is not trusted.
+    bound: float
+
+
+def pruning_effect(
+    network: IdealNetwork, fraction: float, solution: Solution
+) -> PruningEffect | None:
+    """Compare the solutions of the pruned and of the whole T; None if no entry is left out.
+
+    `network`: with the whole T.
+    `fraction`: ``design.prune``.
+    `solution`: the solution of `network`.
+    SolverError: the problem with the pruned T cannot be solved.
+    """
+    kept = pruned(network.T, fraction)
+    entries = int(np.count_nonzero(kept != network.T))
+    if not entries:
+        return None
+    after = replace(network, T=kept).rest
+    change, bound = solution_difference(solution, after)
+    return PruningEffect(entries, after.u * network.U0, change * network.U0, bound * network.U0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pruning:
+    """The pruned board beside the board of the whole T."""
+
+    DOCUMENT = (
+        *("entries = effect.entries", "change [V] = effect.change", "bound [V] = effect.bound"),
+        *("resistors", "opamps"),
+    )
+
+    effect: PruningEffect  # on the steady state
+    # `resistors`, `opamps`: how many fewer than with the whole T; None if that board cannot be
+    # built: the matrix can load the channels too much.
+    resistors: int | None = None
+    opamps: int | None = None
+
+    @property
+    def text(self) -> str:
+        """The numbers in words."""
+        effect = self.effect
+        text = f"moves the steady state by {show(effect.change, 'V', 3)}"
+        if math.isinf(effect.bound):
+            text += ", without a bound: a solution is not trusted"
+        if self.resistors is None:
+            return f"{text}; with the whole T the board cannot be built"
+        return f"{text}; saves {self.resistors} resistors and {self.opamps} op-amps"
+
+
+def pruning_of(scene: Scene) -> Pruning | None:
+    """Compare the board of `scene` with the board of the whole T; None if nothing is pruned.
+
+    InputError: the pruned board cannot be built.
+    NoVerdictError: a problem cannot be solved.
+    """
+    if not scene.design.prune:
+        return None
+    problem = make_problem(scene)
+    network = ideal_network(problem, scene)
+    effect = pruning_effect(network, scene.design.prune, network.rest)
+    if effect is None:
+        return None
+    kept = synthesise(scene, problem)
+    unpruned = scene.model_copy(update={"design": scene.design.model_copy(update={"prune": 0.0})})
+    try:
+        whole = synthesise(unpruned, problem)
+    except InputError:
+        return Pruning(effect)
+    fewer = _resistors(whole) - _resistors(kept)
+    return Pruning(effect, fewer, len(whole.opamps) - len(kept.opamps))
+
+
+def _resistors(circuit: Circuit) -> int:
+    placed = (int(np.count_nonzero(np.isfinite(matrix.ohms))) for matrix in circuit.matrices)
+    return len(circuit.resistors) + sum(placed)
+
+
+EVEN_POINTS = 125.0  # on a period of ringing: an error of about 1e-4 of the step in ngspice
+
+
+@dataclass(frozen=True, slots=True)
+class DeckChoice:
+    """What a deck is to be beside the board itself."""
+
+    dialect: str = NATIVE  # key of `DIALECTS`
+    split: bool = False  # whether the resistor matrices go into a second file
+    measures: bool = False  # whether the deck measures rise time, settling time and overshoot
+
+    @property
+    def has_even_steps(self) -> bool:
+        """Whether the transient has even steps.
+
+        Step control is tuned for ngspice alone, and a measure is exact only to the spacing of the
+        points, which it joins by straight lines.
+        """
+        return self.measures or self.dialect != NATIVE
+
+
+@dataclass(frozen=True, slots=True)
+class Netlist(Deck):
+    """The deck of a scene, with its board.
+
+    Attributes
+    ----------
+    circuit : Circuit
+        The board; `omissions` are the parts that the scene does not need.
+    warnings : tuple of str
+        Values that cannot be bought, or that the layout undoes.
+    pruning : Pruning or None
+        What pruning changes and saves; None unless asked for, or without pruning.
+    written : tuple of str
+        The files that were written.
+    """
+
+    DOCUMENT = (
+        *("files = written", "deck = printed", "omissions = circuit.omissions", "pruning"),
+        *("warnings", "lambda = circuit.facts.lambda.value"),
+    )
+
+    circuit: Circuit = field(kw_only=True, repr=False)
+    warnings: tuple[str, ...] = field(default=(), repr=False)
+    pruning: Pruning | None = field(default=None, repr=False)
+    written: tuple[str, ...] = field(default=(), repr=False)
+
+    @property
+    def printed(self) -> str | None:
+        """The text; None where it is in files."""
+        return None if self.written else self.text
+
+
+def deck_of(
+    scene: Scene,
+    *,
+    output: str | Path | None = None,
+    choice: DeckChoice = DeckChoice(),
+) -> tuple[Circuit, Deck]:
+    """Return the board of a scene with a number for lambda, and the deck that `verify` would run.
+
+    The name of the matrix file follows from `output`. The errors are those of `taction.netlist`,
+    and `SolverError` where a deck is to measure and the problem has no solution.
+    """
+    matrix_file = _matrix_file(output) if choice.split else None
+    if choice.has_even_steps:
+        scene = _with_even_steps(scene)
+    design = design_board(scene.with_engine("ngspice"), Clock(lambda stage: None))
+    circuit = design.circuit
+    if complaints := list(DIALECTS[choice.dialect].refusals(circuit)):
+        raise InputError(scene.file, *complaints)
+    return circuit, write_deck(
+        circuit,
+        design.transient,
+        matrix_file=matrix_file,
+        dialect=choice.dialect,
+        measures=_measures(design) if choice.measures else None,
+    )
+
+
+def _with_even_steps(scene: Scene) -> Scene:
+    """Return `scene` with even steps; its own number of points, if it has one."""
+    if scene.analysis.points_per_period is not None:
+        return scene
+    even = {"points_per_period": EVEN_POINTS, "error": "auto"}
+    return scene.model_copy(update={"analysis": scene.analysis.model_copy(update=even)})
+
+
+def _measures(design: PlannedBoard) -> Measures:
+    """Return what the measures compare with: the reference solution, at the output nodes."""
+    from taction.netlist_gen.deck.measures import Measures
+
+    ideal = ideal_answer(design.network, design.scene)
+    if ideal.problem:
+        raise SolverError(f"--measure needs a reference solution: {ideal.problem}")
+    signs = [output.sign for output in design.circuit.outputs]
+    targets, starts = (
+        tuple(float(sign * u) for sign, u in zip(signs, values, strict=True))
+        for values in (ideal.target, ideal.start)
+    )
+    return Measures(targets, starts, ideal.band)
+
+
+def _matrix_file(output: str | Path | None) -> str:
+    if output is None:
+        text = "give -o FILE; the matrix is then written to FILE with the ending _matrix.inc"
+        raise InputError("--split", Complaint("-o", "", text))
+    name = f"{Path(output).stem}_matrix.inc"
+    if not FILE_NAME.fullmatch(name):
+        text = "with --split the name is part of the deck: letters, digits, '-', '_' and '.' only"
+        raise InputError("-o", Complaint("FILE", repr(str(output)), text))
+    return name
+
+
+def write_files(deck: Deck, output: str | Path) -> list[Path]:
+    """Write the files of `deck` beside each other, all or none; return their paths, the deck first.
+
+    InputError: a file cannot be written.
+    """
+    path = Path(output)
+    files = {path: deck.text} | {path.with_name(n): text for n, text in deck.files.items()}
+    write_together(files)
+    return list(files)
