@@ -211,7 +211,7 @@ def without_verdicts(
 def other_version(place: Place, seconds: float, chance: random.Random) -> Iterator[str]:
     """Run on a Dask cluster whose only worker has another taction, or one that lacks a module."""
     version, ours = f"0.{chance.randint(2, 9)}.{chance.randint(0, 9)}", metadata.version("taction")
-    without = chance.choice((None, "verification/studies/sweep/run.py", "system/errors.py"))
+    without = chance.choice((None, "verification/studies/sweep/plan.py", "system/errors.py"))
     with ExitStack() as stack:
         (place.folder / "cluster").mkdir()
         file = stack.enter_context(clusters.scheduler(place.folder / "cluster"))

@@ -2,7 +2,7 @@
 
 A deck with transistors, clamps or op-amps of vendors is linear about its operating point, which
 ngspice finds for the deck as it is (`operating_point`); each such element is measured there
-(`element_bench`), and becomes parts without knobs (`element_parts`).
+(`element_bench`), and becomes parts without knobs (`element_bench`).
 """
 
 from __future__ import annotations

@@ -151,7 +151,7 @@ class LinearBoard:
 
     @functools.cached_property
     def coarse(self) -> LinearBoard:
-        """A coarse board in place of a large one; see `coarse_board`."""
+        """A coarse board in place of a large one; see `structured_solve`."""
         return LinearBoard(self.circuit, coarsen(self.descriptor))
 
 

@@ -2,7 +2,7 @@
 
 Arnoldi's method on ``(sigma M - K)^-1 M`` finds the poles nearest to a shift; one iteration costs
 one structured solve (see `structured_solve`). A shift at the origin finds the slowest poles. The
-rightmost poles of a coarse board (see `coarse_board`) and its ringing ones select the other shifts;
+rightmost poles of its coarse board and the ringing ones select the other shifts;
 from each, further shifts follow the poles to the right until none is farther right. The residual of
 every vector gives the error of its pole.
 

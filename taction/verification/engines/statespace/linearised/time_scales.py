@@ -51,7 +51,7 @@ class TimeScales:
     # V.
     step: float = 0.0
     # Whether `poles` are those of the board; False for a large board, whose `poles` are those of
-    # the coarse board (`coarse_board`) and do not show its stability.
+    # the coarse board (`structured_solve`) and do not show its stability.
     complete: bool = True
 
     def left(self, time: float) -> float:
