@@ -17,7 +17,7 @@ export PIP_USER=0 PIP_NO_INPUT=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_A
 NEWER=(3.14 3.13 3.12)
 ROOMS=(engines readings reference) # the numerical tests
 # What else depends on Python: processes, files, plugins, documents of types, all commands once.
-OTHERS=(tests/verification/studies/running/test_executors.py tests/system tests/cli/test_contract.py)
+OTHERS=(tests/verification/studies/running/test_pool.py tests/system tests/cli/test_contract.py)
 all= kernels=
 case ${1-} in
 --all) shift && all=yes ;;

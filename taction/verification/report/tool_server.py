@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -36,6 +37,7 @@ ABOUT = (
     " is pass, fail or inconclusive."
 )
 PROCESSES = 2  # that run at once
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 LARGEST = 64 * MEGABYTE  # bytes of a document
 ASKING = "expected a program that asks over stdin"
 TYPES = ("integer", "number", "boolean")  # others are texts
@@ -63,12 +65,26 @@ def serve(folder: str | Path, limit: float) -> None:
     made = server(folder, limit)
     if sys.stdin is None:
         raise InputError("mcp", Complaint("stdin", "", f"closed; {ASKING}"))
+    import asyncio
+
     import anyio
     from mcp.server.stdio import stdio_server
 
+    known = {number: signal.getsignal(number) for number in ENDING}
+    ended = list[int]()
+
     async def run() -> None:
-        async with stdio_server(cast(Any, _Lines())) as (read, write):
-            await made.run(read, write, made.create_initialization_options())
+        with anyio.CancelScope() as scope:
+
+            def end(number: int) -> None:
+                ended.append(number)
+                scope.cancel()
+
+            for number, handler in known.items():
+                if handler != signal.SIG_IGN:  # an exception in a task would be told of
+                    asyncio.get_running_loop().add_signal_handler(number, end, number)
+            async with stdio_server(cast(Any, _Lines())) as (read, write):
+                await made.run(read, write, made.create_initialization_options())
 
     try:
         anyio.run(run)
@@ -79,6 +95,11 @@ def serve(folder: str | Path, limit: float) -> None:
         if isinstance(error, BrokenPipeError) or not isinstance(error, OSError):
             raise error from None
         raise NoVerdictError(f"stdout cannot be written: {error.strerror}") from None
+    finally:
+        for number, handler in known.items():
+            signal.signal(number, handler)
+    if ended:
+        os.kill(os.getpid(), ended[0])
 
 
 class _Lines:
