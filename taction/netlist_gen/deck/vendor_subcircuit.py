@@ -156,7 +156,7 @@ _NUMBER = re.compile(r"(?:(?<=^\.model )\S+|(?<=[ =(])[-+]?[\d.]+(?:e[-+]?\d+)?[
 def vendor_subcircuit(file: str | Path, name: str) -> Subcircuit:
     """Return a subcircuit of a vendor's file as text for ngspice in PSpice's ways.
 
-    Subcircuits have other names: ngspice finds none in which a sign stands.
+    Subcircuits get other names: ngspice does not find one whose name has a sign such as '/'.
     """
     deck, own = read_library(file, name), name.lower()
     check_size(deck, own)

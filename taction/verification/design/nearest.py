@@ -241,8 +241,7 @@ class Search:
 def walk(trials: Trials, searches: Iterable[Search]) -> None:
     """Search over all keys together, outwards from the scene, until each has found a good trial.
 
-    The trials of two steps of a key with a range cost about 60 ms for a board of seven channels.
-    What the work of the trials leaves out is not `complete`.
+    A search that the work of the trials cuts is not `complete`.
     """
     open_searches, step = [each for each in searches if not each.found], 0
     try:

@@ -14,6 +14,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -45,7 +46,7 @@ TOOLS: dict[str, tuple[str, tuple[str, ...]]] = {
     "verify": ("verify", ("engine", "settings", "margins", "changes")),
     "check": ("check", ("outputs", "checks", "expect", "over", "ngspice")),
     "onset": ("onset", ("over", "transients")),
-    "netlist": ("netlist", ("dialect", "parameters", "measure")),
+    "netlist": ("netlist", ("dialect", "measure")),
     "diff": ("diff", ("engine", "agree")),
     "models": ("parts", ()),
     "model": ("parts show", ()),
@@ -70,7 +71,8 @@ def serve(folder: str | Path, limit: float) -> None:
     import anyio
     from mcp.server.stdio import stdio_server
 
-    known = {number: signal.getsignal(number) for number in ENDING}
+    is_main = threading.current_thread() is threading.main_thread()
+    known = {number: signal.getsignal(number) for number in ENDING if is_main}
     ended = list[int]()
 
     async def run() -> None:
@@ -81,7 +83,7 @@ def serve(folder: str | Path, limit: float) -> None:
                 scope.cancel()
 
             for number, handler in known.items():
-                if handler != signal.SIG_IGN:  # an exception in a task would be told of
+                if handler != signal.SIG_IGN:  # else asyncio prints the exception of a task
                     asyncio.get_running_loop().add_signal_handler(number, end, number)
             async with stdio_server(cast(Any, _Lines())) as (read, write):
                 await made.run(read, write, made.create_initialization_options())

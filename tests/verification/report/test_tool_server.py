@@ -66,6 +66,8 @@ def test_a_program_speaks_with_the_command_over_stdin(folder: Path) -> None:
 
     tools, found = anyio.run(run)
     assert [tool.name for tool in tools] == list(TOOLS)
+    for tool in tools:
+        assert {*TOOLS[tool.name][1]} <= tool.input_schema["properties"].keys()
     verify = tools[0].input_schema
     assert verify["required"] == ["scenes"]
     assert verify["properties"]["engine"]["enum"] == ["auto", "ngspice", "statespace"]

@@ -46,9 +46,7 @@ from taction.verification.engines.statespace.linearised.block_modes import (
 )
 from taction.verification.engines.statespace.linearised.reduction import (
     ROUNDED,
-    Pencil,
     Reduced,
-    reduce_together,
 )
 
 LINKED = 16.0  # the square of a distance, over it: a larger coupling in both directions links
@@ -391,20 +389,3 @@ def find_modes(blocks: Sequence[Reduced]) -> Modes:
     LinAlgError: a matrix is not finite.
     """
     return Modes.of([find_block_modes(block) for block in blocks])
-
-
-def decompose(*matrices: Floats) -> Modes:
-    """Return the modes of ``x' = A x``, given the blocks along the diagonal of A, 1/s.
-
-    Examples
-    --------
-    >>> decompose(np.diag([-2.0, -1.0]), -3.0 * np.eye(1)).poles.real.tolist()
-    [-1.0, -2.0, -3.0]
-    """
-    size, begin, blocks = sum(map(len, matrices)), 0, list[Reduced]()
-    for A in matrices:
-        one, places = np.eye(len(A)), np.arange(begin, begin := begin + len(A))
-        basis = np.eye(size)[:, places]
-        parts = one, A, np.zeros((len(A), 1)), one, np.abs(A), basis, basis.T
-        blocks += reduce_together(Pencil(*(each[None] for each in parts)), [])
-    return find_modes(blocks)

@@ -29,9 +29,6 @@ ROUNDED = 16 * EPS  # error of a sum of products, relative to the sum of their s
 GRADED = 1e6  # condition number of the capacitances from which states are combinations of voltages
 NOTHING = 1e15  # condition number from which rounding leaves nothing of the smallest capacitance
 DECIDED = 1e9  # condition number below which rounding cannot make a matrix singular, or regular
-RANK = 1e-14  # of the largest singular value of M: a smaller one is no charge
-DOUBTFUL = 10.0  # a singular value so near to that is neither
-CANCEL = "the capacitances do not determine the states: parts cancel to the last digit"
 AT_OUTPUT = "a capacitor at the output of a behavioural amplifier: not supported"
 STEPS = 2  # inputs before those that change with time
 

@@ -11,9 +11,9 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import EPS, Complexes, Floats
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.linearised.modes import decompose
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.engines.statespace.transients.matrix_exponential import ModalFlow
+from tests.support.decomposing import decompose
 
 
 def stiff(decades: float, seed: int, channels: int = 3) -> Floats:
