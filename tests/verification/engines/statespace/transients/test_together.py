@@ -14,7 +14,6 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.linearised.modes import decompose
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.modal_steps import (
     ModalBoards,
@@ -28,6 +27,7 @@ from taction.verification.engines.statespace.transients.stepped import (
     simulate_together,
 )
 from tests.support.boards import board, kernel, strain, two_pole
+from tests.support.decomposing import decompose
 from tests.verification.engines.statespace.transients.test_radau import (
     Everything,
     Functions,
