@@ -8,7 +8,7 @@ from taction.verification.engines.statespace.linearised.modes import Modes, find
 from taction.verification.engines.statespace.linearised.reduction import (
     Pencil,
     Reduced,
-    reduce_together,
+    reduce_pencil,
 )
 
 
@@ -19,5 +19,5 @@ def decompose(*matrices: np.ndarray) -> Modes:
         one, places = np.eye(len(A)), np.arange(begin, begin := begin + len(A))
         basis = np.eye(size)[:, places]
         parts = one, A, np.zeros((len(A), 1)), one, np.abs(A), basis, basis.T
-        blocks += reduce_together(Pencil(*(each[None] for each in parts)), [])
+        blocks.append(reduce_pencil(Pencil(*parts), []))
     return find_modes(blocks)

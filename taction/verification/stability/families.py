@@ -24,10 +24,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError, InputError, TactionError
 from taction.verification.engines.statespace.equations.pole_count import characteristic
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
-from taction.verification.engines.statespace.linearised.linear_board import (
-    LinearBoard,
-    stamp_boards,
-)
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.certificate import (
     BESIDE,
     Count,
@@ -304,7 +301,6 @@ def _exact_counts(families: Mapping[int, Family]) -> dict[int, Count]:
         if family.ports and family.ports.count == 1 and family.ports.board.descriptor.has_branches
     }
     doubled = {k: or_error(family.board, 2.0 * family.own) for k, (family, _) in decks.items()}
-    stamp_boards([each for each in doubled.values() if isinstance(each, LinearBoard)])
     boards = dict.fromkeys(board for _, board in decks.values())
     first, found = {b: characteristic(b.descriptor) for b in boards}, dict[int, Count]()
     for k, (family, board) in decks.items():

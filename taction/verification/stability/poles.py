@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
@@ -14,22 +13,15 @@ import numpy as np
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import TactionError
-from taction.verification.engines.statespace.equations.descriptor import LARGE
-from taction.verification.engines.statespace.linearised.linear_board import (
-    LinearBoard,
-    parts_of,
-    state_spaces,
-)
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.rightmost_poles import (
     SEARCHED,
-    LeadPole,
     count_right,
-    lead_poles,
+    lead_pole,
     rightmost_poles,
 )
 
 LOST = "some poles are so far away that rounding hides them, and on which side of the axis they are"
-STACK = 16  # boards of a stack: their matrices fit into the memory of a processor
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +113,7 @@ def poles_together(boards: Iterable[Board | TactionError]) -> list[Poles | Tacti
 
     Notes
     -----
-    The cost is a third of that of the modes. Boards of one size are computed in stacks; each has
-    the digits that it has alone. Boards that an iterator makes are not kept.
+    The cost is a third of that of the modes. Boards that an iterator makes are not kept.
 
     Examples
     --------
@@ -134,32 +125,23 @@ def poles_together(boards: Iterable[Board | TactionError]) -> list[Poles | Tacti
     >>> f"{found[1].rightmost.real:.6g} 1/s", bool(found[1].resolution < 1e-6)
     ('-1123.46 1/s', True)
     """
-    found, following = list[Poles | TactionError](), iter(boards)
-    while stack := list(itertools.islice(following, STACK)):
-        found += _poles_of_stack(stack)
-    return found
-
-
-def _poles_of_stack(stack: Sequence[Board | TactionError]) -> list[Poles | TactionError]:
-    boards = [each if isinstance(each, TactionError) else LinearBoard.of(each) for each in stack]
-    small = [b for b in boards if isinstance(b, LinearBoard) and parts_of(b) <= LARGE]
-    spaces = zip(small, state_spaces(small), strict=True)
-    known = {board: space for board, space in spaces if space and not space.has_modes}
-    leads = dict(zip(known, lead_poles(list(known.values())), strict=True))
     return [
-        board if isinstance(board, TactionError) else _found(board, leads.get(board))
+        board if isinstance(board, TactionError) else or_error(_brief_poles, LinearBoard.of(board))
         for board in boards
     ]
 
 
-def _found(board: LinearBoard, lead: LeadPole | None) -> Poles | TactionError:
+def _brief_poles(board: LinearBoard) -> Poles:
     """Return the poles if they tell the side of each, else what the modes tell."""
-    if lead is not None:
-        found = summarise(lead.poles, complete=True, errors=lead.errors)
-        least, most = found.unstable_range
-        if least == most:
-            return found
-    return or_error(poles, board)
+    if not board.descriptor.is_large:
+        space = board.state_space
+        lead = None if space.has_modes else lead_pole(space)
+        if lead is not None:
+            found = summarise(lead.poles, complete=True, errors=lead.errors)
+            least, most = found.unstable_range
+            if least == most:
+                return found
+    return poles(board)
 
 
 def or_error(job: Callable[[Wanted], Found], of: Wanted) -> Found | TactionError:

@@ -18,7 +18,7 @@ from taction.netlist_gen.board.circuit import GROUND
 from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.stamps import stamp_together
+from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.block_modes import BlockModes
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import linear_matrices
@@ -66,12 +66,10 @@ class PortResponse:
         EngineError: a board has no equations.
         """
         circuit = board.circuit
-        doubled = [circuit.turned(knob, 2.0 * circuit.value(knob)) for knob in knobs]
         found = list[PortResponse | None]()
-        for there in stamp_together(doubled):
-            if isinstance(there, EngineError):
-                raise there
-            own, moved = board.descriptor.dense, there.dense
+        for knob in knobs:
+            doubled = circuit.turned(knob, 2.0 * circuit.value(knob))
+            own, moved = board.descriptor.dense, stamp(doubled).dense
             reactive = not np.array_equal(moved.mass, own.mass)
             change = moved.mass - own.mass if reactive else own.stiffness - moved.stiffness
             i, j = np.unravel_index(int(np.abs(change).argmax()), change.shape)

@@ -26,10 +26,7 @@ from taction.system.array_types import Floats
 from taction.system.documents import Hertz, Inline, Number, Rate
 from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.quantities import UNITS
-from taction.verification.engines.statespace.linearised.linear_board import (
-    LinearBoard,
-    solve_together,
-)
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.edges import Edge, Edges, Range
 from taction.verification.stability.families import Family
 from taction.verification.studies.board_checks import judge, record_of
@@ -306,7 +303,6 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweptValue, band: 
     family = Family.of(board, swept.knob) if swept.knob else Family.over(_over(deck, swept))
     family = replace(family, board=cache(family.board))  # a scan and the readings share boards
     boards = [_board(family, value) for value in values]
-    solve_together([board for board in boards if isinstance(board, LinearBoard)])
     if not board.state_space.n:  # and so without a pole at any value of a part
         edges = Edges(min(values), max(values), ())
     elif family.ports is not None and swept.logarithmic:

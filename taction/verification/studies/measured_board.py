@@ -19,10 +19,7 @@ from taction.netlist_gen.scene.check_keys import LOWEST
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, InputError
 from taction.system.reading_definitions import READINGS
-from taction.verification.engines.statespace.linearised.linear_board import (
-    LinearBoard,
-    solve_together,
-)
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
@@ -166,11 +163,9 @@ def measure_boards(
 ) -> list[MeasuredBoard | Exception]:
     """Return measured boards, with the error of each one that cannot be measured in its place.
 
-    Boards of one structure are linearised, and those of equally many outputs measured, by the same
-    array operations.
+    Boards of equally many outputs are measured by the same array operations.
     """
     boards = list(boards)
-    solve_together([board for board in boards if isinstance(board, LinearBoard)])
     begun = [_begun(board, initial, band, lowest) for board in boards]
     try:
         read = iter(measure_responses([step for _, step in begun if step is not None]))

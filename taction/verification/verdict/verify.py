@@ -26,7 +26,6 @@ from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     parts_of,
-    solve_together,
 )
 from taction.verification.readings.exact_measures import ExactResponse, measure_responses
 from taction.verification.readings.measurements import Measurements
@@ -425,8 +424,6 @@ def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]
 
 def _verified(built: dict[int, Built]) -> Iterator[tuple[int, Verdict]]:
     """Yield the verdicts of boards whose run is brief; their readings and margins are known."""
-    with suppress(Exception):  # each alone says why
-        solve_together([board.board for _, board, _ in built.values()])
     designs = dict[int, tuple[PlannedBoard, IdealAnswer]]()
     responses, searches = dict[int, ExactResponse](), dict[int, MarginSearch]()
     for place, (request, board, clock) in built.items():

@@ -29,7 +29,6 @@ from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.verdict_view import view
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.verdict import plan_board as design
-from taction.verification.verdict import verify as module_of_batches
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.plan_board import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
@@ -353,17 +352,3 @@ def test_scenes_together_have_the_verdict_of_each_alone() -> None:
         assert margins[0] == (None if margins[1] is None else pytest.approx(margins[1], rel=1e-9))
         assert record.figures == alone.figures
     assert found[2].outcome is Outcome.FAIL
-
-
-def test_a_failure_of_the_equations_of_a_batch_costs_no_verdict(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def fails(boards: object) -> None:
-        raise FloatingPointError("one board of the batch")
-
-    monkeypatch.setattr(module_of_batches, "solve_together", fails)
-    scene = shipped("custom-matrix", analysis={"engine": "statespace"})
-    found = dict(verify_together([Request(scene), Request(scene)]))
-    assert {place: each.outcome for place, each in found.items()} == {
-        0: Outcome.PASS, 1: Outcome.PASS,
-    }  # fmt: skip

@@ -31,7 +31,6 @@ from taction.netlist_gen.board.parts import OpAmpCell
 from taction.spice_models.opamp import KNEE, OVERDRIVE, OpAmp
 from taction.spice_models.transistor import thermal_voltage
 from taction.system.array_types import Bools, Floats, Ints
-from taction.verification.engines.statespace.equations.alike import agreed
 from taction.verification.engines.statespace.equations.amplifier_gains import (
     CLAMP,
     INPUT_STAGE,
@@ -59,10 +58,7 @@ FIGURES = operator.attrgetter(
 
 @dataclass(frozen=True, slots=True)
 class _Signal:
-    """Signals ``plus_gain z[plus] - minus_gain z[minus] + offset`` of P op-amps.
-
-    Places are (P,); gains and offsets have a row for each board, (B, P).
-    """
+    """Signals ``plus_gain z[plus] - minus_gain z[minus] + offset`` of P op-amps, (P,) each."""
 
     plus: Ints
     minus: Ints
@@ -71,7 +67,7 @@ class _Signal:
     offset: Floats
 
     def times(self, factor: Floats) -> _Signal:
-        """Return the signals times a factor (P,) or (B, P)."""
+        """Return the signals times a factor (P,)."""
         gains = (factor * x for x in (self.plus_gain, self.minus_gain, self.offset))
         return _Signal(self.plus, self.minus, *gains)
 
@@ -81,7 +77,7 @@ class _Signal:
         plus[where], minus[where] = places, GROUND
         gains = [self.plus_gain.copy(), self.minus_gain.copy(), self.offset.copy()]
         for gain, new in zip(gains, (1.0, 1.0, 0.0), strict=True):
-            gain[:, where] = new
+            gain[where] = new
         return _Signal(plus, minus, *gains)
 
 
@@ -94,22 +90,23 @@ def stamp_opamps(stamper: Stamper, pins: Ints) -> list[Devices]:
 
 
 class _OpAmps:
-    """The op-amps of each circuit, P of them."""
+    """The op-amps of a circuit, P of them."""
 
     def __init__(self, stamper: Stamper, pins: Ints) -> None:
         self.stamper, self.cells = stamper, stamper.circuit.opamps
         self.plus, self.minus, self.out = pins.T
         models = stamper.circuit.models
         which = {name: k for k, name in enumerate(models)}
+        self.models = list(models.values())
         self.chosen = np.array([which[cell.model] for cell in self.cells], dtype=np.int64)
         self.limited = self._where(lambda model: model.large_signal)
 
     def stamp(self) -> list[Devices]:
         """Stamp everything."""
-        gain, gbw, second, *impedances, offset, common = self._of_models(FIGURES)
+        gain, gbw, second, *impedances, offset, common = self._of_models(FIGURES).T
         leak, between, grounded, resistance = impedances
         self._inputs(leak, between, grounded)
-        poles = self._states(agreed(np.isfinite(np.stack([gbw, second], axis=2))))
+        poles = self._states(np.isfinite(np.stack([gbw, second], axis=1)))
         half = 0.5 * common
         signal = _Signal(self.plus, self.minus, 1.0 + half, 1.0 - half, offset)
         signal, stages = self._input_stages(signal)
@@ -126,7 +123,7 @@ class _OpAmps:
         stamper = self.stamper
         stamper.currents.branch(self.plus, self.minus, -1.0 / leak)
         stamper.mass.branch(self.plus, self.minus, between)
-        drawn = self._of_models(lambda model: model.input_currents)
+        drawn = self._of_models(lambda model: model.input_currents).T
         for pin, amps in zip((self.plus, self.minus), drawn, strict=True):
             stamper.mass.add(pin, pin, grounded)
             stamper.constant_currents.append((pin, -amps))
@@ -140,20 +137,13 @@ class _OpAmps:
         entries.add(rows, signal.minus, -signal.minus_gain)
         constants.append((rows, signal.offset))
 
-    def _of_models(self, figures: Callable[[OpAmp], tuple[float, ...]]) -> Floats:
-        """Return figures of the op-amps, from those of their models: (figures, B, P)."""
-        models = [list(map(figures, c.models.values())) for c in self.stamper.circuits]
-        return np.array(models, dtype=np.float64).take(self.chosen, axis=1).transpose(2, 0, 1)
+    def _of_models(self, figures: Callable[[OpAmp], object]) -> Floats:
+        """Return a figure of each op-amp, or several, from its model: (P, ...)."""
+        return np.array(list(map(figures, self.models)), dtype=np.float64)[self.chosen]
 
     def _where(self, has: Callable[[OpAmp], bool]) -> Ints:
         """Return which op-amps have a model of some kind."""
-        models = [list(map(has, c.models.values())) for c in self.stamper.circuits]
-        return np.flatnonzero(agreed(np.array(models, dtype=np.bool_))[self.chosen])
-
-    def _figures(self, which: Ints, figure: Callable[[OpAmp], float]) -> Floats:
-        """Return a figure of some op-amps, (B, which)."""
-        models = [list(map(figure, c.models.values())) for c in self.stamper.circuits]
-        return np.array(models, dtype=np.float64).take(self.chosen[which], axis=1)
+        return np.flatnonzero(self._of_models(has))
 
     def _unknowns(self, kind: str, which: Ints) -> Ints:
         """Return the places of new unknowns of some op-amps, whose rows state laws."""
@@ -171,17 +161,15 @@ class _OpAmps:
         """Return the signals behind the input stages ``V tanh(e / V)``, and these stages."""
         which, inputs = self.limited, signal.minus[self.limited].copy()
         # A stage of -e inverts. Where e is -v- alone, v- is its input.
-        alike = agreed((signal.minus_gain == 1.0) & (signal.offset == 0.0))
-        plain = (signal.plus == GROUND) & alike
+        plain = (signal.plus == GROUND) & (signal.minus_gain == 1.0) & (signal.offset == 0.0)
         others = which[~plain[which]]
         places = self._unknowns("difference", others)
         inputs[~plain[which]] = places
-        every = signal.times(-np.ones(len(self.chosen)))
         rows = np.full(len(self.chosen), GROUND)
         rows[others] = places
-        self._add(rows, every)
+        self._add(rows, signal.times(-np.ones(len(self.chosen))))
         self.stamper.laws.add(places, places, -np.ones(len(places)))
-        ranges = self._figures(which, lambda model: model.input_range)
+        ranges = self._of_models(lambda model: model.input_range)[which]
         stages = self._devices(INPUT_STAGE, which, inputs, ranges, ranges)
         return signal.replaced(which, stages.output), stages
 
@@ -189,8 +177,8 @@ class _OpAmps:
         """Stamp the clamps of the first poles `first` (P,) of op-amps with a finite swing."""
         supply = self.stamper.circuit.supply
         which = self._where(lambda m: m.large_signal and math.isfinite(m.swing(supply)))
-        rates = self._figures(which, lambda model: model.slew_rate)
-        widths = self._figures(which, lambda model: model.swing(supply) / KNEE)
+        rates = self._of_models(lambda model: model.slew_rate)[which]
+        widths = self._of_models(lambda model: model.swing(supply) / KNEE)[which]
         clamps = self._devices(CLAMP, which, first[which], rates, widths)
         self.stamper.laws.add(first[which], clamps.output, np.ones(len(which)))
         return clamps
@@ -218,7 +206,7 @@ class _OpAmps:
     def _outputs(self, signal: _Signal, resistance: Floats) -> Devices:
         """Stamp the voltage sources behind the output resistances; return the current limiters."""
         limiters = self._limiters(signal)
-        ideal = agreed(resistance == 0.0)
+        ideal = resistance == 0.0
         plain = ~ideal
         plain[self._where(lambda model: model.is_current_limited)] = False
         g = np.divide(1.0, resistance, out=np.ones_like(resistance), where=~ideal)
@@ -237,8 +225,8 @@ class _OpAmps:
         """
         which = self._where(lambda model: model.is_current_limited)
         drop, out = self._unknowns("drop", which), self.out[which]
-        ohms = self._figures(which, lambda model: model.output_resistance)
-        volts = ohms * self._figures(which, lambda model: model.output_current)
+        ohms = self._of_models(lambda model: model.output_resistance)[which]
+        volts = ohms * self._of_models(lambda model: model.output_current)[which]
         size = np.full(len(which), OVERDRIVE * self.stamper.circuit.supply)
         limiters = self._devices(LIMITER, which, drop, size, volts)
         laws, ones = self.stamper.laws, np.ones(len(which))

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -22,7 +22,6 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.alike import agreed
 from taction.verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS, gain_of
 from taction.verification.engines.statespace.equations.mirror_symmetry import DenseMatrix
 
@@ -89,12 +88,11 @@ class Devices:
         return Devices(kinds, *places, self.u_scale[chosen], self.v_scale[chosen])
 
     def joined(self, *others: Devices) -> Devices:
-        """Return these amplifiers, then the others; the scales may be stacks (B, m) of boards."""
+        """Return these amplifiers, then the others."""
         parts = (self, *others)
         kinds = tuple(kind for part in parts for kind in part.kinds)
-        places = (np.concatenate([getattr(p, f) for p in parts]) for f in ("input", "output"))
-        scales = (in_a_row([getattr(p, f) for p in parts]) for f in ("u_scale", "v_scale"))
-        return Devices(kinds, *places, *scales)
+        fields = ("input", "output", "u_scale", "v_scale")
+        return Devices(kinds, *(np.concatenate([getattr(p, f) for p in parts]) for f in fields))
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,40 +244,23 @@ class Descriptor:
 GROUND = -1
 
 
-def in_a_row(parts: Sequence[Floats]) -> Floats:
-    """Return arrays one after the other: (n,) each, or (B, n) with a row for each board."""
-    boards = [len(part) for part in parts if part.ndim > 1]
-    if len(boards) in (0, len(parts)):
-        return np.concatenate(parts, axis=-1)
-    if boards[0] == 1:
-        return np.concatenate([part.reshape(-1) for part in parts])[None]
-    found, begin = np.empty((boards[0], sum(part.shape[-1] for part in parts))), 0
-    for part in parts:
-        end = begin + part.shape[-1]
-        found[:, begin:end] = part
-        begin = end
-    return found
-
-
 class Entries:
     """A growing matrix: arrays of (row, column, value), ground included.
 
-    Values are those of all boards, (n,), or have a row for each board, (B, n). A part between two
-    nodes adds the opposite value in the same column to another row, of which its entry knows:
-    `back` is that row, or ground.
+    A part between two nodes adds the opposite value in the same column to another row, of which
+    its entry knows: `back` is that row, or ground.
     """
 
     def __init__(self) -> None:
         self.parts: list[tuple[Ints, Ints, Floats, Ints | None]] = []
-        self.single: list[tuple[int, int, float | Floats, int]] = []
-
-    def add_one(self, row: int, column: int, value: float | Floats, back: int = GROUND) -> None:
-        """Stamp one entry, of all boards or (B,) of each."""
-        self.single.append((row, column, value, back))
 
     def add(self, rows: Ints, columns: Ints, values: Floats, back: Ints | None = None) -> None:
         """Stamp one entry in each row."""
         self.parts.append((rows, columns, values, back))
+
+    def add_one(self, row: int, column: int, value: float, back: int = GROUND) -> None:
+        """Stamp one entry."""
+        self.add(np.array([row]), np.array([column]), np.array([value]), np.array([back]))
 
     def branch(self, a: Ints, b: Ints, values: Floats) -> None:
         """Stamp two-terminal elements between places a and b."""
@@ -287,51 +268,45 @@ class Entries:
             self.add(p, p, values, q)
             self.add(p, q, -values, q)
 
-    def joined(self, boards: int) -> tuple[Ints, Ints, Floats]:
-        """Return all rows and columns, (n,) each, and values, (B, n)."""
-        values = np.empty((boards, len(self.single)))
-        for k, (_, _, value, _) in enumerate(self.single):
-            values[:, k] = value
-        ones = [np.array([each[k] for each in self.single], dtype=np.int64) for k in (0, 1)]
-        rows, columns, stack = zip(*(part[:3] for part in self.parts), (*ones, values), strict=True)
-        return np.concatenate(rows), np.concatenate(columns), in_a_row(stack)
+    def joined(self) -> tuple[Ints, Ints, Floats]:
+        """Return all rows, columns and values, (n,) each."""
+        nothing = np.zeros(0, dtype=np.int64)
+        rows, columns, values = zip(
+            (nothing, nothing, np.zeros(0)), *(part[:3] for part in self.parts), strict=True
+        )
+        return np.concatenate(rows), np.concatenate(columns), np.concatenate(values)
 
-    @property
-    def backs(self) -> Ints:
-        """The other row of each entry, (n,)."""
-        ones = np.array([back for *_, back in self.single], dtype=np.int64)
-        parts = [
-            np.full(len(rows), GROUND) if back is None else back for rows, _, _, back in self.parts
-        ]
-        return np.concatenate([*parts, ones])
+    def move(self, to: Ints) -> None:
+        """Put the rows `to` (size + 1,) in the place of all rows; the last one is ground's."""
+        row, column, values = self.joined()
+        backs = [np.full(len(i), GROUND) if q is None else q for i, _, _, q in self.parts]
+        row, back = to[row], to[np.concatenate([np.zeros(0, dtype=np.int64), *backs])]
+        # A part between two nodes that have one row adds exactly nothing to it.
+        live = row != back
+        self.parts = [(row[live], column[live], values[live], None)]
 
-    def replace(self, rows: Ints, columns: Ints, values: Floats) -> None:
-        """Put entries in the place of all others."""
-        self.parts, self.single = [(rows, columns, values, None)], []
-
-    def triplets(self, rows: Bools, boards: int) -> list[Triplets]:
-        """Return each board's entries of the chosen `rows` (size + 1, the last for ground)."""
-        i, j, values = self.joined(boards)
-        live = np.flatnonzero(rows[i] & (j != GROUND) & agreed(values != 0.0))
-        places = i[live], j[live]
-        return [Triplets(*places, each) for each in values.take(live, axis=1)]
+    def triplets(self, rows: Bools) -> Triplets:
+        """Return the entries of the chosen `rows` (size + 1, the last for ground)."""
+        i, j, values = self.joined()
+        live = np.flatnonzero(rows[i] & (j != GROUND) & (values != 0.0))
+        return Triplets(i[live], j[live], values[live])
 
 
 class Stamper:
     """Collector of stamps: currents, which do not apply to rows of ideal sources, and laws.
 
-    It stamps `circuits` that differ in values alone; `circuit` is the first of them.
     `constant_currents` and `constant_laws` are terms of b: places, and values; `switched` are
     terms of any row that begin at t = 0.
     """
 
-    def __init__(self, circuits: Sequence[Circuit]) -> None:
-        self.circuits, self.circuit = circuits, circuits[0]
+    def __init__(self, circuit: Circuit) -> None:
+        self.circuit = circuit
         self.places: dict[str, int] = {}
         self.fixed: set[int] = set()
         self.moved: dict[int, int] = {}
         self.currents, self.laws, self.mass = Entries(), Entries(), Entries()
-        self.couplings: list[tuple[Ints, Ints, list[Floats], bool]] = []
+        # Sinks, drivers, conductances, and whether they are among nodes of one kind.
+        self.couplings: list[tuple[Ints, Ints, Floats, bool]] = []
         self.constant_currents: list[tuple[Ints, Floats]] = []
         self.constant_laws: list[tuple[Ints, Floats]] = []
         self.switched: list[tuple[Ints, Floats]] = []
@@ -349,71 +324,62 @@ class Stamper:
             raise EngineError(message)
         self.fixed.add(self.places[node])
 
-    def matrix(self, stack: Sequence[ResistorMatrix]) -> None:
-        """Stamp a resistor matrix of each board: arrays off the diagonal, sums on the diagonal."""
-        matrix = stack[0]
+    def matrix(self, matrix: ResistorMatrix) -> None:
+        """Stamp a resistor matrix: arrays off the diagonal, sums on the diagonal."""
         if matrix.is_mesh:
-            self._mesh(stack)
+            self._mesh(matrix)
             return
-        G, negative = np.divide(1.0, np.stack([m.ohms for m in stack])), matrix.negative
+        G, negative = np.divide(1.0, matrix.ohms), matrix.negative
         if not matrix.by_column:
-            G, negative = G.transpose(0, 2, 1), negative.T
-        live = np.flatnonzero(agreed(G.any(axis=2)))  # the node of an empty row may not exist
-        G, negative = G.take(live, axis=1), negative[live]
+            G, negative = G.T, negative.T
+        live = np.flatnonzero(G.any(axis=1))  # the node of an empty row may not exist
+        G, negative = G[live], negative[live]
         sinks = self.nodes(matrix.sinks[k] for k in live.tolist())
-        G = np.concatenate([np.where(negative, 0.0, G), np.where(negative, G, 0.0)], axis=2)
-        used, names = np.flatnonzero(agreed(G.any(axis=1))), (*matrix.plus, *matrix.minus)
-        drivers = self.nodes(names[d] for d in used.tolist())
-        G = G.take(used, axis=2)
+        G = np.concatenate([np.where(negative, 0.0, G), np.where(negative, G, 0.0)], axis=1)
+        used, names = np.flatnonzero(G.any(axis=0)), (*matrix.plus, *matrix.minus)
+        drivers, G = self.nodes(names[d] for d in used.tolist()), G[:, used]
         # Sorted, so that the sums of mirrored rows are equal to the bit.
-        for places, axis in ((sinks, 2), (drivers, 1)):
+        for places, axis in ((sinks, 1), (drivers, 0)):
             self.currents.add(places, places, -np.sort(G, axis=axis).sum(axis=axis))
         driven = drivers != GROUND
-        self.couplings.append((sinks, drivers[driven], [each[:, driven] for each in G], False))
+        self.couplings.append((sinks, drivers[driven], G[:, driven], False))
 
-    def _mesh(self, stack: Sequence[ResistorMatrix]) -> None:
+    def _mesh(self, matrix: ResistorMatrix) -> None:
         """Stamp resistors among the nodes of one kind, whose voltages sources may determine."""
-        upper = np.divide(1.0, np.stack([matrix.ohms for matrix in stack]))
-        G, sinks = upper + upper.transpose(0, 2, 1), stack[0].sinks
-        live = np.flatnonzero(agreed(G.any(axis=2)))
-        nodes = self.nodes(sinks[k] for k in live.tolist())
-        G = G.take(live, axis=1).take(live, axis=2)
-        self.currents.add(nodes, nodes, -G.sum(axis=2))
+        upper = np.divide(1.0, matrix.ohms)
+        G = upper + upper.T
+        live = np.flatnonzero(G.any(axis=1))
+        nodes, G = self.nodes(matrix.sinks[k] for k in live.tolist()), G[np.ix_(live, live)]
+        self.currents.add(nodes, nodes, -G.sum(axis=1))
         free = np.array([place not in self.fixed for place in nodes.tolist()], dtype=np.bool_)
         driven = nodes != GROUND
         if free.any():
-            among = [each[np.ix_(free, driven)] for each in G]
-            self.couplings.append((nodes[free], nodes[driven], among, True))
+            self.couplings.append((nodes[free], nodes[driven], G[np.ix_(free, driven)], True))
 
     def sources(self, devices: Devices) -> tuple[Floats, Floats]:
-        """Stamp the laws of ideal sources; return b: switched and constant part, (B, size)."""
-        c, size = self.circuit, len(self.places)
+        """Stamp the laws of ideal sources; return b: switched and constant part, (size,)."""
+        c = self.circuit
         nodes = self.nodes(v.node for v in c.voltages)
-        volts = self.values(lambda circuit: [v.volts for v in circuit.voltages])
+        volts = np.array([v.volts for v in c.voltages], dtype=np.float64)
         switched = np.array([v.switched for v in c.voltages], dtype=np.bool_)
         self.constant_laws.append((nodes, np.where(switched, 0.0, volts)))
         for places in (nodes, devices.output):
             self.laws.add(places, places, -np.ones(len(places)))
         into = self.nodes(i.node for i in c.currents)
-        amps = self.values(lambda circuit: [i.amps for i in circuit.currents])
-        b = np.stack([self._sums([(into, amps)]), self._sums(self.constant_currents)])
-        b[:, :, list(self.fixed)] = 0.0
-        every = np.arange(size + 1)
-        more = [(nodes[switched], volts[:, switched]), *self.switched], self.constant_laws
-        on, constant = (
-            self._sums([(every, own), *terms]) for own, terms in zip(b, more, strict=True)
-        )
-        return on[:, :size], constant[:, :size]
+        amps = np.array([i.amps for i in c.currents], dtype=np.float64)
+        found = []
+        for currents, laws in (
+            ([(into, amps)], [(nodes[switched], volts[switched]), *self.switched]),
+            (self.constant_currents, self.constant_laws),
+        ):
+            b = self._sums(currents)
+            b[list(self.fixed)] = 0.0
+            found.append((b + self._sums(laws))[:-1])
+        return found[0], found[1]
 
-    def values(self, of: Callable[[Circuit], Sequence[float]]) -> Floats:
-        """Return values of parts, (B, n): a row for each board."""
-        return np.array([of(circuit) for circuit in self.circuits], dtype=np.float64)
-
-    def _sums(self, terms: Sequence[tuple[Ints, Floats]]) -> Floats:
-        """Return the sums of terms at each place, (B, size + 1); the last place is ground."""
-        boards, size = len(self.circuits), len(self.places) + 1
-        nothing = np.zeros(0, dtype=np.int64), np.zeros((boards, 0))
-        places, values = zip(nothing, *terms, strict=True)
-        at = np.concatenate(places) % size + size * np.arange(boards)[:, None]
-        sums = np.bincount(at.ravel(), in_a_row(values).ravel(), minlength=boards * size)
-        return sums.astype(np.float64, copy=False).reshape(boards, size)
+    def _sums(self, terms: Iterable[tuple[Ints, Floats]]) -> Floats:
+        """Return the sums of terms at each place, (size + 1,); the last place is ground."""
+        size = len(self.places) + 1
+        nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
+        at, values = map(np.concatenate, zip(nothing, *terms, strict=True))
+        return np.bincount(at % size, values, minlength=size).astype(np.float64, copy=False)

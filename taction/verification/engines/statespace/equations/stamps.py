@@ -12,20 +12,17 @@ node that its source determines. A coil has its current as state.
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+import math
+from collections.abc import Iterator
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.linear_models import with_linear_models
-from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.netlist_gen.board.wired_arrays import port_matrices
 from taction.spice_models.branches import Branch, Source
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.alike import in_groups
 from taction.verification.engines.statespace.equations.cell_stamps import (
     stamp_opamps,
     stamp_transistors,
@@ -61,8 +58,8 @@ def _devices(stamper: Stamper) -> Devices:
         kinds=tuple(a.kind for a in amplifiers),
         input=places[:, 0],
         output=places[:, 1],
-        u_scale=stamper.values(lambda circuit: [a.u_scale for a in circuit.amplifiers]),
-        v_scale=stamper.values(lambda circuit: [a.v_scale for a in circuit.amplifiers]),
+        u_scale=np.array([a.u_scale for a in amplifiers], dtype=np.float64),
+        v_scale=np.array([a.v_scale for a in amplifiers], dtype=np.float64),
     )
 
 
@@ -71,66 +68,9 @@ def stamp(circuit: Circuit) -> Descriptor:
 
     EngineError: two ideal sources drive one node, or an amplifier's input is grounded.
     """
-    (found,) = stamp_together([circuit])
-    if isinstance(found, EngineError):
-        raise found
-    return found
-
-
-def stamp_together(circuits: Sequence[Circuit]) -> list[Descriptor | EngineError]:
-    """Return the equations of boards, or why a board has none; see `stamp`.
-
-    Boards that differ in values alone are stamped together.
-
-    Examples
-    --------
-    >>> import taction
-    >>> from taction.netlist_gen.board.synthesis import synthesise
-    >>> circuit = synthesise(taction.load_scene("scenes/custom-matrix.toml"))
-    >>> one, other = stamp_together([circuit, circuit])
-    >>> one.names is other.names
-    True
-    """
-    return in_groups(circuits, _differ_in_values, _stamp)
-
-
-def _differ_in_values(one: Circuit, other: Circuit) -> bool:
-    """Whether two circuits have the same parts between the same nodes, of kinds with arrays."""
-    return (
-        one.opamps == other.opamps
-        and one.supply == other.supply
-        and list(one.models) == list(other.models)
-        and not any(c.transistors or c.has_imported for c in (one, other))
-        and len(one.branches) == len(other.branches)
-        and list(map(_WIRED, one.branches)) == list(map(_WIRED, other.branches))
-        and list(map(_ENDS, one.resistors)) == list(map(_ENDS, other.resistors))
-        and list(map(_ENDS, one.capacitors)) == list(map(_ENDS, other.capacitors))
-        and list(map(_AMPLIFIED, one.amplifiers)) == list(map(_AMPLIFIED, other.amplifiers))
-        and [source.node for source in one.currents] == [source.node for source in other.currents]
-        and list(map(_VOLTAGE, one.voltages)) == list(map(_VOLTAGE, other.voltages))
-        and len(one.matrices) == len(other.matrices)
-        and all(map(_alike, one.matrices, other.matrices))
-    )
-
-
-_ENDS = operator.attrgetter("a", "b")
-_WIRED = operator.attrgetter("card", "a", "b", "control")
-_AMPLIFIED = operator.attrgetter("kind", "input", "output")
-_VOLTAGE = operator.attrgetter("node", "switched")
-_LINES = operator.attrgetter("by_column", "plus", "minus", "sinks", "wires")
-
-
-def _alike(one: ResistorMatrix, other: ResistorMatrix) -> bool:
-    """Whether two matrices without wires have the same nodes and signs."""
-    same = one.wires is None and _LINES(one) == _LINES(other)
-    return same and np.array_equal(one.negative, other.negative)
-
-
-def _stamp(circuits: Sequence[Circuit]) -> list[Descriptor]:
-    """Return the equations of circuits that differ in values alone."""
-    if circuits[0].has_imported:
-        circuits = [with_linear_models(circuit) for circuit in circuits]
-    circuit, stamper = circuits[0], Stamper(circuits)
+    if circuit.has_imported:
+        circuit = with_linear_models(circuit)
+    stamper = Stamper(circuit)
     pins = (n for cell in circuit.opamps for n in (cell.noninverting, cell.inverting, cell.output))
     wired = stamper.nodes(pins).reshape(-1, 3)
     devices = _devices(stamper)
@@ -141,53 +81,48 @@ def _stamp(circuits: Sequence[Circuit]) -> list[Descriptor]:
     stamper.nodes(source.node for source in circuit.voltages)
     stamper.nodes(node for part in circuit.branches for node in part.nodes)
     _claim_rows(stamper)
-    for matrices in zip(*map(port_matrices, circuits), strict=True):
-        stamper.matrix(matrices)
+    for matrix in port_matrices(circuit):
+        stamper.matrix(matrix)
     node_count = len(stamper.places)
     transistors = stamp_transistors(stamper, legs.reshape(-1, 3))
     devices = devices.joined(transistors, *stamp_opamps(stamper, wired))
-    ohms = stamper.values(lambda c: [part.ohms for part in c.resistors])
+    ohms = np.array([part.ohms for part in circuit.resistors], dtype=np.float64)
     stamper.currents.branch(resistors[0::2], resistors[1::2], -1.0 / ohms)
-    farads = stamper.values(lambda c: [part.farads for part in c.capacitors])
+    farads = np.array([part.farads for part in circuit.capacitors], dtype=np.float64)
     stamper.mass.branch(capacitors[0::2], capacitors[1::2], farads)
     if circuit.branches:
         stamp_branches(stamper)
     return _finish(stamper, node_count, devices)
 
 
-def _finish(stamper: Stamper, node_count: int, devices: Devices) -> list[Descriptor]:
+def _finish(stamper: Stamper, node_count: int, devices: Devices) -> Descriptor:
     switched, constant = stamper.sources(devices)
-    board, boards = np.append(np.ones(len(stamper.places), dtype=np.bool_), False), len(switched)
+    board = np.append(np.ones(len(stamper.places), dtype=np.bool_), False)
     determined = np.zeros(len(stamper.places), dtype=np.bool_)
     determined[list(stamper.fixed)] = True
-    free = board & np.append(~determined, False)
-    laws, currents = stamper.laws.triplets(board, boards), stamper.currents.triplets(free, boards)
-    mass, couplings = stamper.mass.triplets(free, boards), list[Sequence[Coupling]]()
-    for sinks, drivers, stack, among in stamper.couplings:
+    free, couplings = board & np.append(~determined, False), list[Coupling]()
+    for sinks, drivers, G, among in stamper.couplings:
         live = sinks != GROUND
         if determined[sinks[live]].any():
             raise EngineError("an ideal source drives a summing node of a resistor matrix")
         loaded = np.zeros_like(determined[drivers]) if among else ~determined[drivers]
-        couplings.append([Coupling(sinks[live], drivers, G[live], loaded) for G in stack])
+        couplings.append(Coupling(sinks[live], drivers, G[live], loaded))
     names = tuple(stamper.places)
-    return [
-        Descriptor(
-            names=names,
-            node_count=node_count,
-            mass=mass[k],
-            local=laws[k].joined(currents[k]),
-            couplings=tuple(each[k] for each in couplings),
-            switched=switched[k],
-            constant=constant[k],
-            determined=determined,
-            devices=replace(devices, u_scale=devices.u_scale[k], v_scale=devices.v_scale[k]),
-            places=stamper.places,
-            mirror=proposed_mirror(names),
-            has_branches=bool(stamper.circuit.branches),
-            moved=stamper.moved,
-        )
-        for k in range(boards)
-    ]
+    return Descriptor(
+        names=names,
+        node_count=node_count,
+        mass=stamper.mass.triplets(free),
+        local=stamper.laws.triplets(board).joined(stamper.currents.triplets(free)),
+        couplings=tuple(couplings),
+        switched=switched,
+        constant=constant,
+        determined=determined,
+        devices=devices,
+        places=stamper.places,
+        mirror=proposed_mirror(names),
+        has_branches=bool(stamper.circuit.branches),
+        moved=stamper.moved,
+    )
 
 
 def current_of(card: str) -> str:
@@ -196,7 +131,7 @@ def current_of(card: str) -> str:
 
 
 def stamp_branches(stamper: Stamper) -> None:
-    """Stamp every branch of the circuits; call it after all other parts.
+    """Stamp every branch of the circuit; call it after all other parts.
 
     EngineError: sources of voltage that form a loop, or a card that controls another one and is not
       there.
@@ -205,18 +140,14 @@ def stamp_branches(stamper: Stamper) -> None:
 
 
 class _Branches:
-    """Stamps of all branches; `rows` is the row that takes the current into each place.
-
-    `values` has those of a card in each circuit, (B,).
-    """
+    """Stamps of all branches; `rows` is the row that takes the current into each place."""
 
     def __init__(self, stamper: Stamper, parts: tuple[Branch, ...]) -> None:
         self.stamper, self.parts = stamper, parts
-        self.cards = {part.card: k for k, part in enumerate(parts)}
-        self.values = stamper.values(lambda c: [part.value for part in c.branches])
+        self.values = {part.card: part.value for part in parts}
         self.sensed = {part.control[0]: part.card for part in parts if part.letter in "FH"}
         for card, by in self.sensed.items():
-            if card not in self.cards:
+            if card not in self.values:
                 raise EngineError(f"{by} is controlled by {card}, which is no source")
         coils = [part.card for part in parts if part.letter == "L"]
         names = [current_of(card) for card in dict.fromkeys([*self.sensed, *coils])]
@@ -297,39 +228,27 @@ class _Branches:
         self._state(child, child, -1.0)
         self._state(child, other, 1.0)
         if part.letter == "V":
-            row, (before, step) = np.array([child]), self._steps(part)
+            row, (before, step) = np.array([child]), _steps(part)
             stamper.constant_laws.append((row, sign * before))
             stamper.switched.append((row, sign * step))
         elif part.letter == "E":
             for place, gain in self._controls(part):
                 self._state(child, place, sign * gain)
         else:
-            self._state(child, self._current(part.control[0]), sign * self._value(part.card))
+            self._state(child, self._current(part.control[0]), sign * self.values[part.card])
 
-    def _value(self, card: str) -> Floats:
-        return self.values[:, self.cards[card]]
-
-    def _steps(self, part: Branch) -> tuple[Floats, Floats]:
-        """Return what a source has before t = 0, and what is switched on then, (B, 1) each."""
-        k = self.cards[part.card]
-        parts = [c.branches[k] for c in self.stamper.circuits]
-        found = [(p.before, p.step) if isinstance(p, Source) else (p.value, 0.0) for p in parts]
-        before, step = np.array(found).T[:, :, None]
-        return before, step
-
-    def _controls(self, part: Branch) -> Iterator[tuple[int, Floats]]:
-        value = self._value(part.card)
-        for node, gain in zip(part.control, (value, -value), strict=True):
+    def _controls(self, part: Branch) -> Iterator[tuple[int, float]]:
+        for node, gain in zip(part.control, (part.value, -part.value), strict=True):
             yield self._place(node), gain
 
-    def _state(self, row: int, column: int, value: float | Floats) -> None:
+    def _state(self, row: int, column: int, value: float) -> None:
         self.stamper.laws.add_one(row, column, value)
 
-    def _add(self, row: int, column: int, value: float | Floats, back: int) -> None:
+    def _add(self, row: int, column: int, value: float, back: int) -> None:
         """Add a current out of the node `back` into `row`, or to the balance of a current."""
         self.stamper.currents.add_one(row, column, value, back)
 
-    def _through(self, part: Branch, column: int, value: float | Floats) -> None:
+    def _through(self, part: Branch, column: int, value: float) -> None:
         """Add a current from `part.a` through the part to `part.b`."""
         a, b = self._ends(part)
         self._add(a, column, -value, b)
@@ -337,7 +256,7 @@ class _Branches:
 
     def _flow(self, part: Branch) -> None:
         """Stamp what flows through a part that is no source of voltage."""
-        mass, value = self.stamper.mass, self._value(part.card)
+        mass, value = self.stamper.mass, part.value
         match part.letter:
             case "L":
                 current, (a, b) = self._current(part.card), self._ends(part)
@@ -346,7 +265,7 @@ class _Branches:
                 self._state(current, b, -1.0)
                 self._through(part, current, 1.0)
             case "K":
-                henries = value * np.sqrt(self._value(part.a) * self._value(part.b))
+                henries = value * math.sqrt(self.values[part.a] * self.values[part.b])
                 one, other = (self._current(card) for card in (part.a, part.b))
                 mass.add_one(one, other, henries)
                 mass.add_one(other, one, henries)
@@ -365,7 +284,7 @@ class _Branches:
 
     def _source(self, part: Branch) -> None:
         rows = [*self.rows, GROUND]  # which take the currents into places; ground stays ground
-        (a, b), (before, step) = self._ends(part), self._steps(part)
+        (a, b), (before, step) = self._ends(part), _steps(part)
         for place, sign in ((a, -1.0), (b, 1.0)):
             row, taken = np.array([place]), np.array([rows[place]])
             self.stamper.constant_currents.append((row, sign * before))
@@ -375,12 +294,14 @@ class _Branches:
         stamper = self.stamper
         stamper.moved = {k: row for k, row in enumerate(self.rows) if row != k}
         rows = np.array([*self.rows, GROUND], dtype=np.int64)
-        for entries in (stamper.currents, stamper.mass):
-            row, column, values = entries.joined(len(stamper.circuits))
-            row, back = rows[row], rows[entries.backs]
-            # A part between two nodes that have one row adds exactly nothing to it.
-            live = np.flatnonzero((row != GROUND) & (column != GROUND) & (row != back))
-            entries.replace(row[live], column[live], values.take(live, axis=1))
+        stamper.currents.move(rows)
+        stamper.mass.move(rows)
         stamper.constant_currents[:] = [
             (rows[i], values) for i, values in stamper.constant_currents
         ]
+
+
+def _steps(part: Branch) -> tuple[Floats, Floats]:
+    """Return what a source has before t = 0, and what is switched on then, (1,) each."""
+    found = (part.before, part.step) if isinstance(part, Source) else (part.value, 0.0)
+    return np.array([found[0]]), np.array([found[1]])

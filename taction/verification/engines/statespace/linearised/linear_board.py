@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Hashable, Iterable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from collections.abc import Hashable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats
-from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS
-from taction.verification.engines.statespace.equations.descriptor import LARGE, Descriptor
-from taction.verification.engines.statespace.equations.stamps import stamp, stamp_together
+from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.equations.structured_solve import (
     Response,
     Structure,
@@ -32,9 +30,7 @@ from taction.verification.engines.statespace.linearised.equilibrium import (
 )
 from taction.verification.engines.statespace.linearised.state_space import (
     StateSpace,
-    find_modes,
     linearise,
-    linearise_together,
     open_loop,
 )
 
@@ -159,89 +155,6 @@ def parts_of(board: LinearBoard) -> int:
     """Return the number of parts without those of the matrices: about that of the unknowns."""
     circuit = board.circuit
     return len(circuit.opamps) + len(circuit.resistors) + len(circuit.capacitors)
-
-
-def solve_together(boards: Sequence[LinearBoard]) -> None:
-    """Compute equations, state spaces and modes of boards; see `linearise_boards`.
-
-    Examples
-    --------
-    >>> import taction
-    >>> from taction.netlist_gen.board.synthesis import synthesise
-    >>> circuit = synthesise(taction.load_scene("scenes/custom-matrix.toml"))
-    >>> one, other = LinearBoard(circuit), LinearBoard(circuit)
-    >>> solve_together([one, other])
-    >>> one.state_space.states is other.state_space.states
-    True
-    """
-    if len(boards) > 1:
-        find_modes([space for space in linearise_boards(boards) if space is not None])
-
-
-def linearise_boards(boards: Sequence[LinearBoard]) -> list[StateSpace | None]:
-    """Compute equations, equilibria and state spaces of boards, of one structure together.
-
-    Boards that differ in capacitances alone have one equilibrium, computed once. Every board has
-    the digits that it has alone. A board that has no state space, and a large one, stays as it is,
-    and says why where it is asked: None in its place.
-    """
-    spaces = state_spaces(boards)
-    _share_rests(boards)
-    return spaces
-
-
-def state_spaces(boards: Sequence[LinearBoard]) -> list[StateSpace | None]:
-    """Compute equations and state spaces as `linearise_boards`, and only equilibria that count."""
-    stamp_boards(boards)
-    _share_rests([board for board in boards if _bends(board)])
-    ready = dict[LinearBoard, tuple[Descriptor, Equilibrium | None]]()
-    for board in boards:
-        if "state_space" not in vars(board):
-            with suppress(EngineError):
-                if not board.descriptor.is_large:
-                    ready[board] = board.descriptor, board.operating_point
-    for board, space in zip(ready, linearise_together(list(ready.values())), strict=True):
-        if not isinstance(space, EngineError):
-            vars(board)["state_space"] = space
-    return [vars(board).get("state_space") for board in boards]
-
-
-def stamp_boards(boards: Sequence[LinearBoard]) -> None:
-    """Stamp the equations of small boards together; what fails says why where it is asked."""
-    small = [board for board in boards if parts_of(board) <= LARGE and board.equations is None]
-    unstamped = [board for board in small if "descriptor" not in vars(board)]
-    stamped = stamp_together([board.circuit for board in unstamped])
-    for board, descriptor in zip(unstamped, stamped, strict=True):
-        if not isinstance(descriptor, EngineError):
-            vars(board)["descriptor"] = descriptor
-
-
-def _bends(board: LinearBoard) -> bool:
-    """Tell whether the linearisation of a board depends on its equilibrium."""
-    with suppress(EngineError):
-        return board.descriptor.devices.count > 0
-    return False
-
-
-def _share_rests(boards: Sequence[LinearBoard]) -> None:
-    """Give boards that differ in capacitances alone what the first of them has at rest.
-
-    A board that has limits may reach its rest by steps in time, which depend on its capacitances.
-    """
-    known = dict[bytes, LinearBoard]()
-    for board in boards:
-        with suppress(EngineError):
-            descriptor, computed = board.descriptor, board.point or vars(board).get("equilibrium")
-            if computed is not None or descriptor.is_large or descriptor.has_limits:
-                continue
-            first = known.setdefault(descriptor.at_rest, board)
-            if first is not board:
-                vars(board).update(
-                    _response=first._response,
-                    equilibrium=replace(first.equilibrium, descriptor=descriptor),
-                    rest=replace(first.rest, descriptor=descriptor),
-                    rounding=first.rounding,
-                )
 
 
 Initial = Literal["zero", "rest"]

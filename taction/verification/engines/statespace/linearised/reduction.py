@@ -9,6 +9,7 @@ input has an impulse in them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,7 +19,6 @@ from numpy.typing import NDArray
 
 from taction.system.array_types import EPS, Bools, Floats, Ints
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.alike import agreed, alone
 from taction.verification.engines.statespace.linearised.scaled_inverse import (
     SINGULAR,
     pivoted,
@@ -35,7 +35,7 @@ STEPS = 2  # inputs before those that change with time
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pencil:
-    """Equations ``M y' = K y + b u``, ``z = basis y``, ``y = left z``; stacks have a leading axis.
+    """Equations ``M y' = K y + b u``, ``z = basis y``, ``y = left z``.
 
     Attributes
     ----------
@@ -61,15 +61,6 @@ class Pencil:
     def charge_sizes(self) -> Floats:
         """The sizes of the terms of `charges`."""
         return self.mass @ np.abs(self.left)
-
-    @property
-    def parts(self) -> tuple[Floats, ...]:
-        """All matrices."""
-        return self.M, self.K, self.b, self.mass, self.pull, self.basis, self.left
-
-    def taken(self, k: int) -> Pencil:
-        """Return one of a stack."""
-        return Pencil(*(each[k] for each in self.parts))
 
 
 def graded(pencil: Pencil, exact: NDArray[np.longdouble]) -> Pencil:
@@ -172,33 +163,28 @@ def lefts(
 
 
 class _Reduction:
-    """The equations of a stack that are left, the unknowns y of those left, and the steps."""
+    """The equations that are left of a pencil, the unknowns y of those left, and the steps."""
 
-    def __init__(self, stack: Pencil, names: Sequence[str]) -> None:
-        self.M, self.K, self.b, self.names = stack.M, stack.K, stack.b, names
-        count, size = self.M.shape[:2]
-        self.C = np.broadcast_to(np.eye(size), (count, size, size)).copy()
-        self.D = np.zeros((count, size, self.b.shape[2]))
+    def __init__(self, pencil: Pencil, names: Sequence[str]) -> None:
+        self.M, self.K, self.b, self.names = pencil.M, pencil.K, pencil.b, names
+        size = len(self.M)
+        self.C, self.D = np.eye(size), np.zeros_like(self.b)
         self.jump = np.zeros((2, *self.b.shape))  # charges by each input's rate, with sizes
-        self.steps = list[tuple[Any, ...]]()
+        self.steps = list[Elimination]()
         self.left = np.arange(size)  # unknowns that stay
-        self.worst = np.ones(count)
-        self.turned = False
+        self.worst = 1.0  # condition number of what was inverted
+        self.turned = self.graded = False
 
-    def run(self, *, grade: bool) -> Floats | None:
-        """Eliminate until M is regular; return its inverse, or None if `graded` would keep more."""
+    def run(self, *, grade: bool) -> Floats:
+        """Eliminate until M is regular, or until `graded` would keep more; return its inverse."""
         while True:
-            turn, charged = None, agreed(self.M.any(axis=2))
+            turn, charged = None, self.M.any(axis=1)
             if charged.all():
                 inverse, condition = scaled_inverse(self.M)
-                if grade and not self.turned and not agreed(condition < GRADED):
-                    alone(len(self.M))
-                    if condition[0] < NOTHING:
-                        return None
-                if agreed(condition < SINGULAR):
-                    self.worst = np.maximum(self.worst, condition)
+                self.graded = grade and not self.turned and GRADED <= condition < NOTHING
+                if self.graded or condition < SINGULAR:
+                    self.worst = max(self.worst, condition)
                     return inverse
-                alone(len(self.M))
                 turn, charged = self._separate()
             self._eliminate(turn, np.flatnonzero(~charged), np.flatnonzero(charged))
 
@@ -206,116 +192,97 @@ class _Reduction:
         """Combine equations so that each has charge, or none, by complete pivoting."""
         from scipy.linalg import solve_triangular
 
-        size = len(self.M[0])
-        scale = np.abs(self.M[0]).max(axis=1)
+        size = len(self.M)
+        scale = np.abs(self.M).max(axis=1)
         scale[scale == 0.0] = 1.0
-        L, U, p, q, rank = pivoted(self.M[0] / scale[:, None])
+        L, U, p, q, rank = pivoted(self.M / scale[:, None])
         turn = np.zeros((size, size))
         turn[:, p] = solve_triangular(L, np.eye(size), lower=True, unit_diagonal=True)
         turn /= scale
-        self.M = np.zeros((1, size, size))
-        self.M[0][:rank, q] = U[:rank]
+        self.M = np.zeros((size, size))
+        self.M[:rank, q] = U[:rank]
         self.K, self.b = turn @ self.K, turn @ self.b
         self.jump = np.stack([turn @ self.jump[0], np.abs(turn) @ self.jump[1]])
-        self.worst[:], self.turned = np.inf, True
+        self.worst, self.turned = math.inf, True
         return turn, np.arange(size) < rank
 
     def _eliminate(self, turn: Floats | None, a: Ints, d: Ints) -> None:
         M, K, b, p = self.M, self.K, self.b, a
-        inverse, condition = (
-            scaled_inverse(taken(K, a, p)) if turn is None else (K, np.full(1, np.inf))
-        )
-        if not agreed(condition < SINGULAR):
-            alone(len(K))
-            p = _pivots(K[0][a])
-            inverse, condition = scaled_inverse(taken(K, a, p))
+        inverse, condition = scaled_inverse(K[np.ix_(a, p)]) if turn is None else (K, math.inf)
+        if not condition < SINGULAR:
+            p = _pivots(K[a])
+            inverse, condition = scaled_inverse(K[np.ix_(a, p)])
             self.turned = True
-        if not condition[0] < SINGULAR:
+        if not condition < SINGULAR:
             listed = [self.names[self.left[k]] for k in p[:5]]
             more = ", ..." if len(p) > 5 else ""
             raise EngineError(
                 f"nodes without capacitance stay undetermined: {', '.join(listed)}{more}"
             )
-        self.worst = np.maximum(self.worst, condition)
-        q = np.setdiff1d(np.arange(M.shape[1]), p)
-        own, right = taken(K, a, p), np.concatenate([taken(K, a, q), b.take(a, axis=1)], axis=2)
+        self.worst = max(self.worst, condition)
+        q = np.setdiff1d(np.arange(len(M)), p)
+        own, right = K[np.ix_(a, p)], np.concatenate([K[np.ix_(a, q)], b[a]], axis=1)
         X = -inverse @ right
         X -= inverse @ (right + own @ X)
-        P, given = X[:, :, : len(q)], X[:, :, len(q) :]
-        mass, pull, charge = taken(M, d, p), taken(K, d, p), taken(M, d, q)
-        self.M, self.K = charge + mass @ P, taken(K, d, q) + pull @ P
-        self.b = b.take(d, axis=1) + pull @ given
+        P, given = X[:, : len(q)], X[:, len(q) :]
+        mass, pull, charge = M[np.ix_(d, p)], K[np.ix_(d, p)], M[np.ix_(d, q)]
+        self.M, self.K = charge + mass @ P, K[np.ix_(d, q)] + pull @ P
+        self.b = b[d] + pull @ given
         moved = np.stack([mass @ given, np.abs(mass) @ np.abs(given)])
-        for jump, terms in (self.jump[:, :, a], moved if turn is None else 0.0 * moved):
-            if agreed((np.abs(jump) > 4.0 * ROUNDED * terms)[:, :, STEPS:].any(axis=(1, 2))):
+        for jump, terms in (self.jump[:, a], moved if turn is None else 0.0 * moved):
+            if (np.abs(jump) > 4.0 * ROUNDED * terms)[:, STEPS:].any():
                 raise EngineError(AT_OUTPUT)
-        self.jump = self.jump[:, :, d] + moved
-        if agreed(mass.any(axis=(1, 2))):
+        self.jump = self.jump[:, d] + moved
+        if mass.any():
             sizes = np.abs(charge) + np.abs(mass) @ np.abs(P)
-            lost = np.abs(self.M) < sizes / DECIDED
-            self.worst = np.where((lost & (sizes > 0.0)).any(axis=(1, 2)), np.inf, self.worst)
+            if np.any((np.abs(self.M) < sizes / DECIDED) & (sizes > 0.0)):
+                self.worst = math.inf
             self.M[np.abs(self.M) < 4.0 * ROUNDED * sizes] = 0.0
             self.turned = True
-        own = self.C[:, :, p]
+        own = self.C[:, p]
         self.D = self.D + own @ given
-        self.C = self.C[:, :, q] + own @ P
+        self.C = self.C[:, q] + own @ P
         self.left = self.left[q]
-        self.steps.append((turn, a, d, p, inverse, mass, pull))
+        self.steps.append(Elimination(turn, a, d, p, inverse, mass, pull))
 
 
-def reduce_together(
-    stack: Pencil, names: Sequence[str], exact: Callable[[], NDArray[np.longdouble]] | None = None
-) -> list[Reduced]:
-    """Eliminate all unknowns without charge from B pencils, whose unknowns have `names`.
+def reduce_pencil(
+    pencil: Pencil, names: Sequence[str], exact: Callable[[], NDArray[np.longdouble]] | None = None
+) -> Reduced:
+    """Eliminate all unknowns without charge from a pencil, whose unknowns have `names`.
 
-    `exact` makes M of a pencil that is alone, for `graded`.
+    `exact` makes its M for `graded`.
 
-    EngineError: the equations have no such form (see `state_space.linearise`), those of any board.
-    Unlike: the boards need different steps.
+    EngineError: the equations have no such form (see `state_space.linearise`).
     """
-    work = _Reduction(stack, names)
+    work = _Reduction(pencil, names)
     inverse_mass = work.run(grade=exact is not None)
-    if inverse_mass is None:
-        one = graded(stack.taken(0), exact() if exact else stack.M[0].astype(np.longdouble))
-        found = reduce_together(Pencil(*(each[None] for each in one.parts)), names)
-        return [replace(each, places=None, decided=False) for each in found]
-    right, found = np.concatenate([work.K, work.b], axis=2), []
+    if exact is not None and work.graded:
+        found = reduce_pencil(graded(pencil, exact()), names)
+        return replace(found, places=None, decided=False)
+    right = np.concatenate([work.K, work.b], axis=1)
     rates = inverse_mass @ right
     rates += inverse_mass @ (right - work.M @ rates)
-    A, B = rates[:, :, : work.M.shape[1]], rates[:, :, work.M.shape[1] :]
-    for k in range(len(A)):
-        pencil = stack.taken(k)
-        steps = tuple(
-            Elimination(turn, a, d, p, *(each[k] for each in matrices))
-            for turn, a, d, p, *matrices in work.steps
-        )
-        L = lefts(steps, inverse_mass[k], A[k], np.eye(len(A[k])))
-        C, D = work.C[k], work.D[k]
-        if any(step.mass.any() for step in steps):  # the step itself charges what it reaches
-            D = D - C @ (L @ (pencil.M @ D))
-            B[k] = L @ pencil.b
-        found.append(
-            Reduced(
-                pencil=pencil,
-                steps=steps,
-                inverse_mass=inverse_mass[k],
-                A=A[k],
-                B=B[k],
-                C=pencil.basis @ C,
-                D=pencil.basis @ D,
-                charge=L @ pencil.charges,
-                seen=C,
-                left=L,
-                places=None if work.turned else work.left,
-                decided=bool(work.worst[k] < DECIDED),
-            )
-        )
-    return found
-
-
-def taken(A: Floats, rows: Ints, columns: Ints) -> Floats:
-    """Return rows and columns of each matrix of a stack."""
-    return A.take(rows, axis=1).take(columns, axis=2)
+    n = len(work.M)
+    A, B, C, D = rates[:, :n], rates[:, n:], work.C, work.D
+    L = lefts(work.steps, inverse_mass, A, np.eye(n))
+    if any(step.mass.any() for step in work.steps):  # the step itself charges what it reaches
+        D = D - C @ (L @ (pencil.M @ D))
+        B = L @ pencil.b
+    return Reduced(
+        pencil=pencil,
+        steps=tuple(work.steps),
+        inverse_mass=inverse_mass,
+        A=A,
+        B=B,
+        C=pencil.basis @ C,
+        D=pencil.basis @ D,
+        charge=L @ pencil.charges,
+        seen=C,
+        left=L,
+        places=None if work.turned else work.left,
+        decided=work.worst < DECIDED,
+    )
 
 
 def _pivots(rows: Floats) -> Ints:

@@ -29,7 +29,6 @@ they were stamped is exact to second order, and has the bound that its mode woul
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,11 +36,9 @@ import numpy as np
 
 from taction.system.array_types import EPS, Complexes, Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.alike import of_one_kind
 from taction.verification.engines.statespace.equations.structured_solve import Structure
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.reduction import ROUNDED, Reduced
-from taction.verification.engines.statespace.linearised.scaled_inverse import inverses
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
 
 NEAREST = 4  # number of poles requested at a shift; each further shift asks for twice as many
@@ -313,8 +310,9 @@ class LeadPole:
     errors: Floats
 
 
-def lead_poles(spaces: Sequence[StateSpace]) -> list[LeadPole | None]:
-    """Find the poles of state spaces, and bound the error of the rightmost one by its vectors.
+@np.errstate(invalid="ignore", over="ignore", divide="ignore")
+def lead_pole(space: StateSpace) -> LeadPole | None:
+    """Find the poles of a state space, and bound the error of the rightmost one by its vectors.
 
     None where only the modes tell: where poles that may be the rightmost are nearer than
     `SEARCHED`, where rounding may move poles farther, or where a matrix is not finite.
@@ -326,32 +324,14 @@ def lead_poles(spaces: Sequence[StateSpace]) -> list[LeadPole | None]:
     >>> from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
     >>> circuit = synthesise(taction.load_scene("scenes/custom-matrix.toml"))
     >>> space = LinearBoard(circuit).state_space
-    >>> (found,) = lead_poles([space])
+    >>> found = lead_pole(space)
     >>> off = abs(found.poles[0] - space.modes.poles[0])
     >>> bool(off < found.errors[0] < 1e-9 * abs(found.poles[0]))
     True
     """
-    values = _eigenvalues(spaces)
-    return [_lead(s, values[k]) if k in values else None for k, s in enumerate(spaces)]
-
-
-def _eigenvalues(spaces: Sequence[StateSpace]) -> dict[int, list[Complexes]]:
-    """Return the eigenvalues of each block of the state spaces whose matrices are finite."""
-    finite = {
-        place: [block.A for block in space.blocks]
-        for place, space in enumerate(spaces)
-        if space.n and all(np.isfinite(block.A).all() for block in space.blocks)
-    }
-    parts = {(place, k): A for place, some in finite.items() for k, A in enumerate(some)}
-    found = dict[tuple[int, int], Complexes]()
-    for same in of_one_kind({key: len(A) for key, A in parts.items()}):
-        values = np.linalg.eigvals(np.stack([parts[key] for key in same]))
-        found.update(zip(same, values.astype(np.complex128), strict=True))
-    return {place: [found[place, k] for k in range(len(some))] for place, some in finite.items()}
-
-
-def _lead(space: StateSpace, values: Sequence[Complexes]) -> LeadPole | None:
-    """Return all poles of a board with its rightmost one refined; None if it cannot be told."""
+    if not (space.n and all(np.isfinite(block.A).all() for block in space.blocks)):
+        return None
+    values = [np.linalg.eigvals(block.A).astype(np.complex128) for block in space.blocks]
     every = np.concatenate(values)
     fastest = float(np.abs(every).max(initial=0.0))
     searched = SEARCHED * fastest
@@ -363,7 +343,7 @@ def _lead(space: StateSpace, values: Sequence[Complexes]) -> LeadPole | None:
     near_axis = 0.0 < lead.imag <= 2.0 * searched  # and so near its conjugate
     if rivalled or near_axis or not all(map(_is_sharp, space.blocks)):
         return None
-    block = space.blocks[0 if first < len(values[0]) else 1]
+    block = next(block for block, own in zip(space.blocks, values, strict=True) if lead in own)
     aside = max(ASIDE * abs(lead), LEAST * fastest)
     pole, error = _quotient(block, lead, aside)
     if not (np.isfinite(error) and abs(pole - lead) <= searched):
@@ -392,9 +372,13 @@ def _quotient(block: Reduced, near: complex, aside: float) -> tuple[complex, flo
     """
     pencil, A, left, one = block.pencil, block.A, np.abs(block.left), np.eye(len(block.A))
     shift = near + aside
-    inverse = inverses((A - shift * one)[None])[0]
+    try:
+        inverse = np.asarray(np.linalg.inv(A - shift * one), dtype=np.complex128)
+    except np.linalg.LinAlgError:
+        return near, np.inf
     squares = inverse.real**2 + inverse.imag**2
-    x, y = inverse[:, squares.sum(axis=0).argmax()], inverse[squares.sum(axis=1).argmax()]
+    x: Any = inverse[:, squares.sum(axis=0).argmax()]
+    y: Any = inverse[squares.sum(axis=1).argmax()]
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         for _ in range(ITERATIONS):
             x, y = inverse @ x, y @ inverse

@@ -2,41 +2,37 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
-
 import numpy as np
 
-from taction.system.array_types import Complexes, Floats, Ints
+from taction.system.array_types import Floats, Ints
 
 SINGULAR = 1e13  # condition number of a scaled matrix above which it counts as singular
 CHAINED = 1e9  # condition number from which columns are scaled, too
 
-Matrices = TypeVar("Matrices", Floats, Complexes)
 
-
-def scaled_inverse(A: Floats) -> tuple[Floats, Floats]:
-    """Return the inverses of a stack A (B, k, k), and condition numbers of the scaled matrices.
+def scaled_inverse(A: Floats) -> tuple[Floats, float]:
+    """Return the inverse of A (k, k), and the condition number of the scaled matrix.
 
     Rows are scaled; where they alone do not scale a chain of gains, columns, too. The condition
-    numbers (B,) are those of the row-sum norm, infinite of a singular matrix.
+    number is that of the row-sum norm, infinite of a singular matrix.
     """
-    rows = np.abs(A).max(axis=2, initial=0.0)
+    rows = np.abs(A).max(axis=1, initial=0.0)
     rows[rows == 0.0] = 1.0
-    inverse, condition = _with_scales(A, rows, np.ones_like(rows))
-    for k in np.flatnonzero(~(condition < CHAINED)):
-        one = slice(k, k + 1)
-        scales = (each[None] for each in matching_scales(A[k]))
-        better, least = _with_scales(A[one], *scales)
-        if least[0] < condition[k]:
-            inverse[one], condition[one] = better, least
-    return inverse, condition
+    found = _with_scales(A, rows, np.ones_like(rows))
+    if found[1] < CHAINED:
+        return found
+    better = _with_scales(A, *matching_scales(A))
+    return better if better[1] < found[1] else found
 
 
-def _with_scales(A: Floats, rows: Floats, columns: Floats) -> tuple[Floats, Floats]:
-    scaled = A / rows[:, :, None] / columns[:, None]
-    inverse = inverses(scaled)
-    norms = [np.abs(X).sum(axis=2).max(axis=1, initial=1.0) for X in (scaled, inverse)]
-    return inverse / rows[:, None] / columns[:, :, None], np.asarray(norms[0] * norms[1])
+def _with_scales(A: Floats, rows: Floats, columns: Floats) -> tuple[Floats, float]:
+    scaled = A / rows[:, None] / columns
+    try:
+        inverse = np.linalg.inv(scaled)
+    except np.linalg.LinAlgError:
+        return np.full_like(A, np.inf), np.inf
+    norms = [np.abs(X).sum(axis=1).max(initial=1.0) for X in (scaled, inverse)]
+    return inverse / rows / columns[:, None], float(norms[0] * norms[1])
 
 
 def matching_scales(A: Floats) -> tuple[Floats, Floats]:
@@ -82,13 +78,3 @@ def pivoted(A: Floats) -> tuple[Floats, Floats, Ints, Ints, int]:
         L[r + 1 :, r] = U[r + 1 :, r] / U[r, r]
         U[r + 1 :] -= np.outer(L[r + 1 :, r], U[r])
     return L, U, p, q, size
-
-
-def inverses(A: Matrices) -> Matrices:
-    """Return the inverses of a stack of matrices; infinite ones of singular matrices."""
-    try:
-        return np.asarray(np.linalg.inv(A))
-    except np.linalg.LinAlgError:
-        if len(A) == 1:
-            return np.full_like(A, np.inf)
-        return np.concatenate([inverses(one[None]) for one in A])

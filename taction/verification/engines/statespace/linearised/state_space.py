@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +16,6 @@ from numpy.typing import NDArray
 
 from taction.system.array_types import Floats, Ints
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.alike import in_groups
 from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.equations.mirror_symmetry import (
@@ -32,7 +30,7 @@ from taction.verification.engines.statespace.linearised.modes import find_modes 
 from taction.verification.engines.statespace.linearised.reduction import (
     Pencil,
     Reduced,
-    reduce_together,
+    reduce_pencil,
 )
 
 LOST = "rounding leaves nothing of the circuit's poles: parts cancel to the last digit"
@@ -130,20 +128,6 @@ def linearise(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
     EngineError: the equations have no state-space form (a node without any path, or charges that
       are not free, such as a loop of capacitors and voltage sources).
     """
-    return _single(*linearise_together([(descriptor, point)]))
-
-
-def linearise_together(
-    boards: Sequence[tuple[Descriptor, Equilibrium | None]],
-) -> list[StateSpace | EngineError]:
-    """Linearise boards at their points, or tell why a board has no state space; see `linearise`.
-
-    Boards of one structure are eliminated together, and have the digits that each has alone.
-    """
-    return _state_spaces([_at_point(descriptor, point) for descriptor, point in boards])
-
-
-def _at_point(descriptor: Descriptor, point: Equilibrium | None) -> LinearEquations:
     b, devices = np.stack([descriptor.switched, descriptor.constant], axis=1), descriptor.devices
     board = linear_matrices(descriptor, point)
     if point is not None:
@@ -151,7 +135,7 @@ def _at_point(descriptor: Descriptor, point: Equilibrium | None) -> LinearEquati
         value = gain_of(devices.kinds).value(v / devices.v_scale)
         slopes = board.stiffness[devices.output, devices.input]
         b[devices.output, 1] += -devices.u_scale * value - slopes * v
-    return LinearEquations(descriptor, board, b)
+    return _state_space(LinearEquations(descriptor, board, b))
 
 
 def linear_matrices(descriptor: Descriptor, point: Equilibrium | None) -> DenseMatrix:
@@ -163,23 +147,13 @@ def linear_matrices(descriptor: Descriptor, point: Equilibrium | None) -> DenseM
     return descriptor.dense.with_stiffness(K)
 
 
-def find_modes(spaces: Sequence[StateSpace]) -> None:
-    """Compute the modes of state spaces that lack them, with the errors of their poles.
-
-    Where a matrix is not finite, the one says why where it is asked.
-    """
-    for space in spaces:
-        with suppress(np.linalg.LinAlgError):
-            _ = space.modes.pole_errors
-
-
 def driven(descriptor: Descriptor, point: Equilibrium | None, inputs: Floats) -> StateSpace:
     """Return the state space with other inputs: currents (or voltages) into rows, (size, k).
 
     EngineError: as `linearise`.
     """
     board = linear_matrices(descriptor, point)
-    return _single(*_state_spaces([LinearEquations(descriptor, board, inputs)]))
+    return _state_space(LinearEquations(descriptor, board, inputs))
 
 
 def open_loop(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
@@ -197,7 +171,7 @@ def open_loop(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
     b[devices.output, 2 + np.arange(devices.count)] = 1.0
     image = linear_matrices(descriptor, point).image
     board = replace(descriptor.dense, image=image)
-    return _single(*_state_spaces([LinearEquations(descriptor, board, b)]))
+    return _state_space(LinearEquations(descriptor, board, b))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -208,35 +182,10 @@ class LinearEquations:
     board: DenseMatrix
     b: Floats
 
-    def is_like(self, other: LinearEquations) -> bool:
-        """Whether the same unknowns carry the same names and are determined, in alike blocks."""
-        own, others = self.descriptor, other.descriptor
-        return (
-            self.board.image is other.board.image
-            and self.b.shape == other.b.shape
-            and own.has_branches == others.has_branches
-            and own.names == others.names
-            and np.array_equal(own.determined, others.determined)
-        )
 
-
-def _single(found: StateSpace | EngineError) -> StateSpace:
-    if isinstance(found, EngineError):
-        raise found
-    return found
-
-
-def _state_spaces(systems: Sequence[LinearEquations]) -> list[StateSpace | EngineError]:
+def _state_space(system: LinearEquations) -> StateSpace:
     """Eliminate unknowns without charge, and count the states again where rounding has a say."""
-    found = in_groups(systems, LinearEquations.is_like, _eliminated)
-    return list(map(_counted, systems, found))
-
-
-def _counted(system: LinearEquations, found: StateSpace | EngineError) -> StateSpace | EngineError:
-    try:
-        return found if isinstance(found, EngineError) else _with_sure_poles(system, found)
-    except EngineError as error:
-        return error
+    return _with_sure_poles(system, _eliminated(system))
 
 
 def _with_sure_poles(system: LinearEquations, found: StateSpace) -> StateSpace:
@@ -248,7 +197,7 @@ def _with_sure_poles(system: LinearEquations, found: StateSpace) -> StateSpace:
     if not descriptor.has_branches or all(block.decided for block in found.blocks):
         return found
     if len(found.blocks) > 1:
-        (found,) = _whole([system])
+        found = _whole(system)
     count = finite_poles(descriptor, _slopes(system))
     if count > found.n:
         found = replace(found, lost=count - found.n)
@@ -270,41 +219,35 @@ def _slopes(system: LinearEquations) -> Floats:
     return np.asarray(change[devices.output, devices.input])
 
 
-def _eliminated(systems: Sequence[LinearEquations]) -> list[StateSpace]:
-    """Eliminate unknowns without charge in each block; the systems are alike."""
-    if systems[0].board.image is None:
-        return _whole(systems)
+def _eliminated(system: LinearEquations) -> StateSpace:
+    """Eliminate unknowns without charge in each block."""
+    if system.board.image is None:
+        return _whole(system)
     try:
-        even, odd = _blocks(systems)
+        even, odd = _blocks(system)
     except EngineError:  # the message must name unknowns of the whole board
-        return _whole(systems)
-    pairs, places, own = (
-        len(odd[0].A),
-        _places(systems[0], 0, even[0]),
-        _places(systems[0], 1, odd[0]),
-    )
+        return _whole(system)
+    pairs, places, own = len(odd.A), _places(system, 0, even), _places(system, 1, odd)
     if places is None or own is None or not (pairs and np.array_equal(places[:pairs], own)):
-        return _whole(systems)
-    names, image = systems[0].descriptor.names, systems[0].board.image
+        return _whole(system)
+    names, image = system.descriptor.names, system.board.image
     first = [names[place] for place in places.tolist()]
     second = [names[place] for place in image[places].tolist()]
     states = [a if a == b else f"{a}+{b}" for a, b in zip(first, second, strict=True)]
     states += [f"{a}-{b}" for a, b in zip(first[:pairs], second, strict=False)]
-    parts = zip(systems, even, odd, strict=True)
-    return [StateSpace(one.descriptor, tuple(states), tuple(blocks)) for one, *blocks in parts]
+    return StateSpace(system.descriptor, tuple(states), (even, odd))
 
 
-def _whole(systems: Sequence[LinearEquations]) -> list[StateSpace]:
+def _whole(system: LinearEquations) -> StateSpace:
     """Eliminate unknowns without charge from all equations at once."""
-    systems = [replace(one, board=replace(one.board, image=None)) for one in systems]
-    ((first, *others),) = _blocks(systems)
-    places = _places(systems[0], 0, first)
+    system = replace(system, board=replace(system.board, image=None))
+    (found,) = _blocks(system)
+    places, names = _places(system, 0, found), system.descriptor.names
     if places is None:
-        charged = tuple(f"charge{k + 1}" for k in range(len(first.A)))
+        charged = tuple(f"charge{k + 1}" for k in range(len(found.A)))
     else:
-        charged = tuple(systems[0].descriptor.names[place] for place in places.tolist())
-    pairs = zip(systems, (first, *others), strict=True)
-    return [StateSpace(system.descriptor, charged, (block,)) for system, block in pairs]
+        charged = tuple(names[place] for place in places.tolist())
+    return StateSpace(system.descriptor, charged, (found,))
 
 
 def _places(system: LinearEquations, part: int, found: Reduced) -> Ints | None:
@@ -312,32 +255,28 @@ def _places(system: LinearEquations, part: int, found: Reduced) -> Ints | None:
     return None if found.places is None else system.board.blocks[part].places[found.places]
 
 
-def _blocks(systems: Sequence[LinearEquations]) -> list[list[Reduced]]:
-    """Eliminate in each block of the systems; return those of each block."""
-    descriptor, found = systems[0].descriptor, list[list[Reduced]]()
-    sizes = [_sizes(system) for system in systems]
-    for parts in zip(*(system.board.blocks for system in systems), strict=True):
-        places, basis, left = parts[0].places, parts[0].basis, parts[0].left
-        pencils = [
-            Pencil(
-                M=part.mass,
-                K=part.stiffness,
-                b=left @ system.b,
-                mass=mass[places] @ np.abs(basis),
-                pull=pull[places] @ np.abs(basis),
-                basis=basis,
-                left=left,
-            )
-            for part, system, (mass, pull) in zip(parts, systems, sizes, strict=True)
-        ]
-        stack = Pencil(*map(np.stack, zip(*(each.parts for each in pencils), strict=True)))
+def _blocks(system: LinearEquations) -> list[Reduced]:
+    """Eliminate in each block of the equations."""
+    descriptor, found = system.descriptor, list[Reduced]()
+    masses, pulls = _sizes(system)
+    for part in system.board.blocks:
+        places, basis = part.places, part.basis
+        pencil = Pencil(
+            M=part.mass,
+            K=part.stiffness,
+            b=part.left @ system.b,
+            mass=masses[places] @ np.abs(basis),
+            pull=pulls[places] @ np.abs(basis),
+            basis=basis,
+            left=part.left,
+        )
 
         def exact(places: Ints = places, basis: Floats = basis) -> NDArray[np.longdouble]:
-            M, _ = descriptor.summed(lambda x: x.astype(np.longdouble), _slopes(systems[0]))
+            M, _ = descriptor.summed(lambda x: x.astype(np.longdouble), _slopes(system))
             return np.asarray(M[places] @ basis)
 
         names = [descriptor.names[place] for place in places.tolist()]
-        found.append(reduce_together(stack, names, exact))
+        found.append(reduce_pencil(pencil, names, exact))
     return found
 
 

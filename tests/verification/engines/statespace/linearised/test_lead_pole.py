@@ -11,14 +11,14 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Complexes
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.linearised.rightmost_poles import LeadPole, lead_poles
+from taction.verification.engines.statespace.linearised.rightmost_poles import LeadPole, lead_pole
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
 from tests.support.boards import lags, paper_board, single_mode
 from tests.support.paths import SCENES
 
 
 def found(space: StateSpace) -> LeadPole:
-    (lead,) = lead_poles([space])
+    lead = lead_pole(space)
     assert lead is not None
     return lead
 
@@ -62,21 +62,8 @@ def test_the_bound_is_that_of_the_mode(C: float) -> None:
         assert lead.poles[1] == lead.poles[0].conjugate()
 
 
-def test_a_board_beside_others_has_the_digits_that_it_has_alone() -> None:
-    values = (8e-12, 10e-12, 30e-12)
-    boards = [paper_board(C) for C in values] + [single_mode(1e-6), lags(3, 1e-6)]
-    spaces = [LinearBoard(board).state_space for board in boards]
-    together = lead_poles(spaces)
-    assert together[-1] is None
-    for space, lead in zip(spaces[:-1], together, strict=False):
-        assert lead is not None
-        alone = found(space)
-        assert lead.poles.tobytes() == alone.poles.tobytes()
-        assert lead.errors.tobytes() == alone.errors.tobytes()
-
-
 def test_poles_that_cannot_be_told_apart_are_left_to_the_modes() -> None:
     """Equal lags in a row are one defective pole; equal channels have equal poles."""
     channels = Scene.from_arrays(np.eye(2), np.ones(2), lam=0.1, capacitance="10pF")
     spaces = [LinearBoard(board).state_space for board in (lags(5, 1e-6), synthesise(channels))]
-    assert lead_poles(spaces) == [None, None]
+    assert [lead_pole(space) for space in spaces] == [None, None]

@@ -9,26 +9,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import (
     Capacitor,
-    CurrentSource,
     OpAmpCell,
     Resistor,
     VoltageSource,
 )
-from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations import stamps as stamps_module
 from taction.verification.engines.statespace.linearised import linear_board as board_module
 from taction.verification.engines.statespace.linearised import state_space as state_space_module
 from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
-    solve_together,
 )
 from taction.verification.verdict import transient_plan
 from taction.verification.verdict.verify import verify
@@ -173,7 +168,7 @@ def test_one_verification_computes_nothing_twice(
     stamped = recorded(monkeypatch, board_module, "stamp")
     factorised = recorded(monkeypatch, board_module, "dense_response")
     solved = recorded(monkeypatch, board_module, "solve_equilibrium")
-    linearised = recorded(monkeypatch, state_space_module, "_at_point")
+    linearised = recorded(monkeypatch, board_module, "linearise")
     decomposed = recorded(monkeypatch, state_space_module, "modes_of")
     verdict = verify(with_values(load_scene(SCENES / f"{scene}.toml"), values))
     assert sum(circuit is verdict.circuit for (circuit,) in stamped) == 1
@@ -184,98 +179,3 @@ def test_one_verification_computes_nothing_twice(
     assert len(set(matrices)) == len(matrices)
     if values["analysis.engine"] == "ngspice":
         assert verdict.accuracy.tries == 2
-
-
-def boards_of_a_stack() -> dict[str, Circuit]:
-    """Boards that differ in values alone, and some that take other steps in the elimination."""
-
-    def ladder(*farads: float, ohms: float = 1e3) -> Circuit:
-        return bare(
-            resistors=(
-                Resistor("R1", "a", "b", ohms),
-                Resistor("R2", "b", "c", 2.0 * ohms),
-                Resistor("R3", "c", "0", 3e3),
-            ),
-            capacitors=(
-                Capacitor("C1", "a", "0", farads[0]),
-                Capacitor("C2", "a", "c", farads[1]),
-                Capacitor("C3", "c", "0", farads[2]),
-            ),
-            currents=(CurrentSource("I", "b", 1e-3),),
-        )
-
-    return {
-        "plain": ladder(1e-9, 2e-9, 3e-9),
-        "other values": ladder(2e-9, 1e-9, 7e-9, ohms=5e3),
-        "graded": ladder(1e-12, 1e-4, 1e-12),  # its states are combinations of voltages
-        "no capacitor": ladder(0.0, 0.0, 3e-9),  # at node a
-        "plain again": ladder(4e-9, 2e-9, 5e-9),
-        "no path": bare(
-            capacitors=(Capacitor("C", "a", "b", 1e-9), Capacitor("D", "b", "c", 1e-9))
-        ),
-    }
-
-
-def test_a_board_of_a_stack_has_the_digits_that_it_has_alone() -> None:
-    stack = {name: LinearBoard(circuit) for name, circuit in boards_of_a_stack().items()}
-    for scene, changed in (
-        ("paper-breadboard", {"design.capacitance": 2e-11}),
-        ("tuned-breadboard", {"design.gain": 1e5}),  # op-amps that differ, ideal sources
-        ("paper-exponential", {"design.capacitance": 3e-11}),
-    ):
-        made = load_scene(SCENES / f"{scene}.toml")
-        for each in (made, with_values(made, changed), with_values(made, changed)):
-            stack[f"{scene} {len(stack)}"] = LinearBoard(synthesise(each))
-    solve_together(list(stack.values()))
-    for name, board in stack.items():
-        alone = LinearBoard(board.circuit)
-        for matrix in ("mass", "stiffness"):
-            found, expected = (getattr(each.descriptor.dense, matrix) for each in (board, alone))
-            assert found.tobytes() == expected.tobytes(), (name, matrix)
-        for part in ("switched", "constant"):
-            found, expected = (getattr(each.descriptor, part) for each in (board, alone))
-            assert found.tobytes() == expected.tobytes(), (name, part)
-        if name == "no path":
-            assert "state_space" not in vars(board)
-            with pytest.raises(EngineError):
-                _ = board.state_space
-            continue
-        found, expected = vars(board)["state_space"], alone.state_space
-        assert found.states == expected.states
-        assert len(found.blocks) == len(expected.blocks)
-        for one, two in zip(found.blocks, expected.blocks, strict=True):
-            for part in ("A", "B", "C", "D", "charge"):
-                assert getattr(one, part).tobytes() == getattr(two, part).tobytes(), (name, part)
-        for part in ("poles", "pole_errors", "right", "left", "rates"):
-            one, two = (getattr(modes, part) for modes in (vars(found)["modes"], expected.modes))
-            assert one.tobytes() == two.tobytes(), (name, part)
-
-
-def test_boards_of_one_structure_are_eliminated_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    stamped = recorded(monkeypatch, stamps_module, "_stamp")
-    eliminated = recorded(monkeypatch, state_space_module, "reduce_together")
-    solve_together([LinearBoard(circuit) for circuit in boards_of_a_stack().values()])
-    sizes = [len(stack.M) for stack, *_ in eliminated]
-    assert 3 in sizes  # plain, other values, plain again
-    assert sizes[0] == 6  # all boards, which do not agree
-    assert [len(circuits) for (circuits,) in stamped] == [5, 1, 4, 1]  # one has no capacitor at a
-
-
-def test_boards_that_differ_in_capacitances_alone_come_to_rest_once(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    scene = load_scene(SCENES / "paper-exponential.toml")
-    changes = [{"design.capacitance": 1e-11 * k} for k in (1, 2, 3)] + [{"design.gain": 2e5}]
-    boards = [LinearBoard(synthesise(with_values(scene, each))) for each in changes]
-    solved = recorded(monkeypatch, board_module, "solve_equilibrium")
-    solve_together(boards)
-    assert len(solved) == 3  # with strain and without it, and that of the other gain
-    for board in boards:
-        alone = LinearBoard(board.circuit)
-        assert board.equilibrium.descriptor is board.descriptor
-        for name in ("equilibrium", "rest"):
-            found, expected = getattr(board, name), getattr(alone, name)
-            assert found.values.tobytes() == expected.values.tobytes()
-            assert found.slopes.tobytes() == expected.slopes.tobytes()
-            assert found.residual == expected.residual
-        assert board.rounding.tobytes() == alone.rounding.tobytes()
