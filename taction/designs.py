@@ -163,7 +163,7 @@ def kicad(scene: str | Path | Scene, *, output: str | Path) -> KicadProject:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     drawn = taction.kicad("scenes/custom-matrix.toml", output=folder)
     >>> len(drawn.written)
-    15
+    14
     """
     from taction.netlist_gen.board.synthesis import synthesise
     from taction.netlist_gen.kicad.board import kicad_project
@@ -232,8 +232,7 @@ def build(
     from taction.netlist_gen.board.bill_of_materials import bill_of_materials
     from taction.netlist_gen.board.synthesis import synthesise
     from taction.netlist_gen.kicad.board import kicad_project
-    from taction.netlist_gen.kicad.lists import wiring
-    from taction.netlist_gen.kicad.part_symbols import BoardParts
+    from taction.netlist_gen.kicad.part_symbols import BoardParts, wiring
     from taction.system.errors import TactionError
     from taction.system.output_files import check_own_folder, make_folder, write_together
     from taction.transients import verify

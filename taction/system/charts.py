@@ -134,7 +134,6 @@ class Axis:
     names: tuple[str, ...] = ()
     whole: bool = False  # labels at whole numbers only
     reverse: bool = False  # from right to left, or from top to bottom
-    ticks: tuple[float, ...] = ()  # places of the labels; empty: the renderer chooses them
 
     @property
     def factor(self) -> float:
@@ -169,11 +168,7 @@ class Curve:
     size: float = 6.0
     label: Literal["legend", ""] = "legend"  # where the name stands
     hover: tuple[str, ...] = ()  # for each point, for the pointer; empty: the coordinates
-    written: tuple[str, ...] = ()  # beside each point, in every medium; empty texts are left out
-    spread: ArrayLike | None = None  # (2, P) ends of a bar along x at each point
     behind: bool = False  # below the other marks
-    shades: ArrayLike | None = None  # (P,) on the axis `shade`: colours of the marks, with a bar
-    shade: Axis | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,21 +192,18 @@ class Band:
     across: Literal["x", "y"] = "y"
     name: str = ""
     colour: str = "band"
-    hatched: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
-    """Bars (n,): columns from below, or rows from the left where `across` is ``"y"``."""
+    """Bars (n,) from 0: columns, or rows where `across` is ``"y"``."""
 
     places: ArrayLike  # middles of the bars on the axis `across`
     sizes: ArrayLike  # lengths, with their signs
     across: Literal["x", "y"] = "x"
-    bases: ArrayLike | None = None  # where the bars begin; None: 0
     widths: ArrayLike | None = None  # None: 0.8
     looks: tuple[str, ...] = ("pass",)  # colour of each bar, or of all; an outcome has a hatching
     name: str = ""
-    written: tuple[str, ...] = ()  # at the end of each bar
     hover: tuple[str, ...] = ()
 
 
@@ -219,8 +211,8 @@ class Columns:
 class Grid:
     """Values (m, n) over the two axes as colours; NaN is a cell without a value.
 
-    A ``"signed"`` scale is orange on the `warm` side of 0 and blue on the other, by the square
-    root; ``"share"`` has parts of a limit on a logarithmic scale, blue within, orange beyond.
+    A ``"signed"`` scale is blue below 0 and orange above it, by the square root; ``"share"`` has
+    parts of a limit on a logarithmic scale, blue within, orange beyond.
     """
 
     x: ArrayLike  # (n,) middles of the cells
@@ -229,10 +221,8 @@ class Grid:
     unit: str = ""
     scale: Literal["linear", "log", "signed", "share"] = "linear"
     limits: Limits | None = None  # ends of the colours
-    title: str = ""  # of the bar of colours
     texts: tuple[tuple[str, ...], ...] = ()  # for the pointer
     written: tuple[tuple[str, ...], ...] = ()  # in the cells
-    warm: Literal["negative", "positive"] = "negative"
     bar: bool = True  # of colours, beside the chart
 
 
@@ -332,7 +322,7 @@ def thinned(time: Floats, values: Floats, budget: int) -> tuple[Floats, Floats]:
 DECADES = 1e-4  # of the largest value on a logarithmic scale of colours: smaller ones are alike
 
 
-def levels(mark: Grid | Axis, values: Floats) -> tuple[Floats, tuple[tuple[float, float], ...]]:
+def levels(mark: Grid, values: Floats) -> tuple[Floats, tuple[tuple[float, float], ...]]:
     """Return values as places from 0 to 1 on a scale of colours, and its labels: place and value.
 
     `mark`: has the scale and its limits.

@@ -90,7 +90,7 @@ def charts() -> dict[str, Chart]:
         ),
         "values": Chart(
             "Growth rate", *plane,
-            (Grid(decades, ohms, rates, "1/s", "signed", warm="positive"),
+            (Grid(decades, ohms, rates, "1/s", "signed"),
              Curve(*edge, "edge of stability", "ink", width=2.5)),
             summary="Rates over two axes.", legend="",
         ),
@@ -104,7 +104,7 @@ def charts() -> dict[str, Chart]:
             "Worst value", Axis("C", scale="names", names=("1 pF", "10 pF")),
             Axis("gain", scale="names", names=("1 kΩ", "10 kΩ")),
             (Grid([0, 1], [0, 1], [[0.2, 3.0], [0.9, np.nan]], "ratio", "share", (0.1, 10.0),
-                  "worst value over its limit", written=(("0.2", "3"), ("0.9", ""))),),
+                  written=(("0.2", "3"), ("0.9", ""))),),
             summary="Shares of a limit.",
         ),
         "histogram": Chart(
@@ -116,14 +116,13 @@ def charts() -> dict[str, Chart]:
         "waterfall": Chart(
             "Waterfall", Axis("error", "V"),
             Axis(scale="names", names=("op-amps", "strays", "whole"), reverse=True),
-            (Columns([0, 1, 2], [*steps[:2], steps[0] + steps[1]], "y", [0.0, steps[0], 0.0],
-                     looks=("pass", "fail", "band"), written=("300 µV", "−100 µV", "200 µV")),),
+            (Columns([0, 1, 2], [*steps[:2], steps[0] + steps[1]], "y",
+                     looks=("pass", "fail", "band")),),
             summary="Parts of an error.", legend="",
         ),
         "work": Chart(
             "Error against run time", Axis("wall time", "s", "log"), Axis("error", "step", "log"),
-            (Curve([0.1, 1.0, 10.0], [1e-2, 1e-4, 1e-6], "order 2", "#009e73", mark="square",
-                   spread=[[0.08, 0.9, 8.0], [0.2, 1.2, 11.0]], written=("", "tuned", "")),
+            (Curve([0.1, 1.0, 10.0], [1e-2, 1e-4, 1e-6], "order 2", "#009e73", mark="square"),
              Curve([0.1, 10.0], [1e-3, 1e-5], "fit", "#cc79a7", "dot")),
             summary="Errors of three runs.", legend="beside",
         ),

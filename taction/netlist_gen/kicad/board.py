@@ -14,10 +14,9 @@ from itertools import count
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.kicad.drawing import LEFT, TOP, BranchDrawing, branches
-from taction.netlist_gen.kicad.lists import COLUMNS, GROUPED, OWN, parts_list
 from taction.netlist_gen.kicad.part_symbols import BoardParts, printed_value
 from taction.netlist_gen.kicad.sheet import TITLE, Label, SchematicSheet, library
-from taction.netlist_gen.kicad.symbols import FLAG, LIBRARY
+from taction.netlist_gen.kicad.symbols import FLAG
 from taction.netlist_gen.scene.scene import Scene
 
 ACROSS, CELL = 8, (30, 22)  # places of a row of the first sheet, and their size on the grid
@@ -26,7 +25,6 @@ TABLE = """(sym_lib_table
   (lib (name "taction")(type "KiCad")(uri "${{KIPRJMOD}}/{}.kicad_sym")(options "")(descr ""))
 )
 """
-NAMES = {"Qty": "${QUANTITY}", "DNP": "${DNP}"}  # as KiCad names its columns
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +48,7 @@ def kicad_project(circuit: Circuit, scene: Scene) -> KicadProject:
     >>> scene = taction.load_scene("scenes/custom-matrix.toml")
     >>> files = list(kicad_project(taction.synthesise(scene), scene).files)
     >>> files[0], files[1], len(files)
-    ('custom-matrix.kicad_sch', 'channel-1.kicad_sch', 15)
+    ('custom-matrix.kicad_sch', 'channel-1.kicad_sch', 14)
     """
     parts, ports, name = BoardParts(circuit, scene), count(1), circuit.name
     sheets = {}
@@ -73,11 +71,12 @@ def kicad_project(circuit: Circuit, scene: Scene) -> KicadProject:
     }
     symbols = {unit.part.symbol.name: unit.part.symbol for unit in (*parts.supply, *parts.signal)}
     symbols |= {each.name: each for each in (FLAG, *first.supplies.values())}
+    # KiCad takes its defaults for all that is missing in the file of the project.
+    settings = {"meta": {"filename": f"{name}.kicad_pro", "version": 3}, "sheets": []}
     files |= {
-        f"{name}.kicad_pro": f"{json.dumps(_settings(name), indent=2)}\n",
+        f"{name}.kicad_pro": f"{json.dumps(settings, indent=2)}\n",
         f"{scene.name}.kicad_sym": library(symbols.values()),
         "sym-lib-table": TABLE.format(scene.name),
-        f"{scene.name}-bom.csv": parts_list(parts),
     }
     return KicadProject(scene, files, tuple(_not_drawn(circuit)))
 
@@ -115,27 +114,3 @@ def _draw_first(drawing: BranchDrawing, names: list[str]) -> None:
         drawing.port(FLAG, sheet.wire((x + 6, y + 6), (x + 12, y + 6)))
     for unit, (x, y) in zip(units, places, strict=False):
         drawing.named(unit, (x + 12, y + 8))
-
-
-def _settings(name: str) -> dict[str, object]:
-    """Return the project file: KiCad takes its defaults for all that is missing."""
-    fields = [
-        {
-            "group_by": title in GROUPED,
-            "label": title,
-            "name": NAMES.get(title, title),
-            "show": True,
-        }
-        for title in (*COLUMNS, *OWN)
-    ]
-    preset = {
-        **{"name": LIBRARY, "fields_ordered": fields, "sort_field": "Reference", "sort_asc": True},
-        **{"filter_string": "", "group_symbols": True, "exclude_dnp": False},
-        "include_excluded_from_bom": False,
-    }
-    return {
-        "meta": {"filename": f"{name}.kicad_pro", "version": 3},
-        "schematic": {"bom_settings": preset, "bom_presets": [preset]},
-        "sheets": [],
-        "text_variables": {},
-    }

@@ -1,10 +1,12 @@
 """The parts of a board as units of symbols: reference, value, fields, and the net of each pin.
 
-The drawing, the lists and the library of symbols are all of this one list.
+The drawing, the list of wires and the library of symbols are all of this one list.
 """
 
 from __future__ import annotations
 
+import csv
+import io
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator
@@ -200,3 +202,36 @@ class BoardParts:
         return PartUnit(
             SymbolPart(symbol, reference(part.card), shown, fields), part.card, nets, entry
         )
+
+
+WIRES = ("Net", "Part", "Pin", "Name", "Unit", "Value", "Deck")
+
+
+def wiring(parts: BoardParts) -> str:
+    """Return the list of wires as CSV: a row for every pin, by nets.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/custom-matrix.toml")
+    >>> rows = wiring(BoardParts(taction.synthesise(scene), scene)).splitlines()
+    >>> rows[0], next(row for row in rows if row.startswith("v_1,U"))
+    ('Net,Part,Pin,Name,Unit,Value,Deck', 'v_1,U1,6,out,A,OPA189,Xv_1')
+    """
+    rows = []
+    for unit in (*parts.signal, *parts.supply):
+        part = unit.part
+        letter = chr(ord("A") + part.unit - 1) if len(part.symbol.units) > 1 and unit.deck else ""
+        for pin, node in zip(part.pins, unit.nets, strict=True):
+            net = "GND" if node == GROUND else node
+            name = "" if pin.name == pin.number else {"~": "out"}.get(pin.name, pin.name)
+            rows.append((net, part.reference, pin.number, name, letter, part.value, unit.deck))
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([WIRES, *sorted(rows, key=_natural)])
+    return text.getvalue()
+
+
+def _natural(row: tuple[str, ...]) -> list[list[tuple[int, str]]]:
+    """Return the sort key of a row: net, part and pin, their numbers as numbers."""
+    found = (re.findall(r"\d+|\D+", text) for text in row[:3])
+    return [[(int(part) if part.isdigit() else -1, part) for part in name] for name in found]

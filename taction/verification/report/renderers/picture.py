@@ -130,7 +130,7 @@ def _bars_chart(bars: Bars) -> Chart:
     )
     marks: tuple[Mark, ...] = (Columns(np.arange(count), shares, "y", looks=looks), Limit(1.0))
     names = Axis(scale="names", names=tuple(bar.name for bar in rows), reverse=True)
-    used = Axis("part of the limit", limits=(0.0, 2.0 * MOST_SHARE), ticks=(0.0, 0.5, 1.0))
+    used = Axis("part of the limit", limits=(0.0, 2.0 * MOST_SHARE))
     return Chart(bars.title, used, names, (*marks, *texts))
 
 

@@ -31,7 +31,6 @@ from taction.verification.report.texts import figure
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Labels = tuple[tuple[float, float], ...]  # place on a scale of colours, and value
 LETTERS = 13.0  # of a title per inch of the chart's width
 MARKS = {
     "circle": "o", "square": "s", "diamond": "D", "triangle-up": "^", "triangle-down": "v",
@@ -126,9 +125,6 @@ def _label(axes: Axes, chart: Chart, name: str) -> None:
         ruler.set_major_locator(MaxNLocator(integer=True))
     elif unit or name == "x":
         ruler.set_major_locator(MaxNLocator(FEW))
-    if axis.ticks:
-        ruler.set_ticks([axis.factor * tick for tick in axis.ticks])
-        ruler.set_minor_locator(MaxNLocator(1))
 
 
 def _plain(value: float, _: object = None) -> str:
@@ -169,42 +165,7 @@ def _curve(axes: Axes, mark: Curve, chart: Chart) -> None:
     style: dict[str, Any] = {"color": look, "lw": mark.width, "ls": LINES[mark.line]}
     style |= {"zorder": 1.5 if mark.behind else 2.5, "label": name}
     style |= _marker(mark.mark, look, mark.size)
-    if mark.shades is not None and mark.shade is not None:
-        _shaded(axes, mark, x, y)
-    elif mark.spread is None:
-        axes.plot(x, y, **style)
-    else:
-        low, high = _values(mark.spread, chart.x)
-        axes.errorbar(x, y, xerr=np.abs([x - low, high - x]), elinewidth=0.8, capsize=2, **style)
-    if any(mark.written):
-        axes.margins(y=0.15)
-    for text, *place in zip(mark.written, x, y, strict=False):
-        if text and np.isfinite(place).all():
-            axes.annotate(
-                text, (place[0], place[1]), (6, 5), textcoords="offset points",
-                fontsize="small", color=look,
-            )  # fmt: skip
-
-
-def _shaded(axes: Axes, mark: Curve, x: Floats, y: Floats) -> None:
-    """Draw marks in colours of a scale, with its bar below the chart."""
-    axis = mark.shade or Axis()
-    places, labels = levels(axis, np.asarray(mark.shades, dtype=np.float64))
-    more: dict[str, Any] = {"cmap": "viridis", "vmin": 0.0, "vmax": 1.0, "zorder": 2.5}
-    dots = axes.scatter(x, y, c=places, s=mark.size**2 / 2.0, **more)
-    below = {"location": "bottom", "aspect": 50, "pad": 0.02}
-    _colour_bar(axes, dots, labels, axis.unit, axis.title, below)
-
-
-def _colour_bar(
-    axes: Axes, drawn: Any, labels: Labels, unit: str, title: str, more: dict[str, Any]
-) -> None:
-    picture: Any = axes.figure
-    bar = picture.colorbar(drawn, ax=axes, **more)
-    texts = {figure(value, unit, 3): place for place, value in labels}
-    bar.set_ticks([*texts.values()], labels=[*texts])
-    bar.ax.minorticks_off()
-    bar.set_label(title)
+    axes.plot(x, y, **style)
 
 
 def _limit(axes: Axes, mark: Limit, chart: Chart) -> None:
@@ -219,36 +180,23 @@ def _band(axes: Axes, mark: Band, chart: Chart) -> None:
     draw = axes.axvspan if mark.across == "x" else axes.axhspan
     look, ends = colour(mark.colour), (factor * mark.low, factor * mark.high)
     more: dict[str, Any] = {"zorder": 0, "label": mark.name or None, "lw": 0.0}
-    if mark.hatched:
-        draw(*ends, fc="none", ec=look, hatch="//", alpha=0.4, **more)
-    else:
-        draw(*ends, color=look, alpha=0.15 if mark.colour in OUTCOMES else 1.0, **more)
+    draw(*ends, color=look, alpha=0.15 if mark.colour in OUTCOMES else 1.0, **more)
 
 
 def _columns(axes: Axes, mark: Columns, chart: Chart) -> None:
     upright, other = mark.across == "x", "y" if mark.across == "x" else "x"
     own, along = getattr(chart, mark.across), getattr(chart, other)
     places, sizes = _values(mark.places, own), _values(mark.sizes, along)
-    bases = _values(np.zeros(len(sizes)) if mark.bases is None else mark.bases, along)
     widths = 0.8 if mark.widths is None else _values(mark.widths, own)
     looks = mark.looks * len(sizes) if len(mark.looks) == 1 else mark.looks
     draw: Any = axes.bar if upright else axes.barh
     draw(
-        places, sizes, widths, bases,
+        places, sizes, widths,
         color=[colour(look) for look in looks], hatch=[hatch(look) for look in looks],
         edgecolor="white", linewidth=0.4, label=mark.name or None,
     )  # fmt: skip
     if not upright:
         axes.grid(visible=False, axis="y")
-    ends = np.maximum(bases, bases + sizes)
-    for text, place, end in zip(mark.written, places, ends, strict=False):
-        axes.annotate(
-            text, (place, end) if upright else (end, place), (0, 2) if upright else (3, 0),
-            textcoords="offset points", fontsize="small", va="bottom" if upright else "center",
-            ha="center" if upright else "left",
-        )  # fmt: skip
-    if mark.written:
-        axes.margins(x=None if upright else 0.2, y=0.2 if upright else None)
 
 
 def _edges(mark: Grid | Cells, chart: Chart) -> tuple[Floats, Floats]:
@@ -273,12 +221,14 @@ def _grid(axes: Axes, mark: Grid, chart: Chart) -> None:
     colours: Any = LinearSegmentedColormap.from_list("shares", DIVERGING)
     if mark.scale in ("linear", "log"):
         colours = "viridis"
-    elif mark.scale == "signed" and mark.warm == "negative":
-        colours = colours.reversed()
     shown = np.ma.masked_invalid(places)
     mesh = axes.pcolormesh(across, down, shown, vmin=0.0, vmax=1.0, cmap=colours)
     if mark.bar:
-        _colour_bar(axes, mesh, labels, mark.unit, mark.title, {"pad": 0.015})
+        picture: Any = axes.figure
+        bar = picture.colorbar(mesh, ax=axes, pad=0.015)
+        texts = {figure(value, mark.unit, 3): place for place, value in labels}
+        bar.set_ticks([*texts.values()], labels=[*texts])
+        bar.ax.minorticks_off()
     for y, row in zip(_values(mark.y, chart.y), mark.written, strict=False):
         for x, text in zip(_values(mark.x, chart.x), row, strict=True):
             axes.text(x, y, text, ha="center", va="center", fontsize="small")

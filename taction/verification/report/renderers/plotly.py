@@ -39,9 +39,8 @@ PATTERNS = {"////": "/", "\\\\\\\\": "\\", "xxxx": "x", "....": ".", "++++": "+"
 COLORSCALES = {
     "linear": [[0, "--map-low"], [1, "--map-high"]],
     "log": [[0, "--map-low"], [1, "--map-high"]],
-    "negative": [[0, "--negative"], [0.5, "--neutral"], [1, "--positive"]],
-    "shades": [[0, "--negative"], [0.5, "--true"], [1, "--positive"]],
-    "positive": [[0, "--positive"], [0.5, "--neutral"], [1, "--negative"]],
+    "signed": [[0, "--positive"], [0.5, "--neutral"], [1, "--negative"]],
+    "share": [[0, "--positive"], [0.5, "--neutral"], [1, "--negative"]],
 }
 FLAT, CLEAR = 0.01, 1.5  # of a curve: relative change, and height of the chart
 NEAR, ROOM = 0.2, 1.5  # of points on a logarithmic axis: decades, and the factor around them
@@ -178,8 +177,6 @@ def _axis(chart: Chart, name: str, shown: tuple[float, float] | None) -> dict[st
         made["tickformat"] = "d"
         if len(known) and np.ptp(known) <= 20:
             made["dtick"] = 1
-    if axis.ticks:
-        made |= {"tickmode": "array", "tickvals": [axis.factor * each for each in axis.ticks]}
     if any(isinstance(mark, Grid) for mark in chart.marks):
         made |= {"showgrid": False, "zeroline": False}
     if limits is not None:
@@ -244,25 +241,8 @@ def _curve(mark: Curve, chart: Chart) -> Iterator[dict[str, Any]]:
         trace["marker"]["line"]["width"] = 1.6
     if mark.hover:
         trace["customdata"] = [words(text) for text in mark.hover]
-    if mark.shades is not None and mark.shade is not None:
-        places, labels = levels(mark.shade, np.asarray(mark.shades, dtype=np.float64))
-        trace["marker"] |= {
-            "color": numbers(places), "colorscale": COLORSCALES["shades"], "cmin": 0, "cmax": 1,
-            "colorbar": _colour_bar(labels, mark.shade.unit, mark.shade.title),
-        }  # fmt: skip
-    mode = [] if not mark.line else ["lines"]
-    if mark.mark:
-        mode.append("markers")
-    if any(mark.written):
-        mode.append("text")
-        trace |= {"text": [words(text) for text in mark.written], "textposition": "top right",
-                  "cliponaxis": False, "textfont": {"size": 11, "color": "--muted"}}  # fmt: skip
-    if mark.spread is not None:
-        low, high = np.asarray(mark.spread, dtype=np.float64)
-        middle = np.asarray(mark.x, dtype=np.float64)
-        trace["error_x"] = {"type": "data", "symmetric": False, "array": numbers(high - middle),
-                            "arrayminus": numbers(middle - low), "thickness": 1}  # fmt: skip
-    yield trace | {"mode": "+".join(mode)}
+    shown = {"lines": mark.line, "markers": mark.mark}
+    yield trace | {"mode": "+".join(name for name, drawn in shown.items() if drawn)}
 
 
 def _shape(mark: Limit | Band, chart: Chart) -> dict[str, Any]:
@@ -303,16 +283,10 @@ def _bars(mark: Columns, chart: Chart, look: str, chosen: Sequence[int]) -> dict
         "marker": {"color": colour(look), "pattern": HATCH | {"shape": _pattern(look)}},
         "hovertemplate": f"%{{{along}:.4g}}<extra>{words(mark.name)}</extra>",
     }  # fmt: skip
-    if mark.bases is not None:
-        trace["base"] = values(mark.bases, size_axis)
     if mark.widths is not None:
         trace["width"] = values(mark.widths, place_axis)
-    if mark.written and mark.across == "x":
-        trace |= {"text": [words(mark.written[k]) for k in chosen], "textposition": "outside",
-                  "cliponaxis": False}  # fmt: skip
-    if mark.hover or mark.written:
-        texts = mark.hover or mark.written
-        trace["customdata"] = [words(texts[k]) for k in chosen]
+    if mark.hover:
+        trace["customdata"] = [words(mark.hover[k]) for k in chosen]
         trace["hovertemplate"] = "%{customdata}<extra></extra>"
     return trace
 
@@ -324,14 +298,15 @@ def _pattern(look: str) -> str:
 def _grid(mark: Grid, chart: Chart) -> Iterator[dict[str, Any]]:
     values = np.asarray(mark.values, dtype=np.float64)
     places, labels = levels(mark, values)
-    scale = {"signed": mark.warm, "share": "positive"}.get(mark.scale, mark.scale)
+    ticks = {figure(value, mark.unit, 3): place for place, value in labels}
     texts = mark.texts or [[figure(each, mark.unit) for each in row] for row in values.tolist()]
     trace: dict[str, Any] = {
         "type": "heatmap", "x": _values(mark.x, chart.x), "y": _values(mark.y, chart.y),
         "z": [numbers(row) for row in places], "zmin": 0, "zmax": 1,
         "customdata": [[words(text) for text in row] for row in texts],
-        "colorscale": COLORSCALES[scale], "showscale": mark.bar, "showlegend": False,
-        "colorbar": _colour_bar(labels, mark.unit, mark.title),
+        "colorscale": COLORSCALES[mark.scale], "showscale": mark.bar, "showlegend": False,
+        "colorbar": {"thickness": 12, "outlinewidth": 0, "tickvals": [*ticks.values()],
+                     "ticktext": [*ticks]},
         "hovertemplate": f"{words(chart.x.title)} %{{x}}, {words(chart.y.title)} %{{y}}:"
                          " %{customdata}<extra></extra>",
     }  # fmt: skip
@@ -341,14 +316,6 @@ def _grid(mark: Grid, chart: Chart) -> Iterator[dict[str, Any]]:
     if values.size <= 4096:
         trace |= {"xgap": 1, "ygap": 1}
     yield trace
-
-
-def _colour_bar(labels: Sequence[tuple[float, float]], unit: str, title: str) -> dict[str, Any]:
-    texts = {figure(value, unit, 3): place for place, value in labels}
-    return {
-        "thickness": 12, "outlinewidth": 0, "tickvals": [*texts.values()],
-        "ticktext": [*texts], "title": {"text": words(title)},
-    }  # fmt: skip
 
 
 def _cells(mark: Cells, chart: Chart) -> Iterator[dict[str, Any]]:

@@ -25,9 +25,9 @@ LINES: tuple[Line, ...] = ("solid", "dash", "dot", "dashdot")
 LOWEST = 1e-15  # place of an error of exactly 0
 ERROR = Axis("largest error over time (of the step)", scale="log")
 WORK = (
-    "Each mark is one setting of a method: further left is faster, further down is more accurate. A"
-    " bar ends at the fastest and the slowest run. The dashed line is the error of the reference; a"
-    " cross at the upper edge is a run that timed out."
+    "Each mark is one setting of a method: further left is faster, further down is more accurate."
+    " The dashed line is the error of the reference; a cross at the upper edge is a run that timed"
+    " out. The table has the fastest and the slowest run."
 )
 STEPS = "The order of convergence is fitted to the filled marks; the dotted lines show the fits."
 
@@ -109,21 +109,17 @@ def _charts(study: WorkPrecisionStudy, problem: str) -> Iterator[Block]:
 
 
 def _work(study: WorkPrecisionStudy, problem: str) -> Iterator[Mark]:
-    """Yield the errors over the run times; a bar goes from the fastest to the slowest run."""
+    """Yield the errors over the median run times."""
     if floor := study.problems[problem].floor:
         yield Limit(floor, "y", "error of the reference", "muted")
     top = 1.0
     for method, (colour, mark, line) in _methods(study, problem).items():
         points = _known(study, method)
-        times = np.array([(p.seconds, p.fastest, p.slowest) for p in points], dtype=np.float64)
-        middle, *ends = times.reshape(-1, 3).T
+        times = np.array([p.seconds for p in points], dtype=np.float64)
         texts = tuple(f"{method.name} {p.name}: error {_error_text(p)}" for p in points)
         errors = _errors(points)
         top = max(top, float(errors.max(initial=top)))
-        yield Curve(
-            middle, errors, method.name, colour, line, mark,
-            width=1.2, hover=texts, spread=np.array(ends),
-        )  # fmt: skip
+        yield Curve(times, errors, method.name, colour, line, mark, width=1.2, hover=texts)
     for point in study.points:  # at the upper edge, since the error of this run has no bound
         known = point.method.problem == problem and point.status == "timeout"
         if known and point.seconds is not None:

@@ -101,7 +101,7 @@ def _stems(title: str, along: str, values: Floats, colour: str) -> Chart:
 
 
 def matrix_chart(circuit: Circuit) -> Chart:
-    """Return T as colours with signs: orange is negative, blue is positive."""
+    """Return T as colours with signs: blue is negative, orange is positive."""
     T, ohms = circuit.realised, circuit.forward_ohms
     M, N = T.shape
     count, minus = int(np.isfinite(ohms).sum()), int((T < 0.0).sum())
@@ -117,7 +117,7 @@ def matrix_chart(circuit: Circuit) -> Chart:
     said = f"{counted(count, 'entry', 'entries')}, {minus} negative"
     summary = (
         f"The matrix T of {counted(M, 'sensor')} and {counted(N, 'channel')} as the resistors"
-        f" realise it: {count} entries, of which {minus} are negative (orange, with a minus); an"
+        f" realise it: {count} entries, of which {minus} are negative (blue, with a minus); an"
         f" empty square has no resistor. The colour follows the square root of the size.{note}"
     )
     height = int(min(max(28 * len(T) + 110, 240), 620))
@@ -135,7 +135,7 @@ def _entries(T: Floats, step: int = 1, texts: tuple[tuple[str, ...], ...] = ()) 
         )
     x, y = 1.0 + step * np.arange(columns), 1.0 + step * np.arange(rows)
     shown = np.where(T == 0.0, np.nan, T)
-    return Grid(x, y, shown, "", "signed", title="T", texts=texts, written=written)
+    return Grid(x, y, shown, "", "signed", texts=texts, written=written)
 
 
 def _coarse(T: Floats, ohms: Floats, step: int) -> tuple[Floats, Floats]:

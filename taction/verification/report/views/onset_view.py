@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
-from taction.system.charts import Axis, Band, Chart, Curve, Limit, Line, Mark, Outcome, Text
+from taction.system.charts import (
+    Axis,
+    Band,
+    Chart,
+    Curve,
+    Limit,
+    Line,
+    Mark,
+    Outcome,
+    Text,
+    spread_colours,
+)
 from taction.system.quantities import counted, readable, show
 from taction.verification.report.blocks import (
     BOTH,
@@ -36,6 +48,7 @@ STATES: dict[bool | None, tuple[str, Outcome]] = {
 LINES: dict[bool | None, Line] = {True: "dash", False: "dashdot", None: "dot"}
 MAX_DAMPING = 0.5  # damping ratio up to which a mode is on the charts
 HEADROOM = 1.25
+PARTS = 5  # of the values, each with a colour on the pole map
 NEAR = 6  # modes of each sample, nearest the imaginary axis, that set the limits of the pole map
 FAILURES = 10  # values without poles that are listed
 INCOMPLETE = (
@@ -202,14 +215,21 @@ def _charts(onset: Onset) -> Iterator[Block]:
     most = HEADROOM * float(np.hypot(real, imag).max(initial=near[2]))
     leftmost = HEADROOM * float(real.min(initial=near[0]))
     level = np.array([each.crossing.frequency for each in onset.findings])
-    marks = (
-        Curve(real, hertz, "pole", "muted", "", "circle", size=5.0, label="", hover=texts,
-              shades=value, shade=x),
-        Curve(np.zeros(len(level)), level, "crossing", "fail", "", "circle-open", size=9.0),
-    )  # fmt: skip
+    marks = list[Mark]()
+    for part, look in zip(
+        np.array_split(np.unique(value), PARTS), spread_colours(PARTS), strict=True
+    ):
+        if len(part):
+            own = np.isin(value, part)
+            ends = [*dict.fromkeys(_value(onset, part[k]) for k in (0, -1))]
+            hover = tuple(itertools.compress(texts, own))
+            places = real[own], hertz[own], " to ".join(ends), look
+            marks.append(Curve(*places, "", "circle", size=5.0, hover=hover))
+    axis = np.zeros(len(level)), level
+    marks.append(Curve(*axis, "crossing", "fail", "", "circle-open", size=9.0))
     message = f"{counted(len(level), 'crossing')} of the axis" if len(level) else "no crossing"
     windows = ("near the crossings", near), ("all ringing poles", (leftmost, near[1], most))
-    yield upper_half_plane(marks, windows, message, f"The colour is {name}.")
+    yield upper_half_plane(marks, windows, message, f"The colour says {name}.")
 
 
 def _on_values(onset: Onset) -> Iterator[Mark]:

@@ -157,8 +157,7 @@ def _bode(found: Bode) -> tuple[Chart, Chart]:
         gain += _crossing(crossing, 0.0, said)
         angle += _crossing(crossing, margin - 180.0, f"phase margin {turned}")
     title, text = "Bode diagram of the open loop", "Gain of the open loop over the frequency."
-    ticks = tuple(range(-180, 1, 45))
-    degrees = Axis("phase (degrees)", limits=(-190.0, 10.0), ticks=ticks)
+    degrees = Axis("phase (degrees)", limits=(-190.0, 10.0))
     below = "Phase of the open loop over the frequency."
     return (
         Chart(title, frequency, Axis("gain (dB)"), gain, said, text),

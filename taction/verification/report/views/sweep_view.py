@@ -143,7 +143,7 @@ class Plane:
         """Return the values (n, m) of a quantity as colours."""
         unit, title, signed = FIGURES[name].unit, titled(name, self.band), name == "growth_rate"
         scale: Any = "signed" if signed else "log" if name in LOGARITHMIC else "linear"
-        heat = Grid(self.across, self.down, values.T, unit, scale, limits=limits, warm="positive")
+        heat = Grid(self.across, self.down, values.T, unit, scale, limits=limits)
         colours = " The strongest colour is the largest value."
         if signed:
             colours = " Blue decays, orange grows."
@@ -199,7 +199,7 @@ def _unstable(growth: Floats, places: Floats) -> Iterator[Band]:
         own = list(run)
         if grows:
             ends = float(edges[own[0]]), float(edges[own[-1] + 1])
-            yield Band(*ends, "x", UNSTABLE, "fail", hatched=True)
+            yield Band(*ends, "x", UNSTABLE, "fail")
 
 
 LISTED, LINES = 500, 40  # points in the table of a page, and of a terminal

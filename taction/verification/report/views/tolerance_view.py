@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.charts import Axis, Band, Chart, Columns, Limit, Mark, Text, View
+from taction.system.charts import Axis, Band, Chart, Columns, Limit, Mark, Text
 from taction.verification.report.blocks import (
     BOTH,
     DRAWN,
@@ -221,53 +221,44 @@ def histograms(result: YieldReport) -> Iterator[Block]:
 
 
 def _histogram(title: str, spread: QuantitySpread, values: Floats, text: str) -> Chart:
-    """Return the histogram of values; `text` says what has none."""
+    """Return the histogram of values, where a limit far away is an arrow.
+
+    `text` says what has no value.
+    """
     unit, limits = spread.unit, [x for x in (spread.at_least, spread.at_most) if x is not None]
     beyond, edges = _beyond(values, (spread.at_least, spread.at_most)), _edges(values, limits)
     width = float(edges[1] - edges[0])
     low, high = float(edges[0]) - width, float(edges[-1]) + width
     reach = FAR * (high - low)
     near = [limit for limit in limits if low - reach <= limit <= high + reach]
-    first, last = min([low, *limits]) - width, max([high, *limits]) + width
-    views = [View("samples", (min([low, *near]), max([high, *near])))]
-    if len(near) < len(limits):
-        views.append(View("with the limits", (first, last)))
-    marks: list[Mark] = [Limit(limit, "x", "limit") for limit in limits]
+    shown = min([low, *near]) - width, max([high, *near]) + width
+    middles, counts = 0.5 * (edges[1:] + edges[:-1]), np.histogram(values, bins=edges)[0]
+    looks = tuple(
+        "fail" if out else "pass" for out in _beyond(middles, (spread.at_least, spread.at_most))
+    )
+    hover = tuple(f"{count} samples" for count in counts.tolist())
+    bars = Columns(middles, counts, "x", np.diff(edges), looks, hover=hover)
+    marks: list[Mark] = [bars, *(Limit(limit, "x", "limit") for limit in near)]
     if spread.at_most is not None:
-        marks.append(Band(spread.at_most, max(last, high + reach), "x", colour="fail"))
+        ends = min(spread.at_most, shown[1]), shown[1]
+        marks.append(Band(*ends, "x", colour="fail"))
+        if spread.at_most not in near:
+            marks.append(Text("limit →", None, None, ("left", "below")))
     if spread.at_least is not None:
-        marks.append(Band(min(first, low - reach), spread.at_least, "x", colour="fail"))
-    marks += _bars(values, beyond, edges)
-    if any(limit > high + reach for limit in limits):
-        marks.append(Text("limit →", None, None, ("left", "below")))
-    if any(limit < low - reach for limit in limits):
-        marks.append(Text("← limit", None, None, ("right", "below")))
+        ends = shown[0], max(spread.at_least, shown[0])
+        marks.append(Band(*ends, "x", colour="fail"))
+        if spread.at_least not in near:
+            marks.append(Text("← limit", None, None, ("right", "below")))
     message = "no limit"
     if limits:
         share = percent(float(beyond.mean()))
         texts = " and ".join(figure(limit, unit) for limit in limits)
         message = f"{int(beyond.sum())} of {len(values)} samples ({share}) beyond {texts}"
     message += f", {text}" * bool(text)
-    ends = " to ".join(figure(float(end), unit) for end in (values.min(), values.max()))
-    summary = f"{title}: {len(values)} samples from {ends}; {message}."
-    x, y = Axis(spread.title, unit), Axis("samples", whole=True)
-    legend: Any = "inside" if limits else ""
-    return Chart(title, x, y, tuple(marks), message, summary, tuple(views), legend)
-
-
-def _bars(values: Floats, beyond: np.ndarray, edges: Floats) -> Iterator[Columns]:
-    """Yield the bars of the samples within the limits, and on them of those beyond."""
-    middles, widths = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
-    bases = np.zeros(len(middles))
-    for name, outcome, chosen in (
-        ("within the limit", "pass", ~beyond),
-        ("beyond the limit", "fail", beyond),
-    ):
-        if chosen.any():
-            counts = np.histogram(values[chosen], bins=edges)[0].astype(np.float64)
-            hover = tuple(f"{count:.0f} samples {name}" for count in counts)
-            yield Columns(middles, counts, "x", bases, widths, (outcome,), name, hover=hover)
-            bases = bases + counts
+    ends_text = " to ".join(figure(float(end), unit) for end in (values.min(), values.max()))
+    summary = f"{title}: {len(values)} samples from {ends_text}."
+    x, y = Axis(spread.title, unit, limits=shown), Axis("samples", whole=True)
+    return Chart(title, x, y, tuple(marks), message, summary)
 
 
 def _edges(values: Floats, limits: list[float]) -> Floats:
@@ -288,14 +279,16 @@ def _culprits(result: YieldReport) -> Block:
         return _no_causes(result)
     shares = [100.0 * each.correlation**2 for each in shown]
     looks = tuple("pass" if each.correlation > 0.0 else "fail" for each in shown)
-    signs = ("+" if look == "pass" else "−" for look in looks)
-    written = tuple(f"{sign} {share:.0f} %" for sign, share in zip(signs, shares, strict=True))
-    bars = Columns(np.arange(float(len(shown))), shares, "y", looks=looks, written=written)
-    names = tuple(f"{each.parameter}, {spaced(each.quantity)}" for each in shown)
+    bars = Columns(np.arange(float(len(shown))), shares, "y", looks=looks)
+    names = tuple(
+        f"{each.parameter}, {spaced(each.quantity)}: {'+' if each.correlation > 0.0 else '−'}"
+        f" {share:.0f} %"
+        for each, share in zip(shown, shares, strict=True)
+    )
     message = f"{shown[0].parameter} is behind {shares[0]:.0f} % of the variance of the"
     return Chart(
         "Parts behind the lost yield",
-        Axis("share of the variance (%)", limits=(0.0, 1.25 * max(shares))),
+        Axis("share of the variance (%)"),
         Axis(scale="names", names=names, reverse=True),
         (bars,),
         f"{message} {spaced(shown[0].quantity)}",

@@ -123,11 +123,8 @@ def _tradeoff(tuning: Tuning) -> Chart:
     first, last = (tuning.before, "square-open", "fail"), (tuning.after, "star", "pass")
     for name, (trial, mark, outcome) in {"before": first, "after": last}.items():
         if _is_finite(trial):
-            title, values = f"{name}: {quantity(trial.settling_time, 's')}", text(trial)
-            moved = name == "after" or trial.values != tuning.after.values
-            words = (f"{name}: {values}" if moved else "",)
-            curve = Curve(*_places([trial]), title, outcome, "", mark, size=13.0)
-            marks.append(replace(curve, hover=(values,), written=words))
+            title = f"{name}: {quantity(trial.settling_time, 's')}, {text(trial)}"
+            marks.append(Curve(*_places([trial]), title, outcome, "", mark, size=9.0))
     ends, near = None, True
     shown = filter(_is_finite, (*frontier, tuning.before, tuning.after))
     if known := [each.overshoot for each in shown]:
@@ -135,7 +132,7 @@ def _tradeoff(tuning: Tuning) -> Chart:
         reach = max(high - low, 0.1 * high, LEAST_REACH)
         near = low <= limit <= high + reach
         high = max(high, limit) if near else high
-        ends = max(0.0, low - EDGE * reach), high + 2.0 * EDGE * reach  # texts are on the right
+        ends = max(0.0, low - EDGE * reach), high + EDGE * reach
     said = f"overshoot limit, {figure(limit, 'step', 3)}"
     far = Text(f"{said} →", None, None, ("left", "below"))
     marks.append(Limit(limit, "x", said, "ink", "dot") if near else far)

@@ -108,7 +108,7 @@ def view(
             Section("Active sets", lambda: active_set_blocks(verdict), media=detailed),
             Section("Recovered stress", lambda: (stress_chart(verdict),), media=DRAWN),
             Section("Checks", lambda: (Bars("", check_bars(verdict)),), media=(PICTURE,)),
-            Section("Error budget", lambda: _waterfall_of(verdict)),
+            Section("Error budget", lambda: _budget_chart(verdict)),
             Section("Error budget", lambda: budget_blocks(verdict), media=detailed),
             Section("Headroom", lambda: headroom_blocks(verdict), media=BOTH),
             Section("Error and run time", lambda: (_effort(verdict),), media=detailed),
@@ -296,37 +296,32 @@ def _share_of(part: ErrorPart, unit: float, least: float) -> Cell | None:
     return Cell(figure(value / unit, "step", 3), value)
 
 
-def _waterfall_of(verdict: Verdict) -> tuple[Block, ...]:
-    """Return the signed parts of the worst channel, each from the sum of those before."""
+def _budget_chart(verdict: Verdict) -> tuple[Block, ...]:
+    """Return the signed parts of the worst channel, and their sum."""
     budget, total = verdict.budget, verdict.budget.total
     if total is None:
         return ()
     worst = worst_channel(np.array(total.channels))
-    links = {part.name: part.channels[worst] for part in budget if part.channels}
-    steps, whole = [*links.values()], total.channels[worst]
-    names = (*map(spaced, links), "whole")
-    bars = Columns(
-        np.arange(len(names)),
-        [*steps, whole],
-        "y",
-        [0.0, *np.cumsum(steps)[:-1], 0.0],
-        looks=(*("fail" if step < 0.0 else "pass" for step in steps), "band"),
-        written=tuple(_volts(step, verdict).text for step in (*steps, whole)),
-    )
+    parts = {spaced(part.name): part.channels[worst] for part in budget if part.channels}
+    shown = parts | {"whole": total.channels[worst]}
+    looks = tuple("fail" if size < 0.0 else "pass" for size in parts.values())
+    bars = Columns(np.arange(len(shown)), [*shown.values()], "y", looks=(*looks, "band"))
+    names = tuple(f"{name}: {_volts(size, verdict).text}" for name, size in shown.items())
     unknown = [spaced(p.name) for p in budget if p.value is None or not math.isfinite(p.value)]
-    size, largest = quantity(whole, "V", 3), max(links, key=lambda name: abs(links[name]))
+    size, largest = quantity(shown["whole"], "V", 3), max(parts, key=lambda name: abs(parts[name]))
     summary = (
-        f"From one solution to the next: the parts of channel {worst + 1}, which has the largest"
-        f" whole error, {size}, add up to it. Solid blue bars raise the output,"
-        " hatched orange bars lower it." + f" Not known: {', '.join(unknown)}." * bool(unknown)
+        f"The parts of channel {worst + 1}, which has the largest whole error, {size}, add up to"
+        " it. Solid blue bars raise the output, hatched orange bars lower it."
+        + f" Not known: {', '.join(unknown)}."
+        * bool(unknown)
     )
     return (
         Chart(
-            "Waterfall",
+            "Parts of the error",
             Axis(f"error of channel {worst + 1}", "V"),
             Axis(scale="names", names=names, reverse=True),
             (bars, Limit(0.0, line="solid")),
-            f"{size} in channel {worst + 1}, most of it {spaced(largest)}",
+            f"{size} in channel {worst + 1}, most of it {largest}",
             summary,
         ),
     )
