@@ -21,8 +21,7 @@ from taction.system.reading_definitions import FAINT, FOUND, SETTLING_BAND
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import RINGS
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
-from taction.verification.readings.course import Course
-from taction.verification.readings.exact_trace import ExactTrace
+from taction.verification.readings.exact_trace import Course, ExactTrace
 from taction.verification.readings.measurements import (
     NO_STEP,
     Measurements,
@@ -115,7 +114,7 @@ def measure_responses(responses: Sequence[ExactResponse]) -> list[Measurements]:
     Notes
     -----
     The cost is that of `exact_solution`, of the solutions at about 25 points per ringing period, at
-    most `course.PER_OCTAVE` for each e-fold of the time, and of about six evaluations for
+    most `exact_trace.PER_OCTAVE` for each e-fold of the time, and of about six evaluations for
     every crossing. A search is one array operation over all boards with equally many channels.
     """
     groups: dict[int, list[int]] = {}

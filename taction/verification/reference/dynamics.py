@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.reading_definitions import RISE_LEVELS, SETTLING_BAND, SMALL_STEP
+from taction.system.reading_definitions import SETTLING_BAND
 from taction.verification.reference.problem import Problem, Solution
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
 from taction.verification.reference.solve import solve
@@ -95,7 +95,7 @@ def lambda_times_resistance(
     return volts / REGULARISERS[amplifier].weight / G0 / G0 / s
 
 
-HALVINGS = 60  # of an interval: down to its rounding
+PIECES, ROUNDS = 64, 10  # of an interval in each round of a search: 60 halvings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,75 +113,22 @@ class Response:
         return float(np.max(np.abs(self.target - self.start)))
 
     def settling_time(self, band: float = SETTLING_BAND) -> float:
-        """Return the last instant at which any channel is outside the band around its target.
+        """Return the last instant, s, at which any channel is outside the band around its target.
 
-        Parameters
-        ----------
-        band : float
-            Half-width over the step amplitude.
-
-        Returns
-        -------
-        float
-            s; 0 if no channel moves; infinite if the record ends outside the band.
+        `band` is the half-width over the step amplitude. 0 if no channel moves; infinite if the
+        record ends outside the band.
         """
-        limit = band * self.amplitude
-        outside = np.max(np.abs(self.outputs(self.time) - self.target), axis=1) > limit
-        if limit == 0.0 or not outside.any():
-            return 0.0
-        last = int(np.flatnonzero(outside)[-1])
-        if last == len(self.time) - 1:
-            return float("inf")
-
-        def excess(t: Floats) -> Floats:
-            return np.asarray(limit - np.max(np.abs(self.outputs(t) - self.target), axis=1))
-
-        return _root(excess, float(self.time[last]), float(self.time[last + 1]))
-
-    def rise_time(self, channel: int) -> float:
-        """Return the time from 10 to 90 % of a channel's own step, first crossings.
-
-        Parameters
-        ----------
-        channel : int
-            From 0.
-
-        Returns
-        -------
-        float
-            s; not a number where the step is under 5 % of the step amplitude or the record ends
-            before 90 %.
-        """
-        start, step = self.start[channel], self.target[channel] - self.start[channel]
-        if self.amplitude == 0.0 or abs(step) < SMALL_STEP * self.amplitude:
-            return float("nan")
-
-        def instant(level: float) -> float:
-            def height(t: Floats) -> Floats:
-                return np.asarray((self.outputs(t)[:, channel] - start) / step - level)
-
-            above = height(self.time) >= 0.0
-            first = int(np.argmax(above))
-            if not above[first]:
-                return float("nan")
-            return _root(height, float(self.time[max(first - 1, 0)]), float(self.time[first]))
-
-        low, high = RISE_LEVELS
-        return instant(high) - instant(low)
-
-
-def _root(f: Callable[[Floats], Floats], low: float, high: float) -> float:
-    """Return an instant in the interval at which `f` changes its sign; `high` where it does not."""
-    start = float(f(np.array([low]))[0]) >= 0.0
-    if start == (float(f(np.array([high]))[0]) >= 0.0):
-        return low if start else high
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        if (float(f(np.array([middle]))[0]) >= 0.0) == start:
-            low = middle
-        else:
-            high = middle
-    return high
+        limit, time = band * self.amplitude, self.time
+        for _ in range(ROUNDS):
+            away = np.max(np.abs(self.outputs(time) - self.target), axis=1)
+            outside = np.flatnonzero(away > limit)
+            if limit == 0.0 or not outside.size:
+                return 0.0
+            last = int(outside[-1])
+            if last == len(time) - 1:
+                return float("inf")
+            time = np.linspace(time[last], time[last + 1], PIECES + 1)
+        return float(time[-1])
 
 
 TOLERANCE = 1e-10

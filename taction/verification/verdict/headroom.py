@@ -18,8 +18,7 @@ from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import Initial, LinearBoard
 from taction.verification.engines.statespace.transients.exact import Exact, combinations, is_exact
 from taction.verification.engines.statespace.transients.simulate import simulate
-from taction.verification.readings.course import Course
-from taction.verification.readings.exact_trace import ExactTrace
+from taction.verification.readings.exact_trace import Course, ExactTrace
 
 FULL = 0.9  # of a limit: above it the small-signal solution is not taken for true
 PRECISION = 0.01  # of a limit: error of a peak
@@ -181,9 +180,9 @@ def _peaks(loads: _Loads, exact: Exact) -> Iterator[Load]:
     grid = ExactTrace(_course(loads, exact))
     kinds = np.array([list(UNITS).index(row.quantity) for row in loads.rows])
     caps = grid.caps, grid.caps + grid.reach[:, None]
-    tops, full = (grid.largest(each.max(axis=1))[0] for each in caps)
+    tops, full = (each.max(axis=(0, 1)) for each in caps)
     ends, worst = np.abs(grid.ends).ravel(), np.zeros(len(UNITS))
-    np.maximum.at(worst, kinds, np.maximum(grid.largest(np.abs(grid.errors))[0], ends))
+    np.maximum.at(worst, kinds, np.maximum(np.abs(grid.errors).max(axis=0), ends))
     rows = np.flatnonzero((tops >= worst[kinds]) | (full > FULL))
     trace = ExactTrace(_course(loads, exact.columns(rows)))
     (high, above), (low, below) = (trace.highest(sign) for sign in (1.0, -1.0))

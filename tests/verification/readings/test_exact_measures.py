@@ -18,8 +18,8 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.readings.course import Course, Courses
 from taction.verification.readings.exact_measures import ExactResponse, measure_responses
+from taction.verification.readings.exact_trace import Course, ExactTrace
 from taction.verification.readings.measurements import Measurements
 from taction.verification.readings.settling import ChannelState
 from tests.support.boards import bare, lags, paper_board, single_mode
@@ -150,8 +150,8 @@ def courses(circuits: list[Circuit]) -> list[Course]:
 def test_errors_slopes_and_bounds_are_those_of_each_solution(kind: str) -> None:
     each = courses(BOARDS[kind])
     board = np.repeat(np.arange(len(each)), len(TIMES))
-    together, times = Courses(each), np.tile(TIMES, len(each))
-    found = *together.evaluate(times, board), together.bounds(times, board)
+    together, times = ExactTrace(*each), np.tile(TIMES, len(each))
+    found = *together.evaluate(times, board), together.error_bounds(times, board)
     for k, course in enumerate(each):
         solution, signs = course.solution, course.signs
         errors, slopes, bounds = (column[board == k] for column in found)
@@ -169,11 +169,11 @@ def test_errors_slopes_and_bounds_are_those_of_each_solution(kind: str) -> None:
 def test_no_board_leaves_its_bounds(kind: str) -> None:
     """Between two instants, and after one, the solution stays below what is said of it."""
     each = courses(BOARDS[kind])
-    together, every = Courses(each), np.arange(len(each))
+    together, every = ExactTrace(*each), np.arange(len(each))
     begin, end = np.full((2, len(each)), [[3e-7], [9e-7]])
     left = together.remainder(begin, every)
-    heights = together.envelopes(begin, end, every)
-    room, _ = together.room(begin, end - begin, every)
+    heights = together.envelopes(begin, end - begin, every)
+    room = together.room(begin, end - begin, every)
     between, later = np.linspace(3e-7, 9e-7, 200), np.geomspace(3e-7, 1e-2, 500)
 
     def errors(course: Course, times: Floats) -> Floats:
@@ -199,10 +199,8 @@ def test_no_board_leaves_its_bounds(kind: str) -> None:
 
 def test_a_single_lag_is_followed_in_quarters_of_its_time_constant() -> None:
     (course,) = courses([lags(1, 1e-6)])
-    times, _ = Courses([course]).first_grids()
+    times = ExactTrace(course).time
     until = 1e-6 * np.log(1.0 / course.detail)  # from 1 V on it falls below the detail there
     assert times[-1] == pytest.approx(until, rel=1e-3)
     allowed = np.maximum(0.25e-6, times[1:] / 32)  # the later ones in geometric progression
     assert np.all(np.diff(times) <= allowed * (1 + 1e-9))
-    rate = Courses([course]).rate(np.array([0.0, 1.0]), np.array([0, 0]))
-    assert rate == pytest.approx([1e6, 0.0], rel=1e-6)

@@ -32,7 +32,7 @@ from taction.verification.reference.problem import Problem
 from taction.verification.reference.solve import solve
 from tests.support.making import make_scene, matrix_problem
 from tests.support.oracle import kernel
-from tests.support.readings import Samples, rise_time
+from tests.support.readings import Samples
 
 Y = np.linspace(-3.0, 3.0, 7)
 MATRIX = kernel(Y, Y, 1.0)
@@ -49,7 +49,6 @@ def test_one_channel_is_an_rc_step() -> None:
     response = ideal_linear(network, np.zeros(1))
     assert response.target == pytest.approx([2.0 / 1.25], rel=1e-15)
     assert response.settling_time(0.01) == pytest.approx(tau * np.log(100.0), rel=1e-12)
-    assert response.rise_time(0) == pytest.approx(tau * np.log(9.0), rel=1e-12)
     t = np.array([0.0, 0.3e-6])
     assert response.outputs(t)[:, 0] == pytest.approx(1.6 * (1.0 - np.exp(-t / tau)), rel=1e-12)
 
@@ -74,9 +73,6 @@ def test_radau_agrees_with_the_modes() -> None:
     t = run.time[::50]
     assert run.outputs(t) == pytest.approx(exact.outputs(t), abs=1e-8)
     assert run.settling_time() == pytest.approx(exact.settling_time(), rel=1e-6)
-    rises = [[each.rise_time(n) for n in range(7)] for each in (run, exact)]
-    assert np.isfinite(rises[0]).any()
-    assert rises[0] == pytest.approx(rises[1], rel=1e-6, nan_ok=True)
 
 
 def test_one_exponential_channel_by_quadrature() -> None:
@@ -120,22 +116,13 @@ def test_stiffness_does_not_depend_on_the_capacitor() -> None:
         assert ScaledNetwork(each).stiffness(rest.v) == pytest.approx(wanted, rel=1e-12)
 
 
-def test_a_record_that_is_too_short_never_settles() -> None:
-    run = ideal_transient(BOARD, REST, stop=1e-7)
-    assert run is not None
-    assert run.settling_time() == float("inf")
-    assert np.isnan(run.rise_time(3))
-
-
-def test_overflow_is_an_outcome() -> None:
-    run = ideal_transient(replace(BOARD, amplifier="exponential", Ve=1e-3), np.full(7, 5.0))
-    assert run is None
-
-
-def test_nothing_moves_without_strain() -> None:
-    response = ideal_linear(replace(BOARD, eps=np.zeros(7)), REST)
-    assert response.settling_time() == 0.0
-    assert np.isnan(response.rise_time(3))
+def test_what_never_settles_overflows_or_never_moves_is_an_outcome() -> None:
+    short = ideal_transient(BOARD, REST, stop=1e-7)
+    assert short is not None
+    assert short.settling_time() == float("inf")
+    steep = replace(BOARD, amplifier="exponential", Ve=1e-3)
+    assert ideal_transient(steep, np.full(7, 5.0)) is None
+    assert ideal_linear(replace(BOARD, eps=np.zeros(7)), REST).settling_time() == 0.0
 
 
 def test_modes_refuse_other_amplifiers() -> None:
@@ -143,24 +130,15 @@ def test_modes_refuse_other_amplifiers() -> None:
         ideal_linear(replace(BOARD, amplifier="exponential"), REST)
 
 
-def test_settling_is_the_last_crossing_and_rise_the_first() -> None:
+def test_settling_is_the_last_crossing() -> None:
     def outputs(t: np.ndarray) -> np.ndarray:
-        ringing = 1.0 - np.exp(-t) * np.cos(5.0 * t)
-        return np.stack([ringing, 0.01 * ringing], axis=1)
+        return (1.0 - np.exp(-t) * np.cos(5.0 * t))[:, None]
 
-    response = Response(np.linspace(0.0, 20.0, 4001), outputs, np.zeros(2), np.array([1.0, 0.01]))
-    settled = response.settling_time(0.05)
-    assert outputs(np.array([settled]))[0, 0] == pytest.approx(
-        1.05 if outputs(np.array([settled]))[0, 0] > 1 else 0.95, abs=1e-9
-    )
-    after = outputs(np.linspace(settled * (1 + 1e-9), 20.0, 10_000))[:, 0]
-    assert np.all(np.abs(after - 1.0) <= 0.05 + 1e-9)
-    assert np.isnan(response.rise_time(1))  # 1 % of the amplitude
+    response = Response(np.linspace(0.0, 20.0, 4001), outputs, np.zeros(1), np.ones(1))
     ringing = Samples.of_function(
         lambda t: float(outputs(np.array([t]))[0, 0]) - 1.0, np.linspace(0.0, 20.0, 2001), 0.0
     )
-    assert settled == pytest.approx(ringing.last_outside(0.05), rel=1e-8)
-    assert response.rise_time(0) == pytest.approx(rise_time(ringing, 1.0), rel=1e-6)
+    assert response.settling_time(0.05) == pytest.approx(ringing.last_outside(0.05), rel=1e-8)
 
 
 SCALE = {"lam": 1.0, "RC": 1e-5, "U0": 2.0}

@@ -15,6 +15,7 @@ from taction.netlist_gen.scene.inverse_problem import kernel
 from taction.system.array_types import Floats
 from taction.system.charts import SERIES, Axis, Curve
 from taction.system.errors import SolverError
+from taction.system.reading_definitions import RISE_LEVELS
 from taction.verification.evidence.paper.findings import Chapter, Finding, chart, finding, weigh
 from taction.verification.evidence.paper.tactile import Geometry, entropy, unit_network
 from taction.verification.reference.dynamics import ideal_linear
@@ -83,7 +84,9 @@ def _times(sizes: tuple[int, ...], *, weighted: bool) -> Times:
         T = geometry.matrix * (geometry.spacing if weighted else 1.0)
         network = unit_network(T, T @ geometry.stress, MU, "linear")
         response = ideal_linear(network, np.zeros(N))
-        rise.append(response.rise_time(N // 2))
+        shares = response.outputs(response.time)[:, N // 2] / response.target[N // 2]
+        reached = np.interp(RISE_LEVELS, np.maximum.accumulate(shares), response.time)
+        rise.append(float(np.diff(reached)[0]))
         settling.append(response.settling_time())
     return rise, settling
 
