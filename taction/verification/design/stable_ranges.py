@@ -15,6 +15,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.keys import find_key, own_value
 from taction.system.errors import InputError, NoVerdictError
 from taction.verification.design.trials import OutOfWorkError, Trials, knobs_with_margin
+from taction.verification.stability.edge_search import find_edges
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.families import Family, unrounded
 
@@ -114,7 +115,7 @@ def _edges(trials: Trials, path: str, own: float) -> Edges:
 
     boards = Family.over(build, path, own)
     if boards.ports is not None and boards.poles(own).certain:
-        edges = boards.edges(own / REACH, own * REACH)
+        edges = find_edges(boards, own / REACH, own * REACH)
         if not edges.near:
             return edges
     values = np.geomspace(own / REACH, own * REACH, POINTS).tolist()

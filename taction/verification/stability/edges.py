@@ -29,9 +29,9 @@ class Edge:
     # poles are known.
     below: int
     above: int
-    # Bound on the error of `value`, in its unit, by the poles on both sides; 0 before these are
-    # known.
-    bound: float = 0.0
+    # Bound on the error of `value`, in its unit: by the poles on both sides; where these are not
+    # known, of the interpolation between points of a locus; infinite where neither is known.
+    bound: float = math.inf
 
     @property
     def unstable_above(self) -> bool:
@@ -68,23 +68,28 @@ class Edges:
         changes: Iterable[tuple[float, float, int]],
         near: Iterable[float],
         known: tuple[float, int],
+        off: float,
     ) -> Edges:
         """Return the edges of `changes`: values, frequencies, changes of the unstable count.
 
-        A change is that of the count as the value grows; `known` is a value with its count.
+        A change is that of the count as the value grows; `known` is a value with its count, and
+        `off` the largest relative error of the values.
         """
         ordered = sorted(changes)
         lowest = count = known[1] - sum(by for value, _, by in ordered if value < known[0])
         edges = []
         for value, frequency, by in ordered:
-            edges.append(Edge(value, frequency, count, count + by))
+            edges.append(Edge(value, frequency, count, count + by, off * value))
             count += by
         return cls(*ends, tuple(edges), tuple(near), lowest)
 
     def mapped(self, to: Callable[[float], float]) -> Edges:
         """Return the same edges over another value, a monotonic function of this one."""
         low, high, near = to(self.low), to(self.high), tuple(map(to, self.near))
-        edges = tuple(replace(edge, value=to(edge.value), bound=0.0) for edge in self.edges)
+        edges = tuple(
+            replace(e, value=to(e.value), bound=abs(to(e.value + e.bound) - to(e.value)))
+            for e in self.edges
+        )
         if low <= high:
             return Edges(low, high, edges, near, self.lowest)
         edges = tuple(replace(edge, below=edge.above, above=edge.below) for edge in edges[::-1])

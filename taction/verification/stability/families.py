@@ -1,14 +1,13 @@
-"""Boards that differ in one number, and every edge of stability among them.
+"""Boards that differ in one number.
 
 Where the number only scales equal parts, and the equilibrium stays, the loci of these parts find
-every edge from one board (`loci`), and poles beside the edges confirm them (`certificate`).
-Otherwise, and where poles do not confirm them, poles at samples of the number find them (`scan`).
+every edge of stability from one board (`loci`). Otherwise, and where poles do not confirm the edges
+(`edge_search`), poles at samples of the number find them (`scan`).
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -21,32 +20,17 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.spice_models.branches import Branch
 from taction.system.array_types import Floats
-from taction.system.errors import EngineError, InputError, TactionError
-from taction.verification.engines.statespace.equations.pole_count import characteristic
+from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.stability.certificate import (
-    BESIDE,
-    Count,
-    EdgeClaim,
-    certify,
-    exact_count,
-)
 from taction.verification.stability.edges import Edges, Scan
 from taction.verification.stability.loci import LociSearch, trace_together
-from taction.verification.stability.poles import (
-    Poles,
-    count_unstable,
-    or_error,
-    poles,
-    poles_together,
-)
+from taction.verification.stability.poles import Poles, or_error, poles, poles_together
 from taction.verification.stability.port_response import PortResponse
 from taction.verification.stability.scan import scan
 
-PER_DECADE, COUNTED = 20, 40  # values of the first grid of a scan: by poles, and by exact counts
 Parts = tuple[Capacitor | Resistor, ...]
-PRECISE = 1e-6  # largest relative bound of a pole of a board whose loci are trusted
+BESIDE = (1e-9, 1e-6)  # relative distances of samples from an edge that the loci show
 APART, SAME = 1.01, 1e-9  # of two boards that are compared: ratio of their values, and tolerance
 
 
@@ -125,29 +109,6 @@ class Family:
         """Return the poles at a value."""
         return poles(self.board(value))
 
-    def edges(
-        self,
-        low: float,
-        high: float,
-        found: Poles | None = None,
-        values: Sequence[float] = (),
-    ) -> Edges:
-        """Find every edge from `low` to `high` (above zero); `found`: poles at `own`.
-
-        The edges agree with the poles at `values`, too.
-
-        InputError, EngineError: no board, no equilibrium, no state-space form, or a pole at `own`
-          is on the axis.
-
-        Notes
-        -----
-        Costs the loci, or a scan: the poles of `PER_DECADE` boards per decade, and more.
-        """
-        (edges,) = edges_together([EdgeSearch(self, low, high, found, values=tuple(values))])
-        if isinstance(edges, TactionError):
-            raise edges
-        return edges
-
     def scan(
         self,
         values: Sequence[float],
@@ -155,7 +116,7 @@ class Family:
         logarithmic: bool = True,
         fine: bool = True,
         start: float | None = None,
-        count: Count = lambda value: None,
+        count: Callable[[float], int | None] = lambda value: None,
     ) -> Scan:
         """Find every edge among `values`, with the poles at samples; see `scan`.
 
@@ -181,7 +142,7 @@ class Family:
             return []
         found = self.at_values(traced)
         places = [*(edge.value for edge in found.edges), *found.near]
-        sides = (0.0, *(by for distance in BESIDE[:2] for by in (-distance, distance)))
+        sides = (0.0, *(by for distance in BESIDE for by in (-distance, distance)))
         return [v for at in places for by in sides if low < (v := at * (1.0 + by)) < high]
 
     def shares(self, low: float, high: float) -> tuple[float, float]:
@@ -214,101 +175,6 @@ def _is_reactive(parts: Sequence[Capacitor | Resistor]) -> bool:
 
 def _moved(circuit: Circuit, name: str, point: Equilibrium | None, value: float) -> LinearBoard:
     return LinearBoard(circuit.turned(name, value), point=point)
-
-
-@dataclass(frozen=True, slots=True)
-class EdgeSearch:
-    """A search for every edge of a family from `low` to `high`; `found`: poles at `own`.
-
-    With `nearest` the board at `own`, one of the two, is stable, and only the edge next to it need
-    be found and confirmed. The edges agree with the poles at `values`, too.
-    """
-
-    family: Family
-    low: float
-    high: float
-    found: Poles | None = None
-    nearest: bool = False
-    values: tuple[float, ...] = ()
-
-    def begun(self) -> tuple[LociSearch, Poles] | None:
-        """Return the search by loci, and the poles at `own`; None where only a scan is left."""
-        family = self.family
-        if family.ports is None:
-            return None
-        own = poles(family.ports.board) if self.found is None else self.found
-        known = own.complete or own.stable  # else the poles are too few to be counted
-        count = own.unstable_count if known else count_unstable(family.ports.board)
-        return LociSearch(family.ports, *family.shares(self.low, self.high), count), own
-
-    def claim(self, own: Poles, traced: Edges, count: Count | None) -> EdgeClaim:
-        """Return what is to be confirmed of the edges that the loci show."""
-        edges, within = self.family.at_values(traced), (self.low, self.high)
-        if self.nearest and edges.edges:
-            upwards = self.family.own == self.low
-            at = edges.edges[0 if upwards else -1].value
-            within = (self.low, at) if upwards else (at, self.high)
-        precise = own.complete and bool(np.all(own.errors <= PRECISE * np.abs(own.poles)))
-        own_value, board = self.family.own, self.family.board
-        return EdgeClaim(edges, board, within, own_value, self.values, count, precise)
-
-    def scanned(self, count: Count | None = None) -> Edges:
-        """Return the edges by poles at samples alone."""
-        density = COUNTED if count else PER_DECADE
-        points = 2 + math.ceil(density * math.log10(self.high / self.low))
-        values = np.geomspace(self.low, self.high, points).tolist()
-        values[0], values[-1] = self.low, self.high
-        start, of = self.family.own if self.nearest else None, count or (lambda value: None)
-        return self.family.scan([*values, *self.values], start=start, count=of)
-
-
-def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]:
-    """Return the edges of each search, or why there are none; see `Family.edges`.
-
-    The loci of all boards are followed together. Where poles do not confirm what they show, a scan
-    finds the edges.
-    """
-    begun = [or_error(EdgeSearch.begun, one) for one in searches]
-    loci = {k: each for k, each in enumerate(begun) if isinstance(each, tuple)}
-    traced = dict(zip(loci, trace_together([one for one, _ in loci.values()]), strict=True))
-    counts = _exact_counts({k: searches[k].family for k in loci})
-    claims = {
-        k: searches[k].claim(loci[k][1], edges, counts.get(k))
-        for k, edges in traced.items()
-        if isinstance(edges, Edges)
-    }
-    large = {k for k in claims if loci[k][0].ports.board.descriptor.is_large}
-    asked = {k: each for k, each in claims.items() if k not in large or searches[k].nearest}
-    certified: dict[int, Edges | None] = {k: each.edges for k, each in claims.items()}
-    certified |= zip(asked, certify(list(asked.values())), strict=True)
-    found = list[Edges | TactionError]()
-    for k, one in enumerate(searches):
-        failed = begun[k] if isinstance(begun[k], TactionError) else traced.get(k)
-        if isinstance(failed, TactionError):
-            found.append(failed)
-        elif k in certified and (edges := certified[k]) is not None:
-            found.append(edges)
-        else:
-            found.append(or_error(one.scanned, counts.get(k)))
-    return found
-
-
-def _exact_counts(families: Mapping[int, Family]) -> dict[int, Count]:
-    """Return the count of unstable poles of each family of a deck over one part, by its place."""
-    decks = {
-        k: (family, family.ports.board)
-        for k, family in families.items()
-        if family.ports and family.ports.count == 1 and family.ports.board.descriptor.has_branches
-    }
-    doubled = {k: or_error(family.board, 2.0 * family.own) for k, (family, _) in decks.items()}
-    boards = dict.fromkeys(board for _, board in decks.values())
-    first, found = {b: characteristic(b.descriptor) for b in boards}, dict[int, Count]()
-    for k, (family, board) in decks.items():
-        own, there = first[board], doubled[k]
-        second = characteristic(there.descriptor) if isinstance(there, LinearBoard) else None
-        if own and second and abs(family.power) == 1.0:
-            found[k] = exact_count(own, second, family.own, family.power)
-    return found
 
 
 def _follows(knob: Knob, first: Circuit, second: Circuit) -> bool:

@@ -127,7 +127,11 @@ class _Trace:
         return [
             self.failed.get(k)
             or Edges.counted(
-                (one.low, one.high), self.crossings[k], self.nearest(k), (1.0, one.unstable)
+                (one.low, one.high),
+                self.crossings[k],
+                self.nearest(k),
+                (1.0, one.unstable),
+                STRAIGHT,
             )
             for k, one in enumerate(self.searches)
         ]

@@ -8,18 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from taction.netlist_gen.board.circuit import Circuit, Knob
 from taction.system.errors import EngineError, TactionError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.stability.edge_search import EdgeSearch, edges_together, find_edges
 from taction.verification.stability.edges import Edge, Edges, Scan
-from taction.verification.stability.families import (
-    EdgeSearch,
-    Family,
-    all_but_a_knob,
-    edges_together,
-)
+from taction.verification.stability.families import Family, all_but_a_knob
 from taction.verification.stability.poles import Poles, count_unstable, or_error, poles
 
 REACH = 100.0  # the largest factor
@@ -62,7 +59,7 @@ def stable_values(
 
     `name`: of the knob; by default the one whose margin a scene limits.
     `found`: poles of the board, if they have been computed before.
-    EngineError: as `Family.edges` and `poles`.
+    EngineError: as `find_edges` and `poles`.
 
     Examples
     --------
@@ -73,7 +70,7 @@ def stable_values(
     """
     board = LinearBoard.of(circuit)
     family = Family.of(board, board.circuit.knob(name or first_knob(board.circuit)))
-    return family.edges(family.own / around, family.own * around, found)
+    return find_edges(family, family.own / around, family.own * around, found)
 
 
 def find_margin(
@@ -93,7 +90,7 @@ def find_margin(
 
     Notes
     -----
-    Costs the edges (`Family.edges`), and the poles of two or three boards.
+    Costs the edges (`find_edges`), and the poles of two or three boards.
     """
     (margin,) = margins_together([MarginSearch(LinearBoard.of(circuit), name, reach, found)])
     if isinstance(margin, TactionError):
@@ -101,71 +98,38 @@ def find_margin(
     return margin
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class MarginSearch:
-    """What `find_margin` gets."""
+    """What `find_margin` gets: the way of a knob from the board to where it becomes unstable."""
 
     board: LinearBoard
     name: str = ""
     reach: float = REACH
     found: Poles | None = None
 
+    @cached_property
+    def knob(self) -> Knob:
+        """The knob."""
+        return self.board.circuit.knob(self.name or first_knob(self.board.circuit))
 
-def margins_together(searches: Sequence[MarginSearch]) -> list[Margin | TactionError]:
-    """Return the margin of each search, or why there is none; see `find_margin`.
-
-    The edges of all boards are found together. Linear boards that differ only in the knob of the
-    margin have the same edges, which are found once, from the first of them.
-    """
-    begun = [or_error(_begun, search) for search in searches]
-    alike = dict[Hashable, list[_Way]]()
-    for way in begun:
-        if isinstance(way, _Way):
-            alike.setdefault(way.alike, []).append(way)
-    found = edges_together([_search(ways) for ways in alike.values()])
-    edges = dict(zip(alike, found, strict=True))
-    return [
-        or_error(each.margin, edges[each.alike]) if isinstance(each, _Way) else each
-        for each in begun
-    ]
-
-
-def _begun(search: MarginSearch) -> Margin | _Way:
-    """Return the way of the knob of a stable board; the margin of any other board."""
-    board, name = search.board, search.name or first_knob(search.board.circuit)
-    if not name:
-        return Margin(1.0, 0.0, "no margin is known", "no key of this topology has a margin")
-    own = poles(board) if search.found is None else search.found
-    if own.known_stable:
-        knob = board.circuit.knob(name)
-        return _Way(board, knob, search.reach, own)
-    if own.certain:
-        return Margin(0.0, 0.0, "the board is unstable")
-    text = "the board itself may be stable or unstable"
-    return Margin(0.0, 0.0, text, text)
-
-
-def _search(ways: Sequence[_Way]) -> EdgeSearch:
-    """Return the search for the edges of boards that differ only in the knob."""
-    first, last = (
-        ways[0],
-        1.0 + 2.0 * CLOSE,
-    )  # an edge at the largest factor is found with certainty
-    ends = [end for way in ways for end in (way.own, way.value(way.reach * last))]
-    family = Family.of(first.board, first.knob)
-    return EdgeSearch(family, min(ends), max(ends), first.poles, nearest=len(ways) == 1)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Way:
-    """The way of a knob from the value of a stable board to where the board becomes unstable."""
-
-    board: LinearBoard
-    knob: Knob
-    reach: float
-    poles: Poles
+    @cached_property
+    def poles(self) -> Poles:
+        """The poles of the board."""
+        return poles(self.board) if self.found is None else self.found
 
     @property
+    def unknown(self) -> Margin | None:
+        """The margin without a search; None for a stable board with such a knob."""
+        if not (self.name or first_knob(self.board.circuit)):
+            return Margin(1.0, 0.0, "no margin is known", "no key of this topology has a margin")
+        if self.poles.known_stable:
+            return None
+        if self.poles.certain:
+            return Margin(0.0, 0.0, "the board is unstable")
+        text = "the board itself may be stable or unstable"
+        return Margin(0.0, 0.0, text, text)
+
+    @cached_property
     def alike(self) -> Hashable:
         """What boards have in common that differ only in the knob."""
         if not self.board.circuit.is_linear:
@@ -246,3 +210,30 @@ class _Way:
         unit = self.board.circuit.facts[self.knob.name].unit
         by = f"by the factor {factor:.4g}, to {show(self.value(factor), unit)}"
         return f"{self.knob.words} can {moves} {by}"
+
+
+def margins_together(searches: Sequence[MarginSearch]) -> list[Margin | TactionError]:
+    """Return the margin of each search, or why there is none; see `find_margin`.
+
+    The edges of all boards are found together. Linear boards that differ only in the knob of the
+    margin have the same edges, which are found once, from the first of them.
+    """
+    known = [or_error(lambda one: one.unknown, search) for search in searches]
+    alike = dict[Hashable, list[MarginSearch]]()
+    for search, margin in zip(searches, known, strict=True):
+        if margin is None:
+            alike.setdefault(search.alike, []).append(search)
+    found = edges_together([_edge_search(group) for group in alike.values()])
+    edges = dict(zip(alike, found, strict=True))
+    return [
+        or_error(search.margin, edges[search.alike]) if margin is None else margin
+        for search, margin in zip(searches, known, strict=True)
+    ]
+
+
+def _edge_search(group: Sequence[MarginSearch]) -> EdgeSearch:
+    """Return the search for the edges of boards that differ only in the knob."""
+    first, last = group[0], 1.0 + 2.0 * CLOSE  # an edge at the largest factor is found, too
+    ends = [end for one in group for end in (one.own, one.value(one.reach * last))]
+    family = Family.of(first.board, first.knob)
+    return EdgeSearch(family, min(ends), max(ends), first.poles, nearest=len(group) == 1)

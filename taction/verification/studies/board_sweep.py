@@ -27,6 +27,7 @@ from taction.system.documents import Hertz, Inline, Number, Rate
 from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.quantities import UNITS
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.stability.edge_search import find_edges
 from taction.verification.stability.edges import Edge, Edges, Range
 from taction.verification.stability.families import Family
 from taction.verification.studies.board_checks import judge, record_of
@@ -306,7 +307,7 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweptValue, band: 
     if not board.state_space.n:  # and so without a pole at any value of a part
         edges = Edges(min(values), max(values), ())
     elif family.ports is not None and swept.logarithmic:
-        edges = family.edges(min(values), max(values), values=values)
+        edges = find_edges(family, min(values), max(values), values=values)
     else:
         edges = family.scan(values, logarithmic=swept.logarithmic)
     measured = tuple(measure_boards(boards, deck.initial, band))

@@ -16,8 +16,9 @@ from taction.system.errors import EngineError, TactionError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import linear_matrices
+from taction.verification.stability.edge_search import EdgeSearch, edges_together
 from taction.verification.stability.edges import Edge, Edges
-from taction.verification.stability.families import EdgeSearch, Family, edges_together
+from taction.verification.stability.families import Family
 from taction.verification.stability.margin import REACH, Margin
 from taction.verification.stability.poles import Poles
 

@@ -18,8 +18,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import EngineError, TactionError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.stability import certificate
-from taction.verification.stability import families as module
+from taction.verification.stability import edge_search as module
 from taction.verification.stability import margin as margin_module
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.loci import LociSearch
@@ -203,13 +202,13 @@ def test_poles_find_a_window_that_the_loci_miss(monkeypatch: pytest.MonkeyPatch)
     edge = 4.1337463e-12
     quiet = board("design.capacitance", 40 * edge)
     assert find_margin(quiet).factor == pytest.approx(40.0, rel=1e-6)
-    asked, find = list[float](), certificate.poles_together
+    asked, find = list[float](), module.poles_together
 
     def watched(boards: Iterable[LinearBoard]) -> list[Poles | TactionError]:
         every = list(boards)
         asked.extend(b.circuit.value("C") / edge for b in every)
         return find(every)
 
-    monkeypatch.setattr(certificate, "poles_together", watched)
+    monkeypatch.setattr(module, "poles_together", watched)
     find_margin(quiet)
     assert [value for value in asked if value > 1.1] == [pytest.approx(math.sqrt(40.0), rel=1e-6)]

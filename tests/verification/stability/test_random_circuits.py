@@ -15,6 +15,7 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.pole_count import finite_poles
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
+from taction.verification.stability.edge_search import find_edges
 from taction.verification.stability.families import Family
 from taction.verification.stability.poles import Poles, poles, poles_together
 from taction.verification.studies.part_influence import sensitivities
@@ -135,7 +136,7 @@ def test_edges_of_an_active_circuit_are_those_of_its_poles(name: str) -> None:
     board = LinearBoard(circuit(FLOATING))
     knob, own = board.circuit.knob(name), board.circuit.value(name)
     family = Family.of(board, knob)
-    found = [edge.value for edge in family.edges(own / 100.0, own * 100.0).edges]
+    found = [edge.value for edge in find_edges(family, own / 100.0, own * 100.0).edges]
     scanned = Family(family.board, own).scan(np.geomspace(own / 100.0, own * 100.0, 41).tolist())
     assert found == pytest.approx([edge.value for edge in scanned.edges], rel=1e-6)
     if name == "R3":
@@ -164,7 +165,7 @@ def test_an_edge_beside_a_pole_that_stays_at_zero_is_in_doubt() -> None:
     board = LinearBoard(circuit(cards))
     family = Family.of(board, board.circuit.knob("R01"))
     own = family.own
-    found = family.edges(0.01 * own, 100.0 * own)
+    found = find_edges(family, 0.01 * own, 100.0 * own)
     for edge in found.edges:
         counts = set()
         for side in (1.0 - 1e-6, 1.0 + 1e-6):
