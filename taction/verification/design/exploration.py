@@ -80,9 +80,10 @@ class LinearResponse:
         period = min((r.period for r in self.scales.ringing), default=math.inf)
         wanted = PER_PERIOD * end / period if period > 0.0 else 0.0
         count = int(min(max(wanted, POINTS), MOST))
+        time = np.linspace(0.0, end, count)
         with np.errstate(over="ignore", invalid="ignore"):
-            values = self.solution.uniform(end / (count - 1), count) * self.signs
-        return ExplorerCurves(np.linspace(0.0, end, count), values, self.rise, self.stop)
+            values = self.solution.at(time) * self.signs
+        return ExplorerCurves(time, values, self.rise, self.stop)
 
 
 def _rise(solution: Exact, stop: float) -> float:

@@ -199,11 +199,13 @@ def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]
     found = list[Edges | TactionError]()
     for k, one in enumerate(searches):
         first = traced.get(k, loci[k])
-        if isinstance(first, TactionError):
+        confirmed = one.confirmed() if isinstance(first, Edges) else None
+        if confirmed is not None:
+            found.append(confirmed)
+        elif isinstance(first, TactionError):
             found.append(first)
         else:
-            confirmed = one.confirmed() if k in traced else None
-            found.append(confirmed or or_error(EdgeSearch.scanned, one))
+            found.append(or_error(EdgeSearch.scanned, one))
     return found
 
 

@@ -119,7 +119,7 @@ def exact(task: MethodTask, _: float) -> MethodRun:
     started, circuit = clock.perf_counter(), task.circuit
     solution = exact_solution(circuit, initial=task.transient.initial)
     time = record_times(task.transient, task.transient.stop)
-    u = _signs(circuit) * solution.uniform(float(time[1]), len(time))
+    u = _signs(circuit) * solution.at(time)
     return MethodRun.of(time, u, clock.perf_counter() - started, 0, 1)
 
 

@@ -1,23 +1,174 @@
-"""The exact transient of a linear board, evaluated at any instant without time steps."""
+"""The exact transient of a linear board, evaluated at any instant without time steps.
+
+``C exp(A t) d`` by the modes of the board, with a bound on the error: modes that are alone give
+exponentials, those of a group exponentials times powers of the time.
+"""
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import EPS, Complexes, Floats, Ints
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.linearised.block_modes import Group
 from taction.verification.engines.statespace.linearised.linear_board import (
     Initial,
     LinearBoard,
     initial_unknowns,
 )
-from taction.verification.engines.statespace.transients.matrix_exponential import ModalFlow
+from taction.verification.engines.statespace.linearised.modes import Modes
+
+BLOCK = 512  # instants evaluated at a time
+FADED = -90.0  # exponent below which a mode is left out: 1e-39 of its first amplitude
+NEGLIGIBLE = 1e-18  # share of a mode, relative to the largest, below the rounding of any sum
+LARGEST = 700.0  # exponent of a growing mode whose bound is a float
+NOISE = 8 * EPS  # share of a mode, relative to the sum of its terms, that is only rounding
+POWERS = 100  # largest number of powers of the time
+
+
+class ModalFlow:
+    """``Re sum_i share_i (s_i t)^k_i / k_i! exp(p_i t)``: the modes of a board at some outputs.
+
+    For output rows C (K, n) and the deviation (size,) of all unknowns; `doubt` (K, n) is what the
+    rows may miss of each mode. Modes are left out whose shares are negligible or within their
+    rounding, and at each instant those that have decayed.
+
+    Attributes
+    ----------
+    poles : ndarray (m,)
+        p, 1/s, one of each conjugate pair.
+    powers : ndarray of int (m,)
+        k; a term with a power follows that with the power below.
+    scales : ndarray (m,)
+        s, 1/s; 0 where the pole has no powers.
+    rates : ndarray (m,)
+        1/s, the largest first: no term exceeds its share times ``exp(rate t)``.
+    speeds : ndarray (m,)
+        Largest relative change of each term, 1/s.
+    share : ndarray (m, K)
+        Share of each term in each output, twice that for pairs.
+    errors, error : ndarray (K,), float
+        The largest of the `bounds` of each output, and of all.
+    """
+
+    def __init__(
+        self, modes: Modes, C: Floats, deviation: Floats, doubt: Floats | None = None
+    ) -> None:
+        with np.errstate(invalid="ignore", over="ignore"):
+            shares = modes.shares(C, deviation, doubt)
+            share, terms, (lag, vague) = shares.amplitudes, shares.terms, shares.errors
+            # Rounding excites every growing mode, as noise does in a circuit.
+            faint = (modes.poles.real > 0.0) & (np.abs(share) < EPS * terms)
+            share = np.where(faint, EPS * terms, share)
+        size, alone = np.abs(share), modes.alone
+        # One of each conjugate pair is enough.
+        kept = alone & (modes.poles.imag >= 0.0)
+        large = size.max(axis=0, initial=0.0)
+        kept &= large > NEGLIGIBLE * large.max(initial=0.0)
+        noise = alone & (modes.poles.real < 0.0) & np.all(size <= NOISE * terms, axis=0)
+        kept &= ~noise
+        pair = np.where(modes.poles[kept].imag > 0.0, 2.0, 1.0)
+        parts = [(modes.poles[kept], 0 * pair, 0.0 * pair, (share[:, kept] * pair).T)]
+        for group, seen, dual in shares.grouped():
+            series = _series(group, seen, dual)
+            one = np.ones(len(series))
+            parts.append((group.centre * one, np.arange(len(series)), group.scale * one, series))
+        poles, powers, scales, share = (np.concatenate(part) for part in zip(*parts, strict=True))
+        order = np.argsort(-(poles.real + scales), kind="stable")
+        self.poles, self.powers = poles[order], powers[order].astype(np.int64)
+        self.scales: Floats = scales[order]
+        self.rates: Floats = self.poles.real + self.scales
+        self.speeds: Floats = np.abs(self.poles) + self.scales
+        self.share = share[order]
+        # Rounding of A and, by their condition number times eps, of the vectors.
+        bounded = kept | ~alone
+        twice = np.where(modes.alone[bounded] & (modes.poles[bounded].imag > 0.0), 2.0, 1.0)
+        self._bounded = modes.rates[bounded]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self._lag = (lag[:, bounded] * twice).T
+            self._vague = ((vague + terms * EPS)[:, bounded] * twice).T
+            self._omitted = size[:, noise].sum(axis=1)
+            peak = self._lag / (math.e * np.abs(self._bounded))[:, None]
+        peak = np.where(self._lag == 0.0, 0.0, peak)
+        most = (peak + self._vague).sum(axis=0) + self._omitted
+        self.errors: Floats = np.nan_to_num(most, nan=math.inf)
+        self.error = float(self.errors.max(initial=0.0))
+
+    def _basis(self, times: Floats) -> Complexes:
+        """Return the terms that still matter with shares of 1, the slowest first, (P, live)."""
+        live = int(np.count_nonzero(self.rates * times.min() > FADED))
+        poles, powers = self.poles[:live], self.powers[:live]
+        ring = np.flatnonzero(poles.imag)
+        with np.errstate(over="ignore", invalid="ignore"):  # an unstable board overflows
+            values = np.exp(np.outer(times, poles.real)).astype(np.complex128)
+            angle = np.outer(times, poles.imag[ring])  # quicker than a complex exponential
+            values.imag[:, ring] = values.real[:, ring] * np.sin(angle)
+            values.real[:, ring] *= np.cos(angle)
+            for k in range(1, int(powers.max(initial=0)) + 1):
+                higher = np.flatnonzero(powers >= k)
+                values[:, higher] *= np.outer(times, self.scales[higher] / k)
+        return values
+
+    def _derived(self) -> Complexes:
+        """Return the shares of the time derivative, (m, K)."""
+        after, lower = np.zeros_like(self.share), np.flatnonzero(self.powers[1:])
+        after[lower] = self.share[lower + 1]
+        return np.asarray(self.share * self.poles[:, None] + self.scales[:, None] * after)
+
+    def at(self, times: Floats) -> Floats:
+        """Return values at `times` (P,), s; shape (P, K)."""
+        return self._sums(times, self.share)
+
+    def pair(self, times: Floats) -> tuple[Floats, Floats]:
+        """Return values and their time derivatives, shape (P, K) each."""
+        both = self._sums(times, np.hstack([self.share, self._derived()]))
+        return both[:, : self.share.shape[1]], both[:, self.share.shape[1] :]
+
+    def _sums(self, times: Floats, weight: Complexes) -> Floats:
+        """Return ``Re sum_i weight_i basis_i``, shape (P, columns of `weight`)."""
+        values = np.empty((len(times), weight.shape[1]))
+        for first in range(0, len(times), BLOCK):
+            part = slice(first, first + BLOCK)
+            basis = self._basis(times[part])
+            some = weight[: basis.shape[1]]
+            with np.errstate(over="ignore", invalid="ignore"):  # half of a complex product
+                values[part] = basis.real @ some.real - basis.imag @ some.imag
+        return values
+
+    def columns(self, chosen: Ints) -> ModalFlow:
+        """Return the flow of some outputs."""
+        found = copy.copy(self)
+        for name in ("share", "_lag", "_vague"):
+            setattr(found, name, getattr(self, name)[:, chosen])
+        found._omitted, found.errors = self._omitted[chosen], self.errors[chosen]
+        return found
+
+    @property
+    def bound_terms(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Rates r (m,), lags l and errors v (m, K), and o (K,): ``sum (l t + v) exp(r t) + o``."""
+        return self._bounded, self._lag, self._vague, self._omitted
+
+    def bounds(self, times: Floats) -> Floats:
+        """Return bounds on the rounding error at `times` (P,), to first order, shape (P, K)."""
+        left = np.exp(np.minimum(np.outer(times, self._bounded), LARGEST))
+        return np.asarray((times[:, None] * left) @ self._lag + left @ self._vague + self._omitted)
+
+
+def _series(group: Group, seen: Complexes, dual: Complexes) -> Complexes:
+    """Return the shares of the powers of the time in ``seen exp(inner t) dual``, (powers, K)."""
+    terms, largest = [seen @ dual], float(np.abs(dual).sum())
+    for _ in range(1, POWERS):
+        dual = group.inner @ dual / group.scale
+        if not float(np.abs(dual).sum()) > NEGLIGIBLE * largest:
+            break
+        terms.append(seen @ dual)
+    return np.array(terms)
 
 
 def is_exact(board: LinearBoard) -> bool:
@@ -64,19 +215,15 @@ class Exact:
 
     def bounds(self, times: Floats) -> Floats:
         """Return bounds on the rounding error at `times` (P,), V, to first order; shape (P, K)."""
-        return self.flow.bounds(np.asarray(times, dtype=np.float64)) + self.rest_error
+        return self.flow.bounds(times) + self.rest_error
 
     def at(self, times: Floats) -> Floats:
         """Return voltages at `times` (P,), s; shape (P, K)."""
-        return self.final + self.flow.at(np.asarray(times, dtype=np.float64))
+        return self.final + self.flow.at(times)
 
     def derivative(self, times: Floats) -> Floats:
         """Return time derivatives at `times` (P,), V/s; shape (P, K)."""
-        return self.flow.at(np.asarray(times, dtype=np.float64), order=1)
-
-    def uniform(self, step: float, count: int) -> Floats:
-        """Return voltages at ``step * (0 .. count - 1)``; shape (count, K)."""
-        return self.final + self.flow.uniform(step, count)
+        return self.flow.pair(times)[1]
 
 
 def exact_solution(
@@ -106,65 +253,13 @@ def exact_solution(
         nonlinear = board.circuit.has_nonlinear_amplifiers
         what = f"{kind} amplifiers" if nonlinear else "op-amps with limits"
         raise EngineError(f"board {name!r} has {what}: the board is not linear")
-    if not voltages and nodes is None:  # one verification uses it several times
-        known = _OUTPUTS.setdefault(board, {})
-        if initial not in known:
-            known[initial] = _solve(board, initial, None, board.reported(None))
-        return known[initial]
-    return _solve(board, initial, voltages, board.reported(nodes))
-
-
-_OUTPUTS: WeakKeyDictionary[LinearBoard, dict[Initial, Exact]] = WeakKeyDictionary()
-"""Solutions of the outputs of boards that are in use."""
-
-
-def _solve(
-    board: LinearBoard,
-    initial: Initial,
-    voltages: Mapping[str, float] | None,
-    reported: tuple[str, ...],
-) -> Exact:
-    space = board.state_space
-    C, D = space.rows(reported)
-    begin = initial_unknowns(board, initial, voltages)
-    start = C @ space.state_of(begin) + D.sum(axis=1)
-    final, rest_error = _at_rest(board, reported)
-    doubt = _unseen(board, reported)
-    return _exact(board, reported, C, begin, doubt, start, final, rest_error)
-
-
-def _unseen(board: LinearBoard, reported: tuple[str, ...]) -> Floats:
-    """Return bounds on the errors of the modes in the rows of nodes, (K, n)."""
-    unseen, descriptor = board.state_space.modes.unseen, board.descriptor
-    rows = [0.0 * unseen[0] if n == "0" else unseen[descriptor.place(n)] for n in reported]
-    return np.array(rows).reshape(len(reported), unseen.shape[1])
-
-
-def _at_rest(board: LinearBoard, reported: tuple[str, ...]) -> tuple[Floats, Floats]:
-    """Return the voltages of the equilibrium and bounds of their rounding, V, (K,)."""
-    final, off = np.zeros((2, len(reported)))
-    live = [k for k, node in enumerate(reported) if node != "0"]
-    places = [board.descriptor.place(reported[k]) for k in live]
-    final[live], off[live] = board.equilibrium.values[places], board.rounding[places]
-    return final, off + EPS * np.abs(final)
-
-
-def _exact(
-    board: LinearBoard,
-    names: tuple[str, ...],
-    C: Floats,
-    begin: Floats,
-    doubt: Floats,
-    start: Floats,
-    final: Floats,
-    rest_error: Floats,
-) -> Exact:
-    """Return ``final + C exp(A t)`` times the deviation of the unknowns `begin` from rest."""
-    modes = board.state_space.modes
-    flow = ModalFlow(modes, C, begin - board.equilibrium.values, doubt)
-    if not flow.error < math.inf:
-        raise EngineError("rounding hides the solution")
-    return Exact(names, start, final, modes.poles, rest_error, flow)
+    reported = board.reported(nodes)
+    if voltages or nodes is not None:
+        return _solve(board, reported, initial, voltages)
+    if initial not in board.integrations:  # one verification uses it several times
+        board.integrations[initial] = _solve(board, reported, initial)
+    found: Exact = board.integrations[initial]
+    return found
 
 
 def combinations(
@@ -187,17 +282,38 @@ def combinations(
     Exact
         Its "nodes" are the numbers of the combinations.
     """
-    space = board.state_space
+    found = _solve(board, nodes, initial, None, volts, rates)
+    return replace(found, nodes=tuple(map(str, range(len(volts)))))
+
+
+def _solve(
+    board: LinearBoard,
+    nodes: tuple[str, ...],
+    initial: Initial,
+    voltages: Mapping[str, float] | None = None,
+    volts: Floats | None = None,
+    rates: Floats | None = None,
+) -> Exact:
+    """Solve for the voltages of nodes, or for combinations of these and of their derivatives."""
+    space, rest, places = board.state_space, board.equilibrium.values, board.descriptor.place
     C, D = space.rows(nodes)
-    begin = initial_unknowns(board, initial, None)
+    begin = initial_unknowns(board, initial, voltages)
     x0 = space.state_of(begin)
-    moving = rates @ C @ space.A
-    rest, error = _at_rest(board, nodes)
-    final = volts @ rest
-    moved = moving @ (x0 - space.state_of(board.equilibrium.values))
-    start = volts @ (C @ x0 + D.sum(axis=1)) + moved
-    names = tuple(map(str, range(len(volts))))
-    unseen, speed = _unseen(board, nodes), np.abs(space.modes.centres)
-    doubt = np.abs(volts) @ unseen + (np.abs(rates) @ unseen) * speed
-    rows, off = volts @ C + moving, np.abs(volts) @ error
-    return _exact(board, names, rows, begin, doubt, start, final, off)
+    start = C @ x0 + D.sum(axis=1)
+    unseen, (final, off) = space.modes.unseen, np.zeros((2, len(nodes)))
+    doubt = np.zeros((len(nodes), unseen.shape[1]))
+    for k, node in enumerate(nodes):
+        if node != "0":
+            place = places(node)
+            final[k], doubt[k] = rest[place], unseen[place]
+            off[k] = board.rounding[place] + EPS * abs(rest[place])
+    if volts is not None and rates is not None:
+        moving = rates @ C @ space.A
+        start = volts @ start + moving @ (x0 - space.state_of(rest))
+        final, off, C = volts @ final, np.abs(volts) @ off, volts @ C + moving
+        speed = np.abs(space.modes.centres)
+        doubt = np.abs(volts) @ doubt + (np.abs(rates) @ doubt) * speed
+    flow = ModalFlow(space.modes, C, begin - rest, doubt)
+    if not flow.error < math.inf:
+        raise EngineError("rounding hides the solution")
+    return Exact(nodes, start, final, space.modes.poles, off, flow)

@@ -40,7 +40,6 @@ from taction.verification.engines.statespace.transients.straight_pieces import (
     Batch,
     Switch,
     first_passage,
-    hull,
     shortened,
 )
 from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
@@ -209,11 +208,12 @@ class Integration(Batch):
             return moves
         scale = self.amplifiers.v_scale[:, :, 0]
         low, high = (scale * x / self.slack for x in self.amplifiers.pieces.ends(self.segments))
-        y = hull(piece[:, :m] / self.slack[:, :, None])
-        excess = np.concatenate([y - (high + 1.0)[..., None], (low - 1.0)[..., None] - y], axis=1)
-        for row in np.flatnonzero(accepted & (excess > 0.0).any(axis=(1, 2))).tolist():
+        y = piece[:, :m] / self.slack[:, :, None]
+        excess = np.concatenate([y, -y], axis=1)
+        excess[:, :, 0] -= np.concatenate([high, -low], axis=1) + 1.0
+        for row in np.flatnonzero(accepted).tolist():
             theta = first_passage(excess[row])
-            if theta == 1.0 and not (excess[row, :, -1] > 0.0).any():
+            if theta == 1.0:
                 continue
             piece[row], watched[row, :, -1], weights[row] = shortened(piece[row], theta)
             length[row] *= theta

@@ -42,7 +42,7 @@ from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     initial_unknowns,
 )
-from taction.verification.engines.statespace.transients.matrix_exponential import ModalFlow
+from taction.verification.engines.statespace.transients.exact import ModalFlow
 from taction.verification.engines.statespace.transients.record_times import record_times
 
 

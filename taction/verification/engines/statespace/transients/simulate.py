@@ -13,7 +13,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
+from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.engines.statespace.transients.record_times import record_times
 
 ENGINE, METHOD = "statespace", "exact"
@@ -84,27 +84,15 @@ def simulate(
         voltages=analysis.voltages,
         nodes=nodes,
     )
-    instants, values, flags = _sampled(solution, analysis, times)
+    instants = record_times(analysis, analysis.stop) if times is None else times
+    values, flags = solution.at(instants), tuple[str, ...]()
+    overflow = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if overflow.size:
+        if times is not None or overflow[0] < 2:
+            raise EngineError("the board is unstable and leaves the range of floats")
+        instants, values = instants[: overflow[0]], values[: overflow[0]]
+        flags = (f"the board diverges: it leaves the range of floats after {instants[-1]!r} s",)
     cost = Cost(clock.perf_counter() - began, len(instants), 1)
     return Waveforms(
         instants, solution.nodes, values, ENGINE, cost, flags, solution.error, method=METHOD
     )
-
-
-def _sampled(
-    solution: Exact, analysis: Transient, times: Floats | None
-) -> tuple[Floats, Floats, tuple[str, ...]]:
-    """Return the instants, the voltages and the flags of a record of `solution`."""
-    if times is None:
-        instants = record_times(analysis, analysis.stop)
-        values = solution.uniform(float(instants[1]), len(instants))
-    else:
-        instants, values = times, solution.at(times)
-    overflow = np.flatnonzero(~np.isfinite(values).all(axis=1))
-    if not overflow.size:
-        return instants, values, ()
-    if times is not None or overflow[0] < 2:
-        raise EngineError("the board is unstable and leaves the range of floats")
-    instants, values = instants[: overflow[0]], values[: overflow[0]]
-    flag = f"the board diverges: it leaves the range of floats after {instants[-1]!r} s"
-    return instants, values, (flag,)

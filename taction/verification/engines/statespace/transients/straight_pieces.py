@@ -2,8 +2,7 @@
 
 In a step every such amplifier goes on along its straight piece, so that nothing in the step bends.
 The step ends at the first root of (input - break) on its polynomial, and the next one begins on the
-next piece. A root is found by halving: a polynomial lies within the hull of its Bernstein
-coefficients, so no passage is missed, also two in one step.
+next piece.
 
 The right-hand side of a board with a continuous g is Lipschitz continuous, so one solution passes
 through every state: it neither slides along a break nor chatters there. Only an amplifier that
@@ -16,12 +15,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
-from functools import cache
-from math import comb
 from typing import Self
 
 import numpy as np
-from numpy.polynomial.legendre import legvander
+from numpy.polynomial.legendre import legroots, legval, legvander
 
 from taction.system.array_types import EPS, Complexes, Floats, Ints
 from taction.system.quantities import show
@@ -169,7 +166,6 @@ def _lines(gain: Gain) -> tuple[Floats, Floats]:
 SLACK = 1e-3  # of the tolerance: how far behind a break an output counts as beyond it
 ROUNDED = 256 * EPS  # of the largest input: the least slack
 PASSED = 0.4  # of the slack: amplifiers so far behind a break pass it together
-NARROW = 2.0**-48  # of a step: an interval that is not halved
 MOST_SWITCHES = 2000
 JUMPS = (
     "some of its amplifiers drive their own inputs without delay, by a gain above 1: the board has"
@@ -180,50 +176,26 @@ RETURNED = 1e-5  # of the largest state: two switches at the same point of a cyc
 ROOM = 1e-3  # of the largest state: the least extent of a cycle
 
 
-@cache
-def _bernstein() -> tuple[Floats, Floats, Floats]:
-    """Return Bernstein from Legendre coefficients, and those of both halves, (s + 1, s + 1)."""
-    n = STAGES
-    made = np.zeros((n + 1, n + 1))
-    for i in range(n + 1):
-        for k in range(n + 1):
-            each = range(max(0, i + k - n), min(i, k) + 1)
-            terms = ((-1) ** (k + j) * comb(k, j) ** 2 * comb(n - k, i - j) for j in each)
-            made[i, k] = sum(terms) / comb(n, i)
-    left = np.array([[comb(i, j) / 2.0**i for j in range(n + 1)] for i in range(n + 1)])
-    return made, left, left[::-1, ::-1].copy()
-
-
-def hull(piece: Floats) -> Floats:
-    """Return Bernstein coefficients of Legendre coefficients (..., s + 1)."""
-    return np.asarray(piece @ _bernstein()[0].T)
-
-
 def first_passage(excess: Floats) -> float:
-    """Return where the first of polynomials on [0, 1] becomes positive, or just behind; 1 if none.
+    """Return where the first of polynomials on [0, 1] becomes positive; 1 if none does.
 
-    `excess` (Q, s + 1) are their Bernstein coefficients in units of the slack.
+    `excess` (Q, s + 1) are their Legendre coefficients. Between two neighbouring roots a polynomial
+    keeps its sign, so no passage is missed, also two in one step.
 
     Examples
     --------
-    >>> line = np.linspace(-1e6, 3e6, STAGES + 1)  # -1e6 + 4e6 t
-    >>> round(first_passage(line[None]), 6)
+    >>> round(first_passage(np.array([[1e6, 2e6, 0.0]])), 6)  # -1e6 + 4e6 t
     0.25
     """
-    _, left, right = _bernstein()
-    todo = [(0.0, 1.0, excess)]
-    while todo:
-        begin, width, rows = todo.pop()
-        rows = rows[rows.max(axis=1) > 0.0]
-        if not len(rows):
-            continue
-        if (rows[:, 0] > 0.0).any():
-            return begin
-        if width < NARROW or np.ptp(rows, axis=1).min() < 0.5:
-            return begin + width
-        width *= 0.5
-        todo += [(begin + width, width, rows @ right.T), (begin, width, rows @ left.T)]
-    return 1.0
+    found = 1.0
+    for piece in excess[excess[:, 0] + np.abs(excess[:, 1:]).sum(axis=1) > 0.0]:
+        roots = legroots(piece)
+        inside = np.sort(roots.real[(roots.imag == 0.0) & (np.abs(roots.real) < 1.0)])
+        ends = np.concatenate([[-1.0], inside, [1.0]])
+        beyond = legval(0.5 * (ends[1:] + ends[:-1]), piece) > 0.0
+        if beyond.any():
+            found = min(found, 0.5 * (1.0 + float(ends[beyond.argmax()])))
+    return found
 
 
 def shortened(piece: Floats, theta: float) -> tuple[Floats, Floats, Complexes]:

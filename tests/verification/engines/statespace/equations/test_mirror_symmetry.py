@@ -17,8 +17,7 @@ from taction.verification.engines.statespace.equations.mirror_symmetry import (
     proposed_mirror,
 )
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.engines.statespace.transients.matrix_exponential import ModalFlow
+from taction.verification.engines.statespace.transients.exact import ModalFlow, exact_solution
 from taction.verification.stability.poles import poles
 from tests.support.boards import board, kernel, lags, paper_board, strain, two_pole
 from tests.support.decomposing import decompose

@@ -11,8 +11,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import EPS, Complexes, Floats
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.engines.statespace.transients.matrix_exponential import ModalFlow
+from taction.verification.engines.statespace.transients.exact import ModalFlow, exact_solution
 from tests.support.decomposing import decompose
 
 
