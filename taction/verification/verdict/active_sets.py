@@ -55,11 +55,11 @@ def visited_sets(recording: Recording) -> tuple[VisitedSet, ...]:
         return ()
     switches = curve.dense.switches
     begins = np.array([switch.time for switch in switches])
-    lengths = np.diff(np.append(begins, min(curve.dense.ends[-1], curve.run.stop)))
+    lengths = np.diff(np.append(begins, min(curve.dense.ends[-1], curve.task.stop)))
     keys = [switch.segments for switch in switches]
     stays = {key: float(lengths[[k == key for k in keys]].sum()) for key in keys}
     kept = set(sorted(stays, key=stays.__getitem__, reverse=True)[:MOST])
-    devices, pieces = board.descriptor.devices, curve.run.reported.amplifiers
+    devices, pieces = board.descriptor.devices, curve.reported.amplifiers
     return tuple(
         _visited(
             board, key, pieces.slopes_along(np.zeros((1, devices.count)), np.array([key]))[0],

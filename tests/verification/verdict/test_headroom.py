@@ -140,13 +140,13 @@ def test_loads_follow_the_limits(amplifier: str) -> None:
 def test_loads_and_record_of_a_board_by_steps_are_of_one_integration(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    begun, prepare = list[stepped.Task](), stepped.SteppedRun.of
+    begun, prepare = list[stepped.Task](), stepped.SteppedCurve.of
 
-    def counted(task: stepped.Task) -> stepped.SteppedRun:
+    def counted(task: stepped.Task) -> stepped.SteppedCurve:
         begun.append(task)
         return prepare(task)
 
-    monkeypatch.setattr(stepped.SteppedRun, "of", counted)
+    monkeypatch.setattr(stepped.SteppedCurve, "of", counted)
     small = {"base": "tl084", "level": "small-signal"}
     design = designed(board("exponential", opamp=small).with_engine("statespace"))
     assert not design.circuit.is_linear

@@ -19,16 +19,15 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import CurrentSource
 from taction.netlist_gen.deck.deck import Deck, write_deck
-from taction.system.array_types import Complexes
 from taction.system.errors import EngineError, InputError, SimulationError
 from taction.system.quantities import show, show_rate
 from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.ngspice.process import Run, start
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.linearised.state_space import StateSpace
 from taction.verification.readings.ringing import Mode, find_growth, find_ringing
 from taction.verification.stability.edges import Edge
 from taction.verification.stability.poles import poles
+from taction.verification.studies.part_influence import pole_vectors
 from taction.verification.verdict.transient_plan import truncation_for
 
 DISTANCE = 0.03  # distance of a transient from the crossing, relative
@@ -179,14 +178,13 @@ def along(board: LinearBoard, pole: complex, fastest: float = 0.0) -> Transient:
         `FOLDS` e-foldings long, but at least `FEWEST_PERIODS` and at most `MOST_PERIODS`. With
         imported op-amps it starts at rest instead, with the strain of `strained_along`.
     """
-    space = board.state_space
     length, step = _span(pole, fastest)
     if board.circuit.has_imported:  # the states inside a vendor's netlist cannot be set
         return Transient(length, step, truncation_for(POINTS), initial="rest")
-    shape = space.C @ _mode(space, pole)
-    nodes = shape[: space.descriptor.node_count]
-    scale = board.circuit.value("U0") / float(np.abs(nodes).max())
-    devices = space.descriptor.devices
+    shape, _ = pole_vectors(board, pole)
+    devices = board.descriptor.devices
+    largest = np.abs(shape[: board.descriptor.node_count]).max()
+    scale = board.circuit.value("U0") / float(largest)
     if devices.count:
         swing = float(np.max(np.abs(shape[devices.input]) / devices.v_scale))
         scale = min(scale, SMALL_SIGNAL / (swing * math.exp(max(pole.real, 0.0) * length)))
@@ -195,7 +193,7 @@ def along(board: LinearBoard, pole: complex, fastest: float = 0.0) -> Transient:
         stop=length,
         max_step=step,
         truncation=truncation_for(POINTS),
-        voltages=dict(zip(space.nodes, start_at.tolist(), strict=True)),
+        voltages=dict(zip(board.descriptor.names, start_at.tolist(), strict=True)),
     )
 
 
@@ -204,10 +202,10 @@ def strained_along(board: LinearBoard, pole: complex) -> Circuit:
 
     For boards whose states cannot be set: a strain moves no pole of a board with linear amplifiers.
     """
-    circuit, space = board.circuit, board.state_space
-    shape = (space.C @ _mode(space, pole)).real
-    present = [node for node in circuit.constraint_nodes if node in space.descriptor.places]
-    pattern = shape[[space.descriptor.place(node) for node in present]]
+    circuit, descriptor = board.circuit, board.descriptor
+    shape, _ = pole_vectors(board, pole)
+    present = [node for node in circuit.constraint_nodes if node in descriptor.places]
+    pattern = shape.real[[descriptor.place(node) for node in present]]
     ohms = circuit.number("gain") or 1.0 / circuit.value("G0")
     largest = STRAINED * circuit.value("U0") / ohms
     amps = largest * pattern / np.abs(pattern).max()
@@ -233,16 +231,6 @@ def _span(pole: complex, fastest: float) -> tuple[float, float]:
     if fastest > max(pole.real, 0.0):
         length = min(length, RIVAL_FOLDS / fastest)
     return length, step
-
-
-def _mode(space: StateSpace, pole: complex) -> Complexes:
-    """Return the eigenvector of `pole` by inverse iteration, shape (n,)."""
-    x: Complexes = np.cos(np.arange(1.0, space.n + 1)).astype(np.complex128)  # no symmetry
-    shifted = space.A - pole * (1.0 + 1e-9) * np.eye(space.n)  # singular without the factor
-    for _ in range(3):
-        x = np.asarray(np.linalg.solve(shifted, x), dtype=np.complex128)
-        x /= np.abs(x).max()
-    return x
 
 
 def _compare(side: Side, fastest: float, run: Run) -> Side:

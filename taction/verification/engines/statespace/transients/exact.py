@@ -10,6 +10,7 @@ import copy
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -74,11 +75,12 @@ class ModalFlow:
         noise = alone & (modes.poles.real < 0.0) & np.all(size <= NOISE * terms, axis=0)
         kept &= ~noise
         pair = np.where(modes.poles[kept].imag > 0.0, 2.0, 1.0)
-        parts = [(modes.poles[kept], 0 * pair, 0.0 * pair, (share[:, kept] * pair).T)]
+        none = np.zeros(len(pair))
+        parts: list[tuple[Any, ...]] = [(modes.poles[kept], none, none, (share[:, kept] * pair).T)]
         for group, seen, dual in shares.grouped():
             series = _series(group, seen, dual)
-            one = np.ones(len(series))
-            parts.append((group.centre * one, np.arange(len(series)), group.scale * one, series))
+            one, powers = np.ones(len(series)), np.arange(len(series))
+            parts.append((group.centre * one, powers, group.scale * one, series))
         poles, powers, scales, share = (np.concatenate(part) for part in zip(*parts, strict=True))
         order = np.argsort(-(poles.real + scales), kind="stable")
         self.poles, self.powers = poles[order], powers[order].astype(np.int64)

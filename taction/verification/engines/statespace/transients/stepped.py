@@ -132,7 +132,7 @@ class Task:
     @property
     def halvings(self) -> int:
         """How often the steps of the first run are halved."""
-        return 0 if self.whole is None else self.whole.run.task.halvings + 1
+        return 0 if self.whole is None else self.whole.task.halvings + 1
 
     @property
     def key(self) -> Hashable:
@@ -142,31 +142,28 @@ class Task:
         return start, voltages, nodes, self.beside, self.tolerance, self.stop, self.whole
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SteppedRun:
-    """One integration of a board."""
+@dataclass(eq=False)
+class SteppedCurve:
+    """One integration of a board: voltages of nodes (Q,) at instants (Q,) by its steps."""
 
     task: Task
-    board: StateBoard | StructuredBoard
     kind: Hashable  # what boards have in common that are integrated together
     reported: ReportedOutputs
-    state: Floats
     unit: float  # the step amplitude, V
-    limit: float  # V
     work: Integration  # at its start
+    seconds: float = 0.0  # that it cost, with the runs before it
 
     @classmethod
-    def of(cls, task: Task) -> SteppedRun:
+    def of(cls, task: Task) -> SteppedCurve:
         """Prepare the integration of a task."""
         board, analysis, nodes = task.board, task.analysis, task.board.reported(task.nodes)
         reported = ReportedOutputs(board, nodes, task.beside)
         unknowns = initial_unknowns(board, analysis.initial, analysis.voltages)
         slopes = board.equilibrium.slopes
-        equations: StateBoard | StructuredBoard
-        if board.descriptor.is_large:
-            equations = StructuredBoard(board, reported.others)
-        else:
-            equations = _equations(task, reported, slopes)
+        large = board.descriptor.is_large
+        equations: StateBoard | StructuredBoard = (
+            StructuredBoard(board, reported.others) if large else _equations(task, reported, slopes)
+        )
         state, start = equations.start(equations.state(unknowns), reported.amplifiers)
         largest = _largest(board, unknowns, start)
         unit = max(float(reported.distance(start[None])[0]), FLOOR * largest) or 1.0
@@ -185,19 +182,54 @@ class SteppedRun:
             kind = *shared, tuple(boards.joined)
         whole = None if task.whole is None else task.whole.dense
         tolerance = task.tolerance * unit * (1.0 if whole is None else REPEATED)
-        limit = ESCAPED * (largest or 1.0)
         begin: Any = boards.state(state[None])
+        limit = ESCAPED * (largest or 1.0)
         work = Integration(
             boards, reported, np.array([Dense()]), np.array([whole], dtype=object), begin,
             start[None], slopes[None],
             *np.array([[tolerance], [unit], [task.stop * FIRST], [limit], [task.stop]]),
         )  # fmt: skip
-        return cls(task, equations, kind, reported, state, unit, limit, work)
+        return cls(task, kind, reported, unit, work)
 
     @property
-    def stop(self) -> float:
-        """The end of the record, s."""
-        return self.task.stop
+    def dense(self) -> Dense:
+        """The steps."""
+        found: Dense = self.work.out[0]
+        return found
+
+    def at(self, times: Floats) -> Floats:
+        """Return the voltages of all nodes, those beside the last, shape (P, nodes)."""
+        return self.reported.voltages(self.dense.at(times))
+
+    def __call__(self, times: Floats, columns: Indices) -> Floats:
+        """Return voltages (Q,)."""
+        instants, place = np.unique(times, return_inverse=True)
+        return np.asarray(self.at(instants)[place, columns])
+
+    def points(self) -> Floats:
+        """Return instants between which a cubic through the reported voltages errs by `BETWEEN`, s.
+
+        Every step is divided evenly. How often follows from the fourth derivatives of the voltages
+        and from their changes in it, so that all that the steps resolve is seen at the instants.
+        """
+        reported, ends = self.reported, np.array(self.dense.ends)
+        at_nodes = np.stack(self.dense.pieces) @ np.linalg.inv(TABLE.legendre).T  # (S, W, s + 1)
+        flat = at_nodes.transpose(0, 2, 1).reshape(-1, at_nodes.shape[1])
+        values = reported.voltages(flat)[:, : len(reported.nodes)]
+        pieces = np.abs(TABLE.legendre @ values.reshape(len(at_nodes), NODES.size, -1))
+        away = np.abs(values - reported.resting[:, : len(reported.nodes)])
+        # As in the steps, growing voltages count by their size.
+        unit = np.maximum(self.unit, away.reshape(len(at_nodes), -1).max(axis=1))
+        bend = (pieces * BENDS[:, None]).sum(axis=1).max(axis=1)
+        parts = (3.0 / 128.0 * bend / (BETWEEN * unit)) ** 0.25
+        parts = np.maximum(parts, 2.0 * pieces[:, 1:].sum(axis=1).max(axis=1) / (MOVE * unit))
+        parts = np.maximum(parts, FEWEST * np.diff(ends) / ends[-1])
+        count = np.ceil(np.clip(parts, 2.0, MOST_PARTS)).astype(np.int64)
+        step = np.repeat(np.arange(len(count)), count)
+        share = (np.arange(len(step)) - np.repeat(np.cumsum(count) - count, count)) / count[step]
+        found = np.append(ends[step] + share * np.diff(ends)[step], ends[-1])
+        stop = min(self.task.stop, ends[-1])
+        return np.append(found[found < stop * (1.0 - 1e-12)], stop)
 
 
 def _equations(task: Task, reported: ReportedOutputs, slopes: Floats) -> StateBoard:
@@ -241,59 +273,6 @@ def _modal(
     if known and finest >= EPS * largest:
         return ModalBoards(equations, modes), least
     return ModalBoards(_equations(task, reported, least), None), least
-
-
-def integrate(runs: Sequence[SteppedRun]) -> list[Dense]:
-    """Integrate boards up to their stops, those of one kind together.
-
-    An output has a `failure` where there is no solution.
-    """
-    for places in of_one_kind({place: run.kind for place, run in enumerate(runs)}):
-        Integration.join([runs[place].work for place in places]).run()
-    return [run.work.out[0] for run in runs]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SteppedCurve:
-    """Voltages of nodes (Q,) at instants (Q,), from the polynomials of the steps."""
-
-    run: SteppedRun
-    dense: Dense
-    seconds: float  # that it cost, with the runs before it
-
-    def at(self, times: Floats) -> Floats:
-        """Return the voltages of all nodes, those beside the last, shape (P, nodes)."""
-        return self.run.reported.voltages(self.dense.at(times))
-
-    def __call__(self, times: Floats, columns: Indices) -> Floats:
-        """Return voltages (Q,)."""
-        instants, place = np.unique(times, return_inverse=True)
-        return np.asarray(self.at(instants)[place, columns])
-
-    def points(self) -> Floats:
-        """Return instants between which a cubic through the reported voltages errs by `BETWEEN`, s.
-
-        Every step is divided evenly. How often follows from the fourth derivatives of the voltages
-        and from their changes in it, so that all that the steps resolve is seen at the instants.
-        """
-        reported, ends = self.run.reported, np.array(self.dense.ends)
-        at_nodes = np.stack(self.dense.pieces) @ np.linalg.inv(TABLE.legendre).T  # (S, W, s + 1)
-        flat = at_nodes.transpose(0, 2, 1).reshape(-1, at_nodes.shape[1])
-        values = reported.voltages(flat)[:, : len(reported.nodes)]
-        pieces = np.abs(TABLE.legendre @ values.reshape(len(at_nodes), NODES.size, -1))
-        away = np.abs(values - reported.resting[:, : len(reported.nodes)])
-        # As in the steps, growing voltages count by their size.
-        unit = np.maximum(self.run.unit, away.reshape(len(at_nodes), -1).max(axis=1))
-        bend = (pieces * BENDS[:, None]).sum(axis=1).max(axis=1)
-        parts = (3.0 / 128.0 * bend / (BETWEEN * unit)) ** 0.25
-        parts = np.maximum(parts, 2.0 * pieces[:, 1:].sum(axis=1).max(axis=1) / (MOVE * unit))
-        parts = np.maximum(parts, FEWEST * np.diff(ends) / ends[-1])
-        count = np.ceil(np.clip(parts, 2.0, MOST_PARTS)).astype(np.int64)
-        step = np.repeat(np.arange(len(count)), count)
-        share = (np.arange(len(step)) - np.repeat(np.cumsum(count) - count, count)) / count[step]
-        found = np.append(ends[step] + share * np.diff(ends)[step], ends[-1])
-        stop = min(self.run.stop, ends[-1])
-        return np.append(found[found < stop * (1.0 - 1e-12)], stop)
 
 
 def simulate(
@@ -354,35 +333,26 @@ def simulate_together(
             found.append(error)
     if halves:
         done = [x.curve for x in found if isinstance(x, Waveforms)]
-        _curves([_half(curve) for curve in done if isinstance(curve, SteppedCurve)])
+        _curves([replace(c.task, whole=c) for c in done if isinstance(c, SteppedCurve)])
     return found
 
 
-def _half(curve: SteppedCurve) -> Task:
-    """Return the task of a run with half the steps."""
-    return replace(curve.run.task, whole=curve)
-
-
 def _curves(tasks: Sequence[Task]) -> list[SteppedCurve | EngineError]:
-    """Return the integrations of tasks, which their boards keep."""
-    began = clock.perf_counter()
-    failed, runs = dict[int, EngineError](), dict[int, SteppedRun]()
-    for place, task in enumerate(tasks):
+    """Return the integrations of tasks, which their boards keep; those of one kind run together."""
+    began, new, failed = clock.perf_counter(), list[SteppedCurve](), dict[Task, EngineError]()
+    for task in tasks:
         try:
             if task.key not in task.board.integrations:
-                runs[place] = SteppedRun.of(task)
+                new.append(SteppedCurve.of(task))
         except EngineError as error:
-            failed[place] = error
-    outs = integrate(list(runs.values()))
-    seconds = (clock.perf_counter() - began) / max(len(runs), 1)
-    for (place, run), dense in zip(runs.items(), outs, strict=True):
-        whole = run.task.whole
-        spent = seconds + (0.0 if whole is None else whole.seconds)
-        tasks[place].board.integrations[run.task.key] = SteppedCurve(run, dense, spent)
-    return [
-        failed[place] if place in failed else task.board.integrations[task.key]
-        for place, task in enumerate(tasks)
-    ]
+            failed[task] = error
+    for places in of_one_kind({place: curve.kind for place, curve in enumerate(new)}):
+        Integration.join([new[place].work for place in places]).run()
+    for curve in new:
+        curve.seconds = (clock.perf_counter() - began) / len(new)
+        curve.seconds += 0.0 if curve.task.whole is None else curve.task.whole.seconds
+        curve.task.board.integrations[curve.task.key] = curve
+    return [failed.get(task) or task.board.integrations[task.key] for task in tasks]
 
 
 def halved(first: Waveforms, *, resolved: bool = False) -> Waveforms:
@@ -399,19 +369,19 @@ def halved(first: Waveforms, *, resolved: bool = False) -> Waveforms:
     """
     if not isinstance(first.curve, SteppedCurve):
         raise EngineError("the first run is not one of the integrator's")
-    (curve,) = _curves([_half(first.curve)])
+    (curve,) = _curves([replace(first.curve.task, whole=first.curve)])
     if isinstance(curve, EngineError):
         raise curve
-    dense = curve.dense.checked(curve.run.task.board.circuit.name)
+    dense = curve.dense.checked(curve.task.board.circuit.name)
     found = _waveforms(curve, curve.points() if resolved else first.time, first.flags)
     return replace(found, rounding=dense.doubt(first.curve.dense))
 
 
 def _record(task: Task, curve: SteppedCurve) -> Waveforms:
     """Return the record of an integration; errors as `simulate`."""
-    run, dense = curve.run, curve.dense.checked(task.board.circuit.name)
+    dense, limit = curve.dense.checked(task.board.circuit.name), float(curve.work.limit[0])
     ended = min(dense.ends[-1], task.stop)
-    diverges = f"the board diverges: it passes {run.limit:.3g} V at {show(ended, 's')}"
+    diverges = f"the board diverges: it passes {limit:.3g} V at {show(ended, 's')}"
     instants = record_times(task.analysis, ended, task.times)
     if task.resolved:
         instants = curve.points()
@@ -428,7 +398,7 @@ def _cycle(task: Task, dense: Dense) -> LimitCycle | None:
     found = limit_cycle(dense.switches) if dense.switches else None
     if found or not dense.switches or task.board.state_space.modes.poles[0].real <= 0.0:
         return found
-    later = SteppedRun.of(task).work
+    later = SteppedCurve.of(task).work
     later.stop = LATER * later.stop
     later.run(most_switches=FOLLOWED)
     out: Dense = later.out[0]
@@ -436,12 +406,12 @@ def _cycle(task: Task, dense: Dense) -> LimitCycle | None:
 
 
 def _waveforms(curve: SteppedCurve, instants: Floats, flags: tuple[str, ...]) -> Waveforms:
-    run, dense = curve.run, curve.dense
-    values = curve.at(instants)[:, : len(run.reported.nodes)]
+    nodes, dense = curve.reported.nodes, curve.dense
+    values = curve.at(instants)[:, : len(nodes)]
     if not np.all(np.isfinite(values)):
         raise EngineError("an amplifier left the range of floats between two steps")
     cost = Cost(curve.seconds, dense.steps, dense.factorisations)
     return Waveforms(
-        instants, run.reported.nodes, values, "statespace", cost, flags, dense.rounding,
+        instants, nodes, values, "statespace", cost, flags, dense.rounding,
         curve=curve, method=METHOD,
     )  # fmt: skip

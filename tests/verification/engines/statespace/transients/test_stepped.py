@@ -40,7 +40,6 @@ from taction.verification.engines.statespace.transients.radau import STAGES
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.engines.statespace.transients.stepped import (
     SteppedCurve,
-    SteppedRun,
     Task,
     halved,
 )
@@ -198,8 +197,8 @@ def test_inputs_without_charge_jump_on_a_large_board_too(
     )  # fmt: skip
     circuit, times = large_signal(synthesise(scene)), np.array([1e-7, 1e-6, 1e-5, 1e-4, 4e-4])
     nodes = LinearBoard(circuit).reported(None)
-    run = SteppedRun.of(Task(LinearBoard(circuit), Transient(4e-4, 2e-8), nodes, None, 5e-5))
-    assert isinstance(run.board, StructuredBoard)
+    run = SteppedCurve.of(Task(LinearBoard(circuit), Transient(4e-4, 2e-8), nodes, None, 5e-5))
+    assert isinstance(run.work.board, StructuredBoard)
     found, wanted = beside_ngspice(circuit, Transient(4e-4, 2e-8), times)
     assert np.abs(wanted).max() > 0.3
     assert found == pytest.approx(wanted, abs=2e-4)
@@ -222,7 +221,7 @@ def test_points_of_a_board_that_diverges_follow_its_size_not_the_number_of_steps
     middle = 0.5 * (better.time[1:] + better.time[:-1])
     away = better.curve.at(middle) - 0.5 * (better.values[1:] + better.values[:-1])
     size = np.maximum.accumulate(np.abs(better.values).max(axis=1))
-    bend = np.abs(away).max(axis=1) / np.maximum(size[1:], first.curve.run.unit)
+    bend = np.abs(away).max(axis=1) / np.maximum(size[1:], first.curve.unit)
     assert 0.0 < bend.max() < 0.02
 
 
