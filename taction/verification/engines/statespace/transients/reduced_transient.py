@@ -17,7 +17,6 @@ A board with growing modes, or one that needs too many patterns, is integrated b
 
 from __future__ import annotations
 
-import functools
 import math
 import time as clock
 from collections.abc import Iterable, Iterator
@@ -38,7 +37,6 @@ from taction.verification.engines.statespace.equations.descriptor import (
 from taction.verification.engines.statespace.equations.mirror_symmetry import numbered_kinds
 from taction.verification.engines.statespace.equations.structured_solve import units
 from taction.verification.engines.statespace.linearised.linear_board import (
-    Initial,
     LinearBoard,
     initial_unknowns,
 )
@@ -175,12 +173,6 @@ class Patterns:
         """Return a bound on the rounding error of some unknowns, V."""
         return self.flow.error * float(np.abs(self.lift[places]).sum(axis=1).max(initial=0.0))
 
-    def pairs(self, times: Floats, places: Ints) -> Floats:
-        """Return the deviation of one unknown at each time, (Q,), V."""
-        instants, which = np.unique(times, return_inverse=True)
-        states = self.flow.at(instants)[which]
-        return np.asarray((states * self.lift[places]).sum(axis=1))
-
     def off(self, board: LinearBoard, rates: Floats, places: Ints) -> float:
         """Return how far the residuals of the board's equations move some unknowns, V.
 
@@ -277,14 +269,8 @@ class PatternCurve:
 
     def __call__(self, times: Floats, columns: Indices) -> Floats:
         """Return voltages (Q,)."""
-        return self.rest[columns] + self.model.pairs(times, self.places[columns])
-
-
-@functools.lru_cache(maxsize=1)
-def reduction(board: LinearBoard, initial: Initial, stop: float) -> Reduction:
-    """Return the reduction of a transient, which one verification uses several times."""
-    deviation = initial_unknowns(board, initial) - board.equilibrium.values
-    return Reduction(board, deviation, stop)
+        instants, which = np.unique(times, return_inverse=True)
+        return self.rest[columns] + self.model.at(instants, self.places)[which, columns]
 
 
 def simulate(
@@ -312,7 +298,11 @@ def simulate(
     began, reported = clock.perf_counter(), board.reported(nodes)
     if analysis.voltages:
         return None
-    found = reduction(board, analysis.initial, analysis.stop)
+    key = analysis.initial, analysis.stop
+    if key not in board.integrations:  # one verification uses it several times
+        deviation = initial_unknowns(board, analysis.initial) - board.equilibrium.values
+        board.integrations[key] = Reduction(board, deviation, analysis.stop)
+    found: Reduction = board.integrations[key]
     times = record_times(analysis, analysis.stop) if times is None else times
     outputs = _places(board, board.reported(None))
     models = found.converged(times, outputs, tolerance)
