@@ -75,12 +75,6 @@ class EdgeSearch:
         return LociSearch(ports, *self.family.shares(self.low, self.high), count)
 
     @property
-    def unconfirmed(self) -> bool:
-        """Whether poles need not confirm the edges: those of a large board cost seconds."""
-        ports = self.family.ports
-        return ports is not None and ports.board.descriptor.is_large and not self.nearest
-
-    @property
     def within(self) -> Range:
         """The range whose edges are to be confirmed."""
         if self.nearest and self.edges.edges:
@@ -134,10 +128,15 @@ class EdgeSearch:
     def confirmed(self) -> Edges | None:
         """Return the edges with their bounds, or None where samples do not confirm them.
 
-        A sample of which rounding hides the side of a pole is a near value.
+        A sample of which rounding hides the side of a pole is a near value. Edges of a large board,
+        whose poles cost seconds, are not confirmed unless only the nearest one is wanted.
         """
-        if self.unconfirmed:
+        ports = self.family.ports
+        if ports is not None and ports.board.descriptor.is_large and not self.nearest:
             return self.edges
+        self._sample(self.apart())
+        for distance in BESIDE:
+            self._sample(self.beside(distance))
         bounds = {at: self._bound(at) for at in self.inside}
         if self.is_refuted or math.inf in bounds.values():
             return None
@@ -145,6 +144,17 @@ class EdgeSearch:
         beside = {at * (1.0 + d) for at in bounds for by in BESIDE for d in (-by, by)}
         near = {v for v in self.samples if v not in beside and self._agrees(v) is None}
         return replace(self.edges, edges=tuple(edges), near=tuple(sorted(near)))
+
+    def _sample(self, values: Sequence[float]) -> None:
+        """Count the unstable poles at values."""
+        if self.count is None:
+            every = poles_together(or_error(self.family.board, value) for value in values)
+            self.samples |= {v: sampled(v, found) for v, found in zip(values, every, strict=True)}
+            return
+        for value in values:
+            counted = self.count(value)
+            on_axis = "" if counted is not None else "a pole is on the imaginary axis"
+            self.samples[value] = Sample(value, value, NONE, failure=on_axis, counted=counted)
 
     def scanned(self) -> Edges:
         """Return the edges by poles at samples alone."""
@@ -181,21 +191,15 @@ def find_edges(
 def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]:
     """Return the edges of each search, or why there are none.
 
-    The loci of all boards are followed together, and so are the poles found that confirm them.
+    The loci of all boards are followed together.
     """
     loci = [or_error(EdgeSearch.loci, one) for one in searches]
     asked = {k: each for k, each in enumerate(loci) if isinstance(each, LociSearch)}
     traced = dict(zip(asked, trace_together(list(asked.values())), strict=True))
-    shown = list[EdgeSearch]()
     for k, edges in traced.items():
         if isinstance(edges, Edges):
             searches[k].edges = searches[k].family.at_values(edges)
-            shown.append(searches[k])
-    _count_decks(shown)
-    claims = [one for one in shown if not one.unconfirmed]
-    _sample([(one, value) for one in claims for value in one.apart()])
-    for distance in BESIDE:
-        _sample([(one, value) for one in claims for value in one.beside(distance)])
+    _count_decks([searches[k] for k, edges in traced.items() if isinstance(edges, Edges)])
     found = list[Edges | TactionError]()
     for k, one in enumerate(searches):
         first = traced.get(k, loci[k])
@@ -217,19 +221,6 @@ def _between(low: float, high: float, first: float) -> Iterator[float]:
     count = math.ceil(math.log(high / low) / math.log(WIDE))
     steps = (k + first for k in range(count) if k + first < count)
     return (low * (high / low) ** (step / count) for step in steps)
-
-
-def _sample(asked: Sequence[tuple[EdgeSearch, float]]) -> None:
-    """Count the unstable poles of boards at values."""
-    boards = (or_error(one.family.board, value) for one, value in asked if one.count is None)
-    every = iter(poles_together(boards))
-    for one, value in asked:
-        if one.count is None:
-            one.samples[value] = sampled(value, next(every))
-        else:
-            counted = one.count(value)
-            on_axis = "" if counted is not None else "a pole is on the imaginary axis"
-            one.samples[value] = Sample(value, value, NONE, failure=on_axis, counted=counted)
 
 
 def _count_decks(searches: Sequence[EdgeSearch]) -> None:
