@@ -28,10 +28,10 @@ from taction.verification.stability.families import Family
 from taction.verification.stability.loci import LociSearch, trace_together
 from taction.verification.stability.poles import (
     Poles,
+    brief_poles,
     count_unstable,
     or_error,
     poles,
-    poles_together,
 )
 from taction.verification.stability.scan import sampled
 
@@ -147,14 +147,14 @@ class EdgeSearch:
 
     def _sample(self, values: Sequence[float]) -> None:
         """Count the unstable poles at values."""
-        if self.count is None:
-            every = poles_together(or_error(self.family.board, value) for value in values)
-            self.samples |= {v: sampled(v, found) for v, found in zip(values, every, strict=True)}
-            return
         for value in values:
-            counted = self.count(value)
-            on_axis = "" if counted is not None else "a pole is on the imaginary axis"
-            self.samples[value] = Sample(value, value, NONE, failure=on_axis, counted=counted)
+            if self.count is None:
+                found = or_error(lambda at: brief_poles(self.family.board(at)), value)
+                self.samples[value] = sampled(value, found)
+            else:
+                counted = self.count(value)
+                on_axis = "" if counted is not None else "a pole is on the imaginary axis"
+                self.samples[value] = Sample(value, value, NONE, failure=on_axis, counted=counted)
 
     def scanned(self) -> Edges:
         """Return the edges by poles at samples alone."""

@@ -25,7 +25,7 @@ from taction.verification.engines.statespace.linearised.equilibrium import Equil
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.edges import Edges, Scan
 from taction.verification.stability.loci import LociSearch, trace_together
-from taction.verification.stability.poles import Poles, or_error, poles, poles_together
+from taction.verification.stability.poles import Poles, brief_poles, or_error, poles
 from taction.verification.stability.port_response import PortResponse
 from taction.verification.stability.scan import scan
 
@@ -121,12 +121,12 @@ class Family:
         """Find every edge among `values`, with the poles at samples; see `scan`.
 
         With samples beside the edges of the loci no edge is too narrow to be found. The poles are
-        those of `poles_together`: eigenvalues where these leave no side open.
+        those of `brief_poles`: eigenvalues where these leave no side open.
         """
         beside = self._beside_edges(min(values), max(values)) if logarithmic else []
         return scan(
             [*values, *beside],
-            lambda some: poles_together(or_error(self.board, value) for value in some),
+            partial(or_error, lambda value: brief_poles(self.board(value))),
             count=count,
             logarithmic=logarithmic,
             fine=fine,

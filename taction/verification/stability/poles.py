@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
@@ -98,41 +98,25 @@ def poles(circuit: Circuit | LinearBoard) -> Poles:
     return _of_modes(board)
 
 
-Board = Circuit | LinearBoard
-Wanted = TypeVar("Wanted")
-Found = TypeVar("Found")
-
-
-def poles_together(boards: Iterable[Board | TactionError]) -> list[Poles | TactionError]:
-    """Find the poles of boards, or why a board has none, by eigenvalues without modes.
+def brief_poles(circuit: Circuit | LinearBoard) -> Poles:
+    """Find the poles of a board by eigenvalues without modes, for a third of the cost.
 
     The rightmost pole has the bound that it has in `poles`, all others the error `SEARCHED`. Where
-    this leaves open which pole is the rightmost, or on which side of the axis one is, a board gets
-    its modes, and a large board gets what `poles` finds. Bounds of other poles that are (nearly)
-    defective need the modes: so a count needs a second witness, such as a winding number.
-
-    Notes
-    -----
-    The cost is a third of that of the modes. Boards that an iterator makes are not kept.
+    this leaves open which pole is the rightmost, or on which side of the axis one is, and for a
+    large board, the poles are those of `poles`. Bounds of other poles that are (nearly) defective
+    need the modes: so a count needs a second witness, such as a winding number.
 
     Examples
     --------
     >>> import taction
     >>> board = taction.synthesise(taction.load_scene("scenes/paper-breadboard.toml"))
-    >>> found = poles_together([board.turned("C", farads) for farads in (8e-12, 10e-12)])
+    >>> found = [brief_poles(board.turned("C", farads)) for farads in (8e-12, 10e-12)]
     >>> [each.unstable_count for each in found]
     [4, 0]
     >>> f"{found[1].rightmost.real:.6g} 1/s", bool(found[1].resolution < 1e-6)
     ('-1123.46 1/s', True)
     """
-    return [
-        board if isinstance(board, TactionError) else or_error(_brief_poles, LinearBoard.of(board))
-        for board in boards
-    ]
-
-
-def _brief_poles(board: LinearBoard) -> Poles:
-    """Return the poles if they tell the side of each, else what the modes tell."""
+    board = LinearBoard.of(circuit)
     if not board.descriptor.is_large:
         space = board.state_space
         lead = None if space.has_modes else lead_pole(space)
@@ -142,6 +126,10 @@ def _brief_poles(board: LinearBoard) -> Poles:
             if least == most:
                 return found
     return poles(board)
+
+
+Wanted = TypeVar("Wanted")
+Found = TypeVar("Found")
 
 
 def or_error(job: Callable[[Wanted], Found], of: Wanted) -> Found | TactionError:

@@ -28,17 +28,14 @@ ROUNDS = 2  # of halving and bracketing: an edge may hide others in its step
 NARROW = 1e-6  # relative width below which rounding can decide the side of the axis
 BESIDE_CHORD = 0.02  # of a bracket's width: samples beside its zero by interpolation
 SAME_FREQUENCY = 1e-3  # relative difference of frequencies that count as equal
-AHEAD = 4  # values at once on the way from a stable board to the next edge
 
-Answer = Poles | TactionError
-Read = Callable[[list[float]], Sequence[Answer]]
-"""Returns the poles at some values, or why there are none."""
+Answer = Poles | TactionError  # the poles at a value, or why there are none
 Triple = tuple[Sample, Sample, Sample]
 
 
 def scan(
     values: Sequence[float],
-    read: Read,
+    read: Callable[[float], Answer],
     *,
     count: Callable[[float], int | None] = lambda value: None,
     logarithmic: bool = True,
@@ -51,7 +48,7 @@ def scan(
     listed.
 
     `values`: the first grid; above zero if `logarithmic`.
-    `read`: returns the poles at some values.
+    `read`: returns the poles at a value.
     `count`: counts the unstable poles at a value exactly; None where it cannot.
     `logarithmic`: whether to interpolate and halve in the logarithm of the value.
     `fine`: whether to look between the values, too. If not, only the edges at which the board
@@ -68,8 +65,8 @@ def scan(
     Examples
     --------
     >>> from taction.verification.stability.poles import summarise
-    >>> def read(values):
-    ...     return [summarise(np.array([v - 3 + 0j, -9.0]), complete=True) for v in values]
+    >>> def read(value):
+    ...     return summarise(np.array([value - 3 + 0j, -9.0]), complete=True)
     >>> [f"{edge.value:.6f}" for edge in scan([1.0, 5.0], read).edges]
     ['3.000000']
     """
@@ -90,7 +87,7 @@ def scan(
 class _Search:
     """A scan in progress: samples in increasing order of the value."""
 
-    read: Read
+    read: Callable[[float], Answer]
     count: Callable[[float], int | None]
     logarithmic: bool
     fine: bool
@@ -98,30 +95,29 @@ class _Search:
 
     def begin(self, values: Sequence[float], start: float | None) -> None:
         """Take the samples of the first grid; raise an error if none of them has poles."""
-        ordered = sorted({float(value) for value in values}, reverse=start == max(values))
         errors = list[TactionError]()
-        for first in range(0, len(ordered), step := AHEAD if start else len(ordered)):
-            some = ordered[first : first + step]
-            errors += self._insert([math.log(v) if self.logarithmic else v for v in some], some)
-            if start and any(each.certain and each.unstable for each in self.samples):
+        for value in sorted({float(value) for value in values}, reverse=start == max(values)):
+            found = self._insert(math.log(value) if self.logarithmic else value, value)
+            if isinstance(found, TactionError):
+                errors.append(found)
+            elif start and any(each.certain and each.unstable for each in self.samples):
                 break
         if len(errors) == len(self.samples):
             raise errors[0]
 
     def take(self, places: Iterable[float]) -> bool:
         """Take samples at places; return whether there are new ones."""
-        known = {sample.place for sample in self.samples}
-        new = sorted({*places} - known)
-        self._insert(new, [math.exp(place) if self.logarithmic else place for place in new])
+        new = {*places} - {sample.place for sample in self.samples}
+        for place in sorted(new):
+            self._insert(place, math.exp(place) if self.logarithmic else place)
         return bool(new)
 
-    def _insert(self, places: Sequence[float], values: list[float]) -> list[TactionError]:
-        """Insert the samples at values; return the errors of those without poles."""
-        answers = self.read(values) if values else []
-        for place, value, found in zip(places, values, answers, strict=True):
-            sample = sampled(value, found, self.count(value), place)
-            insort(self.samples, sample, key=lambda each: each.place)
-        return [each for each in answers if isinstance(each, TactionError)]
+    def _insert(self, place: float, value: float) -> Answer:
+        """Insert the sample at a value; return its poles, or why there are none."""
+        found = self.read(value)
+        sample = sampled(value, found, self.count(value), place)
+        insort(self.samples, sample, key=lambda each: each.place)
+        return found
 
     def refine(self) -> None:
         """Halve steps until interpolation shows that poles stay on their side of the axis."""

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.system.errors import EngineError, TactionError
+from taction.system.errors import EngineError
 from taction.verification.stability import scan as scans
 from taction.verification.stability.edges import Scan
-from taction.verification.stability.poles import Poles, summarise
+from taction.verification.stability.poles import Poles, or_error, summarise
 from tests.support.poles import rounded_poles
 
 GRID = np.geomspace(0.1, 10.0, 31).tolist()
@@ -19,18 +19,8 @@ Law = Callable[[float], Poles]
 
 
 def scan(read: Law, values: Sequence[float], **how: Any) -> Scan:
-    """Scan poles that are read one by one."""
-    return scans.scan(values, lambda some: at(read, some), **how)
-
-
-def at(read: Law, values: Sequence[float]) -> list[Poles | TactionError]:
-    found = list[Poles | TactionError]()
-    for value in values:
-        try:
-            found.append(read(value))
-        except EngineError as error:
-            found.append(error)
-    return found
+    """Scan poles, or errors, of a law."""
+    return scans.scan(values, lambda value: or_error(read, value), **how)
 
 
 def poles_of(*laws: Callable[[float], complex]) -> Callable[[float], Poles]:
@@ -79,7 +69,7 @@ def test_from_a_stable_end_nothing_is_read_far_behind_the_first_edge(start: floa
     sign = 1.0 if start > 1.0 else -1.0
     found = scan(read, GRID, start=start)
     assert places(found) == pytest.approx([sign], rel=1e-6)
-    reach = scans.AHEAD * np.log(GRID[1] / GRID[0])
+    reach = np.log(GRID[1] / GRID[0])
     assert all(sign * np.log(value) >= 1.0 - reach for value in seen)
     whole = scan(inner, GRID)
     assert len(whole.edges) == 4
