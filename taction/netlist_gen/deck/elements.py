@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from taction.netlist_gen.deck.foreign_lines import number
 from taction.spice_models.branches import label_of
@@ -66,6 +66,11 @@ class Element:
     terminals: int = 0  # how many of `held` are terminals, whose currents are read
     # by terminal, the inner node behind an ohmic resistance, ohm
     inner: Mapping[int, tuple[str, float]] = field(default_factory=dict)
+
+    @property
+    def whole(self) -> Element:
+        """The element with its ohmic resistances in it."""
+        return replace(self, pattern=self.pattern.replace(STRIPPED, ""), inner={})
 
     @property
     def subcircuit(self) -> str:

@@ -54,8 +54,10 @@ def linear_flat(flat: Flat, volts: Mapping[str, float], options: str, simulator:
         raise CardError(f"ngspice does not measure the elements alone: {answers.complaint}")
     tables = [dict(zip(names, values[-1], strict=True)) for names, values in answers.plots]
     wrong = list[str]()
-    for element, copies in zip(flat.elements, bench.reads, strict=True):
+    for element, copies, whole in zip(flat.elements, bench.reads, bench.whole, strict=True):
         found, text = bench.fitted(element, [_matrix(copies, table) for table in tables])
+        if element.inner and not text:
+            text = found.apart([_matrix(whole, table) for table in tables[1:]])
         parts += found.parts()
         wrong += [f"{shown(element.name)}: {text}"] if text else []
     if wrong:
@@ -70,13 +72,16 @@ class _Bench:
     def __init__(self, flat: Flat, volts: Mapping[str, float]) -> None:
         self.models, self.volts = flat.models, volts
         self.cards = list(model_cards(flat.models, flat.elements))
-        self.reads = [
-            [
-                self._copy(f"b{k}_{j}", element, j)
-                for j in range(max(len(element.held) + len(element.currents), 1))
-            ]
-            for k, element in enumerate(flat.elements)
+        self.reads = [self._copies(f"b{k}", each) for k, each in enumerate(flat.elements)]
+        self.whole = [  # devices with their ohmic resistances, which are to be in series
+            self._copies(f"w{k}", each.whole) if each.inner else []
+            for k, each in enumerate(flat.elements)
         ]
+
+    def _copies(self, tag: str, element: Element) -> list[Reads]:
+        """Put a copy on the bench for each node or current that is excited."""
+        count = max(len(element.held) + len(element.currents), 1)
+        return [self._copy(f"{tag}_{j}", element, j) for j in range(count)]
 
     def _held(self, element: Element) -> list[float]:
         try:
@@ -153,6 +158,32 @@ class _Measured:
     held: Floats  # what is held at rest, V and A
     ohms: Mapping[int, float]  # of the resistances before terminals
     outer: float  # of a transistor, from its base, before the resistance, to its collector, F
+
+    def apart(self, whole: Sequence[Complexes]) -> str:
+        """Return whether the device as it is has another small signal than with its parts.
+
+        `whole` are the currents (terminals, terminals), A, for 1 V at each terminal.
+        """
+        n = self.element.terminals
+        R = np.diag([self.ohms.get(i, 0.0) for i in range(n)])
+        for hertz, currents in zip(FREQUENCIES, whole, strict=True):
+            s = 2j * math.pi * hertz
+            Y, beside = self.G + s * self.C, np.zeros((n, n), complex)
+            if (
+                self.outer
+            ):  # from the base, before its resistance, into the collector behind its own
+                Y[0, 0] += s * self.outer
+                beside[0, 1] = s * self.outer
+            found = np.linalg.solve(np.eye(n) + Y @ R, Y - beside)
+            if self.outer:
+                volts = np.eye(n) - R @ found  # of the inner nodes
+                found[1] += s * self.outer * (np.eye(n)[1] - volts[0])
+            off = float(np.abs(found - currents).max()) / (float(np.abs(currents).max()) or 1.0)
+            if not off <= MISFIT:
+                return (
+                    f"its inner resistances are not in series: off by {off:.1e} at {hertz:.0e} Hz"
+                )
+        return ""
 
     def parts(self) -> Iterator[Branch]:
         """Yield the linear parts that stand for it."""
