@@ -4,17 +4,13 @@ A line of the file ends at a line feed (or carriage return and line feed) and no
 logical line has only the characters of `ALLOWED`: no other separator, quote or backslash reaches
 ngspice, which reads a line after any newline as a command. Comments are cut off, continuations
 joined, and all is in lower case. Lengths are counted before any regular expression reads a line.
-
-A simulator writes the text of a function in the place of each call, so that 40 functions that each
-call the one before twice become a text of 10^12 characters. Here it is written up to a limit.
 """
 
 from __future__ import annotations
 
 import math
-import operator
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,9 +51,7 @@ DEEPEST_FILES = 10  # within one another
 LONGEST = 20_000  # characters of a line, with its continuations, and of an expression written anew
 MOST_CARDS = 20_000  # of the files, and after every subcircuit is put in the place of its calls
 MOST_LEVELS = 30  # of subcircuits within one another
-MOST_PARTS = 3000  # R C L K V I E F G H B after that, without those within op-amps
-MOST_COUPLINGS = 200  # K among them
-MOST_WRITTEN = 300_000  # characters of .func and what calls them, with each in its place
+MOST_COUPLINGS = 200  # that one card K stands for
 ALLOWED = re.compile(r"[a-z0-9_ .,+\-*/(){}=:^<>!?&|#]*")
 WHOLE = "expected '.subckt NAME ports', its cards, and '.ends NAME'"
 _ENDS = re.compile(r"\.ends\*.*")  # of joined files: a comment without a line of its own
@@ -237,105 +231,51 @@ def called(text: str) -> str:
     return words[-1] if words else ""
 
 
-LIMITS = (
-    ("levels of subcircuits within one another", MOST_LEVELS),
-    ("devices with all subcircuits expanded", MOST_CARDS),
-    ("parts with all subcircuits expanded", MOST_PARTS),
-    ("couplings K", MOST_COUPLINGS),
-)
+def check_expanded(blocks: Mapping[str, Sequence[Card]], top: Sequence[Card]) -> None:
+    """Refuse a netlist that is too large with every subcircuit in the place of its calls."""
 
+    def calls(card: Card) -> list[str]:
+        return [called(card.text)] if card.text[0] == "x" else []
 
-def check_expanded(
-    blocks: Mapping[str, Sequence[Card]], top: Sequence[Card], *, within: bool
-) -> None:
-    """Refuse a netlist that is too large with every subcircuit in the place of its calls.
-
-    Parts and couplings count at the top, and in subcircuits where `within` says so.
-    """
-    sizes = dict[str, list[int]]()
-
-    def size(cards: Sequence[Card], callers: tuple[str, ...]) -> list[int]:
-        total = [0] * len(LIMITS)
-        part = int(within or not callers)
-        for card in cards:
-            letter, name = card.text[0], called(card.text)
-            if letter == ".":
-                continue
-            own = [0, 1, part, part * (letter == "k")]
-            if letter == "x" and name in blocks:
-                if name in callers:
-                    raise card.refused("a subcircuit that calls itself")
-                if len(callers) == MOST_LEVELS:
-                    raise card.refused(beyond(MOST_LEVELS + 1, *LIMITS[0]))
-                if name not in sizes:
-                    sizes[name] = size(blocks[name], (*callers, name))
-                own = [sizes[name][0] + 1, *sizes[name][1:]]
-            total = [max(total[0], own[0]), *map(operator.add, total[1:], own[1:])]
-            for count, limit in zip(total, LIMITS, strict=True):
-                if count > limit[1]:
-                    raise card.refused(beyond(count, *limit))
-        return total
-
-    size(top, ())
-
-
-DEEPEST = 200  # calls and parentheses within one another
-TOO_LONG = (
-    f"over {MOST_WRITTEN:,} characters with every .func in the place of its calls;"
-    f" at most {MOST_WRITTEN:,} are read"
-)
-_FUNC = re.compile(r"\.func ([a-z_]\w*) ?\(([^()]*)\) ?=? ?(.*)")
-_WORD = re.compile(r"[a-z_]\w*")
-_INNERMOST = re.compile(r"([a-z_]\w*)? ?\(([^()]*)\)")
-Functions = Mapping[str, tuple[list[str], str]]  # parameters and text, by name
+    every = {name: [c for c in cards if c.text[0] != "."] for name, cards in blocks.items()}
+    _check_calls(every, [c for c in top if c.text[0] != "."], calls, "subcircuit")
 
 
 def check_functions(cards: Sequence[Card]) -> None:
-    """Refuse the card with which expressions are too long with every function in its place."""
-    made, left = dict[str, tuple[list[str], str]](), MOST_WRITTEN
-    for card in cards:
-        if card.text.startswith(".func") and (match := _FUNC.fullmatch(card.text)):
-            made[match[1]] = [word.strip() for word in match[2].split(",")], match[3]
-    for card in cards:
-        match = _FUNC.fullmatch(card.text)
-        text = match[3] if match else card.text
-        if not match and made.keys().isdisjoint(_WORD.findall(text)):
-            continue
-        try:
-            left -= len(written(text, made, left))
-        except ValueError as error:
-            raise card.refused(str(error)) from None
+    """Refuse functions that call too many others; what their arguments add, ngspice refuses."""
+    found = [(card, _FUNC.fullmatch(card.text)) for card in cards]
+    made = {match[1]: [card.with_text(match[2])] for card, match in found if match}
+    rest = [card for card, match in found if not match] if made else []
+    _check_calls(made, rest, lambda card: _WORD.findall(card.text), "function")
 
 
-def written(text: str, functions: Functions, most: int) -> str:
-    """Return a text with functions in the place of their calls; ``[ ; ]`` stand for ``( , )``.
+_FUNC = re.compile(r"\.func ([a-z_]\w*) ?\([^()]*\) ?=? ?(.*)")
+_WORD = re.compile(r"[a-z_]\w*")
 
-    ValueError: it would have more than `most` characters, or has more than `DEEPEST` calls and
-      parentheses within one another.
 
-    Examples
-    --------
-    >>> written("1+f(g(a,b),3)", {"f": (["x", "y"], "x*(x-y)")}, 100)
-    '1+[g[a;b]*[g[a;b]-3]]'
-    """
-    left = most
+def _check_calls(
+    blocks: Mapping[str, Sequence[Card]],
+    top: Sequence[Card],
+    calls: Callable[[Card], Sequence[str]],
+    what: str,
+) -> None:
+    """Refuse the card with which there are too many, each block in the place of its calls."""
+    sizes = dict[str, int]()
 
-    def within(match: re.Match[str]) -> str:
-        name, inner = match[1] or "", match[2]
-        if name not in functions:
-            return f"{name}[{inner.replace(',', ';')}]"
-        parameters, body = functions[name]
-        given = dict(zip(parameters, inner.split(","), strict=False))
-        nonlocal left
-        left -= len(body) + sum(len(given.get(word, "")) for word in _WORD.findall(body))
-        if left < 0:
-            raise ValueError(TOO_LONG)
-        return f"({_WORD.sub(lambda word: given.get(word[0], word[0]), body)})"
+    def size(cards: Sequence[Card], callers: tuple[str, ...]) -> int:
+        total = len(cards)
+        for card in cards:
+            for name in filter(blocks.__contains__, calls(card)):
+                if name in callers:
+                    raise card.refused(f"a {what} that calls itself")
+                if len(callers) == MOST_LEVELS:
+                    levels = f"levels of {what}s within one another"
+                    raise card.refused(beyond(MOST_LEVELS + 1, levels, MOST_LEVELS))
+                if name not in sizes:
+                    sizes[name] = size(blocks[name], (*callers, name))
+                total += sizes[name]
+            if total > MOST_CARDS:
+                raise card.refused(beyond(total, f"cards with every {what} expanded", MOST_CARDS))
+        return total
 
-    for _ in range(DEEPEST):
-        if len(text) > most:
-            raise ValueError(TOO_LONG)
-        text, count = _INNERMOST.subn(within, text)
-        if not count:
-            return text
-    raise ValueError(f"a function that calls itself, or more than {DEEPEST} within one another")
+    size(top, ())

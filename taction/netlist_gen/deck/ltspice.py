@@ -124,7 +124,9 @@ def plain_cards(text: str) -> Iterator[str]:
         yield " ".join(_COMMA.sub(lambda match: match[1] or " ", text).split())
         return
     if letter == "k" and len(words := text.split()) > 4:  # of several coils, each with each
-        pairs = itertools.islice(itertools.combinations(words[1:-1], 2), MOST_COUPLINGS + 1)
+        pairs = list(itertools.combinations(words[1:-1][:MOST_COUPLINGS], 2))
+        if len(pairs) > MOST_COUPLINGS:
+            raise ValueError(f"more than {MOST_COUPLINGS} couplings; expected several cards K")
         yield from (f"{words[0]}_{k} {a} {b} {words[-1]}" for k, (a, b) in enumerate(pairs, 1))
         return
     if letter in "rcl":

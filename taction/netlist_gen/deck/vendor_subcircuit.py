@@ -50,7 +50,7 @@ def check_size(deck: ForeignDeck, called_one: str = "") -> None:
         raise InputError(deck.file, Complaint("deck", "", text))
     if called_one:
         top = [deck.cards[-1].with_text(f"x {called_one}")]
-    check_expanded(blocks, top, within=bool(called_one))
+    check_expanded(blocks, top)
 
 
 def is_plain(deck: ForeignDeck) -> bool:

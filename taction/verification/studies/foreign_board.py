@@ -49,6 +49,7 @@ from taction.verification.engines.ngspice.commands import expand
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.studies.measured_board import Start
 
+MOST_PARTS = 3000  # R C L K E F G H that are not measured
 MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a topology
 POINTS, EDGE = 1000, 1e-3  # of a written transient: its steps, and of one step the edge
 PROBE = "v_taction_parameter"  # a source whose value is that of a .param
@@ -175,6 +176,9 @@ def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
     nodes = outputs_of(flat, outputs, (card.text for card in deck.left))
     if len(flat.nodes) > MOST_UNKNOWNS:
         text = f"the deck has {len(flat.nodes)} nodes; up to {MOST_UNKNOWNS} are read"
+        raise InputError(deck.file, Complaint("deck", "", text))
+    if len(flat.knobs) > MOST_PARTS:
+        text = f"the deck has {len(flat.knobs)} parts; up to {MOST_PARTS} are read"
         raise InputError(deck.file, Complaint("deck", "", text))
     circuit = circuit_of(flat, deck.file.stem, nodes)
     immediate = any(re.search(r"\buic\b", c.text) for c in deck.left if c.word == ".tran")

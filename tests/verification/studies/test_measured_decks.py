@@ -474,14 +474,12 @@ def test_a_point_that_ngspice_does_not_find_again_is_none(
 
 def test_resistances_that_are_not_in_series_are_refused(tmp_path: Path) -> None:
     """The body diode of a VDMOS lies before the resistance of its drain; ngspice's .ac tells it."""
-    text = """power stage
-V1 in 0 dc 3.5 ac 1
+    text = """V1 in 0 dc 3.5 ac 1
 Rg in g 10k
 Vdd dd 0 20
 Rd dd out 10
 M1 out g 0 pow
 .model pow vdmos(vto=3 kp=5 rd=2 rs=0.1 rg=3 cgdmin=10p cgdmax=200p cgs=300p cjo=20n is=1e-12)
-.end
 """
     with pytest.raises(InputError, match="M1: its inner resistances are not in series"):
         checked(tmp_path, text)
