@@ -25,7 +25,8 @@ FIRST = 10.0  # s before the first line of progress: a short command says nothin
 GROWTH = 1.5  # of the time from one line to the next
 LONGEST = 300.0  # s between two lines
 WIDE = 100  # columns that hold the bar beside the numbers
-COUNTED = re.compile(r"(?:.* )?(\d+) of (\d+)\b")
+COUNTED = re.compile(r"(.*?)(\d+) of (\d+)\b")
+SETTLED = 1.0  # s of counting before the time left is said
 
 
 def say(text: str) -> None:
@@ -75,6 +76,47 @@ def own_name(context: click.Context | None) -> str:
     return "-".join(filter(None, names))
 
 
+def duration(seconds: float) -> str:
+    """Return a duration for people, about two digits.
+
+    Examples
+    --------
+    >>> [duration(seconds) for seconds in (0.3, 42.4, 700.0, 9000.0)]
+    ['1 s', '42 s', '12 min', '2.5 h']
+    """
+    if seconds < 100.0:
+        return f"{max(round(seconds), 1)} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
+
+
+class TimeLeft:
+    """Adds the time left to the stages that count, by their pace since the first of the same name.
+
+    Examples
+    --------
+    >>> seconds = iter([5.0, 7.0, 9.0])
+    >>> left = TimeLeft(lambda: next(seconds))
+    >>> [left(f"yield: {done} of 9 samples") for done in (1, 3, 5)][1:]
+    ['yield: 3 of 9 samples, about 6 s left', 'yield: 5 of 9 samples, about 4 s left']
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock, self._counted, self._began, self._first = clock, ("", ""), 0.0, 0
+
+    def __call__(self, stage: str) -> str:
+        """Return the stage with the time left, as far as it is known."""
+        if (counted := COUNTED.match(stage)) is None:
+            return stage
+        name, done, total = counted[1], int(counted[2]), int(counted[3])
+        now = self._clock()
+        if self._counted != (name, counted[3]) or done <= self._first:
+            self._counted, self._began, self._first = (name, counted[3]), now, done
+        elapsed, ended = now - self._began, done - self._first
+        if not ended or elapsed < SETTLED or done >= total:
+            return stage
+        return f"{stage}, about {duration((total - done) * elapsed / ended)} left"
+
+
 class SparseLines:
     """Says a stage now and then: after 10 s, 15 s, 22 s, ..., at last every five minutes.
 
@@ -108,13 +150,13 @@ class StageLine:
     """
 
     def __init__(self, show: Callable[[str], None], bar: Progress | None = None) -> None:
-        self._show, self._bar = show, bar
+        self._show, self._bar, self._left = show, bar, TimeLeft()
         self._said: set[str] = set()
 
     def __call__(self, stage: str) -> None:
         """Show a stage."""
         if not isinstance(stage, Notice):
-            self._show(stage)
+            self._show(self._left(stage))
         elif stage not in self._said:
             self._said.add(stage)
             with self.aside():
@@ -149,7 +191,7 @@ def display() -> Iterator[StageLine]:
 
         def show(stage: str) -> None:
             counted = COUNTED.match(stage)
-            done, total = map(int, counted.groups()) if counted else (0, None)
+            done, total = map(int, counted.groups()[1:]) if counted else (0, None)
             shown.update(task, completed=done, total=total, description=stage)
 
         yield StageLine(show, shown)

@@ -1,4 +1,4 @@
-"""How far a job is: its stages as lines of text, the wall time of each, and the time left in one.
+"""How far a job is: its stages as lines of text, and the wall time of each.
 
 A simulation does not know who waits for it. It calls `reached` with the share that is done;
 `shares_to` names the receiver of these calls, and without one nothing happens.
@@ -20,8 +20,7 @@ from taction.system.foreign_files import shortened, visible
 
 Progress = Callable[[str], None]
 
-FIRST_SHARE = 1.0  # s of a stage before its share is shown: most stages are shorter
-BETWEEN_SHARES = 0.25  # s
+BETWEEN_SHARES = 1.0  # s
 
 _receiver: ContextVar[Callable[[float], None] | None] = ContextVar("receiver", default=None)
 
@@ -41,61 +40,6 @@ def shares_to(receiver: Callable[[float], None]) -> Iterator[None]:
         yield
     finally:
         _receiver.reset(token)
-
-
-def duration(seconds: float) -> str:
-    """Return a duration for people, about two digits.
-
-    Examples
-    --------
-    >>> [duration(seconds) for seconds in (0.3, 42.4, 700.0, 9000.0)]
-    ['1 s', '42 s', '12 min', '2.5 h']
-    """
-    if seconds < 100.0:
-        return f"{max(round(seconds), 1)} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
-
-
-class StageShares:
-    """Adds to the name of a stage what of it is done, and the time left.
-
-    The time left follows from the pace of the last half of the time: the steps of an integrator
-    grow. A share below the last one is the beginning of another simulation.
-
-    Examples
-    --------
-    >>> seconds = iter([0.0, 1.0, 2.0, 4.0])
-    >>> shares = StageShares(print, "simulation", lambda: next(seconds))
-    >>> for share in (0.1, 0.2, 0.6):
-    ...     shares(share)
-    simulation, 10 of 100 %, about 9 s left
-    simulation, 20 of 100 %, about 8 s left
-    simulation, 60 of 100 %, about 2 s left
-    """
-
-    def __init__(
-        self, progress: Progress, stage: str, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._progress, self._stage, self._clock = progress, stage, clock
-        self._known = [(clock(), 0.0)]
-
-    def __call__(self, share: float) -> None:
-        """Take a share that is done, 0 to 1."""
-        now = self._clock()
-        began, (last, before) = self._known[0][0], self._known[-1]
-        if share < before:
-            self._known = [(now, share)]
-            return
-        if now - began < FIRST_SHARE or (len(self._known) > 1 and now - last < BETWEEN_SHARES):
-            return
-        half = began + (now - began) / 2.0
-        since, done = next(known for known in reversed(self._known) if known[0] <= half)
-        self._known.append((now, share))
-        text = f"{self._stage}, {100.0 * share:.0f} of 100 %"
-        if share > done:
-            left = (1.0 - share) / (share - done) * (now - since)
-            text += f", about {duration(left)} left"
-        self._progress(text)
 
 
 class Notice(str):
@@ -119,12 +63,20 @@ class Clock:
         self._last = time.perf_counter()
         self._stage = ""
         self._said: set[str] = set()
-        self._shares: StageShares | None = None
 
     @contextmanager
     def listening(self) -> Iterator[None]:
         """Within the block, show how far the simulation of a stage is."""
-        with shares_to(lambda share: self._shares(share) if self._shares else None):
+        shown = time.monotonic()
+
+        def show(share: float) -> None:
+            nonlocal shown
+            now = time.monotonic()
+            if self._stage and now - shown >= BETWEEN_SHARES:
+                shown = now
+                self._progress(f"{self._stage}, {100.0 * share:.0f} of 100 %")
+
+        with shares_to(show):
             yield
 
     def begin(self, stage: str, beside: str = "", remark: str = "") -> None:
@@ -135,7 +87,6 @@ class Clock:
         """
         self._close()
         self._stage = stage
-        self._shares = StageShares(self._progress, stage)
         if remark and remark not in self._said:
             self._said.add(remark)
             self._progress(Notice(f"{stage} ({remark})"))
@@ -144,7 +95,7 @@ class Clock:
     def pause(self) -> None:
         """End the current stage; the time until the next one belongs to none."""
         self._close()
-        self._stage, self._shares = "", None
+        self._stage = ""
 
     def end(self) -> None:
         """End the last stage and add the total."""

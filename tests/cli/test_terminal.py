@@ -8,9 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from taction.cli.printing import SparseLines
-from taction.verification.studies.running import study
-from taction.verification.studies.running.study import Pace
+from taction.cli.printing import SparseLines, TimeLeft
 from tests.support.command_lines import LINES
 from tests.support.entries import write_fast
 from tests.support.printed import printed_objects, shown_at, words_of
@@ -30,10 +28,12 @@ def test_lines_become_rare() -> None:
 
 def test_the_start_of_the_workers_does_not_count() -> None:
     """Two tasks a second after five seconds of starting: 100 tasks take 50 s."""
-    seconds = iter([5.0, 5.5, 6.0, 6.5])
-    rate = Pace(lambda: next(seconds))
-    texts = [rate.ended(100) for _ in range(4)]
-    assert texts == ["", "", ", about 0:00:50 left", ", about 0:00:50 left"]
+    seconds = iter([5.0, 5.5, 6.0, 6.5, 60.0, 61.0])
+    left = TimeLeft(lambda: next(seconds))
+    texts = [left(f"{done} of 103 boards").partition(", ")[2] for done in (1, 2, 3, 4)]
+    assert texts == ["", "", "about 50 s left", "about 50 s left"]
+    assert left("corners: 5 of 103 boards") == "corners: 5 of 103 boards"  # another stage
+    assert left("corners: 103 of 103 boards") == "corners: 103 of 103 boards"
 
 
 @pytest.mark.parametrize(
@@ -50,10 +50,10 @@ def test_every_long_study_says_what_is_left(
     write_fast(tmp_path / "a.toml", more="[tolerances]\nresistor = 0.01\n")
     monkeypatch.setattr("taction.cli.printing.FIRST", 0.0)
     monkeypatch.setattr("taction.cli.printing.GROWTH", 0.0)
-    monkeypatch.setattr(study, "SETTLED", 0.0)
+    monkeypatch.setattr("taction.cli.printing.SETTLED", 0.0)
     lines = [line for line in taction(*words).stderr.splitlines() if "left" in line]
     assert len(lines) > 5
-    assert all(re.search(r", about \d+:\d\d:\d\d left$", line) for line in lines)
+    assert all(re.search(r", about [\d.]+ (s|min|h) left$", line) for line in lines)
     assert {stage for stage in stages if any(stage in line for line in lines)} == stages
 
 

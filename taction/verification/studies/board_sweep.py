@@ -36,7 +36,6 @@ from taction.verification.studies.measured_board import MeasuredBoard, measure_b
 from taction.verification.studies.part_influence import influences
 from taction.verification.studies.questions import QUESTIONS, Wanted, units
 from taction.verification.studies.running.pool import HERE
-from taction.verification.studies.running.study import Pace
 from taction.verification.studies.running.versions import own_version
 from taction.verification.studies.tolerance.corners import CornerStudy, worst_of
 from taction.verification.studies.tolerance.montecarlo import SampleCollection, run_samples
@@ -181,11 +180,10 @@ def varied_outcomes(
     `samples` are how many boards are drawn, and from which seed.
     """
     count, seed = samples
-    board, tally, pace = VariedDeck.of(found, deck, spread, asked), SampleCollection(count), Pace()
+    board, tally = VariedDeck.of(found, deck, spread, asked), SampleCollection(count)
     corners = worst_of(board, HERE, progress)
     for _ in run_samples(board, range(count), seed, HERE, tally):
-        left = pace.ended(count - len(tally.samples))
-        progress(f"yield: {len(tally.samples)} of {count} samples{left}")
+        progress(f"yield: {len(tally.samples)} of {count} samples")
     return corners, summarise_samples(board, tally.samples, seed)
 
 

@@ -29,7 +29,7 @@ from taction.system.errors import (
     SimulatorNotFound,
     SimulatorTooOld,
 )
-from taction.system.progress import Progress, StageShares, ask, shares_to
+from taction.system.progress import Progress, ask
 from taction.system.quantities import quantity
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
@@ -38,7 +38,6 @@ from taction.verification.stability.edges import Edge, Scan
 from taction.verification.stability.families import Family, unrounded
 from taction.verification.stability.poles import count_unstable, poles
 from taction.verification.studies.onset.transient_trial import TransientTest, confirm
-from taction.verification.studies.running.study import Pace
 
 NOT_ASKED = "transients were not requested"
 AROUND = 30.0  # the default range is from the scene's value / 30 to its value * 30
@@ -313,15 +312,12 @@ def confirmations(
         except (SimulatorNotFound, SimulatorTooOld) as error:
             reason = f"ngspice is needed to confirm a crossing: {error}"
             confirmation = TransientTest(None, reason)
-    findings, pace, left = [], Pace(), ""
+    findings = []
     for number, edge in enumerate(scanned.edges, start=1):
-        stage = f"transients beside crossing {number} of {len(scanned.edges)}"
-        progress(f"{stage}{left}")
+        progress(f"transients beside crossing {number} of {len(scanned.edges)}")
         if simulator is not None and timeout is not None:
-            with shares_to(StageShares(progress, stage)):
-                confirmation = confirm(
-                    boards.board, edge, simulator, logarithmic=scanned.logarithmic, timeout=timeout
-                )
+            confirmation = confirm(
+                boards.board, edge, simulator, logarithmic=scanned.logarithmic, timeout=timeout
+            )
         findings.append(CheckedEdge(edge, confirmation, scanned.complete))
-        left = pace.ended(len(scanned.edges) - number)
     return tuple(findings)

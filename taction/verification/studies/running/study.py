@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future
@@ -167,13 +166,12 @@ def for_each_file(
     ['b1', 'a2']
     """
     results: list[R | BaseException | None] = [None] * len(files)
-    processes, pace, left = min(jobs or cores(), len(files)), Pace(), ""
+    processes = min(jobs or cores(), len(files))
     try:
         if processes <= 1:
             for number, path in enumerate(files):
-                progress(f"{number + 1} of {len(files)}: {path.stem}{left}")
+                progress(f"{number + 1} of {len(files)}: {path.stem}")
                 results[number] = function(path, *arguments[number])
-                left = pace.ended(len(files) - number - 1)
             return results
         points = ((k, (path, *arguments[k])) for k, path in enumerate(files))
         with local(processes) as workers:
@@ -181,44 +179,10 @@ def for_each_file(
             rows = study(workers, partial(one_by_one, function), points)
             for done, (number, result) in enumerate(rows, 1):
                 results[number] = result
-                left = pace.ended(len(files) - done)
-                progress(f"{done} of {len(files)} done: {files[number].stem}{left}")
+                progress(f"{done} of {len(files)} done: {files[number].stem}")
     except KeyboardInterrupt:
         pass
     return results
-
-
-LEAST = 3  # tasks before anything is said
-SETTLED = 1.0  # s before anything is said
-
-
-class Pace:
-    """The pace of a study since its first task ended: workers take some seconds to start."""
-
-    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
-        self._clock, self._first, self._done = clock, 0.0, 0
-
-    def ended(self, left: int) -> str:
-        """Count one task that ended; return the time that the `left` others need.
-
-        Empty for the first tasks, in the first second, and where none is left.
-
-        Examples
-        --------
-        >>> seconds = iter([0.0, 10.0, 20.0])
-        >>> pace = Pace(lambda: next(seconds))
-        >>> [pace.ended(left) for left in (602, 601, 600)]
-        ['', '', ', about 1:40:00 left']
-        """
-        self._done += 1
-        now = self._clock()
-        if self._done == 1:
-            self._first = now
-        elapsed = now - self._first
-        if self._done < LEAST or elapsed < SETTLED or not left:
-            return ""
-        seconds = round(elapsed / (self._done - 1) * left)
-        return f", about {seconds // 3600}:{seconds // 60 % 60:02}:{seconds % 60:02} left"
 
 
 RUNS = 3  # as often as a point is computed whose simulator is killed

@@ -38,7 +38,7 @@ from taction.system.progress import Notice, Progress
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.pool import Workers
-from taction.verification.studies.running.study import Pace, attempted, study, workers_at
+from taction.verification.studies.running.study import attempted, study, workers_at
 from taction.verification.studies.running.versions import (
     check_version,
     digest,
@@ -181,7 +181,7 @@ def sweep_points(
     InputError, NoVerdictError: as `taction.sweep`; the points stored before are intact.
     OutOfDisk: the store cannot grow.
     """
-    count, pace, missing = SweepCounts(plan.points), Pace(), []
+    count, missing = SweepCounts(plan.points), []
     for point in grid_points(plan, plan.order):
         outcome = store.outcome_of(point.key)
         if outcome in (None, ERROR):
@@ -199,7 +199,7 @@ def sweep_points(
         store.put(key, record)
         count.ran += 1
         count.outcomes[record.outcome] += 1
-        progress(f"{count.text}{pace.ended(count.total - count.done)}")
+        progress(count.text)
     return count
 
 

@@ -25,7 +25,7 @@ from taction.system.progress import Notice, Progress
 from taction.system.results import Result
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.pool import HERE, Workers
-from taction.verification.studies.running.study import Pace, workers_at
+from taction.verification.studies.running.study import workers_at
 from taction.verification.studies.tolerance.samples import (
     BoardSample,
     Quantity,
@@ -211,11 +211,10 @@ def _verified(
     stage: str,
 ) -> tuple[Corner, ...]:
     """Verify boards by their names and deviations, in tolerances."""
-    samples, pace = dict[int, BoardSample](), Pace()
+    samples = dict[int, BoardSample]()
     for sample in evaluate_all(board, enumerate(z for _, z in ends), workers, len(ends)):
         samples[sample.number] = sample
-        left = pace.ended(len(ends) - len(samples))
-        progress(f"{stage}: {len(samples)} of {len(ends)} boards{left}")
+        progress(f"{stage}: {len(samples)} of {len(ends)} boards")
     names = [parameter.name for parameter in board.varied]
     return tuple(
         Corner(

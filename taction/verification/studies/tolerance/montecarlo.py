@@ -19,7 +19,7 @@ from taction.system.progress import Notice, Progress
 from taction.system.quantities import fraction
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.pool import Workers
-from taction.verification.studies.running.study import Pace, workers_at
+from taction.verification.studies.running.study import workers_at
 from taction.verification.studies.running.versions import digest
 from taction.verification.studies.store import Store
 from taction.verification.studies.tolerance.samples import BoardSample, Varied, evaluate_all
@@ -175,11 +175,10 @@ def montecarlo(
     try:
         announced = workers_at(cluster, jobs, lambda text: progress(Notice(text)))
         with Store(path) as store, announced as workers:
-            pace, keys = Pace(), sample_keys(board, seed)
+            keys = sample_keys(board, seed)
             for _ in run_samples(board, range(samples), seed, workers, tally, store, keys):
                 done = len(tally.samples)
-                left = pace.ended(samples - done)
-                progress(f"yield: {done} of {samples} samples, {tally.passed} pass{left}")
+                progress(f"yield: {done} of {samples} samples, {tally.passed} pass")
     except KeyboardInterrupt:
         complete = False
     report = summarise_samples(board, tally.samples, seed)

@@ -23,7 +23,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, SimulationError
-from taction.system.progress import Notice, Progress, duration
+from taction.system.progress import Notice, Progress
 from taction.system.quantities import show
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
@@ -357,7 +357,7 @@ class _Runs:
                     reason = "a coarser one timed out" if method.name in over else "no time is left"
                     self.left_out.append(f"{method.name}, {point.name}: not run, {reason}")
                     continue
-                self.progress(f"{method.name}, {point.name}, about {duration(max(left, 0.0))} left")
+                self.progress(f"{method.name}, {point.name}, {max(left, 0.0):.0f} s left")
                 first, found = False, self.repeated(point)
                 if found[0].status == "timeout":
                     over.add(method.name)
