@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from taction.verification.design.fresh_scene import NewScene
 
 DOCUMENTS = "verification.report.documents"
-BUILD_FOLDER = "verification.verdict.board_power:check_build_folder"
 DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does not load the table
 
 
@@ -244,7 +243,7 @@ KICAD = Command(
 BUILD = Command(
     function="build",
     files=lambda found, call: [found.folder],
-    parameters=(SCENE, replace(folder("output", "-o"), check=BUILD_FOLDER), ENGINE),
+    parameters=(SCENE, folder("output", "-o"), ENGINE),
     ends="Exit status: that of the verdict.",
 )
 SOLVE = Command(

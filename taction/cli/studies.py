@@ -123,7 +123,7 @@ CHOOSE = Command(
         option("gain_range", metavar="LOW:HIGH"),
         option("points", type=click.IntRange(1, 101)),
         ANY_PART,
-        replace(folder("output", "-o"), check="system.output_files:check_empty_folder"),
+        replace(folder("output", "-o"), check="system.output_files:check_own_folder"),
         replace(DATABASE, name="store", flags=("--store",)),
         JOBS,
         CLUSTER,

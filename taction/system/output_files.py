@@ -21,14 +21,8 @@ PREFIX = ".taction-"  # of a file that is being written, beside the file that it
 LONGEST_ENDING = 16  # characters
 ABANDONED = 3600.0  # s since the last write to a file: nobody writes to it any more
 UNCHANGED = "expected a file that can be written. An older file is unchanged"
-_DESCRIPTOR = re.compile(r"/dev/(?:stdin|stdout|stderr|fd/(\d+))|/proc/self/fd/(\d+)")
+_DESCRIPTOR = re.compile(r"(?:/dev|/proc/self)/fd/(\d+)")
 _STREAMS = {"/dev/stdin": 0, "/dev/stdout": 1, "/dev/stderr": 2}
-_REASONS = {  # of errors whose own text does not say what to do
-    errno.ENOENT: "its folder does not exist",
-    errno.EISDIR: "a folder",
-    errno.EFBIG: "File too large (ulimit -f)",
-    errno.ENXIO: "a socket",
-}
 
 
 def write_atomically(path: str | Path, content: str | bytes) -> None:
@@ -61,20 +55,24 @@ def replacing(path: str | Path) -> Iterator[Path]:
     InputError: the file cannot be written, with the reason.
     BrokenPipeError: `path` is a stream of this process whose reader has gone.
     """
+    stream, name = _STREAMS.get(str(path)), _DESCRIPTOR.fullmatch(str(path))
+    stream = int(name[1]) if name else stream
     try:
-        stream = _stream(str(path))
-        if stream is not None or _is_special(path):
-            with own_folder() as folder:
-                file = folder / f"output{_ending(Path(path))}"
-                yield file
-                _send(file, path, stream)
-        else:
+        if stream is None and not is_special(path):
             with _beside(Path(os.path.realpath(path))) as file:
                 yield file
+            return
+        with own_folder() as folder:
+            file = folder / f"output{_ending(Path(path))}"
+            yield file
+            target = path if stream is None else os.dup(stream)
+            with file.open("rb") as source, open(target, "wb") as opened:  # noqa: PTH123
+                shutil.copyfileobj(source, opened)
     except OSError as error:
         if isinstance(error, BrokenPipeError) and stream is not None:
             raise
-        reason = _REASONS.get(error.errno or 0) or error.strerror or str(error)
+        missing = error.errno == errno.ENOENT
+        reason = "its folder does not exist" if missing else error.strerror or str(error)
         raise InputError(path, Complaint("FILE", "", f"{reason}; {UNCHANGED}")) from None
     except ValueError as error:  # a name with a zero byte
         raise InputError(path, Complaint("FILE", "", f"{error}; {UNCHANGED}")) from None
@@ -91,11 +89,18 @@ def _beside(target: Path) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
-        _take_over(target, temporary)
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(target.stat().st_mode & 0o7777 if target.exists() else 0o666 & ~umask)
         with temporary.open("rb+") as file:
             os.fsync(file.fileno())
         temporary.replace(target)
-        _sync(target.parent)
+        with contextlib.suppress(OSError):  # the new name survives a power cut, if the system can
+            number = os.open(target.parent, os.O_RDONLY)
+            try:
+                os.fsync(number)
+            finally:
+                os.close(number)
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -109,61 +114,18 @@ def clear_unfinished(folder: Path) -> None:
                 file.unlink()
 
 
-def _stream(path: str) -> int | None:
-    """Return the file descriptor that `path` stands for, such as 1 for ``/dev/stdout``."""
-    found = _DESCRIPTOR.fullmatch(path)
-    if found is None:
-        return None
-    return _STREAMS[path] if path in _STREAMS else int(found[1] or found[2])
-
-
-def _is_special(path: str | Path) -> bool:
-    """Whether there is a device, a pipe or a socket; raise OSError for a folder."""
-    try:
-        mode = os.stat(path).st_mode  # noqa: PTH116 - a name with a zero byte is ValueError
-    except FileNotFoundError:
-        return False
-    if stat.S_ISDIR(mode):
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-    return not stat.S_ISREG(mode)
-
-
-def _send(file: Path, path: str | Path, stream: int | None) -> None:
-    with (
-        file.open("rb") as source,
-        open(path if stream is None else os.dup(stream), "wb") as target,  # noqa: PTH123
-    ):
-        shutil.copyfileobj(source, target)
-
-
 def _ending(target: Path) -> str:
     """Return the ending of a name, by which libraries choose the format."""
     return target.suffix if len(target.suffix) <= LONGEST_ENDING else ""
 
 
-def _take_over(target: Path, temporary: Path) -> None:
-    """Give the new file the permissions and the owner of the old one."""
+def is_special(path: str | Path) -> bool:
+    """Whether there is a device, a pipe or a socket, which several outputs may share."""
     try:
-        old = target.stat()
+        mode = os.stat(path).st_mode  # noqa: PTH116 - links in a circle, a zero byte: its errors
     except FileNotFoundError:
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
-        return
-    if (old.st_uid, old.st_gid) != (os.geteuid(), os.getegid()):
-        with contextlib.suppress(PermissionError):
-            os.chown(temporary, old.st_uid, old.st_gid)
-    temporary.chmod(stat.S_IMODE(old.st_mode))
-
-
-def _sync(folder: Path) -> None:
-    """Let the new name survive a power cut, where the system can do so."""
-    with contextlib.suppress(OSError):
-        number = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(number)
-        finally:
-            os.close(number)
+        return False
+    return not stat.S_ISREG(mode) and not stat.S_ISDIR(mode)
 
 
 def check_folder(path: str | Path, option: str) -> None:
@@ -181,11 +143,6 @@ def check_folder(path: str | Path, option: str) -> None:
         text = "you may not write to its folder; expected a file in another one"
     if text:
         raise InputError(option, Complaint("FILE", repr(str(path)), text))
-
-
-def is_special(path: str | Path) -> bool:
-    """Whether there is a device or a pipe, which several outputs may share."""
-    return Path(path).exists() and not Path(path).is_file()
 
 
 def check_file(
@@ -228,21 +185,7 @@ def make_folder(folder: str | Path, option: str = "-o") -> None:
         raise InputError(option, Complaint("FOLDER", repr(str(folder)), reason)) from None
 
 
-def check_empty_folder(folder: str | Path, option: str = "-o") -> None:
-    """Refuse a folder with files.
-
-    InputError: `folder` is not empty, or a file.
-    """
-    text = ""
-    if Path(folder).is_dir():
-        text = "the folder is not empty; give another name" if os.listdir(folder) else ""  # noqa: PTH208 - names are enough
-    elif Path(folder).exists():
-        text = "a file; expected a folder"
-    if text:
-        raise InputError(option, Complaint("FOLDER", repr(str(folder)), text))
-
-
-def check_own_folder(folder: str | Path, files: Collection[str], option: str = "-o") -> None:
+def check_own_folder(folder: str | Path, files: Collection[str] = (), option: str = "-o") -> None:
     """Refuse a folder that cannot be written, or that holds other files, before any work is done.
 
     `files`: the files that will be written, below `folder`; older ones will be replaced.
@@ -256,22 +199,16 @@ def check_own_folder(folder: str | Path, files: Collection[str], option: str = "
     elif not os.access(there, os.W_OK | os.X_OK):
         text = f"you may not write to {there}; expected another folder"
     elif there == place:
-        own = {Path(name) for name in files}
-        folders = {each.parent for each in own} - {Path()}
-        inside = [Path(), *(each for each in folders if (place / each).is_dir())]
-        found = {
-            each / name
-            for each in inside
-            for name in os.listdir(place / each)  # noqa: PTH208 - names are enough
-            if not name.startswith(PREFIX)
-        }
-        foreign = sorted(map(str, found - own - folders))
-        links = sorted(str(each) for each in found if (place / each).is_symlink())
+        own = {*files, *(str(above) for name in files for above in Path(name).parents)}
+        found = sorted(each for each in place.rglob("*") if not each.name.startswith(PREFIX))
+        names = {str(each.relative_to(place)): each.is_symlink() for each in found}
+        foreign = [repr(name) for name in names if name not in own]
         if foreign:
-            named = ", ".join(map(repr, foreign[:3])) + (", ..." if foreign[3:] else "")
+            named = ", ".join(foreign[:3]) + (", ..." if foreign[3:] else "")
             text = f"it holds {named}, not written by this command; expected a new or empty folder"
-        elif links:  # a file would be written where it leads
-            text = f"{links[0]!r} in it is a link; expected a folder without links"
+        elif any(names.values()):  # a file would be written where it leads
+            link = next(name for name, is_link in names.items() if is_link)
+            text = f"{link!r} in it is a link; expected a folder without links"
     if text:
         raise InputError(option, Complaint("FOLDER", repr(str(folder)), text))
 

@@ -22,27 +22,18 @@ from taction.system.processes import end_orphans
 MEMORY = Path("/dev/shm")  # noqa: S108 - of Linux; its folders get random names
 RUNNING = "taction-run-"  # a folder in use, or left by a process that was killed
 KEPT = "taction-kept-"  # a folder that the user was told of; never cleared
-CHOICES = ("TMPDIR", "TEMP", "TMP")  # the user's choice for temporary files, the first that is set
 _ATTEMPTS = 100
 _locks: dict[str, int] = {}  # file descriptors by folder
 
 
 def temporary_place() -> str:
-    """Return the folder for temporary files.
+    """Return the folder for temporary files; OutOfDisk where there is none.
 
-    OutOfDisk: a variable of `CHOICES` names a folder that cannot be used, or there is no such
-      folder.
+    `gettempdir` would try TMPDIR with a file, which a kill leaves there, and take another folder
+    without a word.
     """
-    name = next((name for name in CHOICES if os.environ.get(name)), None)
-    if name is not None:
-        value = os.environ[name]
-        if not (Path(value).is_dir() and os.access(value, os.W_OK | os.X_OK)):
-            text = "expected a folder that exists and that you may write to, or no such variable"
-            raise OutOfDisk(f"{name} = {value!r}: {text}")
-        # `gettempdir` would try the folder with a file, which a kill leaves there.
-        return tempfile.tempdir or os.path.abspath(value)  # noqa: PTH100
     try:
-        return tempfile.gettempdir()
+        return os.environ.get("TMPDIR") or tempfile.gettempdir()
     except OSError as error:
         raise OutOfDisk(f"no folder for temporary files: {error.strerror}") from error
 
@@ -53,7 +44,7 @@ def make_own_folder(place: str | Path | None = None) -> Path:
     OutOfDisk: the folder cannot be made.
     """
     parent = temporary_place() if place is None else str(place)
-    clear_abandoned_once()
+    _clear_of_process(os.getpid())
     try:
         for _ in range(_ATTEMPTS):
             folder = tempfile.mkdtemp(prefix=RUNNING, dir=parent)
@@ -61,7 +52,9 @@ def make_own_folder(place: str | Path | None = None) -> Path:
                 return Path(folder)
         raise FileNotFoundError(f"{parent} loses new folders")
     except OSError as error:
-        raise OutOfDisk(f"no folder can be made in {parent}: {error.strerror or error}") from error
+        raise OutOfDisk(
+            f"no folder can be made in {parent} (TMPDIR): {error.strerror or error}"
+        ) from error
 
 
 @contextlib.contextmanager
@@ -75,15 +68,9 @@ def own_folder() -> Iterator[Path]:
 
 
 def remove_own_folder(folder: Path) -> None:
-    """Remove a folder with its content; the quick way works for a folder that holds only files."""
-    try:
-        for name in os.listdir(folder):  # noqa: PTH208 - names are enough
-            os.unlink(f"{folder}/{name}")  # noqa: PTH108
-        folder.rmdir()
-    except OSError:
-        shutil.rmtree(folder, ignore_errors=True)  # a later run clears what is left
-    finally:
-        _unlock(folder)
+    """Remove a folder with its content; a later run clears what is left."""
+    shutil.rmtree(folder, ignore_errors=True)
+    _unlock(folder)
 
 
 def keep_folder(folder: Path) -> Path:
@@ -127,14 +114,10 @@ def _clear(folder: str) -> None:
 
 @functools.cache
 def _clear_of_process(process: int) -> None:
+    """Clear the folder for temporary files and `MEMORY`, once in a process, by its number."""
     clear_abandoned(MEMORY)
     with contextlib.suppress(OutOfDisk):  # there is no folder for temporary files
         clear_abandoned(temporary_place())
-
-
-def clear_abandoned_once() -> None:
-    """Clear the folder for temporary files and `MEMORY`, once in a process."""
-    _clear_of_process(os.getpid())
 
 
 def _lock(folder: str) -> bool:

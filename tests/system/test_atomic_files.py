@@ -105,7 +105,7 @@ def test_stdout_by_its_name_is_written_in_turn(name: str, tmp_path: Path) -> Non
     ("name", "reason"),
     [
         ("missing/file", "its folder does not exist"),
-        ("folder", "a folder; expected a file that can be written"),
+        ("folder", "Is a directory; expected a file that can be written"),
         ("file/below", "Not a directory"),
         ("a\0b", "null (byte|character)"),  # by version of Python
         ("x" * 300, "File name too long"),

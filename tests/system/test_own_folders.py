@@ -21,7 +21,6 @@ from taction.system.own_folders import (
     make_own_folder,
     own_folder,
     remove_own_folder,
-    temporary_place,
 )
 from tests.support.processes import is_running
 
@@ -100,18 +99,13 @@ def test_a_lock_ends_with_the_folder(tmp_path: Path) -> None:
     assert own_folders._locks.keys().isdisjoint(map(str, tmp_path.iterdir()))
 
 
-@pytest.mark.parametrize(
-    ("name", "value"), [("TMPDIR", "missing"), ("TEMP", "file"), ("TMP", "missing")]
-)
 def test_a_variable_that_names_no_folder_is_named(
-    name: str, value: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "file").touch()
-    for other in own_folders.CHOICES:
-        monkeypatch.delenv(other, raising=False)
-    monkeypatch.setenv(name, str(tmp_path / value))
-    with pytest.raises(OutOfDisk, match=f"^{name} = .*{value}': expected a folder that exists"):
-        temporary_place()
+    monkeypatch.setattr(own_folders.tempfile, "tempdir", None)
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "missing"))
+    with pytest.raises(OutOfDisk, match=r"in .*missing \(TMPDIR\): No such file"):
+        make_own_folder()
 
 
 def test_a_folder_that_another_process_clears_before_the_lock_is_made_again(

@@ -29,7 +29,7 @@ from taction.system.errors import (
     SimulatorNotFound,
     SimulatorTooOld,
 )
-from taction.system.output_files import check_empty_folder, make_folder
+from taction.system.output_files import check_own_folder, make_folder
 from taction.system.progress import Progress, ask
 from taction.system.quantities import fraction, number
 from taction.system.reading_definitions import READINGS
@@ -329,7 +329,7 @@ def choose(
     4
     """
     if output is not None:
-        check_empty_folder(output)
+        check_own_folder(output)
     original = read_scene(scene)
     limits = {
         "settling": settling, "rise": rise, "noise": noise, "supply": supply,

@@ -10,7 +10,6 @@ from taction.netlist_gen.board.bill_of_materials import BillOfMaterials, bill_of
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.wired_arrays import joined_resistors
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.output_files import check_own_folder
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.verdict.verify import Verdict
@@ -118,14 +117,6 @@ OWN = {
     "deck.cir": "the deck for ngspice",
 }
 """What the files in the folder are; below `KICAD` is the KiCad project."""
-
-
-def check_build_folder(folder: str) -> None:
-    """Refuse a folder that holds other files at its top level.
-
-    InputError: see `check_own_folder`; other files below `KICAD` are found when the board is known.
-    """
-    check_own_folder(folder, [*OWN, KICAD])
 
 
 @dataclass(frozen=True, slots=True)

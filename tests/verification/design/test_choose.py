@@ -258,7 +258,7 @@ def test_a_folder_with_files_is_refused(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text("", encoding="utf-8")
     found = command("choose", FILE, "-o", str(tmp_path))
     assert found.exit_code == 2
-    assert "not empty" in found.stderr
+    assert "holds 'mine.toml', not written by this command" in found.stderr
 
 
 def test_a_board_without_a_capacitor_is_chosen_by_its_own_keys() -> None:
