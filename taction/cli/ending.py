@@ -7,7 +7,6 @@ closed. Here 1 means that a check failed, so every end passes through `run_comma
 from __future__ import annotations
 
 import errno
-import io
 import os
 import re
 import resource
@@ -15,7 +14,7 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any, Literal, TextIO
+from typing import TextIO
 
 import click
 
@@ -34,11 +33,20 @@ from taction.system.processes import ending_signals
 CLOSED_PIPE = 141  # as a shell says of a program that SIGPIPE ended
 LEAST_MEMORY = 400_000_000  # bytes of address space: numpy and SciPy need 230 MB
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # of a stream that takes no more
-
-
 UNUSABLE = (errno.ENAMETOOLONG, errno.ELOOP)  # of the name of a file
 LACKING = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM, errno.EROFS, errno.EACCES, *FULL)
 """What a system refuses to a program that is right."""
+TWO_BOARDS = "two scene files, decks (.cir), records (.raw), or stored verdicts (.json)"
+ARGUMENTS = {
+    "scene": "a scene file, such as board.toml; `taction new board.toml` writes one",
+    "folder": "a folder with scene files",
+    "first": TWO_BOARDS,
+    "second": TWO_BOARDS,
+    "deck": "a SPICE deck, such as filter.cir",
+    "file": "a vendor's netlist with the op-amp as a subcircuit",
+    "name": "the name of a preset; `taction parts` lists them",
+}
+"""What the arguments of the commands are, by name."""
 
 
 def run_command(function: Callable[[], object], *, as_json: bool, words: Sequence[str] = ()) -> int:
@@ -78,89 +86,26 @@ def run_command(function: Callable[[], object], *, as_json: bool, words: Sequenc
     return 128 + received[0] if ended else status
 
 
-def _instead(error: click.ClickException) -> str:
-    """Return a line that says what to write instead, where click does not."""
-    if isinstance(error, click.MissingParameter) and error.param is not None:
-        place = (error.param.name or "").removesuffix("s")
-        about = ARGUMENTS.get(place, getattr(error.param, "help", None) or "")
-        kind = "" if error.ctx is None else f" {error.param.make_metavar(error.ctx)}"
-        return f"Expected{kind}: {about}\n" if about else ""
-    text, context = error.format_message(), getattr(error, "ctx", None)
-    if isinstance(error, click.BadParameter) and error.param is not None:
-        if isinstance(error.param.type, click.Choice):
-            return _nearest_choice(error.param.type, text)
-        return _number_instead(error.param.type) if "is not a valid" in text else ""
-    if context is None:
-        return ""
-    if "unexpected extra argument" in text:
-        options = {parameter.name for parameter in context.command.params}
-        if "over" in options:
-            return (
-                "Expected one word after each option: --over C=1pF:1nF:3, with '=' and no blank.\n"
-            )
-        return "Expected no further word; text with blanks needs quotes.\n"
-    if "No such command" in text and "Did you mean" not in text:
-        return f"Expected one of {', '.join(context.command.list_commands(context))}.\n"
-    return ""
-
-
-def _nearest_choice(kind: click.Choice[Any], text: str) -> str:
-    """Return a question with the choice nearest to the word that a message refuses."""
-    import difflib
-
-    word = text.rpartition(" is not one of ")[0].rpartition(": ")[2].strip("'")
-    close = difflib.get_close_matches(word.lower(), map(str, kind.choices), n=1)
-    return f"Did you mean {close[0]!r}?\n" if close else ""
-
-
-def _number_instead(kind: click.ParamType[Any]) -> str:
-    """Return what number an option takes, where click names the type of a programmer."""
-    if not isinstance(kind, click.IntRange | click.FloatRange | click.types.IntParamType):
-        return ""
-    whole = "a whole number" if isinstance(kind, click.types.IntParamType) else "a number"
-    limits = kind._describe_range() if isinstance(kind, click.IntRange | click.FloatRange) else ""
-    return f"Expected {whole}{f' in {limits}' if limits else ''}.\n"
-
-
-TWO_BOARDS = "two scene files, decks (.cir), records (.raw), or stored verdicts (.json)"
-ARGUMENTS = {
-    "scene": "a scene file, such as board.toml; `taction new board.toml` writes one",
-    "folder": "a folder with scene files",
-    "first": TWO_BOARDS,
-    "second": TWO_BOARDS,
-    "deck": "a SPICE deck, such as filter.cir",
-    "file": "a vendor's netlist with the op-amp as a subcircuit",
-    "name": "the name of a preset; `taction parts` lists them",
-}
-"""What the arguments of the commands are, by name."""
-
-
 def _status(
     function: Callable[[], object], as_json: bool, received: list[int], words: Sequence[str]
 ) -> int:
+    """Run a command, say its error, and return its exit status."""
     try:
         _refuse_little_memory()
-        _run(function, received)
+        function()
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 0
     except click.exceptions.Exit as end:
         return end.exit_code
-    except click.ClickException as error:
-        odd = [word for word in words if word != visible(word)]
-        if as_json:
-            _print_plain("bad input", error, _told(error.format_message(), odd))
-        shown = io.StringIO()
-        error.show(shown)
-        click.echo(_told(shown.getvalue() + _instead(error), odd), err=True, nl=False)
-        return error.exit_code
-    except (KeyboardInterrupt, click.Abort) as end:
-        kept = str(end) if isinstance(end, Interrupted) else "no verdict was reached"
-        say(f"interrupted; {kept}")
-        return INTERRUPTED
-    except Exception as error:
+    except (KeyboardInterrupt, click.Abort, Exception) as error:
         if isinstance(error, OSError) and of_stdout(error):
             raise
-        return _report(error, as_json)
+        if received or not isinstance(error, Exception) or isinstance(error, click.Abort):
+            # An error after a signal is the signal: libraries wrap what ends them.
+            kept = str(error) if isinstance(error, Interrupted) else "no verdict was reached"
+            say(f"interrupted; {kept}")
+            return INTERRUPTED
+        return _report(error, as_json, words)
     return 0
 
 
@@ -170,6 +115,55 @@ def _refuse_little_memory() -> None:
     if memory != resource.RLIM_INFINITY and memory < LEAST_MEMORY:
         least = f"expected {LEAST_MEMORY / 1e6:g} MB or more"
         raise NoVerdictError(f"the memory is limited to {memory / 1e6:.0f} MB (ulimit -v); {least}")
+
+
+def _report(error: Exception, as_json: bool, words: Sequence[str]) -> int:
+    """Say an error, and return its exit status; a bug is told with its traceback."""
+    known = error if isinstance(error, click.ClickException) else _known(error)
+    if isinstance(known, click.ClickException):
+        message = _told(known.format_message(), words)
+    else:
+        bug = f"this is a bug in taction; no verdict was reached: {error}"
+        message = bug if known is None else str(known)
+    if as_json:
+        from taction.system.error_document import error_document
+
+        print_json(error_document(known or error, message), "error")
+    if isinstance(known, click.ClickException):
+        if isinstance(known, click.UsageError) and known.ctx is not None:
+            hint = f"Try '{known.ctx.command_path} --help' for help."
+            click.echo(f"{known.ctx.get_usage()}\n{hint}\n", err=True)
+        click.echo(f"Error: {message}{_instead(known)}", err=True)
+        return known.exit_code
+    if known is not None:
+        say(message)
+        return known.exit_status
+    import traceback
+
+    traceback.print_exception(error)
+    say(message)
+    return STATUS["inconclusive"]
+
+
+def _instead(error: click.ClickException) -> str:
+    """Return a line that says what to write instead, where click does not."""
+    parameter, context = getattr(error, "param", None), getattr(error, "ctx", None)
+    text = error.format_message()
+    if isinstance(error, click.MissingParameter) and parameter is not None:
+        about = ARGUMENTS.get((parameter.name or "").removesuffix("s"), "")
+        about = about or getattr(parameter, "help", None) or ""
+        kind = "" if context is None else f" {parameter.make_metavar(context)}"
+        return f"\nExpected{kind}: {about}" * bool(about)
+    if "is not a valid" in text and parameter is not None:
+        kind = parameter.type
+        whole = "a whole number" if isinstance(kind, click.types.IntParamType) else "a number"
+        limits = getattr(kind, "_describe_range", str)()
+        return f"\nExpected {whole}{f' in {limits}' if limits else ''}."
+    if "unexpected extra argument" in text:
+        return "\nExpected one word after each option, such as --over C=1pF:1nF:3, with '=' and no blank."
+    if "No such command" in text and "Did you mean" not in text and context is not None:
+        return f"\nExpected one of {', '.join(context.command.list_commands(context))}."
+    return ""
 
 
 def _told(text: str, words: Sequence[str]) -> str:
@@ -184,80 +178,32 @@ def of_stdout(error: OSError) -> bool:
     return error.errno in (errno.EPIPE, *FULL)
 
 
-def refusal(error: BaseException | None) -> str:
-    """Return what the system refuses: files, processes, memory, disk; empty for another error.
-
-    Libraries hide the number of the error: an import that finds no free descriptor is an
-    `ImportError` with the words of the system.
-    """
-    while error is not None:
-        for number in LACKING:
-            words = os.strerror(number)
-            if getattr(error, "errno", None) == number or words in str(error):
-                name = getattr(error, "filename", None)
-                file = f" ({visible(str(name))})" if name else ""
-                remedy = "; raise `ulimit -n`" if number in (errno.EMFILE, errno.ENFILE) else ""
-                return f"no verdict was reached, the system refuses: {words}{file}{remedy}"
-        error = error.__cause__ or error.__context__
-    return ""
-
-
 def _known(error: Exception) -> TactionError | None:
     """Return an error as one of ours; None for a bug.
 
     A name that is too long, and links that lead to one another, are found wherever a path is first
-    looked at: before an input is read, and before an output is written.
+    looked at. Libraries hide what the system refuses: an import that finds no free descriptor is an
+    `ImportError` with the words of the system.
     """
     if isinstance(error, TactionError):
         return error
     if isinstance(error, MemoryError):
         return NoVerdictError("out of memory: no verdict was reached")
+    name, number = getattr(error, "filename", None), getattr(error, "errno", None)
     if isinstance(error, RuntimeError) and str(error).startswith("Symlink loop"):  # Python 3.12
         name, number = str(error).partition(" from ")[2].strip("'"), errno.ELOOP
-    elif isinstance(error, OSError) and error.errno in UNUSABLE and error.filename is not None:
-        name, number = os.fsdecode(error.filename), error.errno
-    else:
-        lack = refusal(error)
-        return NoVerdictError(lack) if lack else None
-    text = f"{os.strerror(number)}; expected a name of up to 255 bytes, and no links in a circle"
-    return InputError(name, Complaint("file", "", text))
-
-
-def _run(function: Callable[[], object], received: list[int]) -> None:
-    """Run a command; its error after a signal is the signal: libraries wrap what ends them."""
-    try:
-        function()
-    except Exception as error:
-        if received and not isinstance(error, click.exceptions.Exit):
-            raise KeyboardInterrupt from error
-        raise
-
-
-def _print_plain(
-    outcome: Literal["bad input", "inconclusive"], error: Exception, text: str
-) -> None:
-    from taction.system.error_document import plain_error
-
-    print_json(plain_error(outcome, error, text), "error")
-
-
-def _report(error: Exception, as_json: bool) -> int:
-    """Say an error, and return its exit status; a bug is told with its traceback."""
-    if (known := _known(error)) is not None:
-        if as_json:
-            from taction.system.error_document import error_document
-
-            print_json(error_document(known), "error")
-        say(str(known))
-        return known.exit_status
-    import traceback
-
-    text = "this is a bug in taction; no verdict was reached"
-    if as_json:
-        _print_plain("inconclusive", error, f"{text}: {error}")
-    traceback.print_exception(error)
-    say(text)
-    return STATUS["inconclusive"]
+    if name is not None and number in UNUSABLE:
+        reason = f"{os.strerror(number)}; expected a name of up to 255 bytes, no links in a circle"
+        return InputError(os.fsdecode(name), Complaint("file", "", reason))
+    cause: BaseException | None = error
+    while cause is not None:
+        words = next((w for w in map(os.strerror, LACKING) if w in str(cause)), "")
+        if words:
+            file = getattr(cause, "filename", None)
+            place = f" ({visible(str(file))})" if file else ""
+            return NoVerdictError(f"no verdict was reached, the system refuses: {words}{place}")
+        cause = cause.__cause__ or cause.__context__
+    return None
 
 
 def _prepare_streams() -> None:

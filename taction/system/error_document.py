@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from taction.system.documents import OPTIONAL, Note
-from taction.system.errors import Complaint, InputError, SimulationError, TactionError
+from taction.system.errors import Complaint, InputError, SimulationError
 
 Ending = Literal["bad input", "inconclusive"]
 
@@ -31,7 +31,7 @@ class ErrorDocument:
     error: Failure
 
 
-def error_document(error: TactionError) -> ErrorDocument:
+def error_document(error: Exception, message: str = "") -> ErrorDocument:
     """Return `error` with its outcome, ``bad input`` or ``inconclusive``, and all that it knows.
 
     Examples
@@ -40,17 +40,12 @@ def error_document(error: TactionError) -> ErrorDocument:
     >>> error_document(NoVerdictError("no engine")).outcome
     'inconclusive'
     """
-    bad = error.exit_status == InputError.exit_status
-    kind, text = type(error).__name__, str(error)
-    failure = Failure(kind, text)
+    failure = Failure(type(error).__name__, message or str(error))
     if isinstance(error, InputError):
-        failure = Failure(kind, text, str(error.file), tuple(error.complaints))
+        failure = Failure(failure.kind, failure.message, str(error.file), tuple(error.complaints))
     if isinstance(error, SimulationError):
         folder = str(error.folder) if error.folder else None
-        failure = Failure(kind, text, log=error.log, folder=folder)
-    return ErrorDocument("bad input" if bad else "inconclusive", failure)
-
-
-def plain_error(outcome: Ending, error: Exception, message: str) -> ErrorDocument:
-    """Return the document of an error of any class."""
-    return ErrorDocument(outcome, Failure(type(error).__name__, message))
+        failure = Failure(failure.kind, failure.message, log=error.log, folder=folder)
+    # As the error of a command line, of click, a mistake of the user has the exit status 2.
+    ours = getattr(error, "exit_status", getattr(error, "exit_code", None)) == 2
+    return ErrorDocument("bad input" if ours else "inconclusive", failure)
