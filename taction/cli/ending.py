@@ -160,7 +160,8 @@ def _instead(error: click.ClickException) -> str:
         limits = getattr(kind, "_describe_range", str)()
         return f"\nExpected {whole}{f' in {limits}' if limits else ''}."
     if "unexpected extra argument" in text:
-        return "\nExpected one word after each option, such as --over C=1pF:1nF:3, with '=' and no blank."
+        form = "--over C=1pF:1nF:3, with '=' and no blank"
+        return f"\nExpected one word after each option: {form}."
     if "No such command" in text and "Did you mean" not in text and context is not None:
         return f"\nExpected one of {', '.join(context.command.list_commands(context))}."
     return ""
