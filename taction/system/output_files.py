@@ -200,7 +200,7 @@ def check_own_folder(folder: str | Path, files: Collection[str] = (), option: st
         text = f"you may not write to {there}; expected another folder"
     elif there == place:
         own = {*files, *(str(above) for name in files for above in Path(name).parents)}
-        found = sorted(each for each in place.rglob("*") if not each.name.startswith(PREFIX))
+        found = sorted(each for each in place.rglob("*") if PREFIX not in each.name)
         names = {str(each.relative_to(place)): each.is_symlink() for each in found}
         foreign = [repr(name) for name in names if name not in own]
         if foreign:
