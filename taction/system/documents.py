@@ -306,103 +306,82 @@ def unknown_keys(made: Any, data: Any, place: str = "") -> list[str]:
 
 
 def _read(kind: Any, data: Any, place: str) -> Any:
+    """Return the value of a type from its plain data, which stand at `place`."""
     kind, _ = unwrapped(kind)
     origin, inner = get_origin(kind), get_args(kind)
     if kind is Any:
         return data
     if origin in (Union, types.UnionType):
-        return _read_union(inner, data, place)
-    if origin is Literal:
-        if data not in inner:
-            raise ValueError(f"{place} = {_short(data)}: expected one of {listed(inner)}")
-        return data
+        reasons = list[str]()
+        for each in inner:
+            try:
+                return _read(each, data, place)
+            except ValueError as error:
+                reasons.append(str(error))
+        raise ValueError(reasons[0])
+    if dataclasses.is_dataclass(kind):
+        return _read_parts(kind, _checked(data, Mapping, place, "a table"), place)
     if origin is tuple or origin is list:
-        if not isinstance(data, list | tuple):
-            raise _wrong(place, data, "a list")
-        fixed = origin is tuple and inner[-1] is not Ellipsis
-        if fixed and len(data) != len(inner):
+        _checked(data, list | tuple, place, "a list")
+        if origin is tuple and inner[-1] is not Ellipsis and len(data) != len(inner):
             raise _wrong(place, data, f"a list of {len(inner)}")
-        kinds = inner if fixed else inner[:1] * len(data)
-        items = [
-            _read(each, item, f"{place}[{n}]")
-            for n, (each, item) in enumerate(zip(kinds, data, strict=True))
-        ]
+        kinds = inner if len(inner) == len(data) and inner[-1] is not Ellipsis else inner[:1]
+        items = [_read(kinds[n % len(kinds)], item, f"{place}[{n}]") for n, item in enumerate(data)]
         return tuple(items) if origin is tuple else items
-    if origin is not None and issubclass(origin, Mapping):
-        if not isinstance(data, Mapping):
-            raise _wrong(place, data, "a table")
+    if origin is not None and origin is not Literal and issubclass(origin, Mapping):
+        _checked(data, Mapping, place, "a table")
         return {k: _read(inner[1], item, f"{place}.{k}".lstrip(".")) for k, item in data.items()}
     return _read_one(kind, data, place)
 
 
-def _read_union(kinds: tuple[Any, ...], data: Any, place: str) -> Any:
-    reason = ""
-    for kind in kinds:
-        try:
-            return _read(kind, data, place)
-        except ValueError as error:
-            reason = reason or str(error)
-    raise ValueError(reason)
-
-
-WORDS = {
-    bool: "true or false", int: "a whole number", float: "a finite number", str: "a text",
-    type(None): "null",
-}  # fmt: skip
+WORDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "a text"}
 """What is expected where a value is of another type."""
 
 
-def _wrong(place: str, data: Any, expected: str) -> ValueError:
-    found = "null" if data is None else _short(data)
-    return ValueError(f"{place or 'the document'} = {found}: expected {expected}")
-
-
-def _short(data: Any) -> str:
-    """Return a value as a message has it; `repr` refuses an integer of thousands of digits."""
-    if isinstance(data, Mapping | list | tuple):
-        return "a table" if isinstance(data, Mapping) else f"a list of {len(data)}"
-    if isinstance(data, int) and abs(data) > MOST_INTEGER:
-        return "an integer of over 300 digits"
-    return shortened(visible(repr(data)), 60)
-
-
-def _read_one(kind: type, data: Any, place: str) -> Any:
-    if dataclasses.is_dataclass(kind):
-        return _read_parts(kind, data, place)
-    if kind is type(None):
-        wrong = data is not None
-    elif issubclass(kind, enum.Enum):
-        known = tuple(each.value for each in kind)
-        if data not in known:
-            raise _wrong(place, data, f"one of {listed(known)}")
-        return kind(data)
-    elif kind is complex:
-        return complex(*_read(tuple[float, float], data, place))
-    elif kind is float:
-        wrong = not isinstance(data, int | float) or isinstance(data, bool)
-        wrong = wrong or not abs(data) <= sys.float_info.max  # false for NaN
-        data = data if wrong else float(data)
-    else:
-        wrong = not isinstance(data, kind) or (kind is int and isinstance(data, bool))
-        wrong = wrong or (kind is int and abs(data) > MOST_INTEGER)
-    if wrong:
-        raise _wrong(place, data, WORDS.get(kind, getattr(kind, "__name__", str(kind))))
+def _checked(data: Any, kinds: Any, place: str, expected: str) -> Any:
+    if not isinstance(data, kinds):
+        raise _wrong(place, data, expected)
     return data
 
 
+def _wrong(place: str, data: Any, expected: str) -> ValueError:
+    if isinstance(data, Mapping | list | tuple):
+        found = "a table" if isinstance(data, Mapping) else f"a list of {len(data)}"
+    elif isinstance(data, int) and abs(data) > MOST_INTEGER:  # `repr` refuses thousands of digits
+        found = "an integer of over 300 digits"
+    else:
+        found = "null" if data is None else shortened(visible(repr(data)), 60)
+    return ValueError(f"{place or 'the document'} = {found}: expected {expected}")
+
+
+def _read_one(kind: Any, data: Any, place: str) -> Any:
+    """Return a value of a plain type, of an enumeration or of a `Literal`."""
+    if get_origin(kind) is Literal or (isinstance(kind, type) and issubclass(kind, enum.Enum)):
+        known = get_args(kind) or tuple(each.value for each in kind)
+        if data not in known:
+            raise _wrong(place, data, f"one of {listed(known)}")
+        return data if get_args(kind) else kind(data)
+    if kind is type(None):
+        fits = data is None
+    elif kind is float:
+        fits = isinstance(data, int | float) and not isinstance(data, bool)
+        fits = fits and abs(data) <= sys.float_info.max  # false for NaN
+    elif kind is int:
+        fits = isinstance(data, int) and not isinstance(data, bool) and abs(data) <= MOST_INTEGER
+    else:
+        fits = isinstance(data, kind)
+    if not fits:
+        raise _wrong(place, data, WORDS.get(kind, "null"))
+    return float(data) if kind is float else data
+
+
 def _read_parts(kind: Any, data: Any, place: str) -> Any:
-    if not isinstance(data, Mapping):
-        raise _wrong(place, data, "a table")
-    shown, values = getattr(kind, "SHOWN", ()), {}
-    optional = {
-        field.name
-        for field in dataclasses.fields(kind)
-        if field.default is not dataclasses.MISSING
-        or field.default_factory is not dataclasses.MISSING
-    }
+    """Return a value of a dataclass; what its document has beside its fields is left out."""
+    fields, values = {field.name: field for field in dataclasses.fields(kind)}, {}
+    missing = dataclasses.MISSING
     for part in parts_of(kind):
-        here = f"{place}.{part.key}".lstrip(".")
-        if part.attribute in shown:
+        field, here = fields.get(part.attribute), f"{place}.{part.key}".lstrip(".")
+        if field is None:
             continue
         if part.inline is not None:
             names = part.inline.units
@@ -410,16 +389,6 @@ def _read_parts(kind: Any, data: Any, place: str) -> Any:
             values[part.attribute] = _read(part.kind, known, place)
         elif part.key in data:
             values[part.attribute] = _read(part.kind, data[part.key], here)
-        elif part.attribute not in optional:
-            raise ValueError(f"{here}: missing; expected {_expected(part.kind)}")
+        elif field.default is missing and field.default_factory is missing:
+            raise ValueError(f"{here}: missing")
     return kind(**values)
-
-
-def _expected(kind: Any) -> str:
-    kind, _ = unwrapped(kind)
-    origin, inner = get_origin(kind), get_args(kind)
-    if origin in (Union, types.UnionType):
-        return " or ".join(map(_expected, inner))
-    if origin in (tuple, list):
-        return "a list"
-    return WORDS.get(kind, "a table")

@@ -15,7 +15,6 @@ import functools
 import re
 from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
-from itertools import accumulate
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
@@ -183,27 +182,16 @@ class OpenTable(Mapping[str, T]):
 def sources() -> Iterator[tuple[str, bytes]]:
     """Yield name and bytes of what can change a plug-in's results: its version and its files.
 
-    The files are those of the outermost regular package, or of the module, that holds the object.
+    The files are those of the outermost package, or of the module, that holds the object.
     """
-    for offer in offers():
-        yield f"{offer.group} {offer.name} {offer.value} {distribution(offer)}", b""
-    for module in sorted({offer.module for offer in offers()}):
-        for path in _files(module):
-            yield f"{module} {path.name}", path.read_bytes()
-
-
-def _files(module: str) -> list[Path]:
     from importlib.util import find_spec
 
-    for name in accumulate(module.split("."), "{}.{}".format):
-        try:
-            spec = find_spec(name)
-        except Exception:  # a package around it fails; loading the entry says so
-            return []
-        if spec is None:
-            return []
-        if spec.origin is not None and spec.has_location:  # else a namespace, which others share
-            origin = Path(spec.origin)
-            inside = origin.parent.rglob("*") if spec.submodule_search_locations else (origin,)
-            return sorted(file for file in inside if file.suffix in CODE)
-    return []
+    for offer in offers():
+        yield f"{offer.group} {offer.name} {offer.value} {distribution(offer)}", b""
+    for name in sorted({offer.module.partition(".")[0] for offer in offers()}):
+        if (spec := find_spec(name)) is not None:
+            folders = [Path(place) for place in spec.submodule_search_locations or ()]
+            files = [file for folder in folders for file in folder.rglob("*")]
+            for path in sorted(files or [Path(spec.origin or "")]):
+                if path.suffix in CODE and path.is_file():
+                    yield f"{name} {path.name}", path.read_bytes()

@@ -110,7 +110,7 @@ def test_an_unknown_bound_leaves_the_question_open() -> None:
         ("{", "expected the document of one verdict"),
         ("[1]", "the document = a list of 1: expected a table"),
         ('{"verdicts": []}', "several scenes"),
-        ('{"scene": "a"}', "outcome: missing; expected a text"),
+        ('{"scene": "a"}', "outcome: missing; expected the document"),
     ],
 )
 def test_what_is_no_verdict_is_refused(tmp_path: Path, text: str, reason: str) -> None:
