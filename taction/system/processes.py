@@ -35,19 +35,37 @@ GUARD_OPTIONS = ("--pdeathsig", "KILL")  # of `setpriv`: the signal for a proces
 ROUNDS = 5  # of looking; a process may start another one while it is being ended
 
 
-def end_orphans(folder: str | Path) -> None:
-    """End every process of this user whose ``HOME`` is `folder`, a run's absolute path, or below.
+def end_orphans(folder: str | Path, leader: int | None = None) -> None:
+    """End every process of this user whose ``HOME`` is `folder` or lies in it.
 
     The name of `folder` is random: no process that is not ours has it.
+
+    `folder`: the run folder, absolute.
+    `leader`: process number of the simulator, if it is known: only later numbers are looked at.
     """
-    if sys.platform != "linux":
+    if sys.platform != "linux" or not hasattr(os, "pidfd_open"):
         return
     home = b"\0HOME=" + os.fsencode(folder)
     for _ in range(ROUNDS):
-        names = [name for name in os.listdir(PROCESSES) if name.isdecimal()]  # noqa: PTH208
-        ended = [name for name in names if _end_if_at_home(int(name), home)]
-        if not ended:
+        if not [pid for pid in _processes(leader) if _end_if_at_home(pid, home)]:
             return
+
+
+def _processes(leader: int | None) -> Iterator[int]:
+    """Yield the numbers of all processes, or of those that were started after `leader`."""
+    try:
+        latest = int((PROCESSES / "loadavg").read_bytes().split()[-1])
+        names = os.listdir(PROCESSES)  # noqa: PTH208 - names are enough
+    except (OSError, ValueError):
+        return
+    for name in names:
+        if name.isdecimal() and (leader is None or _is_between(int(name), leader, latest)):
+            yield int(name)
+
+
+def _is_between(pid: int, leader: int, latest: int) -> bool:
+    """Whether `pid` was given after `leader`; after the largest number the count starts again."""
+    return leader < pid <= latest if leader <= latest else pid > leader or pid <= latest
 
 
 def _end_if_at_home(pid: int, home: bytes) -> bool:

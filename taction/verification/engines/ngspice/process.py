@@ -180,7 +180,7 @@ class _Process:
             os.waitid(os.P_PID, self._popen.pid, os.WEXITED | os.WNOWAIT)
             self.ended = time.perf_counter()
             self._kill_group()
-            end_orphans(self.folder)
+            end_orphans(self.folder, self._popen.pid)
             self._popen.wait()
         finally:
             self._over.set()
