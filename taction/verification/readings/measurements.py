@@ -199,60 +199,6 @@ def describe_states(measurements: Measurements) -> str:
     return "; ".join(parts)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SoundPart:
-    """The part of a record before any channel leaves its physical range."""
-
-    time: Floats  # (P,), s
-    errors: Floats  # distances from the targets (N, P)
-    trace: RecordTrace | None  # None of a record with too few points to read a time
-    step: Step
-    final: Floats  # last values (N,)
-    lost: Bools  # channels that left their physical range (N,)
-    cut: str  # why the record cannot prove that a channel settled; empty for a whole record
-
-    def scale(self) -> float:
-        """Return the step amplitude; without a step the largest excursion of any channel."""
-        return self.step.amplitude or float(np.abs(self.errors).max())
-
-    def read(self, band: float) -> Readings:
-        """Read the record; without a step the band is in % of the largest excursion."""
-        if self.trace is None:
-            return unread(len(self.final))
-        return read(self.trace, self.step, band * self.scale(), self.lost)
-
-
-def sound_part(
-    time: Floats,
-    u: Floats,
-    target: Floats,
-    start: Floats | None,
-    bound: float | None,
-    expected_stop: float | None,
-    error: float = 0.0,
-    rest: Rest | None = None,
-    curve: Curve | None = None,
-) -> SoundPart:
-    """Cut a record where a channel leaves its physical range; parameters as `measure`."""
-    start = u[0] if start is None else start
-    start = np.where(np.isfinite(start), start, target)
-    limit = np.finfo(np.float64).max if bound is None else bound
-    sound, lost = time.size, np.zeros(target.size, dtype=bool)
-    if not (u.max() <= limit and u.min() >= -limit):  # also where a sample is not a number
-        wrong = ~(np.abs(u) <= limit)
-        sound = int(wrong.any(axis=1).argmax())
-        lost = wrong[sound]
-    cut = _cut(time, sound, lost, expected_stop)
-    final = u[sound - 1] if sound else start
-    errors = np.subtract(u[:sound].T, target[:, None], order="C")
-    ends = None if cut or rest is None else replace(rest, values=rest.values - target)
-    between = None if curve is None else (lambda t, n: curve(t, n) - target[n])
-    trace = None
-    if sound >= FEWEST_POINTS:
-        trace = RecordTrace(time[:sound], errors, error, ends, between)
-    return SoundPart(time[:sound], errors, trace, Step(start, target), final, lost, cut)
-
-
 def _cut(time: Floats, sound: int, lost: Bools, expected_stop: float | None) -> str:
     """Return why the record cannot prove that a channel settled; empty for a whole record."""
     if sound < time.size:
@@ -296,27 +242,52 @@ def measure(
       not usable: mistakes of the caller, not properties of a waveform.
     """
     _check(time, u, target, band)
-    part = sound_part(time, u, target, start, bound, expected_stop, error, rest, curve)
-    t = part.time
-    v, drift = u[: t.size], Drift(t, part.errors)
-    ringing = RecordRinging(t[:1], np.zeros((1, u.shape[1])), None, None)
-    if part.trace:
-        ringing = find_ringing(t, v)
-    record = _Record(part, v, part.read(band), drift, band, ringing)
+    start = u[0] if start is None else start
+    step = Step(np.where(np.isfinite(start), start, target), target)
+    limit = np.finfo(np.float64).max if bound is None else bound
+    sound, lost = time.size, np.zeros(target.size, dtype=np.bool_)
+    if not (u.max() <= limit and u.min() >= -limit):  # also where a sample is not a number
+        wrong = ~(np.abs(u) <= limit)
+        sound = int(wrong.any(axis=1).argmax())
+        lost = wrong[sound]
+    cut = _cut(time, sound, lost, expected_stop)
+    final = u[sound - 1] if sound else step.start
+    time, u = time[:sound], u[:sound]
+    errors = np.subtract(u.T, target[:, None], order="C")
+    # Without a step the band is a fraction of the largest excursion of any channel.
+    scale = step.amplitude or float(np.abs(errors).max(initial=0.0))
+    readings, ringing = unread(target.size), RecordRinging.none(time, target.size)
+    if sound >= FEWEST_POINTS:
+        ends = None if cut or rest is None else replace(rest, values=rest.values - target)
+        between = None if curve is None else (lambda t, n: curve(t, n) - target[n])
+        trace = RecordTrace(time, errors, error, ends, between)
+        readings, ringing = read(trace, step, band * scale, lost), find_ringing(time, u)
+    record = _Record(
+        u, final, step, lost, cut, band * scale, scale, Drift(time, errors), readings, ringing
+    )
     channels = [_channel(record, n) for n in range(target.size)]
-    return summary(part.step.amplitude, band, record.modes, channels)
+    return summary(step.amplitude, band, record.modes, channels)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Record:
-    """The sound part of a record and the results that all channels share."""
+    """A record before any channel leaves its physical range, and what its channels share."""
 
-    part: SoundPart
-    u: Floats
+    u: Floats  # (P, N)
+    final: Floats  # last values (N,)
+    step: Step
+    lost: Bools  # channels that left their physical range (N,)
+    cut: str  # why the record cannot prove that a channel settled; empty for a whole record
+    tolerance: float  # half width of the settling band, in the unit of u
+    scale: float  # the step amplitude; without a step the largest excursion of any channel
+    drift: Drift  # of the distances from the targets
     readings: Readings
-    drift: Drift
-    band: float
     ringing: RecordRinging
+
+    @property
+    def is_read(self) -> bool:
+        """Whether it has enough points to read a time."""
+        return len(self.u) >= FEWEST_POINTS
 
     @property
     def modes(self) -> tuple[Mode, ...]:
@@ -340,35 +311,35 @@ def _check(time: Floats, u: Floats, target: Floats, band: float) -> None:
 
 def _settlement(record: _Record, n: int, ring: ChannelRinging) -> Settlement:
     """Return the state of channel `n`, also for a record that is cut or has no step."""
-    part = record.part
-    if part.lost[n]:
-        reason = f"the channel left its physical range: {part.cut}"
+    if record.lost[n]:
+        reason = f"the channel left its physical range: {record.cut}"
         return Settlement(ChannelState.DIVERGED, None, reason)
-    if part.trace is None:
-        return Settlement(ChannelState.NOT_SETTLED, None, part.cut)
-    # Without a step the band is a fraction of the largest excursion of any channel.
-    scale = part.scale()
+    if not record.is_read:
+        return Settlement(ChannelState.NOT_SETTLED, None, record.cut)
     settling_time = record.readings["settling_time"][n]
-    settlement = prove(record.drift, n, settling_time, record.band * scale, scale, ring)
-    if part.cut and settlement.state is ChannelState.SETTLED:
-        return Settlement(ChannelState.NOT_SETTLED, None, part.cut)
-    if part.step.amplitude == 0 and settlement.state is ChannelState.SETTLED:
-        return Settlement(ChannelState.SETTLED, None, NO_STEP)
-    return settlement
+    settlement = prove(record.drift, n, settling_time, record.tolerance, record.scale, ring)
+    if settlement.state is not ChannelState.SETTLED:
+        return settlement
+    if record.cut:
+        return Settlement(ChannelState.NOT_SETTLED, None, record.cut)
+    return (
+        settlement
+        if record.step.amplitude
+        else replace(settlement, settling_time=None, reason=NO_STEP)
+    )
 
 
 def _channel(record: _Record, n: int) -> ChannelMeasure:
     """Measure channel `n`."""
-    part, found = record.part, record.ringing
-    mode = strongest(record.modes, n, part.step.amplitude)
-    ring = found.of(n)
-    settlement = _settlement(record, n, ring)
-    size, short = float(part.step.sizes[n]), part.cut
-    if part.trace and size:
-        reached = 1 + float((part.errors[n] / size).max())
+    step = record.step
+    mode = strongest(record.modes, n, step.amplitude)
+    settlement = _settlement(record, n, record.ringing.of(n))
+    size, short = float(step.sizes[n]), record.cut
+    if record.is_read and size:
+        reached = 1 + float((record.drift.errors[n] / size).max())
         short = f"the channel reaches {reached:.1%} of its step: simulate longer"
-    final = float(part.final[n])
-    measured = channel_measure(n, final, part.step, record.readings, settlement, mode, short)
+    final = float(record.final[n])
+    measured = channel_measure(n, final, step, record.readings, settlement, mode, short)
     if settlement.state is ChannelState.CLIPPED:
         return replace(measured, frequency=_limit_cycle_frequency(record, n))
     return measured
@@ -376,7 +347,7 @@ def _channel(record: _Record, n: int) -> ChannelMeasure:
 
 def _limit_cycle_frequency(record: _Record, n: int) -> float | None:
     """Return the frequency of channel `n`'s limit cycle, Hz, from the last fifth of the record."""
-    time = record.part.time
+    time = record.drift.time
     first = int(np.searchsorted(time, time[0] + 0.8 * np.ptp(time)))
     found = find_ringing(time[first:], record.u[first:, n : n + 1])
     if found.mode is not None:

@@ -91,6 +91,11 @@ class RecordRinging:
     period: float | None  # s; None, and `amplitude` 0, if no ringing lasts three periods
     mode: Mode | None
 
+    @classmethod
+    def none(cls, time: Floats, channels: int) -> RecordRinging:
+        """Return that of a record (P,) without ringing."""
+        return cls(time[-1:], np.zeros((1, channels)), None, None)
+
     def of(self, n: int) -> ChannelRinging:
         """Return the ringing of one channel."""
         amplitude, mode = self.amplitude[:, n], self.mode
@@ -268,7 +273,7 @@ def find_ringing(time: Floats, signals: Floats, period: float | None = None) -> 
     """
     period = period or _dominant_period(time, signals)
     if period is None:
-        return RecordRinging(time[-1:], np.zeros((1, signals.shape[1])), None, None)
+        return RecordRinging.none(time, signals.shape[1])
     pole, width = 2j * np.pi / period, 2.0 * period
     whole = _Windows.of(time, signals, width, period, _FEWEST_WINDOWS)
     tones, rest = whole.fit(pole, _TREND)

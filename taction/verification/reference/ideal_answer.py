@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -153,26 +154,17 @@ def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
 
 def _solve_cached(network: IdealNetwork) -> Solution:
     problem = network.problem
-    T, eps = problem.T, problem.eps
-    content = (T.shape, T.tobytes(), eps.tobytes())
-    kind = problem.regulariser, problem.bias, problem.ridge_share
-    return _solve_content(*content, problem.lam, *kind, network.solver)
+    content = problem.T.shape, problem.T.tobytes(), problem.eps.tobytes()
+    kind = problem.lam, problem.regulariser, problem.bias, problem.ridge_share
+    return _solve_content(*content, network.solver, *kind)
 
 
 @plugins.forgotten
 @functools.lru_cache(maxsize=CACHED_SOLUTIONS)
 def _solve_content(
-    shape: tuple[int, ...],
-    T: bytes,
-    eps: bytes,
-    lam: float,
-    regulariser: str,
-    bias: bool,
-    ridge: float,
-    solver: Callable[[Problem], Solution],
+    shape: tuple[int, ...], T: bytes, eps: bytes, solver: Callable[[Problem], Solution], *kind: Any
 ) -> Solution:
-    matrix = np.frombuffer(T).reshape(shape)
-    return solver(Problem(matrix, np.frombuffer(eps), lam, regulariser, bias, ridge))
+    return solver(Problem(np.frombuffer(T).reshape(shape), np.frombuffer(eps), *kind))
 
 
 INSTANTS = 2000

@@ -7,8 +7,8 @@ objective falls with each step, so no set comes back.
 
 It minimises ``1/2 |T u - eps|^2 + mu sum(size |u| + ridge u^2 / 2 + beta u)`` within bounds of u;
 of a linear amplifier only the ridge term is there, and mu may be 0. The entries between two breaks
-are free, and solve a linear problem by QR or SVD, refined with residuals that are rounded once. The
-unknowns are u and the residual ``r = eps - T u`` together (Bjorck, BIT 7, 1967), so refinement
+are free, and solve a linear problem by the SVD of T, refined with residuals that are rounded once.
+The unknowns are u and the residual ``r = eps - T u`` together (Bjorck, BIT 7, 1967), so refinement
 contracts with the condition number and not with its square.
 
 With ``f1 = eps - T u - r``, f2 the gradient ``T^T r - mu (...)`` at the free entries and s the
@@ -23,7 +23,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 
@@ -40,8 +39,6 @@ from taction.verification.reference.stacked_least_squares import (
     PRODUCT_ERROR,
     SVD,
     Pair,
-    Stacked,
-    factorise,
 )
 
 STEPS_PER_ENTRY = 20  # of the search, before it gives up
@@ -173,10 +170,6 @@ def _minimise(s: ScaledProblem, ridge: float, state: ActiveSet) -> None:
         state.hold(free[stop], way[stop] > 0.0)
 
 
-QR_CONDITION = 1e13
-"""Above this the SVD is used: sqrt(mu) is a poor bound on the least singular value."""
-SMALL = 300
-"""Up to this many channels or sensors the cost of the SVD is negligible."""
 REFINEMENTS = 20
 ENOUGH = 1e-17  # relative error of u at which refinement ends
 ATTEMPTS = 4  # searches: refinement may show that an entry belongs to a break
@@ -207,23 +200,13 @@ def _floor(s: ScaledProblem) -> float:
     return SMALLEST_SCALE * float(np.linalg.norm(s.eps)) / s.norm if s.norm > 0.0 else 0.0
 
 
-def _condition(s: ScaledProblem) -> float:
-    """Return a bound on the condition number of ``[T; sqrt(mu) 1]``."""
-    return float(np.sqrt(1.0 + s.norm**2 / s.mu)) if s.mu > 0.0 else float("inf")
-
-
-def _stacked(s: ScaledProblem) -> Stacked:
-    solver = factorise(s.T, s.gram, np.ones(len(s.h)), s.mu)
-    return Stacked(solver, float(np.sqrt(s.mu)), _condition(s))
-
-
 def _gradient(s: ScaledProblem, mu: float, u: Pair, r: Pair, load: Floats) -> tuple[Floats, float]:
     """Return ``T^T r - mu u - load``, and a bound on what rounding adds to its norm."""
     product = PRODUCT_ERROR * (s.norm * _norm(r.hi) + mu * _norm(u.hi))
     return s.exact.transposed.sums(r, *u.times(-mu), -load), product
 
 
-def _refine(s: ScaledProblem, mu: float, state: ActiveSet, factor: SVD | Stacked) -> _Answer:
+def _refine(s: ScaledProblem, mu: float, state: ActiveSet, factor: SVD) -> _Answer:
     """Solve for the free entries; refine until the residual stops shrinking."""
     free, load, least = state.free, np.zeros(len(s.h)), factor.least
     load[free] = s.mu * (state.slope + s.beta)
@@ -313,20 +296,12 @@ def solve_least_squares(problem: Problem, strains: Iterable[Floats]) -> list[Sol
     """
     start = time.perf_counter()
     base = ScaledProblem.of(problem)
-    linear, mu = base.regulariser.pieces is None, base.mu * problem.ridge_share
-    stacked, svd = cache(lambda: _stacked(base)), cache(lambda: SVD(base.T, mu))
-    solutions = []
+    pieces, mu = base.regulariser.pieces, base.mu * problem.ridge_share
+    factor, solutions = None if pieces else SVD(base.T, mu), []
     for eps in strains:
         each, s = replace(problem, eps=eps), base.with_strain(eps)
-        solution = None
-        if not linear:
-            solution = _solution(each, s, _of_pieces(s, mu), start)
-        elif min(s.T.shape) > SMALL and _condition(s) < QR_CONDITION:
-            solution = _solution(each, s, _refine(s, mu, ActiveSet.of(s), stacked()), start)
-        # The least singular value may be well above sqrt(mu).
-        if solution is None or (linear and not solution.trusted):
-            solution = _solution(each, s, _refine(s, mu, ActiveSet.of(s), svd()), start)
-        solutions.append(solution)
+        found = _refine(s, mu, ActiveSet.of(s), factor) if factor else _of_pieces(s, mu)
+        solutions.append(_solution(each, s, found, start))
         start = time.perf_counter()
     return solutions
 

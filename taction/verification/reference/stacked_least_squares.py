@@ -148,15 +148,6 @@ def factorise(T: Floats, gram: Floats, D: Floats, mu: float) -> Solver:
     return solve
 
 
-@dataclass(frozen=True, slots=True)
-class Stacked:
-    """A factorised stacked matrix with its least singular value and its condition number."""
-
-    solve: Solver
-    least: float
-    condition: float
-
-
 class SVD:
     """Singular values `sigma` (N,) of T (D = 1), 0 where rounding hides them; mu may be 0.
 

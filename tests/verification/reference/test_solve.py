@@ -211,7 +211,7 @@ def test_an_untrusted_solution_bounds_no_change() -> None:
 
 
 def test_many_channels_are_right() -> None:
-    """More than 300 channels are factorised by QR, whose bound is sqrt(mu)."""
+    """The least singular value is near sqrt(mu)."""
     rng = np.random.default_rng(3)
     T, eps = rng.standard_normal((320, 310)), rng.standard_normal(320)
     solution = solve(Problem(T, eps, 1e-4))
