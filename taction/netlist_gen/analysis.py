@@ -95,11 +95,4 @@ class NoiseAnalysis:
     bands: tuple[NoiseBand, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class SmallSignal:
-    """The response at the operating point to the AC sources, over a band of frequencies."""
-
-    band: NoiseBand
-
-
-Analysis = Transient | OperatingPoint | NoiseAnalysis | SmallSignal
+Analysis = Transient | OperatingPoint | NoiseAnalysis

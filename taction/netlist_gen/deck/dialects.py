@@ -16,7 +16,6 @@ from taction.netlist_gen.analysis import (
     NoiseAnalysis,
     OperatingPoint,
     SimulatorTolerances,
-    SmallSignal,
     Transient,
 )
 from taction.netlist_gen.board.circuit import Circuit
@@ -159,10 +158,6 @@ def _native_options(
 def _analysis_cards(circuit: Circuit, analysis: Analysis, nodes: Sequence[str]) -> list[str]:
     if isinstance(analysis, NoiseAnalysis):
         return noise_cards(analysis, nodes[0], circuit.noises)
-    if isinstance(analysis, SmallSignal):
-        raise ValueError(
-            "a board has no AC source; taction.verification.characterise has benches with one"
-        )
     save = ".save " + " ".join(f"v({node})" for node in nodes)
     if isinstance(analysis, OperatingPoint):
         return [save, ".op"]

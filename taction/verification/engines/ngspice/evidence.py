@@ -24,10 +24,11 @@ that a underflows and the resonance has no noise.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 import signal
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TypeVar
@@ -39,10 +40,9 @@ from taction.netlist_gen.analysis import (
     NoiseAnalysis,
     NoiseBand,
     OperatingPoint,
-    SmallSignal,
     Transient,
 )
-from taction.system.array_types import Complexes, Floats
+from taction.system.array_types import Floats
 from taction.system.errors import (
     BadEvidence,
     DidNotLoad,
@@ -196,13 +196,13 @@ def accepted_waveforms(
     working board, V.
 
     SimulationError: one of its kinds, for the first piece of evidence that is missing, with the
-      important lines of the log and the run folder.
+      important lines of the log, the run folder, and the points that were written.
     """
+    known: list[Waveforms] = []
 
     def judge() -> Waveforms:
-        plot = read_raw(ending.raw)
-        _check_plot(deck, plot)
-        waveforms = _waveforms(deck, plot, ending, engine, solver)
+        waveforms = _waveforms(deck, read_raw(ending.raw), ending, engine, solver)
+        known.append(waveforms)
         _check_time(deck, waveforms.time)
         _check_values(waveforms, bound)
         return waveforms
@@ -210,7 +210,11 @@ def accepted_waveforms(
     try:
         return _accepted(ending, judge)
     except SimulationError as error:
-        error.partial = _partial_waveforms(deck, ending, engine, solver)
+        if not known:
+            with contextlib.suppress(SimulationError):
+                plot = read_raw(ending.raw, partial=True)
+                known.append(_waveforms(deck, plot, ending, engine, solver))
+        error.partial = known[0] if known and len(known[0].time) else None
         raise
 
 
@@ -225,31 +229,12 @@ def _accepted(ending: Ending, judge: Callable[[], Result]) -> Result:
         raise type(error)(str(error), log=log, folder=ending.folder) from None
 
 
-def _partial_waveforms(
-    deck: DeckToRun, ending: Ending, engine: str, solver: str
-) -> Waveforms | None:
-    """Return the points that an interrupted run wrote; None without any."""
-    try:
-        plot = read_raw(ending.raw, partial=True)
-        _check_plot(deck, plot)
-    except SimulationError:
-        return None
-    return _waveforms(deck, plot, ending, engine, solver) if len(plot.data) else None
-
-
-def _check_plot(deck: DeckToRun, plot: Plot) -> None:
+def _check_plot(plot: Plot, name: str, vectors: Sequence[str]) -> None:
     """Check points 3 and 5; `read_raw` has checked for one plot and point 4."""
-    requested = _PLOT_NAMES[type(deck.analysis)]
-    if plot.name != requested:
-        raise BadEvidence(f"the plot is {plot.name!r}; {requested!r} was asked for")
-    expected = {f"v({node.lower()})" for node in deck.saved}
-    if isinstance(deck.analysis, Transient):
-        expected.add("time")
-        if plot.vectors[0] != "time":
-            raise BadEvidence(f"the first vector is {plot.vectors[0]!r}, not time")
-    vectors = set(plot.vectors)
-    if vectors != expected or len(plot.vectors) != len(expected):
-        missing, extra = sorted(expected - vectors), sorted(vectors - expected)
+    if plot.name != name:
+        raise BadEvidence(f"the plot is {plot.name!r}; {name!r} was asked for")
+    missing, extra = sorted({*vectors} - {*plot.vectors}), sorted({*plot.vectors} - {*vectors})
+    if missing or extra or len(plot.vectors) != len(vectors):
         raise BadEvidence(
             f"vectors missing: {', '.join(missing) or 'none'}; not asked for:"
             f" {', '.join(extra) or 'none'}. Is every saved node in the circuit?"
@@ -286,17 +271,22 @@ def _check_values(waveforms: Waveforms, bound: float) -> None:
 
 
 def _waveforms(deck: DeckToRun, plot: Plot, ending: Ending, engine: str, solver: str) -> Waveforms:
-    """Copy the columns in the order of `DeckToRun.saved`, each into contiguous memory.
+    """Check a plot, and copy its columns, in the order of `saved`, into contiguous memory.
 
     A column of the map is neither aligned nor contiguous: on 10,000 x 7 values, the minimum and
     maximum take 0.5 ms there and 0.01 ms on the copy.
     """
+    is_transient = isinstance(deck.analysis, Transient)
+    voltages = [f"v({node.lower()})" for node in deck.saved]
+    _check_plot(plot, _PLOT_NAMES[type(deck.analysis)], ["time"] * is_transient + voltages)
+    if is_transient and plot.vectors[0] != "time":
+        raise BadEvidence(f"the first vector is {plot.vectors[0]!r}, not time")
     rows = np.array(plot.data.T, order="C")
-    columns = [plot.vectors.index(f"v({node.lower()})") for node in deck.saved]
+    columns = [plot.vectors.index(name) for name in voltages]
     first = columns[0]
     in_order = columns == list(range(first, first + len(columns)))
     values = rows[first : first + len(columns)] if in_order else rows[columns]
-    time = rows[0] if isinstance(deck.analysis, Transient) else np.zeros(len(plot.data))
+    time = rows[0] if is_transient else np.zeros(len(plot.data))
     return Waveforms(
         time=time,
         nodes=deck.saved,
@@ -331,8 +321,8 @@ def _total(deck: DeckToRun, plots: list[Plot]) -> float:
     if len(plots) != 2 * len(analysis.bands):
         raise BadEvidence(f"{len(plots)} plots; {2 * len(analysis.bands)} were asked for")
     for spectrum, integral in zip(spectra, integrals, strict=True):
-        _check_name(spectrum, *SPECTRUM)
-        _check_name(integral, *INTEGRAL)
+        _check_plot(spectrum, *SPECTRUM)
+        _check_plot(integral, *INTEGRAL)
     # ngspice runs the last card first.
     spectra.sort(key=lambda plot: float(plot.data[0, 0]))
     for spectrum, band in zip(spectra, analysis.bands, strict=True):
@@ -340,14 +330,6 @@ def _total(deck: DeckToRun, plots: list[Plot]) -> float:
     if not (variance := sum(map(_variance, spectra))):
         raise BadEvidence(f"no noise at node {deck.saved[0]}; is the node in the circuit?")
     return math.sqrt(variance)
-
-
-def _check_name(plot: Plot, name: str, vectors: tuple[str, ...]) -> None:
-    if (plot.name, plot.vectors) != (name, vectors):
-        raise BadEvidence(
-            f"the plot is {plot.name!r} with {', '.join(plot.vectors)}; {name!r} with"
-            f" {', '.join(vectors)} was asked for"
-        )
 
 
 def _check_frequencies(found: Floats, band: NoiseBand) -> None:
@@ -369,29 +351,3 @@ def _variance(spectrum: Plot) -> float:
     if not (np.isfinite(densities).all() and densities.min() >= 0.0):
         raise BadEvidence("a noise density is negative or not finite")
     return float(simpson(frequencies * densities**2, x=np.log(frequencies)))
-
-
-PLOT = "AC Analysis"
-
-
-def small_signal_response(deck: DeckToRun, ending: Ending) -> tuple[Floats, Complexes]:
-    """Return the frequencies (P,), Hz, and the voltages of the saved nodes (P, K), V.
-
-    SimulationError: one of its kinds; `BadEvidence` where the plot, its vectors or frequencies are
-      others than those asked for, or a value is not finite.
-    """
-    return _accepted(ending, lambda: _checked(deck, read_raw(ending.raw, flags="complex")))
-
-
-def _checked(deck: DeckToRun, plot: Plot) -> tuple[Floats, Complexes]:
-    if not isinstance(deck.analysis, SmallSignal):
-        raise BadEvidence(f"the analysis is {type(deck.analysis).__name__}, not SmallSignal")
-    wanted = tuple(f"v({node.lower()})" for node in deck.saved)
-    vectors, data = plot.vectors, plot.data
-    if plot.name != PLOT or vectors[:1] != ("frequency",) or set(vectors[1:]) != set(wanted):
-        text = f"the plot is {plot.name!r} with {', '.join(vectors)}"
-        raise BadEvidence(f"{text}; {PLOT!r} with frequency and {', '.join(wanted)} was asked for")
-    _check_frequencies(found := data[:, 0].real, deck.analysis.band)
-    if not np.isfinite(data).all():
-        raise BadEvidence("a voltage is not finite")
-    return found, data[:, [vectors.index(vector) for vector in wanted]]

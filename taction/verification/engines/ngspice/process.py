@@ -8,10 +8,8 @@ the result as far as ngspice wrote it.
 
 from __future__ import annotations
 
-import _thread
 import contextlib
 import errno
-import functools
 import os
 import resource
 import shlex
@@ -21,10 +19,10 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from taction.system.array_types import Complexes, Floats
 from taction.system.errors import (
     BadEvidence,
     Complaint,
@@ -44,7 +42,6 @@ from taction.verification.engines.ngspice.evidence import (
     Ending,
     accepted_waveforms,
     integrated_noise,
-    small_signal_response,
 )
 from taction.verification.engines.ngspice.executable import Simulator, environment, find_simulator
 
@@ -130,60 +127,52 @@ LOOK_INTERVAL = 0.5  # s between two looks at the share that is done
 class _Process:
     """The process of a run, and a thread that notes when it ended and ends what it left behind.
 
-    A thread that blocks in waitid(2) wakes with the process; ``Popen.wait(timeout)`` would poll.
+    The thread sleeps in waitid(2); ``Popen.wait`` with a timeout would poll.
     """
 
-    def __init__(self, simulator: Simulator, folder: Path, memory: int | None) -> None:
+    def __init__(self, simulator: Simulator, folder: Path, memory: int) -> None:
         self.folder = folder
         self.started = self.ended = time.perf_counter()
-        self._popen = launch(simulator, folder)
-        limits = {resource.RLIMIT_FSIZE: LONGEST_RESULT, resource.RLIMIT_AS: memory}
-        for kind, most in limits.items():  # of the guard, which becomes the simulator, too
-            if most is not None:
-                with contextlib.suppress(ProcessLookupError):  # it has ended
-                    known = resource.prlimit(self._popen.pid, kind)  # -1: unlimited
-                    least = min((most, *(limit for limit in known if limit >= 0)))
-                    resource.prlimit(self._popen.pid, kind, (least, least))
-        self._over = threading.Event()
-        _thread.start_new_thread(self._watch, ())  # `Thread` would wait until it runs
+        self.popen = launch(simulator, folder)
+        for kind, most in ((resource.RLIMIT_FSIZE, LONGEST_RESULT), (resource.RLIMIT_AS, memory)):
+            with contextlib.suppress(ProcessLookupError):  # it has ended
+                known = resource.prlimit(self.popen.pid, kind)  # -1: unlimited
+                least = min((limit for limit in (most, *known) if limit >= 0), default=most)
+                # Of the guard, which becomes the simulator, too.
+                resource.prlimit(self.popen.pid, kind, (least, least))
+        self._watcher = threading.Thread(target=self._watch, daemon=True)
+        self._watcher.start()
 
-    @property
-    def status(self) -> int:
-        """Exit status of the ended process, negative for a signal."""
-        return int(self._popen.returncode)
+    def _watch(self) -> None:
+        # The ended process keeps its number until `Popen.wait`, so the group is still its own.
+        os.waitid(os.P_PID, self.popen.pid, os.WEXITED | os.WNOWAIT)
+        self.ended = time.perf_counter()
+        self._kill_group()
+        end_orphans(self.folder, self.popen.pid)
+        self.popen.wait()
 
     def wait(self, seconds: float) -> bool:
         """Wait no longer than `seconds`; return whether the process has ended."""
-        return self._over.wait(max(seconds, 0.0))
+        self._watcher.join(max(seconds, 0.0))
+        return not self._watcher.is_alive()
 
     def kill(self) -> None:
         """End the process group, and wait for its end."""
-        if not self._over.is_set():
+        if self._watcher.is_alive():
             self._kill_group()
-            self._over.wait()
+            self._watcher.join()
 
     def _kill_group(self) -> None:
         with contextlib.suppress(ProcessLookupError):  # the group may end in the meantime
-            os.killpg(self._popen.pid, signal.SIGKILL)
+            os.killpg(self.popen.pid, signal.SIGKILL)
 
-    def discard(self, keep: bool) -> None:
-        """End the process with all its descendants and, unless `keep`, remove its folder."""
+    def discard(self, keep: bool) -> Path:
+        """End the process with all its descendants; keep its folder, or remove it."""
         self.kill()
         if keep:
-            keep_folder(self.folder)
-        else:
-            remove_own_folder(self.folder)
-
-    def _watch(self) -> None:
-        try:
-            # The ended process keeps its number until `Popen.wait`, so the group is still its own.
-            os.waitid(os.P_PID, self._popen.pid, os.WEXITED | os.WNOWAIT)
-            self.ended = time.perf_counter()
-            self._kill_group()
-            end_orphans(self.folder, self._popen.pid)
-            self._popen.wait()
-        finally:
-            self._over.set()
+            return keep_folder(self.folder)
+        remove_own_folder(self.folder)
+        return self.folder
 
 
 class Run:
@@ -203,7 +192,7 @@ class Run:
         timeout: float,
         keep: bool,
         bound: float,
-        memory: int | None = None,
+        memory: int = resource.RLIM_INFINITY,
     ) -> None:
         self.folder = folder
         self._deck, self._simulator = deck, simulator
@@ -217,20 +206,18 @@ class Run:
     def __exit__(self, *error: object) -> None:
         self.cancel()
 
+    def cancel(self) -> None:
+        """End the process group and remove the run folder, unless `result` was called."""
+        self._discard()
+
     def result(self) -> Waveforms:
         """Wait for the end and return the waveforms; call it once.
 
         SimulationError: one of its kinds; the run folder is kept and named in the message.
         """
         engine, solver = self._simulator.engine, self._simulator.solver_of(self._deck.text)
-        accepted = functools.partial(
-            accepted_waveforms, engine=engine, solver=solver, bound=self._bound
-        )
-        return self.accept(accepted)
-
-    def response(self) -> tuple[Floats, Complexes]:
-        """Wait for the end and return frequencies and voltages; see `small_signal_response`."""
-        return self.accept(small_signal_response)
+        judge = partial(accepted_waveforms, engine=engine, solver=solver, bound=self._bound)
+        return self.accept(judge)
 
     def noise(self) -> float:
         """Wait for the end and return the noise of the saved node, V; see `integrated_noise`."""
@@ -241,17 +228,13 @@ class Run:
         if not self._discard.alive:
             raise SimulationError("a run returns its result once, and never after it was cancelled")
         process = self._process
-        end = process.started + self._timeout
         try:
-            while not (ended := process.wait(min(end - time.perf_counter(), LOOK_INTERVAL))):
-                self._say_share()
-                if time.perf_counter() >= end:
-                    break
+            ended = self._has_ended()
         finally:  # also on Ctrl-C, which reaches no other process group
             process.kill()
         self._discard.detach()
         ending = Ending(
-            status=process.status,
+            status=process.popen.returncode,
             timed_out=not ended,
             timeout=self._timeout,
             seconds=process.ended - process.started,
@@ -261,23 +244,22 @@ class Run:
         try:
             result = evidence(self._deck, ending)
         except SimulationError as error:
-            self.folder = keep_folder(self.folder)
+            self.folder = process.discard(keep=True)
             raise error.in_folder(self.folder) from None
-        if self._keep:
-            self.folder = keep_folder(self.folder)
-        else:
-            remove_own_folder(self.folder)
+        self.folder = process.discard(self._keep)
         return result
 
-    def _say_share(self) -> None:
-        """Say which share of a transient is done, by the last instant that ngspice has written."""
+    def _has_ended(self) -> bool:
+        """Wait for the end or the timeout; say which share of a transient is written."""
+        process = self._process
         stop: float | None = getattr(self._deck.analysis, "stop", None)
-        if stop and (now := last_instant(self.folder / "out.raw")) is not None:
-            reached(now / stop)
-
-    def cancel(self) -> None:
-        """End the process group and remove the run folder, unless `result` was called."""
-        self._discard()
+        end = process.started + self._timeout
+        while not process.wait(min(end - time.perf_counter(), LOOK_INTERVAL)):
+            if stop and (now := last_instant(self.folder / "out.raw")) is not None:
+                reached(now / stop)
+            if time.perf_counter() >= end:
+                return False
+        return True
 
 
 def start(
