@@ -80,7 +80,7 @@ def evidence(
 ) -> Evidence:
     measurements = changes.pop("measurements", None) or measured(*(channels or (channel(),)))
     made = Evidence(
-        checks=Checks.model_validate(checks or {}),
+        limits=Checks.model_validate(checks or {}),
         measurements=measurements,
         error=error,
         steady=steady(*(c.final for c in measurements.channels)),

@@ -19,7 +19,7 @@ from taction.verification.engines.statespace.equations.descriptor import Descrip
 from taction.verification.engines.statespace.transients import exact, stepped
 from taction.verification.readings.settling import ChannelState
 from taction.verification.verdict import companion
-from taction.verification.verdict.verify import FULL, Effort, Verdict, verify
+from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import make_scene
 from tests.support.paths import ROOT
 
@@ -137,15 +137,14 @@ def test_rounding_changes_no_verdict_and_no_state(
     if name == "large":  # solved through its structure, as boards of more than 600 unknowns
         monkeypatch.setattr(descriptor, "LARGE", 100)
     scene = scene_of(name)
-    quick = Effort(details=False, full_margin=False)
-    efforts = (quick,) if name == "large" else (FULL, quick, quick, quick)
-    plain = {effort: verify(scene, effort=effort) for effort in dict.fromkeys(efforts)}
+    efforts = (False,) if name == "large" else (True, False, False, False)
+    plain = {effort: verify(scene, full_margin=effort) for effort in dict.fromkeys(efforts)}
     first = sum(list(SEEDS.values())[: list(SEEDS).index(name)]) * SCALE
     for k in range(SEEDS[name] * SCALE):
         seed, effort = first + k, efforts[k % len(efforts)]
         wanted = plain[effort]
         with rounded(seed):
-            found = verify(scene, problem=wanted.problem, ideal=wanted.ideal, effort=effort)
+            found = verify(scene, problem=wanted.problem, ideal=wanted.ideal, full_margin=effort)
         assert decisions(found) == decisions(wanted), f"seed {seed}"
         assert_within(wanted, found)
 

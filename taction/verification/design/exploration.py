@@ -19,7 +19,6 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError, TactionError
 from taction.system.quantities import show, show_rate, spaced
 from taction.verification.design.explorer_settings import Control, Settings, Start
-from taction.verification.design.trials import BARE
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
@@ -32,9 +31,8 @@ from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.headroom import PartLoads, describe
 from taction.verification.verdict.record import ERROR, Record
 from taction.verification.verdict.transient_plan import settled_after
-from taction.verification.verdict.verify import Effort, Verdict, verify
+from taction.verification.verdict.verify import Verdict, verify
 
-WHOLE_MARGIN = Effort(details=False)  # the page states the margin, not only that it is enough
 POINTS = 500  # of a curve without fast ringing
 PER_PERIOD = 20.0  # points of a curve with ringing, before it is thinned
 MOST = 20_000  # points of a curve
@@ -238,7 +236,7 @@ class Judgement:
 def judge(scene: Scene, engine: str, budget: int) -> Judgement:
     """Verify a scene with an engine; its curves have about `budget` points."""
     try:
-        verdict = verify(scene.with_engine(engine), effort=WHOLE_MARGIN)
+        verdict = verify(scene.with_engine(engine))
     except TactionError as error:
         return Judgement.without_verdict(error)
     amplitude, difference = verdict.measurements.amplitude, None
@@ -247,7 +245,7 @@ def judge(scene: Scene, engine: str, budget: int) -> Judgement:
         difference = agreement.difference / amplitude
     record = Record.of(verdict, channels=False)
     engine, curves = verdict.waveforms.simulator, _curves(verdict, budget)
-    return Judgement(record, verdict.warnings, engine, curves, difference, verdict.answer)
+    return Judgement(record, verdict.warnings, engine, curves, difference, verdict.drawn_answer)
 
 
 def _curves(verdict: Verdict, budget: int) -> ExplorerCurves:
@@ -306,7 +304,7 @@ def spots(start: Start, settings: Settings) -> list[Spot]:
 def outcome_of(scene: Scene) -> tuple[str, str]:
     """Return the outcome of a verdict by the state-space engine, and why it is no pass."""
     try:
-        verdict = verify(scene.with_engine("statespace"), effort=BARE)
+        verdict = verify(scene.with_engine("statespace"), full_margin=False)
     except TactionError as error:
         return ERROR, str(error).partition("\n")[0]
     outcome = verdict.outcome

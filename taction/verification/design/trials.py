@@ -27,11 +27,10 @@ from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Record
-from taction.verification.verdict.verify import Effort, verify
+from taction.verification.verdict.verify import verify
 
 OPAMP = "design.opamp"
 KEPT = {"level", "input_errors"}  # keys of an op-amp that say how it is simulated
-BARE = Effort(details=False, full_margin=False)
 
 VERDICT = 10.0  # designs: the work of a verdict
 STEPPED = 10.0  # times as much: that of a board whose transient takes steps
@@ -209,7 +208,7 @@ class Trials:
             raise EngineError(f"its damping ratio is {ratio}: it rings too long for a search")
         times = 1.0 if board.circuit.is_linear else STEPPED
         self.spend(times * VERDICT, board, times * ringing)
-        verdict = verify(scene, problem=self.problem, circuit=board, effort=BARE)
+        verdict = verify(scene, problem=self.problem, circuit=board, full_margin=False)
         passes = verdict.outcome is Outcome.PASS
         refused = self.accepted.refused(broken_at_rest(board)) if passes else ""
         return Trial(changes, Record.of(verdict, channels=False), refused)

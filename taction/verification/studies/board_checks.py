@@ -40,7 +40,7 @@ def judge(
     """Yield the expected values, then the limits that were asked for."""
     yield from (_expected(found, each) for each in asked.expected)
     evidence = Evidence(
-        checks=asked.limits,
+        limits=asked.limits,
         measurements=found.measurements,
         error=step_error(found.measurements, 0.0),
         steady=SteadyState.of(found.board, found.scales),

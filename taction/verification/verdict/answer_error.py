@@ -80,7 +80,7 @@ class BuiltBoards:
     @classmethod
     def of(cls, design: PlannedBoard, evidence: Evidence) -> BuiltBoards | None:
         """Return the boards of a design; None where nothing varies that moves their rest."""
-        checks, amplitude = evidence.checks, evidence.measurements.amplitude
+        checks, amplitude = evidence.limits, evidence.measurements.amplitude
         limit = min(checks.steady_state.tolerance, checks.settling_time.band)
         elements = sum(int(np.isfinite(each.ohms).sum()) for each in design.circuit.matrices)
         if (

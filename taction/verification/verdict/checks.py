@@ -25,7 +25,7 @@ from taction.verification.verdict.companion import Agreement, StepError
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
 from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.output_noise import OutputNoise
-from taction.verification.verdict.planned_board import PlannedBoard, SteadyState
+from taction.verification.verdict.planned_board import SteadyState
 from taction.verification.verdict.recording import Recording
 from taction.verification.verdict.transient_plan import AFTER_SETTLING
 
@@ -74,7 +74,7 @@ class CheckKind:
     judge : callable
         Takes the `Evidence` and returns the check; None if the scene does not ask for it.
     keys : type of Model, or None
-        The table ``[checks.NAME]`` of a scene, `Evidence.checks` has it by this name; None for a
+        The table ``[checks.NAME]`` of a scene, `Evidence.limits` has it by this name; None for a
         check without keys.
     """
 
@@ -88,6 +88,8 @@ class Evidence:
 
     Attributes
     ----------
+    limits : Checks
+        What the scene asks for: a field for each table ``[checks.NAME]``.
     steady : SteadyState
         The equilibrium of the board, and what its modes leave at an instant.
     end : float
@@ -118,7 +120,7 @@ class Evidence:
         The record, with the planned board; None in evidence made by hand.
     """
 
-    checks: Checks
+    limits: Checks
     measurements: Measurements
     error: StepError
     steady: SteadyState
@@ -136,11 +138,6 @@ class Evidence:
     spread: InputSpread | None = None
     unwitnessed: str = ""
     recording: Recording | None = None
-
-    @property
-    def design(self) -> PlannedBoard | None:
-        """The planned board, with circuit and scene; None in evidence made by hand."""
-        return None if self.recording is None else self.recording.design
 
     @property
     def no_step(self) -> str:

@@ -117,8 +117,8 @@ class ErrorBudget:
     """The parts, and the whole difference that they add up to."""
 
     parts: tuple[ErrorPart, ...] = ()
-    # End of the record less true stress, or less the answer where the stress is not known; None for
-    # a verification without details.
+    # End of the record less true stress, or less the answer where the stress is not known; None
+    # where the parts could not be found.
     total: ErrorPart | None = None
 
     def __iter__(self) -> Iterator[ErrorPart]:
@@ -187,10 +187,9 @@ LEAST_BOUND = 1e-9  # of the largest stress: a smaller bound on an error has no 
 
 
 def error_budget(
-    design: PlannedBoard,
+    recording: Recording,
     ideal: IdealAnswer,
     answer: AnswerError,
-    recording: Recording,
     noise: OutputNoise | None = None,
     spread: InputSpread | None = None,
 ) -> ErrorBudget:
@@ -201,6 +200,7 @@ def error_budget(
     `spread`: where boards of the same parts rest, if they differ.
     SolverError: the problem with the pruned T cannot be solved.
     """
+    design = recording.design
     links = (
         *_of_answer(design, ideal, answer),
         *_of_board(design),

@@ -37,12 +37,12 @@ from taction.verification.verdict.warnings import WELL_ABOVE
 
 def settling_time(evidence: Evidence) -> Check:
     """Check when the last channel enters its band."""
-    return replace(_settling(evidence), band=evidence.checks.settling_time.band)
+    return replace(_settling(evidence), band=evidence.limits.settling_time.band)
 
 
 def _settling(evidence: Evidence) -> Check:
     """Return the check of the settling time without its band."""
-    limits = evidence.checks.settling_time
+    limits = evidence.limits.settling_time
     reading, maximum = evidence.measurements.settling_time, limits.max
     if evidence.growth:
         return failed("settling_time", f"it never settles: the board {evidence.growth}", maximum)
@@ -65,7 +65,7 @@ def _settling(evidence: Evidence) -> Check:
 
 def _unsettled(evidence: Evidence) -> Check:
     """Judge a board that comes to rest inside the band, and whose record does not show when."""
-    limits, reason = evidence.checks.settling_time, evidence.measurements.reason
+    limits, reason = evidence.limits.settling_time, evidence.measurements.reason
     if evidence.unsteady and not evidence.steady.linear:
         return failed("settling_time", reason, limits.max)
     outside = evidence.at_end - evidence.error.steady_state - evidence.reference_error > limits.band
@@ -82,7 +82,7 @@ def rise_time(evidence: Evidence) -> Check | None:
 
     Of channels with the same outcome the slowest counts, or the fastest where all are too fast.
     """
-    limits = evidence.checks.rise_time
+    limits = evidence.limits.rise_time
     if limits is None:
         return None
     channels, number = evidence.measurements.channels, limits.channel
@@ -109,9 +109,9 @@ SEVERITY = (Outcome.PASS, Outcome.INCONCLUSIVE, Outcome.FAIL)
 
 def _rise(evidence: Evidence, channel: ChannelMeasure, which: str) -> Check:
     """Judge the rise time of one channel; `which` says more of it."""
-    limits, name = evidence.checks.rise_time or keys.RiseTimeCheck(), f"channel {channel.index + 1}"
+    limits, name = evidence.limits.rise_time or keys.RiseTimeCheck(), f"channel {channel.index + 1}"
     if channel.rise_time is None:
-        short = evidence.too_short(evidence.checks.steady_state.tolerance)
+        short = evidence.too_short(evidence.limits.steady_state.tolerance)
         reason = joined(f"{name}: {channel.rise_reason}", short)
         return undecided("rise_time", "s", reason, limits.max)
     text = f"10-90 % of {name}{which}"
@@ -121,7 +121,7 @@ def _rise(evidence: Evidence, channel: ChannelMeasure, which: str) -> Check:
 
 def excursion(name: str, evidence: Evidence) -> Check | None:
     """Check an excursion, by `name`."""
-    limits = getattr(evidence.checks, name)
+    limits = getattr(evidence.limits, name)
     if limits is None:
         return None
     if evidence.growth:
@@ -190,7 +190,7 @@ NOISE_AGREES = 0.01  # of the noise: the largest difference of the two engines
 
 def noise(evidence: Evidence) -> Check | None:
     """Compare the largest noise of any channel with the limit of the scene, if there is one."""
-    found, limited = evidence.noise, evidence.checks.noise
+    found, limited = evidence.noise, evidence.limits.noise
     if found is None or limited is None:
         return None
     if found.unknown:
@@ -275,7 +275,7 @@ def run_checks(evidence: Evidence) -> tuple[Check, ...]:
 def could_be_finer(evidence: Evidence, checks: Iterable[Check]) -> bool:
     """Whether an error decides a check, or is near to a limit, and a better solution has less."""
     undecided = any(c.outcome is Outcome.INCONCLUSIVE and c.uncertainty for c in checks)
-    limits = ((getattr(evidence.checks, name), name) for name in EXCURSIONS)
+    limits = ((getattr(evidence.limits, name), name) for name in EXCURSIONS)
     near = any(c and c.max < WELL_ABOVE * evidence.error.readings[name] for c, name in limits)
     smaller = evidence.forever or (evidence.recording is not None and evidence.recording.is_stepped)
     return smaller and (undecided or near)
@@ -295,7 +295,7 @@ def _bounded(check: Check) -> Check:
 
 
 def _steady_state(evidence: Evidence) -> Check:
-    limit = evidence.checks.steady_state.tolerance
+    limit = evidence.limits.steady_state.tolerance
     if evidence.growth:
         reason = joined(f"no steady state: the board {evidence.growth}", evidence.unsteady)
         return Check("steady_state", Outcome.FAIL, None, None, 0.0, limit, "step", reason)
@@ -316,7 +316,7 @@ def _steady_state(evidence: Evidence) -> Check:
 
 def unconfirmed(evidence: Evidence) -> str:
     """Return why the end of the record does not confirm the equilibrium; empty if it does."""
-    limit = evidence.checks.steady_state.tolerance
+    limit = evidence.limits.steady_state.tolerance
     if evidence.forever:
         return ""
     if obstacle := evidence.disagreement or evidence.too_short(limit):
@@ -331,7 +331,7 @@ def unconfirmed(evidence: Evidence) -> str:
 
 
 def _stability(evidence: Evidence) -> Check:
-    pole, required = evidence.poles.rightmost, evidence.checks.stability.margin
+    pole, required = evidence.poles.rightmost, evidence.limits.stability.margin
     none = not len(evidence.poles.poles)
     text = "the board has no poles" if none else f"rightmost pole {show_pole(pole)}"
     margin = evidence.margin

@@ -5,12 +5,12 @@ Of several scenes, boards that are alike are built and read together.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
@@ -42,17 +42,13 @@ from taction.verification.stability.margin import (
     find_margin,
     margins_together,
 )
-from taction.verification.stability.poles import Poles
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
 from taction.verification.verdict.companion import (
-    Agreement,
-    StepError,
     beside_steps,
     exact_response,
 )
 from taction.verification.verdict.error_budget import ErrorBudget, error_budget
-from taction.verification.verdict.headroom import PartLoads
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.plan_board import design_board, planned_board, synthesised_board
 from taction.verification.verdict.planned_board import PlannedBoard, SteadyState, UnplannedBoard
@@ -64,25 +60,16 @@ from taction.verification.verdict.warnings import all_warnings, find_contradicti
 if TYPE_CHECKING:
     from taction.verification.verdict.active_sets import VisitedSet
 
+T = TypeVar("T")
+DETAILS = ("answer", "energy", "budget", "active_sets")
 
-@dataclass(frozen=True, slots=True)
-class Effort:
-    """Results that a verification computes in addition to the checks.
 
-    No outcome and no reading of a check depends on these choices.
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Verdict(Evidence, Result):
+    """All results of `verify`; ``print`` shows one screen, `outcome` is the overall result.
+
+    It is the evidence with the checks that follow from it; details are computed when they are read.
     """
-
-    details: bool = True  # whether to compute the error budget and the energy
-    # Whether to scan the stability margin up to `REACH`, not only up to the limit of the scene.
-    full_margin: bool = True
-
-
-FULL = Effort()
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Verdict(Result):
-    """All results of `verify`; ``print`` shows one screen, `outcome` is the overall result."""
 
     VIEW = "taction.verification.report.views.verdict_view:view"
     SCREEN = "taction.verification.report.views.verdict_screen_view:screen"
@@ -91,12 +78,7 @@ class Verdict(Result):
 
     recording: Recording
     ideal: IdealAnswer
-    evidence: Evidence
     checks: tuple[Check, ...]
-    answer: AnswerError
-    energy: EnergyRise | None
-    budget: ErrorBudget
-    failures: tuple[str, ...]
     timing: dict[str, float]
 
     @property
@@ -125,46 +107,6 @@ class Verdict(Result):
         return self.recording.design.transient
 
     @property
-    def poles(self) -> Poles:
-        """The poles of the board."""
-        return self.evidence.poles
-
-    @property
-    def steady(self) -> SteadyState:
-        """The equilibrium of the board at its outputs."""
-        return self.evidence.steady
-
-    @property
-    def margin(self) -> Margin | None:
-        """The stability margin; None if the scene asks for none."""
-        return self.evidence.margin
-
-    @property
-    def measurements(self) -> Measurements:
-        """The readings of the record, whose errors `error` bounds."""
-        return self.recording.measurements
-
-    @property
-    def error(self) -> StepError:
-        """Bounds on the errors of the readings."""
-        return self.recording.error
-
-    @property
-    def agreement(self) -> Agreement | None:
-        """How far the engines differ; None if only one ran, or if the board is unstable."""
-        return self.evidence.agreement
-
-    @property
-    def parts(self) -> PartLoads:
-        """What the op-amps have to do, beside their limits."""
-        return self.evidence.parts
-
-    @property
-    def noise(self) -> OutputNoise | None:
-        """Noise of the outputs; None if the scene has no limit for it."""
-        return self.evidence.noise
-
-    @property
     def waveforms(self) -> Waveforms:
         """The record, with the remarks of the engine."""
         return self.recording.waveforms
@@ -180,22 +122,58 @@ class Verdict(Result):
         return self.recording.accuracy
 
     @cached_property
+    def _failures(self) -> list[str]:
+        """What could not be found of the details."""
+        return []
+
+    def _detail(self, what: str, find: Callable[[], T], otherwise: T) -> T:
+        """Return a detail; one that cannot be found is a warning, and the verdict stands."""
+        return attempt(what, find, otherwise, self._failures.append)
+
+    @cached_property
+    def drawn_answer(self) -> AnswerError:
+        """The errors of the answer, without those of built boards."""
+        ideal, stress = self.ideal, self.problem.stress
+        return AnswerError.of(ideal.network, ideal.solution, stress, ideal.problem)
+
+    @cached_property
+    def answer(self) -> AnswerError:
+        """The errors of the answer, of the board as drawn, and of boards as built."""
+        found = self.drawn_answer
+        judge = partial(found.judged, self, self.checks, self.recording.design)
+        return self._detail("the error of the board", judge, found)
+
+    @cached_property
+    def energy(self) -> EnergyRise | None:
+        """Where the energy rises along the record; None where it is not known."""
+        network, time = self.recording.design.network, self.waveforms.time
+        return self._detail("the energy", lambda: energy_rise(network, time, self.u), None)
+
+    @cached_property
+    def budget(self) -> ErrorBudget:
+        """The parts of the difference of the record's end and the true stress."""
+        ways = self.noise, self.spread
+        find = partial(error_budget, self.recording, self.ideal, self.answer, *ways)
+        return self._detail("the error budget", find, ErrorBudget())
+
+    @cached_property
     def active_sets(self) -> tuple[VisitedSet, ...]:
         """The active sets of a board of piecewise linear amplifiers that the transient visits."""
+        nothing: tuple[VisitedSet, ...] = ()
         if self.circuit.is_linear:
-            return ()
+            return nothing
         from taction.verification.verdict.active_sets import visited_sets
 
-        failures = list[str]()
-        found = partial(visited_sets, self.recording)
-        return attempt("the active sets", found, (), failures.append)
+        return self._detail("the active sets", partial(visited_sets, self.recording), nothing)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """What makes no check fail, but may be wrong."""
-        failures, nothing = list(self.failures), tuple[str, ...]()
-        found = partial(all_warnings, self.evidence, self.recording)
-        return (*attempt("the warnings", found, nothing, failures.append), *failures)
+        """What makes no check fail, but may be wrong; last the details that are not known."""
+        nothing: tuple[str, ...] = ()
+        found = self._detail("the warnings", partial(all_warnings, self), nothing)
+        for detail in DETAILS:
+            getattr(self, detail)
+        return (*found, *self._failures)
 
     def __str__(self) -> str:
         page = load(self.SCREEN)(self)
@@ -224,7 +202,7 @@ def verify(
     problem: InverseProblem | None = None,
     circuit: Circuit | LinearBoard | None = None,
     ideal: IdealAnswer | None = None,
-    effort: Effort = FULL,
+    full_margin: bool = True,
 ) -> Verdict:
     """Verify a scene: simulate its board, solve its problem, and compare the results.
 
@@ -240,8 +218,9 @@ def verify(
         The board to verify; the default is the synthesised board of the scene.
     ideal : IdealAnswer, optional
         Reference solution, if it has been computed before.
-    effort : Effort, optional
-        Which results to compute in addition to the checks.
+    full_margin : bool, optional
+        Whether to scan the stability margin up to `REACH`, not only up to the limit of the scene;
+        no check depends on it.
 
     Raises
     ------
@@ -257,8 +236,16 @@ def verify(
         pending = begin(design)
         clock.begin("reference", beside="simulation")
         ideal = ideal or ideal_answer(design.network, design.scene)
-        evidence, recording = gather_evidence(design, ideal, pending, clock, effort)
-        return judged(evidence, recording, ideal, clock, effort)
+        search = margin_search(design, full_margin)
+        evidence = gather_evidence(design, ideal, pending, clock, search)
+        return judged(evidence, ideal, clock)
+
+
+def margin_search(design: PlannedBoard, full_margin: bool) -> MarginSearch | None:
+    """Return the search for the stability margin; None if the scene asks for none."""
+    required = design.scene.checks.stability.margin
+    reach = max(required, REACH) if full_margin else required
+    return MarginSearch(design.board, reach=reach, found=design.poles) if required > 1.0 else None
 
 
 def gather_evidence(
@@ -266,20 +253,21 @@ def gather_evidence(
     ideal: IdealAnswer,
     pending: Pending | None,
     clock: Clock,
-    effort: Effort,
+    search: MarginSearch | None,
     known: Measurements | None = None,
     margin: Margin | None = None,
-) -> tuple[Evidence, Recording]:
+) -> Evidence:
     """Measure the record, and gather what is judged; measurements and margin may be known.
 
     What needs no record is computed while the simulation runs.
     """
     steady = SteadyState.of(design.board, design.scales)
-    margin = margin or _margin(design, effort)
+    if search is not None and margin is None:
+        margin = find_margin(search.board, reach=search.reach, found=search.found)
     parts, noise, spread = design.loads(), OutputNoise.of(design), design.spread()
     recording = record_and_measure(design, ideal, pending, clock, known)
-    evidence = Evidence(
-        checks=design.scene.checks,
+    return Evidence(
+        limits=design.scene.checks,
         measurements=recording.measurements,
         error=recording.error,
         steady=steady,
@@ -298,68 +286,21 @@ def gather_evidence(
         unwitnessed=missing_witness(design.circuit, design.engine),
         recording=recording,
     )
-    return evidence, recording
 
 
-def _margin(design: PlannedBoard, effort: Effort) -> Margin | None:
-    """Return the stability margin, if the scene asks for one."""
-    search = margin_search(design, effort)
-    if search is None:
-        return None
-    return find_margin(search.board, reach=search.reach, found=search.found)
-
-
-def margin_search(design: PlannedBoard, effort: Effort) -> MarginSearch | None:
-    """Return the search for the stability margin; None if the scene asks for none."""
-    required = design.scene.checks.stability.margin
-    reach = max(required, REACH) if effort.full_margin else required
-    return MarginSearch(design.board, reach=reach, found=design.poles) if required > 1.0 else None
-
-
-def judged(
-    evidence: Evidence, recording: Recording, ideal: IdealAnswer, clock: Clock, effort: Effort
-) -> Verdict:
-    """Judge the evidence, and add the details that the effort asks for.
+def judged(evidence: Evidence, ideal: IdealAnswer, clock: Clock) -> Verdict:
+    """Judge the evidence of a scene.
 
     Where an error touches a limit that could be smaller, the finest readings are judged.
     """
-    design, failures = recording.design, list[str]()
-    detail = partial(attempt, tell=failures.append)
     checks = run_checks(evidence)
-    if could_be_finer(evidence, checks):
-        measured, error = finest(recording, ideal)
+    if evidence.recording is not None and could_be_finer(evidence, checks):
+        measured, error = finest(evidence.recording, ideal)
         evidence = replace(evidence, measurements=measured, error=error)
         checks = run_checks(evidence)
-    answer = AnswerError.of(ideal.network, ideal.solution, design.problem.stress, ideal.problem)
-    built = design if effort.details else None
-    judge = partial(answer.judged, evidence, checks, built)
-    answer = detail("the error of the board", judge, answer)
-    clock.begin("error budget")
-    energy, budget = None, ErrorBudget()
-    if effort.details:
-        more = evidence.noise, evidence.spread
-        energy = detail(
-            "the energy",
-            lambda: energy_rise(design.network, recording.waveforms.time, recording.u),
-            None,
-        )
-        budget = detail(
-            "the error budget",
-            lambda: error_budget(design, ideal, answer, recording, *more),
-            budget,
-        )
     clock.end()
-    return Verdict(
-        recording=recording,
-        ideal=ideal,
-        evidence=evidence,
-        checks=checks,
-        answer=answer,
-        energy=energy,
-        budget=budget,
-        failures=tuple(failures),
-        timing=clock.seconds,
-    )
+    facts = {each.name: getattr(evidence, each.name) for each in fields(Evidence)}
+    return Verdict(**facts, ideal=ideal, checks=checks, timing=clock.seconds)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -370,7 +311,7 @@ class Request:
     problem: InverseProblem | None = None
     circuit: Circuit | LinearBoard | None = None
     ideal: IdealAnswer | None = None
-    effort: Effort = FULL
+    full_margin: bool = True
 
     def verdict(self) -> Verdict:
         """Return the verdict of this board alone; errors as `verify`."""
@@ -379,7 +320,7 @@ class Request:
             problem=self.problem,
             circuit=self.circuit,
             ideal=self.ideal,
-            effort=self.effort,
+            full_margin=self.full_margin,
         )
 
 
@@ -424,32 +365,31 @@ def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]
 
 def _verified(built: dict[int, Built]) -> Iterator[tuple[int, Verdict]]:
     """Yield the verdicts of boards whose run is brief; their readings and margins are known."""
-    designs = dict[int, tuple[PlannedBoard, IdealAnswer]]()
-    responses, searches = dict[int, ExactResponse](), dict[int, MarginSearch]()
+    designs = dict[int, tuple[PlannedBoard, IdealAnswer, MarginSearch | None]]()
+    responses = dict[int, ExactResponse]()
     for place, (request, board, clock) in built.items():
         with suppress(Exception):
             design = planned_board(board, clock)
             if design.board.descriptor.is_large or design.plan.seconds >= BRIEF:
                 continue
             ideal = request.ideal or ideal_answer(design.network, design.scene)
-            response, search = exact_response(design, ideal), margin_search(design, request.effort)
+            response = exact_response(design, ideal)
             if response is not None and response.is_stable:
                 bounds_itself = ENGINES[design.engine].error is not None
                 responses[place] = response if bounds_itself else beside_steps(response)
-                searches |= {} if search is None else {place: search}
-            designs[place] = design, ideal
+            designs[place] = design, ideal, margin_search(design, request.full_margin)
             clock.pause()
-    found = margins_together([*searches.values()])
-    margins = dict(zip(searches, found, strict=True))
+    searches = {k: search for k in responses if (search := designs[k][2]) is not None}
+    margins = dict(zip(searches, margins_together([*searches.values()]), strict=True))
     readings = dict(zip(responses, measure_responses([*responses.values()]), strict=True))
-    runs = begin_together([design for design, _ in designs.values()])
-    for run, (place, (design, ideal)) in zip(runs, designs.items(), strict=True):
-        (request, _, clock), margin = built[place], margins.get(place)
+    runs = begin_together([design for design, _, _ in designs.values()])
+    for run, (place, (design, ideal, search)) in zip(runs, designs.items(), strict=True):
+        clock, margin = built[place][2], margins.get(place)
         if not isinstance(margin, TactionError):
             with _left_out():
-                known = readings.get(place), margin
-                evidence = gather_evidence(design, ideal, run, clock, request.effort, *known)
-                yield place, judged(*evidence, ideal, clock, request.effort)
+                known = search, readings.get(place), margin
+                evidence = gather_evidence(design, ideal, run, clock, *known)
+                yield place, judged(evidence, ideal, clock)
 
 
 @contextmanager

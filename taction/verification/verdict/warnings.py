@@ -22,13 +22,15 @@ from taction.system.quantities import show
 from taction.system.reading_definitions import EXCURSIONS, READINGS
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.checks import Evidence
-from taction.verification.verdict.recording import Recording
 
 WELL_ABOVE = 10.0  # a tolerance should be this many times the error of the simulation
 
 
-def all_warnings(evidence: Evidence, recording: Recording) -> tuple[str, ...]:
+def all_warnings(evidence: Evidence) -> tuple[str, ...]:
     """Return the warnings of the scene, the parts, the plan, the engine and the readings."""
+    recording = evidence.recording
+    if recording is None:
+        return find_warnings(evidence)
     design = recording.design
     remarks = (
         *questions(design.scene),
@@ -50,7 +52,7 @@ def find_warnings(evidence: Evidence, notes: tuple[str, ...] = ()) -> tuple[str,
     if not evidence.poles.known_stable:
         return notes  # the stability check does not pass, so close tolerances no longer matter
     warnings = list(notes)
-    checks, error = evidence.checks, evidence.error
+    checks, error = evidence.limits, evidence.error
     remedy = "set a smaller analysis.error or a larger analysis.points_per_period"
     if checks.steady_state.tolerance < WELL_ABOVE * error.steady_state:
         warnings.append(

@@ -31,7 +31,7 @@ from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, computed
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Record
-from taction.verification.verdict.verify import Effort, verify
+from taction.verification.verdict.verify import verify
 from tests.support.paths import ROOT
 from tests.support.running import taction as command
 from tests.support.sweeping import make_record, store_records
@@ -327,7 +327,7 @@ def test_a_worst_value_below_1_is_a_written_scene_that_passes(
         each = found[place]
         written = tmp_path / f"{rank}.toml"
         written.write_text(scene_text(design_scene(plan, start, each, rank)), encoding="utf-8")
-        verdict = verify(load_scene(written), effort=Effort(details=False))
+        verdict = verify(load_scene(written))
         passed.append(verdict.outcome is Outcome.PASS)
         if each.worst < 1.0:
             assert passed[-1], each.values

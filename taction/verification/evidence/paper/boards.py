@@ -40,7 +40,7 @@ from taction.verification.stability.poles import poles
 from taction.verification.studies.onset.onset import onset
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.recording import record_transient
-from taction.verification.verdict.verify import Effort, Verdict, verify
+from taction.verification.verdict.verify import Verdict, verify
 
 CENTRE = 3  # channel 4 of 7
 NEXT_E12 = 8.2e-12  # F, the E12 value below 10 pF
@@ -57,8 +57,6 @@ OVERSHOOT = 0.05  # its limit
 MATRIX_FILE = "matrix.inc"
 THICKER = 1.2  # depth of the layer that the other matrix chip is made for
 CLOSE = 1e-3  # of the largest output
-
-quickly = Effort(details=False)
 
 
 def breadboard(quick: bool) -> Chapter:
@@ -126,7 +124,7 @@ def _rise(verdict: Verdict) -> tuple[Finding, Finding]:
     centre = verdict.measurements.channels[CENTRE]
     rise_time, settling = seconds(centre.rise_time), seconds(verdict.measurements.settling_time)
     about = weigh(abs(rise_time - 10e-6) <= ABOUT * 10e-6, fitted=True)
-    damped = verify(paper_scene("tuned-breadboard"), effort=quickly)
+    damped = verify(paper_scene("tuned-breadboard"))
     settling_damped = seconds(damped.measurements.settling_time)
     shown = {"overshoot": centre.overshoot, "simulator": verdict.waveforms.engine}
     times = {"settling_time": settling, "settling_time_damped": settling_damped}
@@ -177,7 +175,7 @@ def _negligible(scene: Scene) -> Finding:
     off = {}
     for name, farads in {"at_10pF": 10e-12, "at_1nF": 1e-9, "at_100nF": 100e-9}.items():
         slow = redesigned(scene, capacitance=farads).with_engine("statespace")
-        verdict = verify(slow, effort=quickly)
+        verdict = verify(slow)
         settling = seconds(verdict.measurements.settling_time)
         off[name] = abs(settling / verdict.ideal.settling_time - 1.0)
     outcome = weigh(off["at_100nF"] < 0.02 and off["at_10pF"] > 1.0)
@@ -251,7 +249,7 @@ def _tuned(scene: Scene) -> Finding:
     before = _by_gain(scene, own, **held)
     kept = [gain for gain in gains if found[gain][1] <= OVERSHOOT]
     best = min(kept or gains, key=lambda gain: found[gain][0])
-    verdict = verify(redesigned(scene, gain=best, **held), effort=quickly)
+    verdict = verify(redesigned(scene, gain=best, **held))
     settling, overshoot = _times(verdict.measurements)
     agree = abs(settling - found[best][0]) <= 0.05 * settling
     better = settling < before[0] and overshoot <= OVERSHOOT

@@ -204,7 +204,7 @@ def _right_outcome(check: Check, verdict: Verdict, truth: TrueValues) -> Outcome
 
 def _varies(verdict: Verdict) -> bool:
     """Whether the steady state is judged by how parts differ: a deck has one of each only."""
-    return verdict.evidence.spread is not None
+    return verdict.spread is not None
 
 
 def _passed(right: bool) -> Outcome:

@@ -49,7 +49,7 @@ from taction.verification.studies.running.versions import (
 from taction.verification.studies.store import Store
 from taction.verification.verdict.record import ERROR, Record
 from taction.verification.verdict.simulation import choose_engine
-from taction.verification.verdict.verify import Effort, Request, Verdict, verify_together
+from taction.verification.verdict.verify import Request, Verdict, verify_together
 
 MAX_POINTS = 1_000_000
 
@@ -150,9 +150,6 @@ def plan_sweep(
     return Plan(scene, axes, choose_engine(scene if engine is None else scene.with_engine(engine)))
 
 
-POINT_EFFORT = Effort(details=False)
-
-
 @dataclass(slots=True)
 class SweepCounts:
     """How many points a sweep has, and how they ended."""
@@ -210,8 +207,8 @@ def _requests(plan: Plan, places: Iterable[int]) -> Iterator[tuple[bytes, Reques
         try:
             scene = with_values(plan.scene, point.values | {ENGINE: plan.engine})
             if last is None or last.scene.problem != scene.problem:  # neighbours often share it
-                last = Request(scene, make_problem(scene), effort=POINT_EFFORT)
-            request = Request(scene, last.problem, effort=POINT_EFFORT)
+                last = Request(scene, make_problem(scene))
+            request = Request(scene, last.problem)
         except MACHINE_FAILURES:  # ngspice was removed: no result of a point
             raise
         except TactionError as error:

@@ -26,9 +26,7 @@ from taction.verification.studies.running.versions import own_version
 from taction.verification.studies.tolerance.samples import BoardSample, Quantity, Varied, evaluate
 from taction.verification.verdict.record import Record, signed_errors
 from taction.verification.verdict.simulation import choose_engine
-from taction.verification.verdict.verify import Effort, Request, Verdict, verify, verify_together
-
-SAMPLE_EFFORT = Effort(details=False, full_margin=False)
+from taction.verification.verdict.verify import Request, Verdict, verify, verify_together
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +86,7 @@ class VariedBoard(Varied):
     scene: Scene
     problem: InverseProblem
     ideal: IdealAnswer  # independent of the components
-    full_margin: bool  # see `taction.verification.verdict.verify.Effort`
+    full_margin: bool  # see `taction.verification.verdict.verify.verify`
 
     def by_statespace(self) -> VariedBoard:
         """Return the same board with samples by the state-space engine."""
@@ -96,8 +94,7 @@ class VariedBoard(Varied):
 
     def request(self, z: Floats) -> Request:
         """Return what `verify` gets for the board with deviations `z`."""
-        effort = replace(SAMPLE_EFFORT, full_margin=self.full_margin)
-        return Request(self.scene, self.problem, self.at(z), self.ideal, effort)
+        return Request(self.scene, self.problem, self.at(z), self.ideal, self.full_margin)
 
     def measured(self, number: int, z: Floats) -> BoardSample:
         """Return the sample with deviations `z`; errors as `verify`."""

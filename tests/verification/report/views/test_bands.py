@@ -28,7 +28,7 @@ from taction.verification.studies.scene_files import VerifiedFiles
 from taction.verification.verdict.cause import cause
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import Record
-from taction.verification.verdict.verify import Effort, verify
+from taction.verification.verdict.verify import verify
 from tests.support.report_pages import STUDIES, page
 
 BOARD = "scenes/known-readings.toml"
@@ -64,7 +64,7 @@ def test_a_time_that_is_not_known_has_its_band_too(file: Path) -> None:
     short = with_values(load_scene(file), {"checks.settling_time.max": 1e-9})
     grown = with_values(short, {"design.capacitance": 1e-12})
     for scene in (short, grown):
-        verdict = verify(scene, effort=Effort(details=False))
+        verdict = verify(scene)
         found = next(c for c in verdict.checks if c.name == "settling_time")
         lost = replace(found, value=None, reason="outside after 1 ns, the limit")
         assert check_bar(lost).name == f"settling {BAND}"

@@ -17,7 +17,7 @@ from taction.verification.evidence.stress.catalogue import load_catalogue
 from taction.verification.report.blocks import Page
 from taction.verification.report.renderers.terminal import Terminal, print_page
 from taction.verification.report.views.verdict_screen_view import CHANGES, COLUMNS, MOST, screen
-from taction.verification.verdict.verify import Effort, Verdict, verify
+from taction.verification.verdict.verify import Verdict, verify
 from tests.support.paths import SCENES
 from tests.support.report_pages import verdicts
 
@@ -26,7 +26,6 @@ STRESS = {case.name: case for case in load_catalogue() if not case.refused}
 LONG = {"channels-500", "avx512-equilibrium", "clipping"}  # to verify; their screens are usual
 SAMPLE = random.Random(14).sample(sorted(STRESS.keys() - LONG), 12)  # noqa: S311
 TINY = re.compile(r"± [\d.]+ [zaf](V|s|A)\b")  # uncertainties that are rounding
-BRIEF = Effort(details=False)  # no line of the screen depends on the rest
 
 
 def lines_of(page: Page, width: int = COLUMNS) -> list[str]:
@@ -58,7 +57,7 @@ def faults(verdict: Verdict) -> list[str]:
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_shipped_scene_fits_on_a_screen(name: str) -> None:
-    verdict = verify(load_scene(SHIPPED[name]).with_engine("statespace"), effort=BRIEF)
+    verdict = verify(load_scene(SHIPPED[name]).with_engine("statespace"))
     assert faults(verdict) == []
 
 
@@ -67,7 +66,7 @@ def test_a_shipped_scene_fits_on_a_screen(name: str) -> None:
 )
 def test_a_stress_case_fits_on_a_screen(name: str) -> None:
     with suppress(TactionError):  # accepted of some cases; the tests of the catalogue judge it
-        assert faults(verify(of_stress(name), effort=BRIEF)) == []
+        assert faults(verify(of_stress(name))) == []
 
 
 def test_the_screen_of_a_pass_names_nearest_limit_distance_answer_and_warnings() -> None:
@@ -88,7 +87,7 @@ def test_the_screen_of_a_pass_names_nearest_limit_distance_answer_and_warnings()
 
 def test_an_unstable_board_has_its_cause_once() -> None:
     scene = load_scene(SHIPPED["paper-breadboard"]).with_engine("statespace")
-    verdict = verify(with_values(scene, {"design.capacitance": 5e-12}), effort=BRIEF)
+    verdict = verify(with_values(scene, {"design.capacitance": 5e-12}))
     cause = r"oscillates at 37\.9 kHz, growth rate \+\S+ k/s \(limit: below 0 /s\)"
     text = " ".join(lines_of(screen(verdict)))
     assert len(re.findall(cause, text)) == text.count("37.9 kHz") == 1

@@ -21,8 +21,8 @@ from taction.system.reading_definitions import READINGS
 from taction.verification.studies.running.pool import HERE
 from taction.verification.studies.running.versions import own_version
 from taction.verification.studies.store import Store
-from taction.verification.studies.sweep.plan import POINT_EFFORT, plan_sweep, sweep_points
 from taction.verification.studies.sweep.plan import compute_points as compute
+from taction.verification.studies.sweep.plan import plan_sweep, sweep_points
 from taction.verification.studies.sweep.result import records
 from taction.verification.verdict.plan_board import design_board
 from taction.verification.verdict.record import FIGURES, Record
@@ -55,7 +55,7 @@ def of_sweep(scene: Scene) -> dict[str, Any]:
         problem = make_problem(scene)
     except TactionError as error:
         return without_verdict(error, engine)
-    asked = Request(scene, problem, effort=POINT_EFFORT)
+    asked = Request(scene, problem)
     (result,) = compute(own_version(engine == "ngspice"), asked)
     assert result is not None
     return dict(plain(result))
