@@ -141,10 +141,8 @@ class AnswerError:
         known = None if stress is None else stress * network.U0
         return cls(network, solution.u * network.U0, error, known)
 
-    def judged(
-        self, evidence: Evidence, checks: Iterable[Check], design: PlannedBoard | None = None
-    ) -> AnswerError:
-        """Return the errors with the distance of the board; with a design, of built boards too.
+    def judged(self, evidence: Evidence, checks: Iterable[Check]) -> AnswerError:
+        """Return the errors with the distance of the board.
 
         There is none for a board that does not come to rest, whose record does not confirm where,
         or where another check doubts that the board is the one that was solved.
@@ -156,13 +154,8 @@ class AnswerError:
         distance, error = evidence.static, evidence.static_error
         if doubts or unconfirmed(evidence) or not math.isfinite(distance + error):
             return self
-        return replace(
-            self,
-            step=amplitude,
-            board=distance * amplitude,
-            board_error=error * amplitude,
-            built=None if design is None else BuiltBoards.of(design, evidence),
-        )
+        board, doubt = distance * amplitude, error * amplitude
+        return replace(self, step=amplitude, board=board, board_error=doubt)
 
     @functools.cached_property
     def unit(self) -> float:

@@ -42,7 +42,7 @@ from taction.verification.stability.margin import (
     find_margin,
     margins_together,
 )
-from taction.verification.verdict.answer_error import AnswerError
+from taction.verification.verdict.answer_error import AnswerError, BuiltBoards
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
 from taction.verification.verdict.companion import (
     beside_steps,
@@ -132,16 +132,21 @@ class Verdict(Evidence, Result):
 
     @cached_property
     def drawn_answer(self) -> AnswerError:
-        """The errors of the answer, without those of built boards."""
+        """The errors of the answer, and of the board as drawn."""
         ideal, stress = self.ideal, self.problem.stress
-        return AnswerError.of(ideal.network, ideal.solution, stress, ideal.problem)
+        answer = AnswerError.of(ideal.network, ideal.solution, stress, ideal.problem)
+        return answer.judged(self, self.checks)
 
     @cached_property
     def answer(self) -> AnswerError:
         """The errors of the answer, of the board as drawn, and of boards as built."""
-        found = self.drawn_answer
-        judge = partial(found.judged, self, self.checks, self.recording.design)
-        return self._detail("the error of the board", judge, found)
+        found, design = self.drawn_answer, self.recording.design
+        if found.board is None:
+            return found
+        built = self._detail(
+            "the error of built boards", partial(BuiltBoards.of, design, self), None
+        )
+        return replace(found, built=built)
 
     @cached_property
     def energy(self) -> EnergyRise | None:
