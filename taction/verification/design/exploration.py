@@ -196,7 +196,7 @@ def view_limits(view: RestView, poles: PoleView) -> tuple[str, ...]:
     loads = PartLoads.of(view.board, initial=view.scene.analysis.initial)
     if loads.unknown:
         return (loads.unknown,)
-    above = [load for load in loads.worst if load.is_above]
+    above = [load for load in loads.loads if load.is_above]
     return tuple(LIMITED.format(load=describe(load)) for load in above[:1])
 
 

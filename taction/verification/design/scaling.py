@@ -388,7 +388,7 @@ def _with_loads(
         parts = PartLoads.of(board, initial=scene.analysis.initial, transient=plan.transient)
         if parts.unknown:
             raise EngineError(parts.unknown)
-        loads = parts.worst
+        loads = parts.loads
         if not loads:
             notes.append("the op-amps have no limits: U0 is that of the scene")
             return scene, ()

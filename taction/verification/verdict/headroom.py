@@ -16,7 +16,7 @@ from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import Initial, LinearBoard
-from taction.verification.engines.statespace.transients.exact import Exact, combinations, is_exact
+from taction.verification.engines.statespace.transients.exact import combinations, is_exact
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.readings.exact_trace import Course, ExactTrace
 
@@ -81,15 +81,13 @@ def _loads(
         return ()
     loads = _Loads.of(board, rows)
     if transient is None or is_exact(board):
-        return _sorted(_peaks(loads, loads.solution(initial)))
-    if not board.circuit.is_linear:
-        return _sorted(_by_steps(loads, transient, tolerance))
-    wave = simulate(board, transient, nodes=loads.nodes, times=_instants(transient))
-    return _sorted(_sampled(loads, wave.time, wave.values))
-
-
-def _sorted(loads: Iterable[Load]) -> tuple[Load, ...]:
-    return tuple(sorted(loads, key=lambda load: (-load.share, load.part, load.quantity)))
+        found = _peaks(loads, initial)
+    elif board.circuit.is_linear:
+        wave = simulate(board, transient, nodes=loads.nodes, times=_instants(transient))
+        found = _sampled(loads, wave.time, wave.values)
+    else:
+        found = _by_steps(loads, transient, tolerance)
+    return tuple(sorted(found, key=lambda load: (-load.share, load.part, load.quantity)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,12 +154,6 @@ class _Loads:
         slopes = np.repeat([row.quantity == "slope" for row in rows], counts)
         return cls(board, rows, nodes, places, weights, slopes)
 
-    def solution(self, initial: Initial) -> Exact:
-        volts, rates = np.zeros((2, len(self.rows), len(self.nodes)))
-        volts[self.places] = np.where(self.slopes, 0.0, self.weights)
-        rates[self.places] = np.where(self.slopes, self.weights, 0.0)
-        return combinations(self.board, self.nodes, volts, rates, initial=initial)
-
     def loads(self, peaks: Floats, instants: Floats, errors: Floats) -> Iterator[Load]:
         at_rest = np.array([self.board.equilibrium[node] for node in self.nodes])
         parts = np.where(self.slopes, 0.0, self.weights) * at_rest[self.places[1]]
@@ -172,30 +164,18 @@ class _Loads:
             yield Load(row.part, row.quantity, *numbers)
 
 
-def _peaks(loads: _Loads, exact: Exact) -> Iterator[Load]:
-    """Yield the loads of a board with an exact solution that no upper bound excludes.
-
-    A row is kept if it may be above `FULL` of its limit, or the largest of its quantity.
-    """
-    grid = ExactTrace(_course(loads, exact))
-    kinds = np.array([list(UNITS).index(row.quantity) for row in loads.rows])
-    caps = grid.caps, grid.caps + grid.reach[:, None]
-    tops, full = (each.max(axis=(0, 1)) for each in caps)
-    ends, worst = np.abs(grid.ends).ravel(), np.zeros(len(UNITS))
-    np.maximum.at(worst, kinds, np.maximum(np.abs(grid.errors).max(axis=0), ends))
-    rows = np.flatnonzero((tops >= worst[kinds]) | (full > FULL))
-    trace = ExactTrace(_course(loads, exact.columns(rows)))
-    (high, above), (low, below) = (trace.highest(sign) for sign in (1.0, -1.0))
-    heights = np.append(np.abs(trace.errors), ends[None, rows], axis=0)
-    at = np.append(trace.time, math.inf)[heights.argmax(axis=0)]
-    part = _Loads.of(loads.board, tuple(loads.rows[row] for row in rows.tolist()))
-    yield from part.loads(np.maximum(high, low), at, np.where(high > low, above, below))
-
-
-def _course(loads: _Loads, solution: Exact) -> Course:
-    """Return the way of the loads, in parts of their limits."""
+def _peaks(loads: _Loads, initial: Initial) -> Iterator[Load]:
+    """Yield the loads of a board with an exact solution."""
+    volts, rates = np.zeros((2, len(loads.rows), len(loads.nodes)))
+    volts[loads.places] = np.where(loads.slopes, 0.0, loads.weights)
+    rates[loads.places] = np.where(loads.slopes, loads.weights, 0.0)
+    solution = combinations(loads.board, loads.nodes, volts, rates, initial=initial)
     count = len(solution.final)
-    return Course(solution, np.ones(count), np.zeros(count), PRECISION, DETAIL)
+    trace = ExactTrace(Course(solution, np.ones(count), np.zeros(count), PRECISION, DETAIL))
+    (high, above), (low, below) = (trace.highest(sign) for sign in (1.0, -1.0))
+    heights = np.append(np.abs(trace.errors), np.abs(trace.ends)[None], axis=0)
+    at = np.append(trace.time, math.inf)[heights.argmax(axis=0)]
+    yield from loads.loads(np.maximum(high, low), at, np.where(high > low, above, below))
 
 
 def _instants(transient: Transient) -> Floats:
@@ -245,25 +225,18 @@ def _sampled(loads: _Loads, time: Floats, values: Floats) -> Iterator[Load]:
     peaks = fine.max(axis=0)
     errors = np.abs(peaks - coarse.max(axis=0)) + PRECISION
     lasting = np.trapezoid(np.where(fine > 1.0, 1.0, 0.0), time, axis=0).tolist()
-    found = [
-        replace(load, slewing=beyond if load.quantity == DRIVE else None)
-        for load, beyond in zip(
-            loads.loads(peaks, time[fine.argmax(axis=0)], errors), lasting, strict=True
-        )
-    ]
-    worst = dict[str, float]()
-    for load in found:
-        worst[load.quantity] = max(worst.get(load.quantity, 0.0), load.share)
-    yield from (load for load in found if load.share >= min(worst[load.quantity], FULL))
+    at = time[fine.argmax(axis=0)]
+    for load, beyond in zip(loads.loads(peaks, at, errors), lasting, strict=True):
+        yield replace(load, slewing=beyond if load.quantity == DRIVE else None)
 
 
 @dataclass(frozen=True, slots=True)
 class PartLoads:
     """The loads of the op-amps of a board."""
 
-    # The largest share of a limit first; empty for a board of parts without limits, and for an
-    # unstable board, whose loads have no bound. Left out are those that an upper bound excludes:
-    # below `FULL` of their limit, and not the largest of their quantity.
+    # The largest share of a limit first: the largest load of each quantity, and all others above
+    # `FULL` of their limit. Empty for a board of parts without limits, and for an unstable board,
+    # whose loads have no bound.
     loads: tuple[Load, ...] = ()
     unknown: str = ""  # why the loads are not known, or empty
     # U0 of a board whose loads are proportional to U0, V; else None.
@@ -276,7 +249,7 @@ class PartLoads:
 
     def beside(self, small: PartLoads) -> PartLoads:
         """Return these loads of a large-signal board with those of its `small`-signal board."""
-        limited = (load for load in small.worst if load.is_above)
+        limited = (load for load in small.loads if load.is_above)
         simulated = tuple(
             replace(load, slewing=self.slewing.get(load.part, 0.0))
             if load.quantity == "slope" and not self.unknown
@@ -318,15 +291,11 @@ class PartLoads:
             loads = _loads(board, initial, transient, tolerance)
         except EngineError as error:
             return cls((), f"the loads of the op-amps are not known: {error}", volts)
-        kept = tuple(load for load in loads if load.quantity != DRIVE)
+        first = {load.quantity: load for load in reversed(loads)}
+        chosen = (load for load in loads if load.is_above or first[load.quantity] is load)
+        kept = tuple(load for load in chosen if load.quantity != DRIVE)
         slewing = {load.part: load.slewing for load in loads if load.quantity == DRIVE}
         return cls(kept, "", volts, slewing=slewing)
-
-    @property
-    def worst(self) -> tuple[Load, ...]:
-        """The largest load of each quantity, and all others above `FULL` of their limit."""
-        first = {load.quantity: load for load in reversed(self.loads)}
-        return tuple(x for x in self.loads if x.is_above or first[x.quantity] is x)
 
     @property
     def impossible(self) -> tuple[Load, ...]:

@@ -182,7 +182,7 @@ class VerdictBody:
     @property
     def headroom(self) -> tuple[Load, ...]:
         """What the op-amps have to do."""
-        return (*self.verdict.parts.simulated, *self.verdict.parts.worst)
+        return (*self.verdict.parts.simulated, *self.verdict.parts.loads)
 
     def with_margins(self) -> VerdictBody:
         """Return the document with the stability margins, which cost a search of their own.

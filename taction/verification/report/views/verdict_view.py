@@ -211,7 +211,7 @@ def _reading(name: str, channel: Channel) -> Cell | None:
 
 def headroom_blocks(verdict: Verdict) -> tuple[Block, ...]:
     """Return what the op-amps have to do beside their limits, the largest share first."""
-    loads = (*verdict.parts.simulated, *verdict.parts.worst)
+    loads = (*verdict.parts.simulated, *verdict.parts.loads)
     if not loads:
         text = "No op-amp of this board has a limit of slew rate, swing or current in its model."
         return (Notes("", (text,)),)
