@@ -12,8 +12,6 @@ mode by ``(1 + hp/2) / (1 - hp/2)`` instead of ``exp(hp)``. No transient is simu
 For a linear board the forecast omits the start of ngspice (up to 50 steps) and the rounding of
 steps. For a board with behavioural amplifiers, and for the coarse board of a large board, the
 forecast is an estimate: the measured error is within a factor of 2 of the forecast.
-
-Functions of modes over time, none of which overflows: steps, integrals, exponentials, sums.
 """
 
 from __future__ import annotations
@@ -57,24 +55,13 @@ def slip(step: Floats, poles: Complexes) -> Complexes:
 def integral(rate: Array, time: Floats) -> Array:
     """Integrate `rate`, (T,) or (T, n), over `time` by the trapezoidal rule; the same shape."""
     found = np.zeros_like(rate)
-    between = np.diff(time) if rate.ndim == 1 else np.diff(time)[:, None]
-    np.cumsum(0.5 * (rate[1:] + rate[:-1]) * between, axis=0, out=found[1:])
+    np.cumsum((0.5 * (rate[1:] + rate[:-1])).T * np.diff(time), axis=-1, out=found[1:].T)
     return found
 
 
 def limited_exp(exponents: Complexes) -> Complexes:
     """Return the exponential, limited to ``exp(LARGEST)``."""
     return np.asarray(np.exp(np.minimum(exponents.real, LARGEST) + 1j * exponents.imag))
-
-
-def real_part(growth: Complexes, shares: Complexes) -> Floats:
-    """Return ``Re(growth @ shares)``, computed in real arithmetic."""
-    return np.asarray(growth.real @ shares.real - growth.imag @ shares.imag)
-
-
-def real_magnitude(growth: Complexes, shares: Complexes) -> Floats:
-    """Return ``|Re(growth @ shares)|``."""
-    return np.abs(real_part(growth, shares))
 
 
 CKTTERR = 72.0  # 12 of the trapezoidal rule's local error times 3! of the divided difference
@@ -202,11 +189,11 @@ class StepModel:
         which grows with the second root.
         """
         growth = limited_exp(np.multiply.outer(self.time, self.all_poles))
-        third = real_magnitude(growth, self.all_poles[:, None] ** 3 * self.charges)
-        third = np.maximum(third, TINY)
-        size = np.maximum(np.abs(real_part(growth, self.charges) + self.rest), self.charge)
+        first, second = (self.all_poles[:, None] ** k * self.charges for k in (1, 3))
+        third = np.maximum(np.abs((growth @ second).real), TINY)
+        size = np.maximum(np.abs((growth @ self.charges).real + self.rest), self.charge)
         by_charge = np.cbrt(CKTTERR * (size / third).min(axis=1, initial=self.charge / TINY))
-        current = real_magnitude(growth, self.all_poles[:, None] * self.charges) + self.current
+        current = np.abs((growth @ first).real) + self.current
         by_current = np.sqrt(CKTTERR * (current / third).min(axis=1, initial=math.inf))
         return by_charge, by_current
 
@@ -227,7 +214,7 @@ class StepModel:
             max_step=max_step,
             first_step=FIRST * float(step[0, 0]),
             steps=float(integral(1.0 / step[:, 0], self.time)[-1]),
-            error=float(real_magnitude(off, self.shares).max(initial=0.0)),
+            error=float(np.abs((off @ self.shares).real).max(initial=0.0)),
         )
 
     def even(self, max_step: float) -> StepForecast:
