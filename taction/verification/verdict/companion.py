@@ -30,7 +30,6 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.readings.exact_measures import ExactResponse, measure_responses
 from taction.verification.readings.measurements import Measurements, measure, summary
-from taction.verification.readings.readings import Reading
 from taction.verification.readings.record import CUBIC, Curve, Rest, lagrange
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.headroom import watched_nodes
@@ -216,35 +215,26 @@ class StepError:
     ]
 
 
-def bounded(
-    measured: Measurements, other: Measurements | None, safety: float = 1.0
-) -> Measurements:
+def bounded(measured: Measurements, other: Measurements | None) -> Measurements:
     """Return `measured` with uncertainties that hold for the true solution.
 
     The error of a reading is at most its difference to the reading of the better solution `other`,
     and the uncertainty of that one. A reading that only one solution has is infinitely uncertain,
     and all readings are without another solution. A settling time jumps by half a ringing period
-    when a peak moves through the edge of the band, and this difference counts, too. The differences
-    count `safety` times.
+    when a peak moves through the edge of the band, and this difference counts, too.
     """
     channels = []
     for n, channel in enumerate(measured.channels):
         better = {} if other is None else other.channels[n].readings
-        known = {
-            name: _bounded(reading, better.get(name), safety)
-            for name, reading in channel.readings.items()
-        }
+        known = dict(channel.readings)
+        for name, reading in channel.readings.items():
+            if reading is not None:
+                there, error = better.get(name), math.inf
+                if there is not None:
+                    error = abs(reading.value - there.value) + there.uncertainty
+                known[name] = replace(reading, uncertainty=error)
         channels.append(replace(channel, readings=known))
     return summary(measured.amplitude, measured.band, measured.modes, channels)
-
-
-def _bounded(reading: Reading | None, other: Reading | None, safety: float) -> Reading | None:
-    if reading is None:
-        return None
-    if other is None:
-        return replace(reading, uncertainty=math.inf)
-    apart = safety * abs(reading.value - other.value)
-    return replace(reading, uncertainty=apart + other.uncertainty)
 
 
 def step_error(measured: Measurements, end_error: float) -> StepError:

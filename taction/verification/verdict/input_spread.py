@@ -234,7 +234,9 @@ class _Deviations:
         """Return the spread of the outputs."""
         board, models = self.board, self.board.circuit.models
         sensitivity = RestSensitivity.of(board)
-        slopes, own = sensitivity.input_errors(), _resistor_slopes(sensitivity, self.resistors)
+        slopes = sensitivity.input_errors()
+        resistors = sensitivity.resistors() if self.resistors or self.devices else {}
+        own = resistors if self.resistors else {}
         spreads = {
             f"{cell.name}.{figure}": (each, _value(models[cell.model], figure))
             for cell in board.circuit.opamps
@@ -246,7 +248,8 @@ class _Deviations:
             for kind, share in shares.items()
         }
         slopes |= {f"{name}.resistor_drift": slope for name, slope in own.items()}
-        slopes |= _device_slopes(sensitivity, self.devices)
+        for name, shares in self.devices.items():
+            slopes |= {f"{name}.{kind}": resistors[name] for kind in shares}
         count, names = len(board.circuit.outputs), list(spreads)
         moves = [slopes[name] * (each.mean - at) for name, (each, at) in spreads.items()]
         sizes = [slopes[name] * each.sigma for name, (each, _) in spreads.items()]
@@ -263,7 +266,8 @@ class _Deviations:
         )
         every = np.concatenate([parts, ends / (math.sqrt(3.0) if uniform else MOST)])
         worst = int(np.argmax(found.sigma))
-        labels = [*(_label(name) for name in names), *(p.name for p in self.at_rest)]
+        labels = [name.removesuffix(".resistor_drift") for name in names]
+        labels += [part.name for part in self.at_rest]
         largest = labels[int(np.argmax(np.abs(every[:, worst])))]
         curvature = 0.0
         if found.sigma[worst] > 0.0:
@@ -297,11 +301,6 @@ class _Deviations:
         return with_resistors_at(self._varied(z), scale)
 
 
-def _label(name: str) -> str:
-    """Return the name of an error for a sentence."""
-    return name.removesuffix(".resistor_drift")
-
-
 def _changes(names: list[str], shifts: Floats, parts: Floats) -> tuple[Floats, dict[str, float]]:
     """Return what the changes move the mean, V, and how far each kind of change moves an output."""
     kinds = np.array([name.rpartition(".")[2] for name in names], dtype=object)
@@ -333,19 +332,6 @@ def covered(circuit: Circuit, tolerances: Tolerances, *, drift: bool = False) ->
 
 _KNOWN: dict[tuple[bytes, bytes, tuple[object, ...]], InputSpread] = {}
 """Of the last boards; those of a study that differ in capacitances alone have one spread."""
-
-
-def _resistor_slopes(sensitivity: RestSensitivity, sigma: float) -> dict[str, Floats]:
-    """Return the slopes with the logarithms of the resistors, V, (N,); none without a spread."""
-    return sensitivity.resistors() if sigma else {}
-
-
-def _device_slopes(
-    sensitivity: RestSensitivity, spreads: Mapping[str, Mapping[str, float]]
-) -> dict[str, Floats]:
-    """Return the slopes with the logarithms of the devices, V, (N,), by names and kinds."""
-    slopes = sensitivity.resistors() if spreads else {}
-    return {f"{name}.{kind}": slopes[name] for name, own in spreads.items() for kind in own}
 
 
 def _value(model: OpAmp, figure: str) -> float:

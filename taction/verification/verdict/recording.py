@@ -24,7 +24,6 @@ from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
 from taction.verification.verdict.companion import (
     Agreement,
-    Companion,
     StepError,
     compare_engines,
     find_companion,
@@ -38,7 +37,6 @@ from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.simulation import (
     ENGINES,
     Pending,
-    StateSpaceError,
     begin,
     bound_after,
     engine_of,
@@ -92,22 +90,6 @@ class Accuracy:
         return replace(
             self, seconds=self.seconds + earlier.seconds, tries=self.tries + earlier.tries
         )
-
-
-def attained(
-    design: PlannedBoard, own: StateSpaceError | None, companion: Companion | None
-) -> tuple[float, str, str]:
-    """Return the bound of the error of a transient, V, NaN if unknown; its method, and how.
-
-    `own`: of a record of the state-space engine.
-    `companion`: second solution for the record of ngspice; None for an unstable board.
-    """
-    if own is not None:
-        return own.volts, own.record.method, own.how
-    method = str(design.transient.method)
-    if companion is not None:
-        return companion.difference + companion.doubt, method, companion.how
-    return math.nan, method, "the board is unstable: the error grows with the voltages"
 
 
 def better_plan(recording: Recording, ideal: IdealAnswer) -> TransientPlan | None:
@@ -352,10 +334,16 @@ def _record(
         companion = find_companion(design, wave)
     clock.begin("measures")
     measured, forever = measure_with_bounds(design, ideal, wave, own, companion, known=known)
-    amplitude, agreement = measured.amplitude, None
-    end_error = own.volts if own is not None and math.isfinite(own.volts) else math.inf
-    if companion is not None:
-        end_error = companion.end_error
+    amplitude, agreement, exact_end = measured.amplitude, None, None
+    error, method = math.nan, str(design.transient.method)
+    how, end_error = "the board is unstable: the error grows with the voltages", math.inf
+    if own is not None:
+        error, method, how = own.volts, own.record.method, own.how
+        if math.isfinite(error):
+            end_error, exact_end = error, outputs(design.circuit, wave)[-1]
+    elif companion is not None:
+        error, how = companion.difference + companion.doubt, companion.how
+        end_error, exact_end = companion.end_error, companion.other[-1]
         steps = design.plan.forecast.error * amplitude
         unit = design.circuit.value("U0")
         agreement = compare_engines(companion, steps, design.scene.agreement_limit, unit)
@@ -365,18 +353,7 @@ def _record(
         measurements=measured,
         error=step_error(measured, end_error),
         agreement=agreement,
-        attained=attained(design, own, companion),
+        attained=(error, method, how),
         forever=forever,
-        exact_end=_exact_end(design, wave, own, companion),
+        exact_end=None if exact_end is None else np.array(exact_end),
     )
-
-
-def _exact_end(
-    design: PlannedBoard, wave: Waveforms, own: StateSpaceError | None, companion: Companion | None
-) -> Floats | None:
-    """Return the outputs of the second solution, or of a record with a bound, at the end, V."""
-    if companion is not None:
-        return np.array(companion.other[-1])
-    if own is None or not math.isfinite(own.volts):
-        return None
-    return np.array(outputs(design.circuit, wave)[-1])

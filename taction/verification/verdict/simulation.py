@@ -231,11 +231,8 @@ def begin(design: PlannedBoard) -> Pending:
     engine = ENGINES[design.engine]
     if not design.plan.growing:
         return Pending(engine.begin(design))
-    instead = partial(growing_record, design.board, design.plan)
-    try:
-        return Pending(engine.begin(design), instead)
-    except NoVerdictError as error:
-        return Pending(partial(_raise, error), instead)
+    begun = partial(engine.begin, design)
+    return Pending(lambda: begun()(), partial(growing_record, design.board, design.plan))
 
 
 def begin_together(designs: Sequence[PlannedBoard]) -> list[Pending | None]:
@@ -259,10 +256,6 @@ def own_error(design: PlannedBoard, waveforms: Waveforms) -> StateSpaceError | N
     """Return the error of `waveforms` if their engine bounds it itself; None if it takes steps."""
     error = engine_of(waveforms.engine).error
     return None if error is None else error(design, waveforms)
-
-
-def _raise(error: NoVerdictError) -> Waveforms:
-    raise error
 
 
 def growing_record(board: LinearBoard, plan: TransientPlan) -> Waveforms:
@@ -353,7 +346,9 @@ def _statespace(design: PlannedBoard) -> Callable[[], Waveforms]:
         else:
             waveforms = fill()
     except DivergesError as error:
-        waveforms = _until_it_diverges(error)
+        if not isinstance(error.partial, Waveforms):
+            raise
+        waveforms = error.partial  # beside a stable equilibrium: its record ends early
     return lambda: waveforms
 
 
@@ -384,13 +379,6 @@ def _is_stepped(design: PlannedBoard) -> bool:
 
 def _known(waveforms: Waveforms) -> Waveforms:
     return waveforms
-
-
-def _until_it_diverges(error: DivergesError) -> Waveforms:
-    """Return the record of a transient that diverges beside a stable equilibrium: it ends early."""
-    if not isinstance(error.partial, Waveforms):
-        raise error
-    return error.partial
 
 
 def _statespace_error(design: PlannedBoard, waveforms: Waveforms) -> StateSpaceError:

@@ -6,7 +6,7 @@ Of several scenes, boards that are alike are built and read together.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -390,19 +390,13 @@ def _verified(built: dict[int, Built]) -> Iterator[tuple[int, Verdict]]:
     runs = begin_together([design for design, _, _ in designs.values()])
     for run, (place, (design, ideal, search)) in zip(runs, designs.items(), strict=True):
         clock, margin = built[place][2], margins.get(place)
-        if not isinstance(margin, TactionError):
-            with _left_out():
-                known = search, readings.get(place), margin
-                evidence = gather_evidence(design, ideal, run, clock, *known)
-                yield place, judged(evidence, ideal, clock)
-
-
-@contextmanager
-def _left_out() -> Iterator[None]:
-    """Leave out a board that fails: alone it says why, with a run folder of its own."""
-    try:
-        yield
-    except Exception as error:
-        folder = getattr(error, "folder", None)
-        if isinstance(folder, Path):
-            remove_own_folder(folder)
+        if isinstance(margin, TactionError):
+            continue
+        try:
+            known = search, readings.get(place), margin
+            verdict = judged(gather_evidence(design, ideal, run, clock, *known), ideal, clock)
+        except Exception as error:  # alone it says why, with a run folder of its own
+            if isinstance(folder := getattr(error, "folder", None), Path):
+                remove_own_folder(folder)
+        else:
+            yield place, verdict

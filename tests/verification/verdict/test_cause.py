@@ -121,10 +121,10 @@ def test_every_channel_has_the_error_of_its_own_excursions() -> None:
     other = measured(
         channel(0, overshoot=Reading(0.12, 1e-3)), channel(1, overshoot=0.3, undershoot=0.01)
     )
-    found = bounded(record, other, 2.0)
+    found = bounded(record, other)
     errors = [[c.readings[name].uncertainty for name in EXCURSIONS] for c in found.channels]
-    assert errors == [[pytest.approx(0.041), 0.0], [0.0, pytest.approx(0.02)]]
-    # 0.1 + 0.041 is below 0.3, 0.02 is not above 0.02
+    assert errors == [[pytest.approx(0.021), 0.0], [0.0, pytest.approx(0.01)]]
+    # 0.1 + 0.021 is below 0.3, 0.01 is not above 0.02
     assert [found.readings[name].uncertainty for name in EXCURSIONS] == [0.0, 0.0]
 
 
