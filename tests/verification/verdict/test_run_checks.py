@@ -202,11 +202,17 @@ def test_a_steady_state_is_judged_at_the_equilibrium(
     assert found.tolerance == 1e-3
 
 
-@pytest.mark.parametrize("error", [1.5, math.inf])
-def test_a_step_below_the_rounding_of_the_equilibrium_is_nothing_to_judge(error: float) -> None:
-    found = check("steady_state", evidence(channel(final=1.0), steady=steady(1.0, error=error)))
-    assert (found.outcome, found.value) == (UNDECIDED, None)
-    assert found.reason.startswith("nothing to judge: the step amplitude is below the rounding")
+@pytest.mark.parametrize(("error", "of_reference"), [(1.5, 0.0), (math.inf, 0.0), (1e-15, 1.5)])
+def test_a_step_below_rounding_or_the_references_error_is_nothing_to_judge(
+    error: float, of_reference: float
+) -> None:
+    given = evidence(
+        channel(settling_time=None), steady=steady(1.0, error=error), reference_error=of_reference
+    )
+    for name in ("steady_state", "settling_time"):
+        found = check(name, given)
+        assert (found.outcome, found.value) == (UNDECIDED, None)
+        assert found.reason.startswith("nothing to judge: the step amplitude is below the rounding")
 
 
 def test_the_end_of_a_record_confirms_the_equilibrium_and_decides_nothing() -> None:
@@ -301,13 +307,6 @@ def test_a_board_that_need_not_move_is_no_verdict() -> None:
     given = evidence(measurements=measured(channel(target=0.0, final=0.3), amplitude=0.0))
     assert check("steady_state", given).outcome is UNDECIDED
     assert check("settling_time", given).outcome is UNDECIDED
-
-
-def test_a_step_below_the_references_error_is_nothing_to_judge() -> None:
-    given = evidence(channel(final=3.0, settling_time=None), reference_error=1.5)
-    for name in ("steady_state", "settling_time"):
-        assert check(name, given).outcome is UNDECIDED
-        assert "nothing to judge" in check(name, given).reason
 
 
 def test_a_record_within_the_limit_confirms_where_the_remainder_is_an_estimate() -> None:

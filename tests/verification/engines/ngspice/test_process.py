@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
@@ -14,7 +13,6 @@ from taction.system.errors import (
     BadEvidence,
     DidNotLoad,
     InputError,
-    Killed,
     OutOfDisk,
     SimulationError,
     SimulatorNotFound,
@@ -218,33 +216,6 @@ def test_timeout_ends_the_whole_group_and_keeps_what_was_written(
     assert 0.0 < partial.time[-1] < 1.0
     assert largest_error(partial) < 1e-6
     assert not is_running(int((folder / "child").read_text()))
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
-def test_a_child_in_a_session_of_its_own_is_ended_where_the_run_fails(
-    simulator: Simulator, tmp_path: Path
-) -> None:
-    daemon = 'setsid sh -c "echo \\$\\$ > child; exec sleep 1000" &'
-    fake = wrapped(simulator, tmp_path, f"{daemon}\nwhile ! [ -s child ]; do sleep 0.01; done")
-    folder = tmp_path / "run"
-    with pytest.raises(TimedOut):
-        simulate(endless(), fake, timeout=0.5, folder=folder)
-    assert not is_running(process_id(folder / "child"))
-
-
-def test_a_child_that_outlives_its_simulator_is_ended(simulator: Simulator, tmp_path: Path) -> None:
-    fake = wrapped(simulator, tmp_path, "sleep 1000 & echo $! > child")
-    folder = tmp_path / "run"
-    waveforms = simulate(transient(), fake, timeout=30.0, folder=folder, keep=True)
-    assert largest_error(waveforms) < 1e-3
-    assert not is_running(int((folder / "child").read_text()))
-
-
-def test_killed_by_a_signal(simulator: Simulator, tmp_path: Path) -> None:
-    fake = wrapped(simulator, tmp_path, "(sleep 0.3; kill -SEGV $$) &")
-    with pytest.raises(Killed, match="SIGSEGV") as caught:
-        simulate(endless(), fake, timeout=30.0, folder=tmp_path / "run")
-    assert isinstance(caught.value.partial, Waveforms)
 
 
 def fake(folder: Path, answer: str) -> str:
