@@ -13,8 +13,6 @@ from dataclasses import dataclass, replace
 from itertools import product
 from operator import attrgetter
 
-import numpy as np
-
 from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import LIMITS, Point, SweepAxis, read_ends, tried, with_values
@@ -23,14 +21,13 @@ from taction.netlist_gen.scene.keys import Value, find_key, own_value
 from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
-from taction.system.errors import Complaint, EngineError, InputError, NoVerdictError
+from taction.system.errors import Complaint, InputError, NoVerdictError
 from taction.verification.design.nearest import SearchRange
 from taction.verification.design.scaling import SHARE, SMALLER, rescaled
-from taction.verification.design.trials import at_small_signal
+from taction.verification.design.trials import at_small_signal, rest_distance
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.studies.sweep.plan import Plan
-from taction.verification.verdict.input_spread import InputSpread
 
 ERRORS = "design.opamp.input_errors"
 OPAMP, CAPACITANCE, GAIN = "design.opamp.base", "design.capacitance", "design.gain"
@@ -176,13 +173,8 @@ def _with_own_scale(scene: Scene) -> Scene:
 
 
 def _distance(scene: Scene, problem: InverseProblem, answer: IdealAnswer) -> float:
-    """Return how far 95 % of the boards rest from the answer, in steps; 0 without input errors."""
-    step = float(np.abs(answer.target - answer.start).max(initial=0.0))
-    ratio = scene.design.unit_voltage / answer.network.U0
+    """Return `rest_distance` of a scene; infinite where it has no board."""
     try:
-        spread = InputSpread.of(LinearBoard(synthesise(scene, problem)))
-    except (InputError, EngineError):
+        return rest_distance(LinearBoard(synthesise(scene, problem)), answer)
+    except InputError:
         return math.inf
-    if spread is None or not step:
-        return 0.0
-    return spread.distance(answer.target * ratio)[0] / (step * ratio)

@@ -1,6 +1,6 @@
-"""The changes nearest to a scene that are good: one walk outwards over keys, and pairs of keys.
+"""The changes nearest to a scene that are good: outwards over a key, and over pairs of keys.
 
-All keys are walked together, in steps of a fixed ratio, on both sides. Between two neighbours of
+The values of a key go outwards on both sides, in steps of a fixed ratio. Between two neighbours of
 which the farther one passes, or which fail in different checks, the values that can be bought are
 halved: some value between a board that is too fast and one that is too slow may pass.
 """
@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -26,11 +26,8 @@ from taction.verification.verdict.cause import following
 
 AT_EDGE = 0.02  # of the logarithmic range: a value so close to an end is at its edge
 PER_DECADE, DECADES = 3, 2.0  # values of one key, on both sides of the scene's value
-PAIR_DECADES, SPACING = 1.5, 0.5  # of two keys: on both sides, and between the first places
+PAIR_DECADES, PLACES = 1.2, 7  # of two keys: on both sides, and values of each
 EVALUATIONS = 40  # of one simplex
-FAR = 5.0  # of a check without a value, such as those of an unstable board
-LEAST_MISS = 1e-3  # of a check whose value is at its limit, and does not pass
-LINE = 64  # places of two keys between two changes
 
 Values = dict[str, Value]
 Accept = Callable[[Trial], bool]
@@ -138,152 +135,111 @@ class Search:
     paths: tuple[str, ...]
     least: float | None = None  # ends of the values that are tried, of one key with a range
     most: float | None = None
-    ranges: tuple[SearchRange, ...] = ()  # the keys; empty for a list of values
-    ways: list[list[Values]] = field(default_factory=list)  # in a row, the nearest change first
     found: list[Trial] = field(default_factory=list)  # the nearest that is good; of a list all
     complete: bool = True  # the work sufficed
-    accept: Accept = is_good
-
-    @classmethod
-    def of_list(cls, path: str, values: Sequence[Value]) -> Search:
-        """Return the search over listed values of a key, the nearest first."""
-        return cls((path,), ways=[[{}, *({path: value} for value in values)]])
-
-    @classmethod
-    def of_key(
-        cls,
-        scene: Scene,
-        path: str,
-        edge: float | None = None,
-        limits: tuple[float, float] = (0.0, math.inf),
-        accept: Accept = is_good,
-    ) -> Search | None:
-        """Return the search over a key; None if it has no value.
-
-        `edge`: end of the stable range nearest to the scene's value: the search begins there, and
-          goes away from the scene.
-        `limits`: no value beyond them is tried.
-        """
-        one = SearchRange.around(scene, path, 10.0**DECADES)
-        if one is None:
-            return None
-        begin = one.own if edge is None else edge
-        sides = (1.0, -1.0) if edge is None else (math.copysign(1.0, edge - one.own),)
-        exponents = np.arange(round(DECADES * PER_DECADE) + 1) / PER_DECADE
-        ways = []
-        for side in sides:
-            values = np.clip(begin * 10.0 ** (side * exponents), *limits).tolist()
-            ways.append([one.own, *map(one.bought, values[edge is None :])])
-        tried = [value for way in ways for value in way]
-        rows: list[list[Values]] = [[{path: value} for value in way] for way in ways]
-        return cls((path,), min(tried), max(tried), (one,), rows, accept=accept)
-
-    def advance(self, trials: Trials, step: int) -> bool:
-        """Try the next change of every way; return whether there are more of them to try."""
-        for way in self.ways:
-            if step + 1 >= len(way):
-                continue
-            good = self.first_good(trials, way[step], way[step + 1])
-            if good is not None:
-                self.found.append(good)
-                if self.ranges:
-                    return False
-        return any(step + 2 < len(way) for way in self.ways)
-
-    def first_good(self, trials: Trials, inner: Values, outer: Values) -> Trial | None:
-        """Return the good trial nearest to `inner` from there to `outer`, as far as one is seen."""
-        trial = trials.at(outer)
-        best = trial if self.accept(trial) else None
-        if not self.ranges:
-            return best
-        beyond = set() if best else _causes(trials.scene, trial)
-        if inner == outer or beyond & _causes(trials.scene, trials.at(inner)):
-            return best
-        values = [inner, *self._between(inner, outer), outer]
-        first, last = 0, len(values) - 1
-        try:
-            while last - first > 1:
-                middle = (first + last) // 2
-                trial = trials.at(values[middle])
-                if self.accept(trial):
-                    best, last, beyond = trial, middle, set()
-                elif beyond & _causes(trials.scene, trial):
-                    last = middle
-                else:
-                    first = middle
-        except OutOfWorkError:
-            self.complete = False
-            if best is None:
-                raise
-        return best
-
-    def _between(self, inner: Values, outer: Values) -> list[Values]:
-        """Return what can be bought between two changes, in order."""
-        moved = [one for one in self.ranges if inner[one.path] != outer[one.path]]
-        ends = [(float(inner[one.path]), float(outer[one.path])) for one in moved]
-        if len(self.ranges) == 1:
-            (one,), ((start, end),) = moved, ends
-            values = values_between(min(start, end), max(start, end), one.series)
-            rows = [{one.path: value} for value in values[:: 1 if start < end else -1].tolist()]
-        else:
-            shares = np.linspace(0.0, 1.0, LINE)[1:-1].tolist()
-            rows = [
-                inner
-                | {
-                    one.path: one.bought(start * (end / start) ** share)
-                    for one, (start, end) in zip(moved, ends, strict=True)
-                }
-                for share in shares
-            ]
-        return [row for row in rows if row not in (inner, outer)]
 
 
-def walk(trials: Trials, searches: Iterable[Search]) -> None:
-    """Search over all keys together, outwards from the scene, until each has found a good trial.
+def search_key(
+    trials: Trials,
+    path: str,
+    edge: float | None = None,
+    limits: tuple[float, float] = (0.0, math.inf),
+    accept: Accept = is_good,
+) -> Search | None:
+    """Return the search outwards over a key, on both sides; None if the scene has no value.
 
-    A search that the work of the trials cuts is not `complete`.
+    `edge`: end of the stable range nearest to the scene's value: the search begins there, and goes
+      away from the scene.
+    `limits`: no value beyond them is tried.
     """
-    open_searches, step = [each for each in searches if not each.found], 0
-    try:
-        while open_searches:
-            for search in tuple(open_searches):
-                if not search.advance(trials, step):
-                    open_searches.remove(search)
-            step += 1
-    except OutOfWorkError:
-        for search in open_searches:
-            search.complete = False
-
-
-def search_pair(trials: Trials, paths: tuple[str, str]) -> Search | None:
-    """Return the search over two keys together; None where a key has no value.
-
-    A simplex goes from the trial that is nearest to a pass to where the checks pass; then the line
-    from the scene to there is halved.
-    """
-    found = [SearchRange.around(trials.scene, path, 10.0**PAIR_DECADES) for path in paths]
-    ranges = tuple(one for one in found if one is not None)
-    if len(ranges) < len(paths):
+    one = SearchRange.around(trials.scene, path, 10.0**DECADES)
+    if one is None:
         return None
-    search = Search(paths, ranges=ranges)
-    own: Values = {one.path: one.own for one in ranges}
-
-    def missed(values: Values) -> float:
-        return missed_by(trials.scene, trials.at(values))
-
-    try:
-        known = [own, *(t.values for t in trials.tried if t.values.keys() <= own.keys())]
-        start = own | min(known, key=missed)
-        best = descend(missed, ranges, start, [SPACING * math.log(10.0)] * 2, 0.0)
-        good = search.first_good(trials, own, best) if trials.at(best).good else None
-        search.found = [] if good is None else [good]
-    except OutOfWorkError:
-        search.complete = False
+    begin = one.own if edge is None else edge
+    sides = (1.0, -1.0) if edge is None else (math.copysign(1.0, edge - one.own),)
+    exponents = np.arange(round(DECADES * PER_DECADE) + 1) / PER_DECADE
+    ways = []
+    for side in sides:
+        values = np.clip(begin * 10.0 ** (side * exponents), *limits).tolist()
+        ways.append([one.own, *map(one.bought, values[edge is None :])])
+    tried = [value for way in ways for value in way]
+    search = Search((path,), min(tried), max(tried))
+    for step in range(len(ways[0]) - 1):
+        for way in ways:
+            _search_between(trials, search, one, way[step], way[step + 1], accept)
+            if search.found or not search.complete:
+                return search
     return search
 
 
-class _EnoughError(Exception):
-    """The objective is as small as it need be."""
+def _search_between(
+    trials: Trials, search: Search, one: SearchRange, inner: float, outer: float, accept: Accept
+) -> None:
+    """Add the accepted trial nearest to `inner` from there to `outer`, as far as one is seen."""
+    beyond, scene = set[tuple[str, bool]](), trials.scene
+
+    def tried(value: float) -> bool:
+        nonlocal beyond
+        trial = trials.at({one.path: value})
+        accepted = accept(trial)
+        beyond = set() if accepted else _causes(scene, trial)
+        search.found = [trial] if accepted else search.found
+        return accepted
+
+    try:
+        tried(outer)
+        failing = beyond
+        if inner == outer or failing & _causes(scene, trials.at({one.path: inner})):
+            return
+        between = values_between(min(inner, outer), max(inner, outer), one.series).tolist()
+        values = [value for value in between if value not in (inner, outer)]
+        values = values if inner < outer else values[::-1]
+        while values:
+            middle = len(values) // 2
+            if tried(values[middle]) or failing & beyond:
+                values, failing = values[:middle], beyond
+            else:
+                values = values[middle + 1 :]
+    except OutOfWorkError:
+        search.complete = False
+
+
+def search_list(trials: Trials, path: str, values: Iterable[Value]) -> Search:
+    """Return the search over listed values of a key, the nearest first."""
+    return _search_rows(trials, (path,), [{path: value} for value in values], math.inf)
+
+
+def search_pair(trials: Trials, paths: tuple[str, str]) -> Search | None:
+    """Return the search over two keys together, on a grid; None where a key has no value."""
+    ranges = [SearchRange.around(trials.scene, path, 10.0**PAIR_DECADES) for path in paths]
+    if None in ranges:
+        return None
+    exponents = np.linspace(-PAIR_DECADES, PAIR_DECADES, PLACES).tolist()
+    rows: list[Values] = [
+        {
+            one.path: one.bought(one.own * 10.0**exponent)
+            for one, exponent in zip(ranges, pair, strict=True)
+            if one is not None
+        }
+        for pair in sorted(product(exponents, repeat=2), key=lambda pair: math.hypot(*pair))
+    ]
+    return _search_rows(trials, paths, rows, 1)
+
+
+def _search_rows(
+    trials: Trials, paths: tuple[str, ...], rows: Iterable[Values], enough: float
+) -> Search:
+    """Return the search over changes in their order, until `enough` are good."""
+    search = Search(paths)
+    try:
+        for row in rows:
+            if is_good(trial := trials.at(row)):
+                search.found.append(trial)
+                if len(search.found) >= enough:
+                    break
+    except OutOfWorkError:
+        search.complete = False
+    return search
 
 
 def descend(
@@ -291,12 +247,10 @@ def descend(
     ranges: Sequence[SearchRange],
     start: Values,
     spacings: Sequence[float],
-    enough: float = -math.inf,
 ) -> Values:
     """Return the values with the least objective that a simplex finds from a start.
 
     `spacings`: from the start to the first places, of each key, natural logarithm.
-    `enough`: the search ends at an objective that is not above it.
     """
     from scipy.optimize import minimize
 
@@ -310,34 +264,14 @@ def descend(
         }
         value = objective(values)
         best = min(best, (value, values), key=lambda pair: pair[0])
-        if value <= enough:
-            raise _EnoughError
         return value
 
     begin = np.log([float(start[one.path]) for one in ranges])
     simplex = np.vstack([begin, begin + np.diag(spacings)])
     options: Any = {"initial_simplex": simplex, "maxfev": EVALUATIONS}
     options |= {"xatol": 1e-3, "fatol": 1e-4}
-    with suppress(_EnoughError):
-        minimize(at, begin.tolist(), method="Nelder-Mead", options=options)
+    minimize(at, begin.tolist(), method="Nelder-Mead", options=options)
     return best[1]
-
-
-def missed_by(scene: Scene, trial: Trial) -> float:
-    """Return how far a trial is from a pass: 0 for a good one.
-
-    Each check that fails by itself counts the logarithm of its value over its limit.
-    """
-    missed = 0.0
-    for name, below in sorted(_causes(scene, trial)):
-        check = trial.record.check(name)
-        limit = None if check is None else check.expected or check.tolerance
-        limit = getattr(scene.checks, name).min if below else limit
-        value, far = trial.reading(name), FAR
-        if value and limit and trial.record.stable:
-            far = min(abs(math.log(abs(value / limit))), FAR)
-        missed += LEAST_MISS + far
-    return missed
 
 
 def _causes(scene: Scene, trial: Trial) -> set[tuple[str, bool]]:

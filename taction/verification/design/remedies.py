@@ -1,15 +1,17 @@
 """What to change on a board whose checks fail: the nearest changes that mend it, each verified.
 
-Every failed check has its own keys (`mending_keys`). Over each key one walk goes outwards from the
-scene's value to the nearest value with which the state-space engine's verdict passes. What an
-unstable board needs is solved on the poles first: the walk begins at the edge of the stable range.
-Where no single key mends a transient, two knobs are changed together.
+Every failed check has its own keys (`mending_keys`). Over each key one search goes outwards from
+the scene's value to the nearest value with which the state-space engine's verdict passes. What an
+unstable board needs is solved on the poles first: the search begins at the edge of the stable
+range. Where no single key mends a transient, two knobs are changed together. A board that rests
+beyond the limit is judged at rest; where no change mends all, the nearest of these is followed.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from taction.netlist_gen.board.opamp_choice import choose_opamp
@@ -19,15 +21,21 @@ from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.reading_definitions import READINGS
-from taction.verification.design.nearest import Search, search_pair, walk
+from taction.verification.design.nearest import Search, search_key, search_list, search_pair
 from taction.verification.design.stable_ranges import StableRange, stable_ranges
-from taction.verification.design.trials import OPAMP, Trial, Trials, knobs_with_margin
+from taction.verification.design.trials import (
+    OPAMP,
+    OutOfWorkError,
+    Trial,
+    Trials,
+    knobs_with_margin,
+)
 from taction.verification.verdict.cause import following
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import ERROR
 from taction.verification.verdict.verify import Verdict
 
-LIMIT = 3600.0  # designs: the work of a search
+LIMIT = 1000.0  # designs: the work of a search
 SERIES = ("E24", "E96", "E192", "exact")
 SUPPLIES = (5.0, 9.0, 12.0, 15.0, 18.0, 22.0)
 SHOWN = 4  # op-amps that are proposed
@@ -144,7 +152,7 @@ def find_remedies(
     failed = tuple(check.name for check in verdict.checks if check.outcome is Outcome.FAIL)
     if not failed:
         return None
-    trials = Trials(verdict.scene, work, ANY_PART if any_part else None)
+    trials = Trials(verdict.scene, work, ANY_PART if any_part else None, rest_first=True)
     follows, keys = following(verdict.checks), mending_keys(verdict.scene)
     knobs = knobs_with_margin(verdict.scene)
     causes = [name for name in failed if name not in follows]
@@ -155,28 +163,33 @@ def find_remedies(
     edges = {each.path: each.edge for each in ranges if each.edge is not None}
     if verdict.parts.largest_unit_voltage is not None:
         edges["design.unit_voltage"] = verdict.parts.largest_unit_voltage
-    hopeless = [each for each in ranges if not each.found and not each.reason]
-    searches = [Search((each.path,), each.least, each.most) for each in hopeless]
-    known = {each.path for each in hopeless}
-    asked = [_search(verdict.scene, path, edges.get(path)) for path in paths if path not in known]
-    of_knobs = [search for search in asked if search is not None and search.paths[0] in knobs]
-    others = [search for search in asked if search is not None and search not in of_knobs]
-    transient = all(name in ("stability", *READINGS) for name in causes)
-    walk(trials, of_knobs if transient else [*of_knobs, *others])
-    if len(knobs) > 1 and transient and paths and not any(each.found for each in of_knobs):
+    searches = {
+        each.path: Search((each.path,), each.least, each.most)
+        for each in ranges
+        if not each.found and not each.reason
+    }
+    paths = [path for path in paths if path not in searches]
+    for place, path in enumerate(paths):
+        trials.limit = trials.spent + (work - trials.spent) / (len(paths) - place)
+        search = _search(trials, path, edges.get(path))
+        searches |= {} if search is None else {path: search}
+    trials.limit = work
+    transient = not unmendable and all(name in ("stability", *READINGS) for name in causes)
+    found = {path for path, search in searches.items() if search.found}
+    if transient and len(knobs) > 1 and not found.intersection(knobs):
         pair = search_pair(trials, (knobs[0], knobs[1]))
-        of_knobs += [] if pair is None else [pair]
-    walk(trials, others)
-    searches += [*of_knobs, *others]
-    passing = [trial for search in searches for trial in search.found[:SHOWN]]
+        searches |= {} if pair is None else {"pair": pair}
+    if not found:
+        _follow_nearest(trials)
+    passing = [trial for search in searches.values() for trial in search.found[:SHOWN]]
     opamps = (t.values[OPAMP] for t in trials.tried if {OPAMP} == {*t.values} and _stable(t))
     return Remedies(
         failed=failed,
         stability=ranges,
         changes=tuple(_change(trials, failed, trial) for trial in passing or _best(trials, failed)),
-        without=tuple(each for each in searches if each.complete and not each.found),
-        searched=tuple(dict.fromkeys(path for each in searches for path in each.paths)),
-        cut=tuple(each.paths for each in searches if not each.complete),
+        without=tuple(s for s in searches.values() if s.complete and not s.found),
+        searched=tuple(dict.fromkeys(path for s in searches.values() for path in s.paths)),
+        cut=tuple(s.paths for s in searches.values() if not s.complete),
         unmendable=unmendable,
         opamps=tuple(map(str, opamps)) if ranges else (),
         trials=len(trials.tried),
@@ -195,12 +208,25 @@ def _mended(failed: Sequence[str], trial: Trial) -> tuple[str, ...]:
     return tuple(name for name in failed if trial.passed(name))
 
 
+def _follow_nearest(trials: Trials) -> None:
+    """Follow, for each set of keys, the transient of the board that rests nearest to the answer."""
+    nearest: dict[frozenset[str], Trial] = {}
+    for trial in sorted(trials.tried, key=lambda trial: trial.rest):
+        if trial.rest:
+            nearest.setdefault(frozenset(trial.values), trial)
+    with suppress(OutOfWorkError):
+        for trial in nearest.values():
+            trials.whole(trial)
+
+
 def _best(trials: Trials, failed: Sequence[str]) -> list[Trial]:
     """Return the first trial that mends most checks, for each set of keys."""
     best: dict[frozenset[str], Trial] = {}
-    most = max((len(_mended(failed, t)) for t in trials.tried if not t.refused), default=0)
+    most = max(
+        (len(_mended(failed, t)) for t in trials.tried if not (t.refused or t.rest)), default=0
+    )
     for trial in trials.tried:
-        if most and not trial.refused and len(_mended(failed, trial)) == most:
+        if most and not (trial.refused or trial.rest) and len(_mended(failed, trial)) == most:
             best.setdefault(frozenset(trial.values), trial)
     return list(best.values())
 
@@ -214,12 +240,12 @@ def _change(trials: Trials, failed: Sequence[str], trial: Trial) -> Change:
     return Change(values, _mended(failed, trial), trial.left, resistance)
 
 
-def _search(scene: Scene, path: str, edge: float | None) -> Search | None:
+def _search(trials: Trials, path: str, edge: float | None) -> Search | None:
     """Return the search over a key; None where it has no values."""
-    values = _listed(scene, path)
+    values = _listed(trials.scene, path)
     if values is None:
-        return Search.of_key(scene, path, edge)
-    return Search.of_list(path, values) if values else None
+        return search_key(trials, path, edge)
+    return search_list(trials, path, values) if values else None
 
 
 def _listed(scene: Scene, path: str) -> Sequence[Value] | None:

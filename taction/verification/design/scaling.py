@@ -38,7 +38,7 @@ from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.progress import Progress
 from taction.system.quantities import show
 from taction.system.results import Result
-from taction.verification.design.nearest import Search, is_good, walk
+from taction.verification.design.nearest import is_good, search_key
 from taction.verification.design.trials import (
     Trial,
     Trials,
@@ -362,8 +362,7 @@ def _with_capacitance(
     own = trials.at({path: scene.design.capacitance})
     if accept(own):
         return scene
-    search = Search.of_key(scene, path, accept=accept)
-    walk(trials, [search] if search is not None else [])
+    search = search_key(trials, path, accept=accept)
     if search is None or not search.found:
         notes.append(f"{NO_C}: {own.refused or own.reason}")
         return None

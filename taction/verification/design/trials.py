@@ -14,6 +14,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
+import numpy as np
+
 from taction.netlist_gen.board.part_warnings import AcceptedParts, BrokenLimit, broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
@@ -22,10 +24,12 @@ from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.errors import EngineError, InputError, NoVerdictError
+from taction.system.quantities import percent
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.reference.ideal_answer import ideal_network
+from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify
 
@@ -33,11 +37,12 @@ OPAMP = "design.opamp"
 KEPT = {"level", "input_errors"}  # keys of an op-amp that say how it is simulated
 
 VERDICT = 10.0  # designs: the work of a verdict
-STEPPED = 10.0  # times as much: that of a board whose transient takes steps
+STEPPED = 20.0  # times as much: that of a board whose transient takes steps
 POLES = 2.0  # designs: the work of poles with bounds
 STATES = 70.0  # of a board whose decomposition costs as much as all that grows slower with it
 RINGING = 250.0  # rad in a time constant: the work of following it is that of one design
 LONGEST = 1000.0  # rad in a time constant, of a board whose transient takes steps
+CLEARLY = 2.0  # times the limit: a board that rests farther away needs no transient
 TINY = 1e-12
 
 
@@ -64,6 +69,7 @@ class Trial:
     record: Record  # of the verdict, or why there is none
     # Which of its parts cannot be bought, or the layout undoes, or why there is no verdict.
     refused: str = ""
+    rest: float = 0.0  # without a transient: how far the board rests off, times the limit
 
     @property
     def plain_values(self) -> dict[str, Value]:
@@ -121,17 +127,23 @@ class Trials:
     `scene`: lambda is a number.
     `work`: most work of all trials together: a design of few states is 1 (`Trials.spend`).
     `accepted`: parts beyond the limits that are not refused, by default those of the scene.
+    `rest_first`: a board that rests beyond the limit has no transient, but by `whole`.
     InputError: the problem of the scene cannot be made.
     """
 
     def __init__(
-        self, scene: Scene, work: float = math.inf, accepted: AcceptedParts | None = None
+        self,
+        scene: Scene,
+        work: float = math.inf,
+        accepted: AcceptedParts | None = None,
+        *,
+        rest_first: bool = False,
     ) -> None:
         self.scene = scene.with_engine("statespace")
         self.problem = make_problem(scene)
         self.lam = ideal_network(self.problem, scene).lam
         self.accepted = accepted or accepted_parts(scene, self.problem)
-        self.limit, self.spent = work, 0.0
+        self.limit, self.spent, self.rest_first = work, 0.0, rest_first
         self._known: dict[tuple[tuple[str, Value], ...], Trial] = {}
 
     @property
@@ -194,6 +206,20 @@ class Trials:
                 self._known[key] = Trial(dict(changes), record, reason)
         return self._known[key]
 
+    def whole(self, trial: Trial) -> Trial:
+        """Return a trial with its transient.
+
+        OutOfWorkError: the work that is left does not suffice for it.
+        """
+        if not trial.rest:
+            return trial
+        self._known.pop(tuple(sorted(trial.values.items())))
+        rest_first, self.rest_first = self.rest_first, False
+        try:
+            return self.at(trial.values)
+        finally:
+            self.rest_first = rest_first
+
     def _try(self, changes: dict[str, Any]) -> Trial:
         """Verify a change; a board whose poles show that it is unstable needs no transient."""
         scene = at_small_signal(self.scene_at(changes))
@@ -202,6 +228,11 @@ class Trials:
         found = poles(board)
         if found.known_unstable:
             return Trial(changes, _unstable(found, scene))
+        limit = scene.checks.steady_state.tolerance
+        if self.rest_first:
+            rest = rest_distance(board, ideal_answer(ideal_network(self.problem, scene), scene))
+            if rest > CLEARLY * limit:
+                return Trial(changes, _resting_off(rest, limit), rest=rest / limit)
         ringing = 1.0 / max(found.damping_ratio, TINY)
         if not board.circuit.is_linear and ringing > LONGEST:
             ratio = f"{found.damping_ratio:.2g}"
@@ -212,6 +243,22 @@ class Trials:
         passes = verdict.outcome is Outcome.PASS
         refused = self.accepted.refused(broken_at_rest(board)) if passes else ""
         return Trial(changes, Record.of(verdict, channels=False), refused)
+
+
+def rest_distance(board: LinearBoard, answer: IdealAnswer) -> float:
+    """Return how far 95 % of the boards rest from the answer, in steps; 0 where nothing varies.
+
+    Infinite for a board that has no equilibrium.
+    """
+    step = float(np.abs(answer.target - answer.start).max(initial=0.0))
+    ratio = board.circuit.value("U0") / answer.network.U0
+    try:
+        spread = InputSpread.of(board)
+    except EngineError:
+        return math.inf
+    if spread is None or not step:
+        return 0.0
+    return spread.distance(answer.target * ratio)[0] / (step * ratio)
 
 
 def accepted_parts(scene: Scene, problem: InverseProblem) -> AcceptedParts:
@@ -241,6 +288,16 @@ def at_small_signal(scene: Scene) -> Scene:
         return scene
     opamp = scene.design.opamp.model_copy(update={"level": "small-signal"})
     return scene.model_copy(update={"design": scene.design.model_copy(update={"opamp": opamp})})
+
+
+def _resting_off(rest: float, limit: float) -> Record:
+    """Return the record of a stable board that is judged at rest only; lengths in steps."""
+    reason, fail, none = f"rests {percent(rest)} off the reference", Outcome.FAIL, None
+    steady = Check("steady_state", fail, rest, none, 0.0, limit, "step", reason)
+    stability = Check("stability", Outcome.PASS, none, none, none, none, "1/s", "")
+    record = Record.without_verdict("", reason, "statespace")
+    checks = (stability, steady)
+    return replace(record, outcome=fail.value, failure=none, stable=True, checks=checks)
 
 
 def _unstable(found: Poles, scene: Scene) -> Record:

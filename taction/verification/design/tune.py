@@ -24,12 +24,11 @@ from taction.system.progress import Progress
 from taction.system.quantities import percent, show
 from taction.system.results import Result
 from taction.verification.design.nearest import (
-    Search,
     SearchRange,
     Values,
     descend,
     parse_ranges,
-    walk,
+    search_key,
 )
 from taction.verification.design.trials import Trial, Trials
 from taction.verification.reference.lambda_rule import read_scene
@@ -220,9 +219,8 @@ class _TuneSearch:
             self.trials.at(dict(zip(self.own, point, strict=True)))
         if not self.feasible(self.best(1)[0]):
             progress("from the scene outwards")  # the grid may step over a narrow window
-            ends = ((each, (each.low, each.high)) for each in self.ranges)
-            walks = [Search.of_key(self.trials.scene, each.path, None, two) for each, two in ends]
-            walk(self.trials, [each for each in walks if each is not None])
+            for each in self.ranges:
+                search_key(self.trials, each.path, limits=(each.low, each.high))
             for found in [trial for trial in self.trials.tried if trial.good]:
                 self.trials.at(self.own | found.values)
         count = GRID[len(self.ranges)] - 1

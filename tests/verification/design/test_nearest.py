@@ -11,7 +11,7 @@ import pytest
 
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.design.nearest import Search, search_pair, walk
+from taction.verification.design.nearest import Search, search_key, search_list, search_pair
 from taction.verification.design.trials import OutOfWorkError, Trial, Trials
 from tests.support.making import make_scene
 from tests.support.trials import make_trial
@@ -51,9 +51,7 @@ def trials(fails: Fails, **more: int | str) -> Trials:
 
 def search_range(made: Trials, path: str, **options: Any) -> Search | None:
     """The finished search over one key."""
-    found = Search.of_key(made.scene, path, **options)
-    walk(made, [] if found is None else [found])
-    return found
+    return search_key(made, path, **options)
 
 
 def value_of(found: Search | None, path: str = C) -> float:
@@ -133,7 +131,7 @@ def test_work_that_ends_keeps_what_was_found() -> None:
     assert not found.complete
     assert not search_pair(trials(lambda *_: ["fast"], most=5), (C, GAIN)).complete
     made = trials(lambda c, _: ["fast"] if c > 0.16 else [])
-    walk(made, [listed := Search.of_list(C, [1e-12, 2e-12, 1.5e-12])])
+    listed = search_list(made, C, [1e-12, 2e-12, 1.5e-12])
     assert listed.complete
     assert [trial.values[C] for trial in listed.found] == [1e-12, 1.5e-12]
 

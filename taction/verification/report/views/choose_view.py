@@ -36,6 +36,7 @@ from taction.verification.report.texts import (
     percent,
     quantity,
     readable,
+    rounded_up,
     spaced,
 )
 from taction.verification.report.views.answer_view import yield_text
@@ -159,11 +160,16 @@ def _best(best: Sequence[BestDesign]) -> Iterator[Block]:
         return Cell("not run") if outcome is None else Cell(outcome.value, None, outcome.value)
 
     def built(design: ChosenDesign) -> Cell:
-        share = said[design.place].yield_at_most
-        return Cell("-" if share is None else f"at most {percent(share)}", share)
+        verdict = said[design.place].verdict
+        boards = None if verdict is None else verdict.answer.built
+        if boards is None or not boards.known:
+            return Cell("-" if boards is None else "not known")
+        if rounded_up(boards.most, 2) < 1.0:
+            return Cell(f"at most {percent(boards.most)} pass", boards.most)
+        return Cell(f"{percent(boards.least)} or more rest within the limits", boards.most)
 
     designs = [one.design for one in best]
-    columns = {**_columns(designs), "yield": built, "ngspice": ngspice}
+    columns = {**_columns(designs), "built boards": built, "ngspice": ngspice}
     yield Table.of("Best designs", designs, columns)
     lines = (
         f"{one.design.opamp}: {text}"
