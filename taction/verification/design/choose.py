@@ -195,7 +195,16 @@ def designs(plan: Plan, store: Store, accepted: AcceptedParts | None = None) -> 
             refused = accepted.refused(broken_at_rest(LinearBoard(synthesise(scene, problem))))
         shares = dict(_shares(record, plan.scene.checks)) if record.stable else {}
         keys = searched_keys(plan.scene)
-        found.append(ChosenDesign(dict(point.values), record, refused, point.place, shares, keys))
+        found.append(
+            ChosenDesign(
+                dict(point.values),
+                record,
+                refused,
+                place=point.place,
+                shares=shares,
+                keys=keys,
+            )
+        )
     return sorted(found, key=lambda design: design.rank)
 
 
