@@ -170,7 +170,8 @@ def find_remedies(
     }
     paths = [path for path in paths if path not in searches]
     for place, path in enumerate(paths):
-        trials.limit = trials.spent + (work - trials.spent) / (len(paths) - place)
+        share = 2.0 / (1 + len(paths) - place)  # the first keys, twice an equal part
+        trials.limit = trials.spent + share * (work - trials.spent)
         search = _search(trials, path, edges.get(path))
         searches |= {} if search is None else {path: search}
     trials.limit = work
