@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -82,7 +83,7 @@ LIMITS = (
 """What proposals keep, and what `verify` warns of. An op-amp with an output current or a supply of
 its own has these in the place of the table's."""
 Rest = Callable[[str], float]  # the voltage of a node at rest, V
-_Values = tuple[Floats, Callable[[int], str]]  # infinite where there is no part; names by place
+_Values = tuple[Floats, Callable[[int], str]]  # 0 where there is no part; names by place
 
 
 def part_warnings(circuit: Circuit, rest: Rest | None = None) -> tuple[str, ...]:
@@ -169,7 +170,7 @@ def _named(kind: str, values: Mapping[str, float]) -> tuple[str, _Values]:
 
 def _values(circuit: Circuit, rest: Rest | None) -> Iterator[tuple[str, _Values]]:
     """Yield the values of the parts of each kind, and their names."""
-    entries = np.concatenate([matrix.ohms.ravel() for matrix in circuit.matrices])
+    entries = np.concatenate([each.ohms[np.isfinite(each.ohms)] for each in circuit.matrices])
     yield _MATRIX, (entries, lambda place: _card(circuit, place))
     for limits in (each for each in LIMITS if each.roles):
         names = {name for role in limits.roles for name in circuit.named(role)}
@@ -217,13 +218,9 @@ def _output_currents(circuit: Circuit, rest: Rest) -> dict[str, float]:
 
 
 def _card(circuit: Circuit, place: int) -> str:
-    """Return the name of a matrix resistor from its place in all entries of all matrices."""
-    for matrix in circuit.matrices:
-        if place < matrix.ohms.size:
-            k, n = divmod(place, matrix.ohms.shape[1])
-            return f"{matrix.name}_{k + 1}_{n + 1}"
-        place -= matrix.ohms.size
-    raise IndexError(place)
+    """Return the name of a matrix resistor from its place among those of all matrices."""
+    names = (name for matrix in circuit.matrices for name, _, _ in matrix.places())
+    return next(islice(names, place, None))
 
 
 def _broken(

@@ -140,6 +140,11 @@ class ResistorMatrix:
         """Whether its resistors are between nodes of one kind."""
         return self.plus == self.sinks
 
+    def places(self) -> Iterator[tuple[str, int, int]]:
+        """Yield ``("Rf_1_3", 0, 2)``, name and place, of every resistor by rows."""
+        for k, n in np.argwhere(np.isfinite(self.ohms)).tolist():
+            yield f"{self.name}_{k + 1}_{n + 1}", k, n
+
     def elements(self) -> Iterator[tuple[int, int, str, str, float]]:
         """Yield ``(k, n, driving node, summing node, ohms)`` of every resistor by rows, from 0.
 

@@ -69,8 +69,7 @@ def varying_parts(circuit: Circuit) -> Iterator[tuple[str, str]]:
     """Yield the names and kinds of the values that a tolerance can have."""
     for matrix in circuit.matrices:
         kind = "resistor" if matrix.device is None else DEVICE
-        for k, n in np.argwhere(np.isfinite(matrix.ohms)).tolist():
-            yield f"{matrix.name}_{k + 1}_{n + 1}", kind
+        yield from ((name, kind) for name, _, _ in matrix.places())
     for resistor in circuit.resistors:
         yield resistor.label, "resistor"
     strays = circuit.named(Role.STRAY)
@@ -96,14 +95,13 @@ def device_spreads(circuit: Circuit) -> dict[str, dict[str, float]]:
     found = dict[str, dict[str, float]]()
     for matrix in circuit.matrices:
         if matrix.device is not None:
-            present = np.argwhere(np.isfinite(matrix.ohms))
-            ohms = matrix.ohms[tuple(present.T)]
+            ohms = matrix.ohms[np.isfinite(matrix.ohms)]
             spreads = matrix.device.spreads(1.0 / ohms)
             if not spreads and not matrix.device.stuck:
                 continue
-            for place, (k, n) in enumerate(present.tolist()):
+            for place, (name, _, _) in enumerate(matrix.places()):
                 own = {kind: float(each[place] * ohms[place]) for kind, each in spreads.items()}
-                found[f"{matrix.name}_{k + 1}_{n + 1}"] = own
+                found[name] = own
     return found
 
 
@@ -196,8 +194,8 @@ def _programmed(matrix: ResistorMatrix, deviations: Mapping[str, float]) -> Resi
     if matrix.device is None:
         return matrix
     off = np.zeros(matrix.ohms.shape)
-    for k, n in np.argwhere(np.isfinite(matrix.ohms)).tolist():
-        off[k, n] = -MOST * deviations.get(f"{matrix.name}_{k + 1}_{n + 1}", 0.0)
+    for name, k, n in matrix.places():
+        off[k, n] = -MOST * deviations.get(name, 0.0)
     siemens, device = 1.0 / matrix.ohms, matrix.device
     if np.all(np.isin(np.abs(off), (0.0, MOST))):
         device = replace(device, stuck_at_least=0.0, stuck_at_most=0.0)
@@ -248,6 +246,6 @@ def _opamp(model: OpAmp, name: str, faster: float, gain: float) -> OpAmp:
 
 def _matrix(matrix: ResistorMatrix, scale: Mapping[str, float], hot: float) -> ResistorMatrix:
     ohms = matrix.ohms * hot
-    for k, n in np.argwhere(np.isfinite(ohms)).tolist():
-        ohms[k, n] *= scale.get(f"{matrix.name}_{k + 1}_{n + 1}", 1.0)
+    for name, k, n in matrix.places():
+        ohms[k, n] *= scale.get(name, 1.0)
     return replace(matrix, ohms=ohms)

@@ -23,7 +23,8 @@ from taction.system.quantities import number
 SEPARATORS = {";": "';'", "\t": "tabs", " ": "blanks"}
 _COMMA = re.compile(r"[-+]?[0-9]*[.,]?[0-9]+([eE][-+]?[0-9]+)?")  # a number, perhaps 1,5
 _WORD = re.compile(r"[^\W\d]")  # of a title: a letter
-HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+DAMAGED = ValueError, SyntaxError, TypeError, tokenize.TokenError, RecursionError, MemoryError
+"""What numpy raises for a file that is not one of its own."""
 
 
 def read_array(
@@ -92,29 +93,15 @@ def _is_number(cell: str) -> bool:
 
 
 def _read_npy(path: Path, key: str) -> Floats:
+    """Read a .npy file of real numbers, which must have as many as its header says."""
     try:
-        return _real_numbers(io.BytesIO(read_bounded(path, LARGEST)))
-    except ValueError as error:
-        text = f"{error}; expected a .npy file of real numbers"
+        values = npy.read_array(io.BytesIO(read_bounded(path, LARGEST)), allow_pickle=False)
+        if values.dtype.kind not in "iuf":
+            raise ValueError(f"its type is {values.dtype}")
+    except DAMAGED as error:
+        said = " ".join(str(error).split())
+        text = f"{said}; expected a .npy file of real numbers"
         raise InputError(path, Complaint(key, repr(path.name), text)) from None
-
-
-def _real_numbers(file: io.BytesIO) -> Floats:
-    """Read a .npy file; its header is compared with its length before any array is made."""
-    version = npy.read_magic(file)
-    if version not in HEADERS:
-        raise ValueError(f"its format is {version[0]}.{version[1]}")
-    try:
-        shape, in_columns, dtype = HEADERS[version](file)
-    except (SyntaxError, TypeError, tokenize.TokenError, RecursionError, MemoryError):
-        raise ValueError("its header is damaged") from None
-    if dtype.kind not in "iuf":
-        raise ValueError(f"its type is {dtype}")
-    content = file.getbuffer()[file.tell() :]
-    announced = math.prod(shape) * dtype.itemsize
-    if announced != len(content):
-        raise ValueError(f"it has {len(content)} bytes of values, its header says {announced}")
-    values = np.frombuffer(content, dtype).reshape(shape, order="F" if in_columns else "C")
     return values.astype(np.float64)
 
 

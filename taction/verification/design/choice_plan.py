@@ -84,14 +84,11 @@ def choice_plan(scene: Scene, request: ChoiceRequest) -> Plan:
     axes = []
     for path, name in NAMES.items():
         values = tuple(row.get(path, own[path]) for row in rows)
-        if path in (OPAMP, *searched_keys(base)) or any(value != own[path] for value in values):
+        if path in (OPAMP, *topology_of(base).searched) or any(
+            value != own[path] for value in values
+        ):
             axes.append(SweepAxis(find_key(base, path), name, values, "list"))
     return Plan(at_small_signal(base), [axes], "statespace")
-
-
-def searched_keys(scene: Scene) -> tuple[str, str]:
-    """Return the two keys that the topology of a scene searches."""
-    return topology_of(scene).searched
 
 
 def _own(scene: Scene, path: str) -> Value:
@@ -128,7 +125,7 @@ def _base(scene: Scene, request: ChoiceRequest) -> Scene:
 
 def _rows(start: Scene, request: ChoiceRequest) -> Iterator[dict[str, Value]]:
     """Yield the designs of one op-amp: every pair of the two keys that it searches."""
-    paths, lam = searched_keys(start), start.design.lam
+    paths, lam = topology_of(start).searched, start.design.lam
     if GAIN in paths:
         if "gain" not in start.design.model_fields_set and isinstance(lam, int | float):
             gain = 1.0 / (math.sqrt(lam) * start.design.unit_conductance)  # R has the same value

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from taction.netlist_gen.board.part_warnings import ANY_PART, AcceptedParts
 from taction.netlist_gen.board.synthesis import synthesise
@@ -22,6 +23,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import write_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.scene.slips import value_questions
+from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.errors import (
     Complaint,
     InputError,
@@ -40,7 +42,6 @@ from taction.verification.design.choice_plan import (
     OPAMP,
     ChoiceRequest,
     choice_plan,
-    searched_keys,
 )
 from taction.verification.design.trials import KEPT, Trial, accepted_parts, broken_at_rest
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -184,8 +185,9 @@ def designs(plan: Plan, store: Store, accepted: AcceptedParts | None = None) -> 
 
     Parts that are beyond the limits of `accepted`, by default of the plan's scene, are refused.
     """
-    found, problem = [], make_problem(plan.scene)
+    found, problem = list[ChosenDesign](), make_problem(plan.scene)
     accepted = accepted or accepted_parts(plan.scene, problem)
+    keys = topology_of(plan.scene).searched
     for point in grid_points(plan):
         record, refused = store.record_of(point.key, Record), ""
         if record is None:
@@ -194,17 +196,8 @@ def designs(plan: Plan, store: Store, accepted: AcceptedParts | None = None) -> 
             scene = with_values(plan.scene, point.values)
             refused = accepted.refused(broken_at_rest(LinearBoard(synthesise(scene, problem))))
         shares = dict(_shares(record, plan.scene.checks)) if record.stable else {}
-        keys = searched_keys(plan.scene)
-        found.append(
-            ChosenDesign(
-                dict(point.values),
-                record,
-                refused,
-                place=point.place,
-                shares=shares,
-                keys=keys,
-            )
-        )
+        more: dict[str, Any] = {"place": point.place, "shares": shares, "keys": keys}
+        found.append(ChosenDesign(dict(point.values), record, refused, **more))
     return sorted(found, key=lambda design: design.rank)
 
 

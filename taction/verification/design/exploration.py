@@ -233,8 +233,8 @@ class Judgement:
         return cls(Record.without_verdict(type(error).__name__, str(error), ""))
 
 
-def judge(scene: Scene, engine: str, budget: int) -> Judgement:
-    """Verify a scene with an engine; its curves have about `budget` points."""
+def judge(scene: Scene, engine: str) -> Judgement:
+    """Verify a scene with an engine."""
     try:
         verdict = verify(scene.with_engine(engine))
     except TactionError as error:
@@ -244,33 +244,16 @@ def judge(scene: Scene, engine: str, budget: int) -> Judgement:
     if agreement is not None and not agreement.reason and amplitude > 0.0:
         difference = agreement.difference / amplitude
     record = Record.of(verdict, channels=False)
-    engine, curves = verdict.waveforms.simulator, _curves(verdict, budget)
+    engine, curves = verdict.waveforms.simulator, _curves(verdict)
     return Judgement(record, verdict.warnings, engine, curves, difference, verdict.drawn_answer)
 
 
-def _curves(verdict: Verdict, budget: int) -> ExplorerCurves:
-    """Return the record with at least `budget` points in the first rise and in all of it."""
+def _curves(verdict: Verdict) -> ExplorerCurves:
+    """Return the record, with the window of its first rise."""
     time, outputs = verdict.waveforms.time, verdict.u
     stop = float(time[-1])
     rises = [c.rise_time.value for c in verdict.measurements.channels if c.rise_time is not None]
-    rise = min(WINDOW * max(rises, default=stop), stop)
-    return ExplorerCurves(*_kept(time, outputs, rise, budget), rise, stop)
-
-
-def _kept(time: Floats, outputs: Floats, rise: float, budget: int) -> tuple[Floats, Floats]:
-    """Return instants at which any channel has an extreme within a part of its window."""
-    early = int(np.searchsorted(time, rise, side="right"))
-    places = [np.array([0, len(time) - 1])]
-    for first, last in ((0, early), (0, len(time))):
-        parts = np.linspace(first, last, budget // 2 + 1).astype(np.int64)
-        for begin, end in zip(parts[:-1].tolist(), parts[1:].tolist(), strict=True):
-            if end - begin <= 2:
-                places.append(np.arange(begin, end))
-            else:
-                part = outputs[begin:end]
-                places += [begin + part.argmin(axis=0), begin + part.argmax(axis=0)]
-    kept = np.unique(np.concatenate(places))
-    return time[kept], outputs[kept]
+    return ExplorerCurves(time, outputs, min(WINDOW * max(rises, default=stop), stop), stop)
 
 
 @dataclass(frozen=True, slots=True)

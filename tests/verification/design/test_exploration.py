@@ -154,8 +154,8 @@ def test_a_saved_scene_reads_as_the_values(start: Start, tmp_path: Path) -> None
     saved = settings.save(start, "new.toml")
     assert saved == tmp_path / "new.toml"
     assert load_scene(saved).model_dump() == settings.scene(start).model_dump()
-    expected = judge(settings.scene(start), "statespace", 100).record
-    found = judge(load_scene(saved), "statespace", 100).record
+    expected = judge(settings.scene(start), "statespace").record
+    found = judge(load_scene(saved), "statespace").record
     assert found.value("settling_time") == expected.value("settling_time")
 
 
@@ -210,7 +210,7 @@ def test_typed_values(start: Start) -> None:
 
 def test_a_verdict_is_that_of_verify(start: Start) -> None:
     scene = Settings.of(start, {CAPACITANCE: 1.5e-11}).scene(start)
-    found, verdict = judge(scene, "statespace", 200), taction.verify(scene, engine="statespace")
+    found, verdict = judge(scene, "statespace"), taction.verify(scene, engine="statespace")
     assert found.record.value("settling_time") == verdict.measurements.settling_time.value
     assert found.record.outcome == verdict.outcome.value
     for column, whole in zip(found.curves.outputs.T, verdict.u.T, strict=True):
@@ -224,7 +224,7 @@ def test_a_closed_loop_board_has_its_own_slider_and_its_whole_margin() -> None:
     assert start.controls[0].name == "feedback conductance"
     view = view_rest(start.scene, start.problem)
     stable = view_boundary(view, view_poles(view), "gf", 2e-5, 1.8e-2).stable_ranges
-    found = judge(start.scene, "statespace", 500)
+    found = judge(start.scene, "statespace")
     margin = found.record.value("margin")
     assert margin == pytest.approx(start.controls[0].own / stable[-1][0], rel=1e-6)
     assert margin is not None
@@ -233,6 +233,6 @@ def test_a_closed_loop_board_has_its_own_slider_and_its_whole_margin() -> None:
 
 def test_a_verdict_that_cannot_be_had_says_why() -> None:
     data = {**ONE, "problem": {"kind": "matrix", "matrix": "none.csv", "strain": "none.csv"}}
-    found = judge(parse_scene(data, "none.toml"), "statespace", 100)
+    found = judge(parse_scene(data, "none.toml"), "statespace")
     assert found.record.outcome == "error"
     assert "none.csv" in found.record.reason

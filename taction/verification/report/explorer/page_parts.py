@@ -51,7 +51,6 @@ from taction.verification.verdict.record import ERROR
 
 POINTS = 500  # of a curve
 ALL_POINTS = 12_000  # of all curves
-KEPT = 500  # of a record that another process makes, before it is thinned to `POINTS`
 NAMED = 12  # channels above which curves have no names, targets and bands
 ROOM = 0.06  # of the height of the chart, above and below the curves
 VALUE_DIGITS = 6

@@ -26,7 +26,6 @@ from taction.verification.design.exploration import (
 )
 from taction.verification.design.explorer_settings import STEPS, Settings, Start, read_value
 from taction.verification.report.explorer.page_parts import (
-    KEPT,
     Part,
     SliderLook,
     along_part,
@@ -188,7 +187,7 @@ class Session:
                 return
         try:
             found = await self.judging.run(
-                self, lambda: number == self._number, judge, look.scene, "statespace", KEPT
+                self, lambda: number == self._number, judge, look.scene, "statespace"
             )
         except WorkerDiedError as error:
             found = Judgement.without_verdict(error)
@@ -288,7 +287,7 @@ class Session:
         self._tell(simulating=True)
         self._simulates = True
         try:
-            found = await self.simulating.run(self, current, judge, look.scene, "ngspice", KEPT)
+            found = await self.simulating.run(self, current, judge, look.scene, "ngspice")
             found = found if current() else None
         except WorkerDiedError:
             found = None

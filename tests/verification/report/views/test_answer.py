@@ -154,7 +154,7 @@ def test_every_medium_has_the_sentence() -> None:
 
 def test_the_explorer_says_the_same() -> None:
     scene = load_scene(SCENE)
-    found = judge(scene, "statespace", 500)
+    found = judge(scene, "statespace")
     verdict = taction.verify(SCENE, engine="statespace")
     drawn = replace(verdict.answer, built=None)  # the explorer judges the board as drawn
     assert verdict_part(found)["verdict"]["text"].endswith(answer_text(drawn, volts=False))
