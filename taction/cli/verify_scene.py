@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -92,24 +91,20 @@ def _body(found: Verified, options: dict[str, Any]) -> list[Any]:
     else:
         from taction.verification.report.views.verdict_screen_view import screen
 
-        searched = found.outcome == "fail" and options["changes"] != 0
-        page = screen(found.verdict, margins, searched=searched)
+        page = screen(found.verdict, margins)
     return [*page_lines(page)][:-1]
 
 
 def change_lines(found: Verified, *, whole: bool) -> list[str]:
-    """Return the changes that mend a verdict as lines below a heading: all, or those that fit."""
+    """Return the changes that mend a verdict as lines below a heading: all, or the first."""
     if found.remedies is None:
         return []
     from taction.verification.report.views.remedies_view import remedies_text
-    from taction.verification.report.views.verdict_screen_view import CHANGES, height
+    from taction.verification.report.views.verdict_screen_view import CHANGES
 
     lines = remedies_text(found.verdict.scene, found.remedies).splitlines()
-    heights = list(itertools.accumulate(map(height, lines)))
-    # The last place on the screen is kept for the number of the others.
-    fitting = len(lines) if whole else sum(used < CHANGES for used in heights)
-    rest = len(lines) - fitting
-    return [*lines[:fitting], *[f"  and {rest} more: -v"] * bool(rest)]
+    rest = 0 if whole else max(len(lines) - CHANGES, 0)
+    return [*lines[: len(lines) - rest], *[f"  and {rest} more: -v"] * bool(rest)]
 
 
 def print_outcome(found: Verified) -> None:

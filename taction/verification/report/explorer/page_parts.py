@@ -162,7 +162,7 @@ def verdict_part(found: Judgement) -> Part:
 
 
 def _answer(found: Judgement) -> str:
-    return "" if found.answer is None else answer_text(found.answer, volts=False)
+    return "" if found.answer is None else answer_text(found.answer)
 
 
 def along_part(start: Start, known: Mapping[str, Mapping[int, tuple[str, str]]]) -> Part:
@@ -275,7 +275,7 @@ def stress_chart(view: RestView) -> Chart:
     targets, rest = view.targets / unit, view.rest / unit
     note = f"Board less answer: at most {float(np.abs(rest - targets).max(initial=0.0)):.3g}."
     if view.problem.stress is not None:
-        note += f" {true_error_text(view.answer, volts=False)}"
+        note += f" {true_error_text(view.answer)}"
     return replace(recovered_stress(view.problem, view.scene, targets, rest), summary=note)
 
 

@@ -26,25 +26,21 @@ from taction.verification.verdict.input_spread import SHARE
 from taction.verification.verdict.verify import Verdict
 
 
-def answer_text(
-    answer: AnswerError, *, short: bool = False, volts: bool = True, covers: bool = True
-) -> str:
+def answer_text(answer: AnswerError) -> str:
     """Return in a sentence how far the board is from the answer, and the answer from the truth.
 
     The board is measured as its check is, in shares of the step. The sentence is empty for a board
     that does not come to rest at the answer, and where the answer cannot be trusted. "Within"
-    rounds up. The `short` one has neither channel nor the kind of its unit; without `volts` the
-    largest stress is named without its value, and without `covers` what differs between boards.
+    rounds up.
     """
     if answer.board is None or not answer.unit:
         return ""
-    subject = "it" if short else "that answer"
     built, near = answer.built, _within(answer.board + answer.board_error, answer.step)
     text = f"The board as drawn finds the regularised answer {near} of the step"
     if built is not None and built.known:
         wide = _within(built.distance + built.error, answer.step)
-        text += f", {100 * SHARE:g} % of built boards {wide}{f' ({built.covers})' * covers}"
-    return f"{text}; {_truth(answer, subject, short=short, volts=volts)}."
+        text += f", {100 * SHARE:g} % of built boards {wide} ({built.covers})"
+    return f"{text}; {_truth(answer, 'that answer')}."
 
 
 def yield_text(answer: AnswerError) -> str:
@@ -67,9 +63,9 @@ def yield_text(answer: AnswerError) -> str:
     )
 
 
-def true_error_text(answer: AnswerError, *, volts: bool = True) -> str:
+def true_error_text(answer: AnswerError) -> str:
     """Return in a sentence how far the answer is from the true stress, and why."""
-    text = _truth(answer, "the regularised answer", volts=volts)
+    text = _truth(answer, "the regularised answer")
     return f"{text[:1].upper()}{text[1:]}."
 
 
@@ -98,7 +94,7 @@ def _within(volts: float, unit: float) -> str:
     return f"within {up}"
 
 
-def _truth(answer: AnswerError, subject: str, *, short: bool = False, volts: bool = True) -> str:
+def _truth(answer: AnswerError, subject: str) -> str:
     """Return how far the answer is from the true stress, and why."""
     stress, far, n = answer.stress, answer.true_error, answer.channel
     if stress is None:
@@ -110,24 +106,19 @@ def _truth(answer: AnswerError, subject: str, *, short: bool = False, volts: boo
     off = far * answer.unit + answer.target_error
     if off <= max(2.0 * answer.target_error, LEAST_SHARE * answer.unit):
         return f"{subject} is the true stress {_within(off, answer.unit)}"
-    value = quantity(answer.unit, "V", 3)
-    unit = f"of {value}" if short else f"(of the largest{f', {value}' * volts})"
+    unit = f"(of the largest, {quantity(answer.unit, 'V', 3)})"
     text = f"{subject} is {figure(far, 'step', 3)} {unit} from the true stress"
-    if short:
-        return f"{text} by {_causes(answer)}{_lambda(answer, short=True)}"
     place = f" in channel {n + 1}" if len(stress) > 1 else ""
     return f"{text}{place}, because of {_causes(answer)}{_lambda(answer)}"
 
 
-def _lambda(answer: AnswerError, *, short: bool = False) -> str:
+def _lambda(answer: AnswerError) -> str:
     """Return what another lambda does to an error; empty where lambda is 0 or a cause unknown."""
     if not answer.regularisation or answer.noise is None:
         return ""
     if abs(answer.regularisation) >= abs(answer.noise):
-        how = "trades bias for noise" if short else "regularises less, but lets more noise through"
-        return f"; a smaller lambda {how}"
-    how = "trades noise for bias" if short else "lets less noise through, but regularises more"
-    return f"; a larger lambda {how}"
+        return "; a smaller lambda regularises less, but lets more noise through"
+    return "; a larger lambda lets less noise through, but regularises more"
 
 
 def _causes(answer: AnswerError) -> str:

@@ -1,14 +1,8 @@
-"""A verdict on one screen: the outcome and its cause, a bar to each limit, and what limits it.
-
-At `COLUMNS` columns it has at most `MOST` lines with its last one, the outcome. What does not fit
-is counted, and ``-v`` shows it.
-"""
+"""A verdict on one screen: the outcome and its cause, a bar to each limit, and what limits it."""
 
 from __future__ import annotations
 
-import math
-import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from taction.system.quantities import counted, readable
@@ -25,36 +19,30 @@ from taction.verification.verdict.cause import cause
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import Verdict
 
-COLUMNS, MOST = 80, 14
-CHANGES = 5  # lines that are kept for the changes that mend a failed verdict
-LAST = 2  # lines: where more is shown, and the outcome
+CHANGES = 5  # lines of the changes that mend a failed verdict
+WARNINGS = 2  # the others are counted
 
 
-def screen(verdict: Verdict, margins: Sequence[str] = (), *, searched: bool = False) -> Page:
+def screen(verdict: Verdict, margins: Sequence[str] = ()) -> Page:
     """Return what a terminal shows of a verdict, with the stability `margins` that were asked for.
 
-    `searched`: changes that mend the verdict follow, which need lines, too.
+    Checks that follow from the verdict's cause are named in the headline alone.
     """
-    headline = _headline(verdict)
+    found = cause(verdict.checks)
+    known = () if found is None else found.follows
+    pairs = zip(verdict.checks, check_bars(verdict), strict=True)
     built = yield_text(verdict.answer) if verdict.outcome is Outcome.PASS else ""
-    answer = answer_text(verdict.answer, short=True, covers=not built)
-    said = (built, _distance(verdict, margins), answer)
-    notes = tuple(filter(None, said))
-    room = MOST - LAST - (CHANGES if searched else 0)
-    room -= sum(map(height, (headline, *notes)))
-    rows, left = _rows(verdict, room)
-    room -= len(rows) + sum(map(height, left))
+    notes = (built, _distance(verdict, margins), answer_text(verdict.answer))
     blocks = (
-        Bars("", rows, drawn=True),
-        Notes("", left),
-        Notes("", notes),
-        Notes("", tuple(_warnings(verdict.warnings, room))),
+        Bars("", tuple(bar for check, bar in pairs if check.name not in known), drawn=True),
+        Notes("", tuple(filter(None, notes))),
+        Notes("", _warnings(verdict.warnings)),
     )
     seconds = quantity(verdict.timing["total"], "s", 3)
     count = len(verdict.warnings)
     more = f"-v ({counted(count, 'warning')})" if count else "-v"
     return Page(
-        title=headline,
+        title=_headline(verdict),
         command="taction verify",
         outcome=verdict.outcome.value,
         sections=(Section("", blocks, media=(TERMINAL,)),),
@@ -67,11 +55,6 @@ def on_screen(page: Page, verdict: Verdict) -> tuple[Section, ...]:
     media = (tuple(name for name in each.media if name != TERMINAL) for each in page.sections)
     left = (replace(each, media=names) for each, names in zip(page.sections, media, strict=True))
     return (*screen(verdict).sections, *left)
-
-
-def height(text: str) -> int:
-    """Return how many lines a text has at `COLUMNS`."""
-    return len(textwrap.wrap(text.replace("Ω", "ohm"), COLUMNS))
 
 
 def _headline(verdict: Verdict) -> str:
@@ -103,37 +86,11 @@ def _distance(verdict: Verdict, margins: Sequence[str]) -> str:
     return f"Distance to oscillation: {readable('; '.join(known))}{more}"
 
 
-def _rows(verdict: Verdict, room: int) -> tuple[tuple[Bar, ...], tuple[str, ...]]:
-    """Return the bars that fit into so many lines, and what is said of the other checks.
-
-    Checks with the verdict's cause are named in the headline. Of the others those that pass give
-    way, the farthest from its limit first.
-    """
-    found = cause(verdict.checks)
-    known = () if found is None else found.follows
-    pairs = zip(verdict.checks, check_bars(verdict), strict=True)
-    bars = [bar for check, bar in pairs if check.name not in known]
-    if len(bars) <= room:
-        return tuple(bars), ()
-    kept = sorted(bars, key=lambda bar: (bar.outcome != Outcome.PASS.value, bar.share or 0.0))
-    kept = kept[len(bars) - max(room - 1, 1) :]
-    out = [bar for bar in bars if bar not in kept and bar.outcome == Outcome.PASS.value]
-    most = math.ceil(100.0 * max((bar.share or 0.0 for bar in out), default=0.0))
-    used = f", with at most {most} % of the limit" if most > 1 else ""
-    names = ", ".join(bar.name for bar in out)
-    texts = (f"{names}: pass{used}", f"{names}: pass") if out else ()
-    left = next((text for text in texts if height(text) <= room - len(kept)), "")
-    return tuple(bar for bar in bars if bar in kept), tuple(filter(None, [left]))
-
-
 def _used(bar: Bar) -> str:
     return bar.used.replace(" of the limit", "")
 
 
-def _warnings(warnings: Sequence[str], room: int) -> Iterator[str]:
-    """Yield the first clauses of the warnings that fit into so many lines, with numbers first."""
+def _warnings(warnings: Sequence[str]) -> tuple[str, ...]:
+    """Return the first clauses of some warnings, those with numbers first."""
     short = [f"warning: {text.partition('; ')[0]}" for text in map(readable, warnings)]
-    for text in sorted(short, key=lambda text: not any(map(str.isdigit, text))):
-        if height(text) <= room:
-            room -= height(text)
-            yield text
+    return tuple(sorted(short, key=lambda text: not any(map(str.isdigit, text)))[:WARNINGS])

@@ -157,9 +157,9 @@ def test_the_explorer_says_the_same() -> None:
     found = judge(scene, "statespace")
     verdict = taction.verify(SCENE, engine="statespace")
     drawn = replace(verdict.answer, built=None)  # the explorer judges the board as drawn
-    assert verdict_part(found)["verdict"]["text"].endswith(answer_text(drawn, volts=False))
+    assert verdict_part(found)["verdict"]["text"].endswith(answer_text(drawn))
     note = rest_part(view_rest(scene, make_problem(scene)))["stress"]["note"]
-    assert note.endswith(true_error_text(verdict.answer, volts=False))
+    assert note.endswith(true_error_text(verdict.answer))
 
 
 def test_the_explorer_shows_the_stress_of_the_problem_without_a_unit() -> None:
