@@ -160,12 +160,8 @@ def _allowed(scene: Scene, name: str) -> float:
 
 
 def worst(comparisons: tuple[TruthComparison, ...]) -> TruthComparison | None:
-    """Return the comparison with the largest ratio."""
-
-    def rank(comparison: TruthComparison) -> float:
-        return math.inf if math.isnan(comparison.ratio) else comparison.ratio
-
-    return max(comparisons, key=rank, default=None)
+    """Return the comparison with the largest ratio; one without a true value comes first."""
+    return max(comparisons, key=lambda each: (math.isnan(each.ratio), each.ratio), default=None)
 
 
 def wrong_checks(verdict: Verdict, truth: TrueValues) -> Iterator[str]:

@@ -28,7 +28,6 @@ WIDTH = 160  # columns of a page in a file or a pipe, unless the variable COLUMN
 SHORT = 20  # letters of a cell that stays in one line wherever the page is wide enough
 LIMIT_AT, BEYOND = 12, 4  # letters of a drawn bar up to its limit, and beyond it
 UNMET = {"fail": "FAILS", "inconclusive": "undecided"}
-MOST_LINES = 8  # of a cell; a table of narrow columns is harder to read than a list
 WIDE_GAP, GAP = 3, 2  # columns between two cells of a table
 MOST_PARTS = 3  # of a table that is too wide for the page
 GLUE = "\ue000"  # stands between a number and its unit while lines are broken
@@ -168,8 +167,8 @@ class FittedTable:
     """A table that fits the width of its page and loses nothing.
 
     A cell is broken between words, never inside a word, and never between a number and its unit.
-    Where the page is too narrow, the columns stand in two or three tables. Where even these do not
-    fit, every row becomes a list of titles and values, one below the other.
+    Where the page is too narrow, the columns stand in two or three tables, or every row becomes a
+    list of titles and values.
     """
 
     def __init__(self, block: blocks.Table) -> None:
@@ -188,11 +187,10 @@ class FittedTable:
         """Yield the table, in several parts where it is too wide, or the list."""
         if self.title:
             yield Text(f"\n{self.title}", style="italic")
-        tables = [console.render_lines(part, options) for part in self._parts(options.max_width)]
-        if not tables or any(len(lines) > MOST_LINES * (len(self.rows) + 2) for lines in tables):
+        parts = self._parts(options.max_width)
+        if not parts:
             yield from self._records(options.max_width)
-            tables = []
-        for lines in tables:
+        for lines in (console.render_lines(part, options) for part in parts):
             for line in lines:
                 left = len("".join(segment.text for segment in line).rstrip())
                 for text, style, control in line:
@@ -203,19 +201,15 @@ class FittedTable:
             yield Text(f"{self.note}\n", style="dim")
 
     def _parts(self, width: int) -> list[Table]:
-        """Return the table in the first form that fits: in one piece, in parts, with broken cells.
-
-        Empty if none fits.
-        """
+        """Return the table in the first form that fits, in one piece or in parts; else nothing."""
         every = list(range(len(self.titles)))
         for gap in (WIDE_GAP, GAP):
-            if widths := self._widths(every, width, gap, self.short):
+            if widths := self._widths(every, width, gap):
                 return [self._table(every, widths, gap)]
-        several = [(part, self._widths(part, width, GAP, self.short)) for part in self._cut(width)]
+        several = [(part, self._widths(part, width, GAP)) for part in self._cut(width)]
         if len(several) <= MOST_PARTS and all(widths for _, widths in several):
             return [self._table(part, widths, GAP) for part, widths in several if widths]
-        broken = self._widths(every, width, GAP, [False] * len(every))
-        return [self._table(every, broken, GAP)] if broken else []
+        return []
 
     def _cut(self, width: int) -> list[list[int]]:
         """Return the columns of each part: the heads, and as many of the others as fit."""
@@ -223,27 +217,25 @@ class FittedTable:
         parts = [heads]
         for place in range(self.heads, len(self.titles)):
             wider = [*parts[-1], place]
-            if len(parts[-1]) > len(heads) and not self._widths(wider, width, GAP, self.short):
+            if len(parts[-1]) > len(heads) and not self._widths(wider, width, GAP):
                 parts.append([*heads, place])
             else:
                 parts[-1] = wider
         return parts
 
-    def _widths(
-        self, places: Sequence[int], width: int, gap: int, whole: Sequence[bool]
-    ) -> list[int] | None:
+    def _widths(self, places: Sequence[int], width: int, gap: int) -> list[int] | None:
         """Return the width of each column; None if they do not fit into `width`.
 
         Rich alone would break words; here the widest columns give way, down to their longest word,
-        or to their longest cell where they are `whole`. A title may be broken between words.
+        or to their longest cell where all cells are `short`. A title may be broken between words.
         """
         width -= gap * (len(places) - 1) + 2
         natural, least = [], []
         for place in places:
             title = self.titles[place].split("\n")
             lines = [line for row in self.rows for line in row[place].plain.split("\n")]
-            parts = lines if whole[place] else [word for line in lines for word in line.split()]
             words = [word for line in title for word in line.split()]
+            parts = lines if self.short[place] else " ".join(lines).split()
             natural.append(max(map(cell_len, (*title, *lines)), default=0))
             least.append(max(map(cell_len, (*words, *parts)), default=0))
         if sum(least) > width:

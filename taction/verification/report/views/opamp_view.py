@@ -70,14 +70,6 @@ LISTED = {
     "bias": ("bias_current", "A"), "noise": ("voltage_noise", "V/rtHz"),
 }  # fmt: skip
 """Figures of the list of op-amps, beside the range of the supply; `view` has all."""
-IMPORTED = (
-    ("dc_gain", ""), ("unity_gain_bandwidth", "Hz"), ("phase_margin", "degrees"),
-    ("output_resistance", "ohm"), ("slew_rate", "V/s"), ("swing", "V"), ("supply_current", "A"),
-    ("offset_voltage", "V"), ("bias_current", "A"), ("offset_current", "A"),
-    ("common_mode_rejection", "dB"), ("differential_resistance", "ohm"),
-    ("common_resistance", "ohm"), ("differential_capacitance", "F"), ("common_capacitance", "F"),
-)  # fmt: skip
-"""Figures of an imported op-amp, and their units."""
 
 
 def view(result: OpAmpFigures) -> Page:
@@ -200,9 +192,9 @@ def list_view(models: Mapping[str, OpAmp]) -> Page:
 def imported_view(result: ImportedModel) -> Page:
     """Return the page of an imported model: what was measured, and how a scene uses it."""
     model, lines = result.model, []
-    for key, unit in IMPORTED:
-        value = model["figures"][key]
-        text = "none found" if value is None else show(value, unit)
+    for key, value in model["figures"].items():
+        unit = TITLES[key][1] if key in TITLES else "F" if "capacitance" in key else "ohm"
+        text = "none found" if value is None else show(value, "V" if key == "swing" else unit)
         lines.append(f"  {key.replace('_', ' '):22} {text}")
     lines += [f"warning: {doubt}" for doubt in model["doubts"]]
     linear = model["linear"]
@@ -302,16 +294,12 @@ def parts_csv(parts: BillOfMaterials) -> str:
     text = io.StringIO()
     table = csv.DictWriter(text, COLUMNS, restval="", lineterminator="\n")
     table.writeheader()
-    table.writerows(_records(parts))
-    return text.getvalue()
-
-
-def _records(parts: BillOfMaterials) -> Iterator[dict[str, Any]]:
     packages = tuple(package.reference for package in parts.packages)
     opamps = {"Value": parts.opamp.upper(), "Kind": "op-amp"}
-    rows = [(line.references, _record(line)) for line in parts.lines] + [(packages, opamps)]
+    rows = [*((line.references, _record(line)) for line in parts.lines), (packages, opamps)]
     for names, record in rows:
-        yield {"Reference": ",".join(names), "Quantity": len(names), **record}
+        table.writerow({"Reference": ",".join(names), "Quantity": len(names), **record})
+    return text.getvalue()
 
 
 def _record(line: PartLine) -> dict[str, Any]:
