@@ -40,7 +40,7 @@ BUILT = (
     r" gains 50 %(, op-amp input errors; the check counts only the last|; the check counts none of"
     r" these)\)"
 )
-LAMBDA = r"from the true stress by regularisation.*; a smaller lambda trades bias for noise\."
+LAMBDA = r"because of regularisation.*; a smaller lambda regularises less, but lets more noise "
 USERS = {
     "designer": (
         NEW,

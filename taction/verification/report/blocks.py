@@ -244,7 +244,6 @@ class Section:
     lead: str = ""  # a sentence above the blocks
     media: tuple[str, ...] = (PAGE,)  # who shows the section
     across: int = 1  # charts side by side on a wide page
-    folded: bool = False  # a page shows only the title until it is opened
 
     def made(self, medium: str) -> tuple[Block, ...]:
         """Return the blocks for a medium; none if it does not show this section."""

@@ -109,7 +109,7 @@ def stage_rise_time(circuit: Circuit, *, loaded: bool) -> float:
     above, below = r * D - A0, (1.0 + r) * Y * D + (D + A0) / gain
     if not np.all(below.trim().roots().real < 0.0):
         return math.nan
-    system = above.coef[::-1], below.trim().coef[::-1]
+    system = above.coef[::-1].tolist(), below.trim().coef[::-1].tolist()
     time, step = signal.step(system, N=POINTS)
     shares, rising = step * below(0.0) / above(0.0), slice(int(np.argmax(np.abs(step))) + 1)
     early, late = np.interp((0.1, 0.9), shares[rising], time[rising]).tolist()

@@ -88,7 +88,7 @@ def view(choice: Choice, verdict: Verdict | None = None) -> Page:
         Section("Best designs", tuple(_best(best)), WORST, BOTH),
         Section("Op-amps", (_opamps(designs),), media=BOTH),
         Section("Maps", lambda: _maps(designs, best), MAP, DRAWN, ACROSS),
-        Section("All designs", lambda: (_table(designs),), folded=True),
+        Section("All designs", lambda: (_table(designs),)),
     )
     lines = tuple(_moved(scene, designs))
     if not best:
@@ -112,7 +112,7 @@ def view(choice: Choice, verdict: Verdict | None = None) -> Page:
         outcome=full.outcome,
         summary=f"{_words(proposed(best).design)}. {full.summary} {summary}",
         lines=(f"In full below: {verdict.scene.name}, {verdict.waveforms.simulator}.", *full.lines),
-        sections=(*own, *(replace(each, folded=True) for each in full.sections)),
+        sections=(*own, *full.sections),
     )
 
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -29,8 +27,6 @@ from taction.verification.studies.regression.regress import RegressionReport, Sc
 from taction.verification.verdict.cause import causes
 from taction.verification.verdict.compare import Difference
 
-Row = tuple[Cell, ...]
-CHANNEL = re.compile(r"((?:state |waveform )?u_?\d+)(.*)")  # of a quantity of one output
 SHOWN = 12  # changed quantities of a scene in a terminal; the page and JSON have them all
 LEAST_OFF = 1e-3  # tolerances: a smaller difference has no number
 OUTCOMES: dict[Status, Outcome] = {
@@ -103,8 +99,7 @@ def _scene(result: SceneResult, medium: str) -> Iterator[Block]:
     }
     title, most = "" if name else "Changes", {TERMINAL: SHOWN}
     note = "" if medium == TERMINAL else "Times: the difference over the tolerance."
-    table = Table.of(title, result.changes, columns, note, most, "and {} more (--json has all)")
-    yield replace(table, rows=_joined(table.rows))
+    yield Table.of(title, result.changes, columns, note, most, "and {} more (--json has all)")
     if medium == PAGE:
         yield from _waveforms(result)
     if result.checks and medium == PAGE:
@@ -118,18 +113,6 @@ VALUES = {
 
 def _stored(change: Difference, name: str) -> str:
     return readable(stored_value(getattr(change, name), change.unit))
-
-
-def _joined(rows: tuple[Row, ...]) -> tuple[Row, ...]:
-    """Return the rows of a table, those of channels that read the same in one: mirrored ones."""
-    same: dict[tuple[str, ...], list[Row]] = {}
-    for row in rows:
-        channel = CHANNEL.fullmatch(row[0].text)
-        kind = channel[2] if channel else row[0].text
-        same.setdefault((kind, *(each.text for each in row[1:])), []).append(row)
-    return tuple(
-        (Cell(", ".join(row[0].text for row in found)), *found[0][1:]) for found in same.values()
-    )
 
 
 def _waveforms(result: SceneResult) -> Iterator[Chart]:

@@ -70,7 +70,6 @@ def yield_view(result: YieldReport) -> Page:
         sections=(
             Section("Checks that do not pass", tuple(failures(result)), media=EVERYWHERE),
             Section("What costs yield", lambda: (_culprits(result),), media=DRAWN),
-            Section("Spread and limits", (_limits(result),)),
             Section("Quantities", (spreads(result),), media=EVERYWHERE),
             Section("Histograms", lambda: histograms(result), media=DRAWN),
             Section("Causes", (causes(result),), media=EVERYWHERE),
@@ -113,20 +112,6 @@ def failures(result: YieldReport) -> Iterator[Block]:
         text = f"{counted(result.without_verdict, 'sample')} without a verdict count as failed."
         lines = (f"{count} samples: {reason}" for reason, count in result.reasons.items())
         yield Notes("Samples without a verdict", (text, *lines))
-
-
-def _limits(result: YieldReport) -> Bars:
-    spreads = (
-        (each, {"5th percentile": each.low, "median": each.median, "95th": each.high})
-        for each in result.quantities
-    )
-    rows = tuple(
-        spread_bar(each.title, each.unit, values, (each.at_least, each.at_most))
-        for each, values in spreads
-        if all(map(math.isfinite, values.values()))
-    )
-    note = "The bar is the part of the limit that the percentile nearest to it uses."
-    return Bars("5th percentile, median and 95th percentile against the limits", rows, note)
 
 
 def spread_bar(

@@ -35,8 +35,6 @@ POINTS = 60_000  # of all curves of a chart
 EARLY_POINTS = 0.3  # of them in the first rise
 EARLY = 10.0  # rise times, or periods of an oscillation, that a view of the first rise shows
 LABELLED = 12  # channels above which curves have no names beside them
-MARKED = 6  # channels with marks of the second engine, of those without names
-MARKS = 18  # of the second engine in a view
 SEPARATE = 0.055  # of the height: closer names become one
 OVER = 1.35  # times the supply and the targets: what is shown of a growing record
 SEEN = 20.0  # times the optimum: a larger end of the record is off the chart
@@ -71,19 +69,14 @@ def channel_names(places: Iterable[int]) -> str:
 
 
 def outputs_chart(verdict: Verdict) -> Chart:
-    """Return the outputs with their targets, and the second engine's as circles."""
+    """Return the outputs with their targets; `difference_chart` has the second engine."""
     channels, time = verdict.measurements.channels, verdict.waveforms.time
     count, end = len(channels), float(time[-1])
     targets, colours = [channel.target for channel in channels], spread_colours(count)
     low, high, cut = _window(verdict)
     marks: list[Mark] = list(_curves(verdict, time, verdict.u, 1.2))
     marks += (Limit(y, "y", "", look, "dot") for y, look in zip(targets, colours, strict=True))
-    marks += _circles(verdict)
-    engines = verdict.waveforms.simulator.replace("statespace", "the state-space engine")
-    if isinstance(marks[-1], Curve):
-        engines += "; open circles: state-space engine"
-        if count > LABELLED:
-            engines += f", for {', '.join(f'u{n}' for n in _marked(count))}"
+    engine = verdict.waveforms.simulator.replace("statespace", "the state-space engine")
     if (settling := verdict.measurements.settling_time) is not None:
         marks.append(Limit(settling.value, "x", "", "muted"))
     looks = " Dashed curves: the second half of the channels." if count > 1 else ""
@@ -92,7 +85,7 @@ def outputs_chart(verdict: Verdict) -> Chart:
     else:
         looks = f" The colour goes from blue (u1) over violet to orange (u{count})."
     summary = (
-        f"Outputs of {counted(count, 'channel')} from 0 to {quantity(end, 's')} by {engines}."
+        f"Outputs of {counted(count, 'channel')} from 0 to {quantity(end, 's')} by {engine}."
         f" Dotted: the target of each channel, from the numerical solution.{looks}"
     )
     if cut:
@@ -119,30 +112,6 @@ def _curves(verdict: Verdict, time: Floats, columns: Floats, width: float) -> It
         x, y = (np.concatenate(part) for part in zip(*parts, strict=True))
         dashed = n > (count + 1) // 2 and count <= LABELLED
         yield Curve(x, y, f"u{n}", look, "dash" if dashed else "solid", width=width, label="")
-
-
-def _circles(verdict: Verdict) -> Iterator[Curve]:
-    """Yield the second engine's outputs beside a record of ngspice, evenly in both views."""
-    agreement = verdict.agreement
-    if agreement is None or agreement.reason:
-        return
-    time, early, end = agreement.instants, early_end(verdict), float(agreement.instants[-1])
-    wanted = np.concatenate([np.linspace(0.0, early, MARKS), np.linspace(early, end, MARKS)])
-    places = np.unique(np.minimum(np.searchsorted(time, wanted), len(time) - 1))
-    own = verdict.u[np.searchsorted(verdict.waveforms.time, time[places])]
-    other, count = own - agreement.differences[places], own.shape[1]
-    colours, marked = spread_colours(count), _marked(count)
-    for n in marked:
-        yield Curve(
-            time[places], other[:, n - 1], "state-space engine", colours[n - 1], "", "circle-open",
-            size=4.5, label="legend" if n == marked[0] else "",
-        )  # fmt: skip
-
-
-def _marked(count: int) -> list[int]:
-    """Return the channels, from 1, that have marks of the second engine."""
-    places = np.linspace(1, count, min(count, LABELLED if count <= LABELLED else MARKED))
-    return [int(place) for place in places.round()]
 
 
 def _settled(verdict: Verdict) -> str:

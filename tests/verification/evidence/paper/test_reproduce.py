@@ -27,7 +27,7 @@ from taction.verification.evidence.paper.findings import (
     weigh,
 )
 from taction.verification.evidence.paper.reproduce import CHAPTERS, PaperSection, Reproduction
-from taction.verification.evidence.paper.scaling import asymptotic, condition_number, tikhonov
+from taction.verification.evidence.paper.scaling import condition_number, tikhonov
 from taction.verification.evidence.paper.tactile import (
     FINE,
     Geometry,
@@ -208,13 +208,6 @@ def test_a_solution_by_conjugate_gradients_is_that_of_the_whole_matrix() -> None
     T, strain = toeplitz(column), rng.normal(size=61)
     wanted = np.linalg.solve(T @ T + 0.1 * np.eye(61), T @ strain)
     assert tikhonov(column, strain, 0.1) == pytest.approx(wanted, abs=1e-5 * np.abs(wanted).max())
-
-
-def test_the_asymptotic_formula_is_the_ratio_of_the_sampled_spectrum() -> None:
-    """3/2 w exp(-w) at w = 1 over its two aliases at the Nyquist frequency, r = 12."""
-    nyquist = np.pi * 12.0
-    expected = np.exp(-1.0) / (2.0 * nyquist * np.exp(-nyquist))
-    assert asymptotic(12.0) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ from lxml import html
 from taction.system.errors import InputError
 from taction.verification.report.blocks import Facts, Page, Section
 from taction.verification.report.output_checks import check_report_file
+from taction.verification.report.renderers.notebook import card
 from taction.verification.report.renderers.page import page_html, write_page
 from tests.support.entries import write_fast
 from tests.support.report_pages import HOSTILE, hostile, page, swept
@@ -60,6 +61,7 @@ def test_texts_are_never_markup() -> None:
     text = page_html(hostile())
     tree = html.document_fromstring(text)
     assert HOSTILE not in text
+    assert HOSTILE not in card(hostile())
     assert "<script>window" not in text
     assert "<img" not in text
     kinds = [each.get("type") or each.get("id") for each in tree.xpath("//script")]

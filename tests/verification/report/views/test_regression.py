@@ -200,21 +200,6 @@ def test_the_worst_scene_decides_the_exit_status(places: tuple[int, ...], status
     assert report(*(RESULTS[place] for place in places)).exit_status == status
 
 
-def test_mirrored_channels_are_one_row() -> None:
-    def final(channel: int, value: float) -> Difference:
-        off = abs(value - 1.0) / 0.01
-        return Difference("channels", "final", channel, 1.0, value, "V", value - 1.0, 0.01, off)
-
-    moved = (final(1, 1.5), final(2, 1.25), final(7, 1.5))
-    result = SceneResult("a.toml", Status.CHANGED, (), moved, (), "", entry(), entry())
-    (table,) = (
-        b for b in view(report(result)).blocks(PAGE) if getattr(b, "title", "") == "Changes"
-    )
-    shown = [[cell.text for cell in row] for row in table.rows]
-    assert [row[0] for row in shown] == ["u_1.final, u_7.final", "u_2.final"]
-    assert [row[3:6] for row in shown] == [["500 mV", "10 mV", "50"], ["250 mV", "10 mV", "25"]]
-
-
 def test_the_output_that_changed_most_is_drawn_over_its_baseline() -> None:
     then = replace(entry(), time=(0.0, 1.0), outputs={"u_1": (0.0, 1.0), "u_2": (0.0, 2.0)})
     now = replace(then, outputs={"u_1": (0.0, 1.0), "u_2": (0.0, 3.0)})

@@ -13,13 +13,11 @@ import pytest
 import taction
 from taction.netlist_gen.scene.axes import with_values
 from taction.system.charts import Cells, Chart, Columns, Limit, Text, thinned
-from taction.system.quantities import readable
 from taction.verification.report.blocks import PAGE, Bars, Block, Notes, Page, Table
 from taction.verification.report.renderers.figures import wrapped
 from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout
 from taction.verification.report.renderers.terminal import shown
-from taction.verification.report.texts import figure
 from taction.verification.report.views import tolerance_view as tolerance
 from taction.verification.report.views.sweep_view import SHOWN, Plane, _worth
 from taction.verification.report.views.tolerance_view import _edges
@@ -78,16 +76,6 @@ def block(report: Page, title: str, kind: type[Any] = Table) -> Any:
     return next(each for each in found if isinstance(each, kind) and each.title == title)
 
 
-def test_the_yield_has_its_interval_and_limits() -> None:
-    report = page("montecarlo")
-    bars = block(report, "5th percentile, median and 95th percentile against the limits", Bars)
-    steady = next(row for row in bars.rows if row.name == "steady state")
-    assert steady.outcome == "fail"
-    assert steady.share > 1.0
-    assert steady.limit == "at most 3 %"
-    assert "95 % interval" in report.summary
-
-
 def test_the_corners_have_least_typical_and_largest_values() -> None:
     found = (b for s in page("corners").sections for b in s.made(PAGE) if isinstance(b, Bars))
     (bars,) = found
@@ -107,12 +95,6 @@ def test_a_regression_marks_what_changed() -> None:
     assert [row[3].text for row in changes.rows] == ["500 mV"]  # the difference
     assert [row[5].text for row in changes.rows] == ["50"]
     assert isinstance(block(report, "Checks", Bars), Bars)
-
-
-def test_values_are_written_as_an_engineer_writes_them() -> None:
-    assert readable("0.5 V/us of 10 kohm in 3 us") == "0.5 V/µs of 10 kΩ in 3 µs"
-    assert readable("10 uA, usual") == "10 µA, usual"
-    assert figure(float("nan"), "s") == "–"
 
 
 def _charts(name: str) -> list[Chart]:

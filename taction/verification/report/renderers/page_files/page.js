@@ -69,15 +69,6 @@
     root.dataset.ready = "true";
   };
 
-  // Folded sections: a picture has its size once it is seen; paper shows all.
-  const folds = all(".fold");
-  folds.forEach((fold) => fold.addEventListener("toggle", () => {
-    if (window.Plotly && fold.open) all(".canvas", fold).forEach((each) => Plotly.Plots.resize(each));
-  }));
-  addEventListener("beforeprint", () => folds.forEach((fold) => { fold.open = true; }));
-  const unfold = () => { const fold = document.querySelector(location.hash || "#none")?.querySelector(".fold"); if (fold) fold.open = true; };
-  addEventListener("hashchange", unfold);
-
   // Tables: a click sorts, the next click turns the order.
   const key = (row, place) => {
     const cell = row.cells[place], number = cell.dataset.number;
