@@ -1,7 +1,8 @@
 """`taction check` of a designer's deck, beside the ngspice runs that would answer it.
 
-A bare run is `ngspice -b` of the deck. A check, in one process and without imports, finds poles,
-margins, noise and readings with bounds. A sweep is compared with as many bare runs as values.
+A bare run is ngspice on the flat cards of the deck, with the steps that were planned for an error
+of 1e-4 of the step. A check, in one process and without imports, finds poles, margins, noise and
+readings with bounds besides. A sweep is compared with as many bare runs as it has values.
 Processor time, with that of ngspice.
 """
 
@@ -16,7 +17,10 @@ from pathlib import Path
 import taction
 from benchmarks.measuring import Figure, in_turns, processor, ratios
 from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.studies.foreign_board import read_board
+from taction.verification.studies.measured_board import measure_board
+from taction.verification.studies.witnesses import planned
 from tests.support.designer_decks import DECKS
 
 SWEPT = {"sallen-key-fast": "C1", "wien": "C1", "ring": "R1"}
@@ -26,15 +30,14 @@ SINGLE, SWEEP = 3.0, 10.0  # wanted: a check over a bare run; bare runs over a s
 
 
 def bare(file: Path) -> Callable[[], object]:
-    """Return a function that runs ngspice once on a deck."""
-    words = [
-        find_simulator().executable,
-        "-b",
-        "-n",
-        "-r",
-        str(file.with_suffix(".raw")),
-        str(file),
-    ]
+    """Return a function that runs ngspice once on a deck, as planned for an error of 1e-4."""
+    board = read_board(file)
+    found = measure_board(LinearBoard(board.circuit), board.initial, 0.01)
+    plan, _, _ = planned(found, found.scales.stop)
+    simulator = find_simulator()
+    place = file.with_suffix(".bare")
+    place.write_text(board.witness(plan, simulator.solver_option).text)
+    words = [simulator.executable, "-b", "-n", "-r", str(place.with_suffix(".raw")), str(place)]
     return lambda: subprocess.run(words, capture_output=True, check=True)
 
 

@@ -34,6 +34,7 @@ def check(
     samples: int = 300,
     seed: int = 1,
     ngspice: bool = True,
+    transient: bool = False,
     output: str | Path | None = None,
     progress: Progress = lambda stage: None,
 ) -> BoardCheck:
@@ -53,7 +54,7 @@ def check(
     checks : str or iterable of str
         Limit of a reading: settling=1ms@1%, rise=10us, overshoot=5%, undershoot=5%, noise=1mV,
         margin=2 (factor by which the value of any part may change; no gain or phase margin),
-        stable, oscillates. A circuit has to be stable unless it has to oscillate.
+        stable, oscillates, agree=1e-3. A circuit has to be stable unless it has to oscillate.
     expect : str or iterable of str
         Expected voltage at rest: v(out)=1.25@0.1%.
     linearise : bool
@@ -80,9 +81,12 @@ def check(
     seed : int
         Seed of these boards.
     ngspice : bool
-        Compare with ngspice's small signal (.ac) at every node.
+        Compare with ngspice's small signal (.ac) at every node, and with its transient where the
+        deck has a .tran and is linear.
+    transient : bool
+        Compare with ngspice's transient of a linear deck without a .tran, too.
     output : path, optional
-        Write the flat cards with a transient of the step, to be run by ngspice, into this file.
+        Write the flat deck of ngspice's transient into this file.
     progress : callable, optional
         Receives the name of each stage.
 
@@ -143,6 +147,7 @@ def check(
         board,
         asked,
         ngspice=ngspice,
+        transient=transient,
         over=swept,
         tolerances=spread,
         samples=(samples, seed),

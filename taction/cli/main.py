@@ -78,8 +78,6 @@ WITHDRAWN = {
     "netlist --parameters": "Change the number in the scene and write the deck again; 'taction"
     " sweep' and 'taction yield montecarlo' run many boards.",
     "sweep --retry": "The same command computes points without a verdict again.",
-    "check --transient": "Leave it out: ngspice's small signal, which is always compared, has every"
-    " pole of a linear circuit.",
     "kicad --channel": "Leave it out: the project has a sheet for each channel.",
     "reproduce -o": "'--report FILE' writes the claims and the pictures as a page.",
     "reproduce --output": "'--report FILE' writes the claims and the pictures as a page.",

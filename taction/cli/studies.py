@@ -176,6 +176,7 @@ CHECK = Command(
         option("samples", "-n", "--samples", type=click.IntRange(1, 1_000_000)),
         option("seed", type=click.IntRange(0)),
         option("ngspice", "--ngspice/--no-ngspice"),
+        option("transient", is_flag=True),
         option("output", "-o", type=click.Path(dir_okay=False), writes=True),
     ),
     ends="Exit status: 0 without checks or if all pass, 1 a check failed, 3 one is not decided.",

@@ -69,7 +69,7 @@ E1 out 0 p 0 3
     [
         ("wien", (), 1), ("wien", ("--check", "stable"), 1),
         ("wien", ("--check", "settling=1s"), 1),
-        ("wien", ("--check", "oscillates"), 0),
+        ("wien", ("--check", "agree=1"), 1), ("wien", ("--check", "oscillates"), 0),
         ("wien", ("--check", "oscillates", "--check", "stable"), 1),
         (AXIS, (), 3), (AXIS, ("--check", "stable"), 3), (AXIS, ("--check", "oscillates"), 3),
         (LATCH, (), 1), (LATCH, ("--check", "oscillates"), 1),
@@ -198,6 +198,7 @@ def test_the_document_has_its_schema(deck: str, tmp_path: Path) -> None:
     jsonschema.validate(found, schema)
     assert [point["value"] for point in found["sweeps"][0]["points"]] == [1e-9, 2e-9, 4e-9]
     assert found["outputs"][0]["name"] == "out"
+    assert found["agreement"] < 3e-4
     assert picture.stat().st_size > 1000
     assert "Step response" in page.read_text("utf-8")
     assert taction.check(tmp_path / "flat.cir", ngspice=False).poles.stable

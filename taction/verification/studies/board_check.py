@@ -16,22 +16,24 @@ from typing import Annotated
 import numpy as np
 
 from taction.netlist_gen.deck.part_tolerances import DeckTolerances
-from taction.system.documents import Hertz, Inline, Note, Number, Rate, Volts
+from taction.system.documents import Hertz, Inline, Note, Number, Rate, Steps, Volts
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.studies.board_checks import judge
 from taction.verification.studies.board_sweep import Sweep, SweptValue, sweep_deck, varied_outcomes
 from taction.verification.studies.foreign_board import ForeignBoard
-from taction.verification.studies.measured_board import MeasuredBoard, measure_board
+from taction.verification.studies.measured_board import FAR, MeasuredBoard, measure_board
 from taction.verification.studies.other_points import points_note, step_note
 from taction.verification.studies.part_influence import PartRow, influences
 from taction.verification.studies.questions import QUESTIONS, Wanted, units
 from taction.verification.studies.tolerance.corners import CornerStudy
 from taction.verification.studies.tolerance.yield_report import YieldReport
-from taction.verification.studies.witnesses import compare_ac
-from taction.verification.verdict.checks import Check, Outcome, overall
+from taction.verification.studies.witnesses import compare_ac, compare_transient
+from taction.verification.verdict.checks import Check, Outcome, overall, undecided
+from taction.verification.verdict.companion import Agreement
 
 Progress = Callable[[str], None]
+NONLINEAR = "ngspice's transient is compared with linear decks only, its small signal with every one"
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,11 +67,12 @@ class BoardCheck(MeasuredBoard, Result):
     DOCUMENT = (
         *("name", "outcome", "initial", "notes", "stable = poles.stable"),
         *("poles = pole_rows", "parts", "band = measurements.band", "amplitude [V]", "outputs"),
-        *("noise_unknown = noise.unknown", "checks", "sweeps", "corners", "yields"),
+        *("noise_unknown = noise.unknown", "agreement", "checks", "sweeps", "corners", "yields"),
     )
 
     notes: tuple[str, ...]
     looked: tuple[PartRow, ...]  # all parts with their margins, where a margin was asked for
+    record: Agreement | None
     checks: tuple[Check, ...]
     sweeps: tuple[Sweep, ...]
     corners: CornerStudy | None = None
@@ -121,6 +124,13 @@ class BoardCheck(MeasuredBoard, Result):
             )
         return tuple(rows)
 
+    @property
+    def agreement(self) -> Steps:
+        """Largest difference of the two engines over the record, in step amplitudes."""
+        if self.record is None or not self.amplitude:
+            return None
+        return self.record.difference / self.amplitude
+
     def __repr__(self) -> str:
         said = f"stable: {self.poles.stable}, {len(self.circuit.knobs)} parts"
         return f"BoardCheck({self.name!r}, {self.outcome.value}; {said})"
@@ -134,6 +144,7 @@ def check_board(
     asked: Wanted,
     *,
     ngspice: bool = True,
+    transient: bool = False,
     over: Iterable[SweptValue] = (),
     tolerances: DeckTolerances | None = None,
     samples: tuple[int, int] = (300, 1),
@@ -155,15 +166,24 @@ def check_board(
         progress("parts")
         margin, rows = influences(board, found.poles, every=True)
     progress("ngspice")
-    checks, left = list(judge(found, asked, margin)), list[str]()
+    record, why, small, left = None, "without ngspice", None, [""]
+    asked_for = "engines_agree" in asked.names
     if ngspice:
-        checks.append(
-            compare_ac(deck.at_rest, board, np.append(found.poles.poles, found.apart.hidden))
-        )
+        small = compare_ac(deck.at_rest, board, np.append(found.poles.poles, found.apart.hidden))
+        why = "" if deck.point is None or not asked_for else NONLINEAR
     if ngspice and deck.point is not None:
-        left.append(points_note(found, deck.point))
+        left = [points_note(found, deck.point)]
         if any(each.moves for each in deck.flat.stimuli.values()):
             left.append(step_note(found, deck.point))
+    elif ngspice and (transient or deck.has_transient or asked_for):
+        why = f"ngspice's transient was not compared: {FAR}"
+        if not found.apart.beyond:
+            limit = asked.limits.engines_agree.tolerance
+            record, why = compare_transient(found, deck.witness, limit)
+    checks = list(judge(found, asked, margin, record))
+    if record is None and asked_for:
+        checks.append(undecided("engines_agree", "step", why, asked.limits.engines_agree.limit))
+    checks += [] if small is None else [small]
     progress("sweeps")
     sweeps = tuple(sweep_deck(deck, board, each, band) for each in over)
     corners, yields = None, None
@@ -171,8 +191,9 @@ def check_board(
         corners, yields = varied_outcomes(found, deck, tolerances, asked, samples, progress)
     made = BoardCheck(
         **{each.name: getattr(found, each.name) for each in fields(found)},
-        notes=tuple(filter(None, (*found.apart.sentences, *deck.notes, *notes, *left))),
+        notes=tuple(filter(None, (*found.apart.sentences, *deck.notes, *notes, why, *left))),
         looked=rows,
+        record=record,
         checks=tuple(checks),
         sweeps=sweeps,
         corners=corners,

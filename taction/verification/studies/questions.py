@@ -29,9 +29,9 @@ LISTED = 20  # nodes in a message
 LARGEST = 100.0  # factor of a value up to which `stability.margin` searches
 OSCILLATES = "oscillates"
 OTHERS = {
-    **dict.fromkeys(("stable", "stability", "margin"), "stability"),
-    OSCILLATES: OSCILLATES,
-}
+    "stable": "stability", "stability": "stability", "margin": "stability",
+    "agree": "engines_agree", "engines_agree": "engines_agree", OSCILLATES: OSCILLATES,
+}  # fmt: skip
 """Words of checks that are no questions."""
 Answers = Sequence[Reading | None]  # of the outputs
 
@@ -269,12 +269,12 @@ def _check_of(text: str) -> tuple[str, dict[str, Any]]:
             pass
         accepted = f"expected a factor from 1 to {LARGEST:g}, such as {word}=2"
         raise _refused(word, repr(value), accepted)
+    if name == "engines_agree":
+        return name, {"tolerance": share_of(value)}
     if name == OSCILLATES:
         raise _refused(word, repr(value), "expected no value")
     known = ", ".join(each.usual for each in QUESTIONS.values())
-    text = f"expected a check such as {known}, margin=2, stable, oscillates"
-    if word in ("agree", "engines_agree"):
-        text = "ngspice's small signal is always compared (ac_agrees): leave it out"
+    text = f"expected a check such as {known}, margin=2, stable, oscillates, agree=1e-3"
     raise _refused("check", repr(word), text)
 
 
