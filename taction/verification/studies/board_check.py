@@ -33,7 +33,7 @@ from taction.verification.verdict.checks import Check, Outcome, overall, undecid
 from taction.verification.verdict.companion import Agreement
 
 Progress = Callable[[str], None]
-NONLINEAR = "ngspice's transient is compared with linear decks only, its small signal with every one"
+NONLINEAR = "ngspice's transient is compared with linear decks only"
 
 
 @dataclass(frozen=True, slots=True)
