@@ -27,8 +27,8 @@ bounds, Gershgorin for pencils); T. Kato, Perturbation Theory for Linear Operato
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -217,27 +217,52 @@ class Modes:
         return self._ordered(block.alone for block in self.blocks)
 
     @functools.cached_property
+    def _places(self) -> list[Ints]:
+        """The places of the modes of each block among all, rightmost first."""
+        ends = np.cumsum([len(block.T) for block in self.blocks])[:-1]
+        return np.split(np.argsort(self.order), ends)
+
+    @functools.cached_property
     def mates(self) -> Ints:
         """Place of the complex conjugate of each mode that is alone, (n,)."""
-        begins = np.cumsum([0, *(len(block.T) for block in self.blocks)])
-        pairs = zip(self.blocks, begins.tolist(), strict=False)
-        places = self._ordered(begin + np.maximum(block.mates, 0) for block, begin in pairs)
-        return np.asarray(np.argsort(self.order)[places])
+        pairs = zip(self.blocks, self._places, strict=True)
+        return self._ordered(places[np.maximum(block.mates, 0)] for block, places in pairs)
+
+    @functools.cached_property
+    def groups(self) -> list[Group]:
+        """The groups of more than one mode."""
+        return [
+            replace(group, members=places[group.members])
+            for block, places in zip(self.blocks, self._places, strict=True)
+            for group in block.groups
+        ]
 
     @property
     def centres(self) -> Complexes:
         """Poles, and for those of a group its centre, 1/s, (n,)."""
-        return self._ordered(_placed(b, b.poles, lambda group: group.centre) for b in self.blocks)
+        found = self.poles.copy()
+        for group in self.groups:
+            found[group.members] = group.centre
+        return found
 
     @functools.cached_property
     def rates(self) -> Floats:
         """Rate of the envelope of each mode, 1/s, (n,)."""
-        return self._ordered(_rates(block) for block in self.blocks)
+        found = self.poles.real.copy()
+        for group in self.groups:
+            found[group.members] = group.centre.real + group.scale
+        return found
 
     @functools.cached_property
     def pole_errors(self) -> Floats:
         """Bound on the error of each pole, 1/s, (n,)."""
         return self._ordered(pole_errors(block) for block in self.blocks)
+
+    @functools.cached_property
+    def coupling(self) -> Floats:
+        """Bound on what the board has beside the modes, 1/s, (n, n)."""
+        found = block_diagonal([block.coupling for block in self.blocks])
+        return np.asarray(found[np.ix_(self.order, self.order)])
 
     def shares(self, C: Floats, deviation: Floats, doubt: Floats | None = None) -> ModeShares:
         """Return the shares of the modes in the rows of ``C x`` (K, n) for a start.
@@ -245,12 +270,18 @@ class Modes:
         `deviation` (size,) are all unknowns at the start, less those at rest, V; `doubt` (K, n) is
         a bound on what the rows miss of each mode, by default nothing.
         """
-        ends = np.cumsum([len(block.T) for block in self.blocks])[:-1]
-        missed = np.zeros(C.shape) if doubt is None else doubt[:, np.argsort(self.order)]
-        rows, doubts = (np.split(each, ends, axis=1) for each in (C, missed))
-        parts = zip(self.blocks, rows, doubts, strict=True)
-        shares = tuple(BlockShares.of(*part, deviation) for part in parts)
-        return ModeShares(shares, self.order)
+        parts = list[Floats | Complexes]()
+        with np.errstate(invalid="ignore", over="ignore"):
+            for block in self.blocks:
+                pencil = block.reduced.pencil
+                dual = block.W @ (pencil.charges @ deviation)
+                sizes = np.abs(block.W) @ (pencil.charge_sizes @ np.abs(deviation))
+                unsure = ROUNDED * sizes + 2.0 * block.mixed @ np.abs(dual)
+                parts.append(np.stack([dual, sizes, unsure]))
+            dual, sizes, unsure = self._ordered(parts)
+            terms = (np.abs(C) @ np.abs(self.right)) * sizes.real
+        missed = np.zeros(C.shape) if doubt is None else doubt
+        return ModeShares(self, C @ self.right, missed, dual, unsure.real, terms)
 
     @functools.cached_property
     def unseen(self) -> Floats:
@@ -265,23 +296,11 @@ def _off(product: Complexes) -> float:
     return float(off) if np.isfinite(off) else np.inf
 
 
-def _placed(block: BlockModes, values: NDArray[Any], of: Any) -> NDArray[Any]:
-    """Return values of modes with those of its group for each that is not alone."""
-    found = values.copy()
-    for group in block.groups:
-        found[group.members] = of(group)
-    return found
-
-
-def _rates(block: BlockModes) -> Floats:
-    return _placed(block, block.poles.real, lambda group: group.centre.real + group.scale)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class BlockShares:
-    """The shares of a block's modes in rows of ``C x``: ``seen * dual``."""
+class ModeShares:
+    """The shares of the modes in the rows (K,) of ``C x``, ``seen * dual``."""
 
-    block: BlockModes
+    modes: Modes
     # `seen`, `doubt`: (K, n): ``C right``, and a bound on its error.
     seen: Complexes
     doubt: Floats
@@ -290,23 +309,21 @@ class BlockShares:
     unsure: Floats
     terms: Floats  # (K, n): sizes of the sums in the shares
 
-    @classmethod
-    def of(cls, block: BlockModes, C: Floats, doubt: Floats, deviation: Floats) -> BlockShares:
-        """Return the shares for rows C (K, n) and the deviation of all unknowns (size,)."""
-        pencil = block.reduced.pencil
-        with np.errstate(invalid="ignore", over="ignore"):
-            dual = block.W @ (pencil.charges @ deviation)
-            sizes = np.abs(block.W) @ (pencil.charge_sizes @ np.abs(deviation))
-            unsure = ROUNDED * sizes + 2.0 * block.mixed @ np.abs(dual)
-            terms = (np.abs(C) @ np.abs(block.X)) * sizes
-        return cls(block, C @ block.X, doubt, dual, unsure, terms)
+    @property
+    def amplitudes(self) -> Complexes:
+        """Share of each mode in each row at t = 0, (K, n).
+
+        ``C x(t) = sum_i amplitudes[:, i] exp(poles[i] t)`` where every mode is alone.
+        """
+        return self.seen * self.dual
 
     def _grown(self, sizes: Floats, *, transposed: bool) -> Floats:
         """Bound factors (..., n) of the shares at any time, over ``exp(rates t)``."""
-        for group in self.block.groups:
+        found = sizes.copy()
+        for group in self.modes.groups:
             factor = group.growth if transposed else group.growth.T
-            sizes[..., group.members] = sizes[..., group.members] @ factor
-        return sizes
+            found[..., group.members] = sizes[..., group.members] @ factor
+        return found
 
     @property
     def heights(self) -> Floats:
@@ -315,14 +332,19 @@ class BlockShares:
 
     @property
     def errors(self) -> tuple[Floats, Floats]:
-        """Bounds a, b (K, n) on the error of ``C x`` by mode i; see `ModeShares.errors`."""
-        block = self.block
-        s, E, rates = block.poles, block.coupling, _rates(block)
-        strong = ~(block.alone[:, None] & block.alone)
+        """Bounds a, b (K, n) on the error of each mode's part of a row.
+
+        The error is at most ``sum_i (a_i t + b_i) exp(rates_i t)``: couplings of modes that are
+        near one another grow with the time, others are divided by their distance.
+        """
+        modes = self.modes
+        s, E, rates = modes.poles, modes.coupling, modes.rates
+        strong = ~(modes.alone[:, None] & modes.alone)
         gap = np.abs(np.where(strong, rates[:, None] - rates, s[:, None] - s))
         near = gap <= np.minimum(np.abs(rates)[:, None], np.abs(rates))
         apart = np.where(near, 0.0, E / np.where(near, 1.0, gap))
-        if not (block.is_known and np.all(balanced_sums(apart, s) < CERTAIN)):
+        known = all(block.is_known for block in modes.blocks)
+        if not (known and np.all(balanced_sums(apart, s) < CERTAIN)):
             unknown = np.full(self.seen.shape, np.inf)
             return unknown, unknown
         more = np.linalg.inv(np.eye(len(s)) - 4.0 * apart)  # of higher orders
@@ -333,54 +355,9 @@ class BlockShares:
         parts = more @ close @ more, more @ apart
         lag, vague = ((seen @ X) * dual + seen * (X @ dual) for X in parts)
         own = self._grown(np.abs(self.seen), transposed=True)
-        missed = self._grown(self.doubt.copy(), transposed=True)
-        vague += own * self._grown(self.unsure.copy(), transposed=False) + missed * dual
+        missed = self._grown(self.doubt, transposed=True)
+        vague += own * self._grown(self.unsure, transposed=False) + missed * dual
         return lag, vague
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ModeShares:
-    """The shares of the modes in the rows (K,) of ``C x``, the rightmost mode first."""
-
-    parts: tuple[BlockShares, ...]  # those of each block
-    order: Ints  # (n,): places of the modes of the blocks, rightmost first
-
-    def _ordered(self, found: Iterable[NDArray[Any]]) -> NDArray[Any]:
-        return np.concatenate(list(found), axis=1)[:, self.order]
-
-    @property
-    def amplitudes(self) -> Complexes:
-        """Share of each mode in each row at t = 0, (K, n).
-
-        ``C x(t) = sum_i amplitudes[:, i] exp(poles[i] t)`` where every mode is alone.
-        """
-        return self._ordered(part.seen * part.dual for part in self.parts)
-
-    @property
-    def heights(self) -> Floats:
-        """Height of each mode's envelope in each row, (K, n)."""
-        return self._ordered(part.heights for part in self.parts)
-
-    @property
-    def terms(self) -> Floats:
-        """Sizes of the sums in `amplitudes`, (K, n)."""
-        return self._ordered(part.terms for part in self.parts)
-
-    @property
-    def errors(self) -> tuple[Floats, Floats]:
-        """Bounds a, b (K, n) on the error of each mode's part of a row.
-
-        The error is at most ``sum_i (a_i t + b_i) exp(rates_i t)``: couplings of modes that are
-        near one another grow with the time, others are divided by their distance.
-        """
-        lag, vague = map(self._ordered, zip(*(part.errors for part in self.parts), strict=True))
-        return lag, vague
-
-    def grouped(self) -> Iterator[tuple[Group, Complexes, Complexes]]:
-        """Yield each group of modes, their columns of ``C right`` and their duals."""
-        for part in self.parts:
-            for group in part.block.groups:
-                yield group, part.seen[:, group.members], part.dual[group.members]
 
 
 def find_modes(blocks: Sequence[Reduced]) -> Modes:

@@ -77,8 +77,8 @@ class ModalFlow:
         pair = np.where(modes.poles[kept].imag > 0.0, 2.0, 1.0)
         none = np.zeros(len(pair))
         parts: list[tuple[Any, ...]] = [(modes.poles[kept], none, none, (share[:, kept] * pair).T)]
-        for group, seen, dual in shares.grouped():
-            series = _series(group, seen, dual)
+        for group in modes.groups:
+            series = _series(group, shares.seen[:, group.members], shares.dual[group.members])
             one, powers = np.ones(len(series)), np.arange(len(series))
             parts.append((group.centre * one, powers, group.scale * one, series))
         poles, powers, scales, share = (np.concatenate(part) for part in zip(*parts, strict=True))
