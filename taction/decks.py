@@ -81,8 +81,8 @@ def check(
     seed : int
         Seed of these boards.
     ngspice : bool
-        Compare with ngspice's small signal (.ac) at every node, and with its transient where the
-        deck has a .tran and is linear.
+        Compare with ngspice: with its small signal (.ac), or with its transient where the deck has
+        a .tran and is linear.
     transient : bool
         Compare with ngspice's transient of a linear deck without a .tran, too.
     output : path, optional

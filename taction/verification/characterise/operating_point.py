@@ -72,7 +72,7 @@ class DeckPoint:
         signs, sizes = drawn.choice([-1.0, 1.0], len(nodes)), drawn.uniform(0.5, 1.0, len(nodes))
         weights = dict(zip(nodes, (signs * sizes).tolist(), strict=True))
         point = cls(tuple(lines), tuple(cards), weights, options, mode, flat, {}, TIGHT)
-        return replace(point, text=(*point.probed, f".options {TIGHT} pivrel=0.9 {options}"))
+        return replace(point, text=(*point.probed, f".options {TIGHT} {options}"))
 
     @property
     def is_tight(self) -> bool:

@@ -33,7 +33,6 @@ from taction.verification.verdict.checks import Check, Outcome, overall, undecid
 from taction.verification.verdict.companion import Agreement
 
 Progress = Callable[[str], None]
-NONLINEAR = "ngspice's transient is compared with linear decks only"
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,21 +166,21 @@ def check_board(
         margin, rows = influences(board, found.poles, every=True)
     progress("ngspice")
     record, why, small, left = None, "without ngspice", None, [""]
-    asked_for = "engines_agree" in asked.names
-    if ngspice:
-        small = compare_ac(deck.at_rest, board, np.append(found.poles.poles, found.apart.hidden))
-        why = "" if deck.point is None or not asked_for else NONLINEAR
-    if ngspice and deck.point is not None:
-        left = [points_note(found, deck.point)]
-        if any(each.moves for each in deck.flat.stimuli.values()):
-            left.append(step_note(found, deck.point))
-    elif ngspice and (transient or deck.has_transient or asked_for):
+    moves = transient or deck.has_transient or "engines_agree" in asked.names
+    if ngspice and deck.point is None and moves:
         why = f"ngspice's transient was not compared: {FAR}"
         if not found.apart.beyond:
             limit = asked.limits.engines_agree.tolerance
             record, why = compare_transient(found, deck.witness, limit)
+    elif ngspice:
+        why, every = "", np.append(found.poles.poles, found.apart.hidden)
+        small = compare_ac(deck.at_rest, board, every)
+    if ngspice and deck.point is not None:
+        left = [points_note(found, deck.point)]
+        if any(each.moves for each in deck.flat.stimuli.values()):
+            left.append(step_note(found, deck.point))
     checks = list(judge(found, asked, margin, record))
-    if record is None and asked_for:
+    if record is None and "engines_agree" in asked.names:
         checks.append(undecided("engines_agree", "step", why, asked.limits.engines_agree.limit))
     checks += [] if small is None else [small]
     progress("sweeps")

@@ -59,17 +59,10 @@ def test_poles_are_those_of_nodal_analysis(name: str, read: Read) -> None:
             assert abs(true - pole) <= 1e-9 * abs(true)
 
 
-@pytest.mark.parametrize("name", DECKS)
-def test_ngspice_has_the_same_small_signal(name: str, read: Read) -> None:
-    """Rounding in ngspice, times a gain of 1e9 and near resonance, is above 1e-6."""
-    every = check_board(read(DECKS[name]), wanted()).checks
-    check = next((each for each in every if each.name == "ac_agrees"), None)
-    if check is not None:
-        expected = "inconclusive" if name == "wien-resistors" else "pass"
-        assert check.outcome.value == expected, check.reason
+AGREEING = [name for name in DECKS if name not in ("gyrator",)]
 
 
-@pytest.mark.parametrize("name", ["sallen-key-fast", "wien", "ring"])
+@pytest.mark.parametrize("name", AGREEING)
 def test_ngspice_has_the_same_transient(name: str, read: Read) -> None:
     board = read(DECKS[name])
     found = check_board(board, wanted(), transient=True)

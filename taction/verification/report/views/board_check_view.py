@@ -332,16 +332,16 @@ def _response(found: BoardCheck) -> Chart | None:
 
 
 def _witness(found: BoardCheck) -> str:
-    moving = ""
     if found.agreement is not None:
         off = figure(found.agreement, "step")
-        moving = f"; its transient differs by at most {off} of the step from the state-space engine"
+        text = f"ngspice's own transient differs by at most {off} of the step"
+        return f"{text} from the state-space engine"
     known = [each.value for each in found.checks if each.name == "ac_agrees"]
     if not known or known[0] is None:
         return "one witness: the state-space engine"
     if known[0] == 0.0:
-        return f"ngspice's small signal (.ac) agrees at every node within rounding{moving}"
+        return "ngspice's small signal (.ac) agrees at every node within rounding"
     return (
         f"ngspice's small signal (.ac) differs by at most {known[0]:.1e} at any node, beyond"
-        f" rounding{moving}"
+        " rounding"
     )
