@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,7 +27,7 @@ from taction.verification.design.choice_plan import (
     choice_plan,
 )
 from taction.verification.design.choose import best_designs, design_scene, designs
-from taction.verification.report.views.choose_view import view
+from taction.verification.report.views.choose_view import _level, view
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, computed
 from taction.verification.verdict.checks import Check, Outcome
@@ -185,6 +186,17 @@ def test_an_unstable_design_has_no_share() -> None:
         (design,) = designs(plan, store)
     assert (design.shares, design.settling_time) == ({}, float("inf"))
     assert not best_designs([design])
+
+
+@pytest.mark.parametrize(("outcome", "is_empty"), [("inconclusive", True), ("fail", False)])
+def test_a_design_that_is_not_decided_has_no_colour(outcome: str, is_empty: bool) -> None:
+    """A settling time of half its limit does not say why the check does not pass."""
+    plan = choice_plan(scene(), ChoiceRequest(["tl084"], "10pF:10pF", "1M:1M", 1))
+    with Store(":memory:") as store:
+        store_records(plan, store, {0: record(settling=5e-4, outcome=outcome)})
+        (design,) = designs(plan, store)
+    assert design.worst_share is None
+    assert math.isnan(_level(design)) == is_empty
 
 
 def test_a_written_scene_is_the_design() -> None:

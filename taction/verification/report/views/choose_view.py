@@ -316,11 +316,12 @@ def _points(designs: Sequence[ChosenDesign], name: str, mark: str, size: float) 
 
 
 def _level(design: ChosenDesign | None) -> float:
-    """Return the worst share; not a number for an unstable design.
+    """Return the worst share; not a number for an unstable design, and for one not decided.
 
-    Where a check that does not pass has no value, the share is as bad as the colours go.
+    Where a check that fails has no value, the share is as bad as the colours go.
     """
-    if design is None or not design.shares:
+    undecided = design is not None and design.outcome == "inconclusive"
+    if design is None or not design.shares or (undecided and design.worst_share is None):
         return math.nan
     return min(max(design.worst, LOW / 10.0), HIGH)
 
