@@ -127,7 +127,8 @@ LOOK_INTERVAL = 0.5  # s between two looks at the share that is done
 class _Process:
     """The process of a run, and a thread that notes when it ended and ends what it left behind.
 
-    The thread sleeps in waitid(2); ``Popen.wait`` with a timeout would poll.
+    The thread sleeps in waitid(2); ``Popen.wait`` with a timeout would poll. An event says that it
+    has ended: a join that a signal interrupts makes Python take a living thread for an ended one.
     """
 
     def __init__(self, simulator: Simulator, folder: Path, memory: int) -> None:
@@ -140,27 +141,29 @@ class _Process:
                 least = min((limit for limit in (most, *known) if limit >= 0), default=most)
                 # Of the guard, which becomes the simulator, too.
                 resource.prlimit(self.popen.pid, kind, (least, least))
-        self._watcher = threading.Thread(target=self._watch, daemon=True)
-        self._watcher.start()
+        self._over = threading.Event()
+        threading.Thread(target=self._watch, daemon=True).start()
 
     def _watch(self) -> None:
-        # The ended process keeps its number until `Popen.wait`, so the group is still its own.
-        os.waitid(os.P_PID, self.popen.pid, os.WEXITED | os.WNOWAIT)
-        self.ended = time.perf_counter()
-        self._kill_group()
-        end_orphans(self.folder, self.popen.pid)
-        self.popen.wait()
+        try:
+            # The ended process keeps its number until `Popen.wait`, so the group is still its own.
+            os.waitid(os.P_PID, self.popen.pid, os.WEXITED | os.WNOWAIT)
+            self.ended = time.perf_counter()
+            self._kill_group()
+            end_orphans(self.folder, self.popen.pid)
+            self.popen.wait()
+        finally:
+            self._over.set()
 
     def wait(self, seconds: float) -> bool:
         """Wait no longer than `seconds`; return whether the process has ended."""
-        self._watcher.join(max(seconds, 0.0))
-        return not self._watcher.is_alive()
+        return self._over.wait(max(seconds, 0.0))
 
     def kill(self) -> None:
         """End the process group, and wait for its end."""
-        if self._watcher.is_alive():
+        if not self._over.is_set():
             self._kill_group()
-            self._watcher.join()
+            self._over.wait()
 
     def _kill_group(self) -> None:
         with contextlib.suppress(ProcessLookupError):  # the group may end in the meantime
