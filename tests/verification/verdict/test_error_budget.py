@@ -14,6 +14,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
+from taction.system import progress
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.report.blocks import Table
@@ -223,6 +224,7 @@ def test_a_budget_that_is_not_known_is_empty_and_a_warning(
     def fail(*_: object) -> None:
         raise EngineError("no equilibrium")
 
+    monkeypatch.setattr(progress, "FAILURES", (Exception,))  # as users have it
     monkeypatch.setattr(module, "error_budget", fail)
     verdict = replace(judged("linear"))
     assert budget_blocks(verdict) == ()

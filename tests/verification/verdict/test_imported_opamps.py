@@ -147,7 +147,11 @@ def test_tolerances_leave_the_netlist_as_it_is(write: Callable[..., Scene]) -> N
         ({"pins": ["inp", "inn"]}, {}, "one role for each of the 5 ports"),
         ({"taction_opamp": 4}, {}, "taction_opamp = 4: expected 3"),
         ({"taction_opamp": 1, "linear": None}, {}, "of an older version; import the netlist again"),
-        ({"figures": {}}, {}, "figures.dc_gain: missing; expected a finite number"),
+        (
+            {"figures": {}},
+            {},
+            "figures.dc_gain: missing; expected a file that `taction",
+        ),
         ({"supply": "15"}, {}, "supply = '15': expected a finite number"),
         ({"supply": 10**400}, {}, "supply = an integer of over 300 digits: expected"),
         ({"supply": -15.0}, {}, "supply = -15.0: expected a number from 1e-30"),
