@@ -50,7 +50,7 @@ SLOW = 0.2  # contraction above which the next step is linearised anew
 LONGEST_JUMP = 3  # levels
 SMALLEST, LEVELLESS = -60, 10**6  # least level, and none
 LAST_BUT_ONE = 0.2  # weight of the last but one Legendre coefficient in the error
-SPREAD = 3.0  # times what rounding made of one draw: what it may make of another one
+SPREAD = 4.0  # times what rounding made of one draw: what it may make of another one
 # Of a change: rounding of the stages' sums over the systems of the method, as random errors add.
 SCATTER = EPS * float(np.sqrt(np.abs(TABLE.right) ** 2 @ np.abs(TABLE.left) ** 2).max())
 COUNTED = 0.01  # of the tolerance: rounding above it is added up

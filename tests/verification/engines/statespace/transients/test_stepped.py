@@ -208,7 +208,9 @@ def test_points_of_a_board_that_diverges_follow_its_size_not_the_number_of_steps
     """They were 111,183, then 194,939, and doubled with each halving: a run did not end."""
     case = next(case for case in load_catalogue() if case.name == "avx512-equilibrium")
     circuit = synthesise(case.scene("statespace"))
-    first = simulate(circuit, Transient(3.26693e-4, 3e-7, initial="zero"), resolved=True)
+    # A finer tolerance would be below what rounding leaves with the kernels of old processors.
+    plan = Transient(3.26693e-4, 3e-7, initial="zero")
+    first = simulate(circuit, plan, resolved=True, tolerance=1e-2)
     better = halved(first, resolved=True)
     assert isinstance(first.curve, SteppedCurve)
     assert isinstance(better.curve, SteppedCurve)
