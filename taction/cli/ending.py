@@ -159,9 +159,11 @@ def _instead(error: click.ClickException) -> str:
         whole = "a whole number" if isinstance(kind, click.types.IntParamType) else "a number"
         limits = getattr(kind, "_describe_range", str)()
         return f"\nExpected {whole}{f' in {limits}' if limits else ''}."
-    if "unexpected extra argument" in text:
-        form = "--over C=1pF:1nF:3, with '=' and no blank"
-        return f"\nExpected one word after each option: {form}."
+    if "unexpected extra argument" in text and context is not None:
+        if any(each.name == "over" for each in context.command.params):
+            form = "--over C=1pF:1nF:3, with '=' and no blank"
+            return f"\nExpected one word after each option: {form}."
+        return "\nExpected no further word; text with blanks needs quotes."
     if "No such command" in text and "Did you mean" not in text and context is not None:
         return f"\nExpected one of {', '.join(context.command.list_commands(context))}."
     return ""

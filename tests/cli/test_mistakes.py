@@ -134,6 +134,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("mcp", "ok.toml"): ("ok.toml", "expected a folder"),
     ("demo", "-o", "a.txt"): ("-o", "'a.txt'", ".html"),
     ("teach",): ("No such command 'teach'", "one of new, verify"),
+    ("netlist", "ok.toml", "more"): ("extra argument (more)", "Expected no further word"),
 }  # fmt: skip
 
 

@@ -169,9 +169,7 @@ class _Measured:
         for hertz, currents in zip(FREQUENCIES, whole, strict=True):
             s = 2j * math.pi * hertz
             Y, beside = self.G + s * self.C, np.zeros((n, n), complex)
-            if (
-                self.outer
-            ):  # from the base, before its resistance, into the collector behind its own
+            if self.outer:  # it joins the inner node of the collector with the base's terminal
                 Y[0, 0] += s * self.outer
                 beside[0, 1] = s * self.outer
             found = np.linalg.solve(np.eye(n) + Y @ R, Y - beside)
@@ -180,9 +178,8 @@ class _Measured:
                 found[1] += s * self.outer * (np.eye(n)[1] - volts[0])
             off = float(np.abs(found - currents).max()) / (float(np.abs(currents).max()) or 1.0)
             if not off <= MISFIT:
-                return (
-                    f"its inner resistances are not in series: off by {off:.1e} at {hertz:.0e} Hz"
-                )
+                where = f"off by {off:.1e} at {hertz:.0e} Hz"
+                return f"its inner resistances are not in series: {where}"
         return ""
 
     def parts(self) -> Iterator[Branch]:

@@ -118,17 +118,23 @@ class Response:
         `band` is the half-width over the step amplitude. 0 if no channel moves; infinite if the
         record ends outside the band.
         """
-        limit, time = band * self.amplitude, self.time
-        for _ in range(ROUNDS):
+        limit = band * self.amplitude
+
+        def last_outside(time: Floats) -> int:
             away = np.max(np.abs(self.outputs(time) - self.target), axis=1)
-            outside = np.flatnonzero(away > limit)
-            if limit == 0.0 or not outside.size:
-                return 0.0
-            last = int(outside[-1])
-            if last == len(time) - 1:
-                return float("inf")
-            time = np.linspace(time[last], time[last + 1], PIECES + 1)
-        return float(time[-1])
+            return int(np.flatnonzero(away > limit)[-1]) if np.any(away > limit) else -1
+
+        last = last_outside(self.time)
+        if limit == 0.0 or last < 0:
+            return 0.0
+        if last == len(self.time) - 1:
+            return float("inf")
+        begin, end = self.time[last], self.time[last + 1]
+        for _ in range(ROUNDS):  # the ends are known; anew they may round to the other side
+            time = np.linspace(begin, end, PIECES + 1)
+            last = last_outside(time[1:-1]) + 1
+            begin, end = time[last], time[last + 1]
+        return float(end)
 
 
 TOLERANCE = 1e-10

@@ -86,10 +86,14 @@ class Edges:
     def mapped(self, to: Callable[[float], float]) -> Edges:
         """Return the same edges over another value, a monotonic function of this one."""
         low, high, near = to(self.low), to(self.high), tuple(map(to, self.near))
-        edges = tuple(
-            replace(e, value=to(e.value), bound=abs(to(e.value + e.bound) - to(e.value)))
-            for e in self.edges
-        )
+
+        def bound(edge: Edge) -> float:
+            if not edge.bound < edge.value:
+                return math.inf
+            sides = (edge.value - edge.bound, edge.value + edge.bound)
+            return max(abs(to(side) - to(edge.value)) for side in sides)
+
+        edges = tuple(replace(e, value=to(e.value), bound=bound(e)) for e in self.edges)
         if low <= high:
             return Edges(low, high, edges, near, self.lowest)
         edges = tuple(replace(edge, below=edge.above, above=edge.below) for edge in edges[::-1])

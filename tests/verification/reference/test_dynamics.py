@@ -145,6 +145,19 @@ SCALE = {"lam": 1.0, "RC": 1e-5, "U0": 2.0}
 NETWORK = IdealNetwork(T=np.array([[1.0, 0.3], [-0.2, 0.8]]), eps=np.array([0.6, 0.4]), **SCALE)
 
 
+@pytest.mark.parametrize("turn", [-1e-15, 1e-15])
+def test_a_value_at_the_band_that_rounds_to_either_side_settles_there(turn: float) -> None:
+    """``1 - exp(-t)`` is at the band of 1/e at t = 1, on another side in each evaluation."""
+    time = np.linspace(0.0, 8.0, 9)
+
+    def outputs(t: np.ndarray) -> np.ndarray:
+        off = turn if len(t) == len(time) else -turn
+        return (1.0 - np.exp(-t) * (1.0 + off))[:, None]
+
+    response = Response(time, outputs, np.zeros(1), np.ones(1))
+    assert response.settling_time(np.exp(-1.0)) == pytest.approx(1.0, abs=1e-12)
+
+
 def test_an_ideal_trajectory_never_rises():
     response = ideal_linear(NETWORK, np.zeros(2))
     found = energy_rise(NETWORK, response.time, response.outputs(response.time))

@@ -20,7 +20,6 @@ from taction.system.array_types import EPS, Floats, Indices
 from taction.system.errors import DivergesError, EngineError
 from taction.system.quantities import show
 from taction.system.waveforms import Cost, Waveforms
-from taction.verification.engines.statespace.equations.alike import of_one_kind
 from taction.verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS
 from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
@@ -337,6 +336,14 @@ def simulate_together(
     return found
 
 
+def _of_one_kind(curves: Sequence[SteppedCurve]) -> list[list[SteppedCurve]]:
+    """Return the integrations that may run together."""
+    groups: dict[Hashable, list[SteppedCurve]] = {}
+    for curve in curves:
+        groups.setdefault(curve.kind, []).append(curve)
+    return list(groups.values())
+
+
 def _curves(tasks: Sequence[Task]) -> list[SteppedCurve | EngineError]:
     """Return the integrations of tasks, which their boards keep; those of one kind run together."""
     began, new, failed = clock.perf_counter(), list[SteppedCurve](), dict[Task, EngineError]()
@@ -346,8 +353,8 @@ def _curves(tasks: Sequence[Task]) -> list[SteppedCurve | EngineError]:
                 new.append(SteppedCurve.of(task))
         except EngineError as error:
             failed[task] = error
-    for places in of_one_kind({place: curve.kind for place, curve in enumerate(new)}):
-        Integration.join([new[place].work for place in places]).run()
+    for group in _of_one_kind(new):
+        Integration.join([curve.work for curve in group]).run()
     for curve in new:
         curve.seconds = (clock.perf_counter() - began) / len(new)
         curve.seconds += 0.0 if curve.task.whole is None else curve.task.whole.seconds

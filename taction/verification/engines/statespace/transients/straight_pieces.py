@@ -188,7 +188,9 @@ def first_passage(excess: Floats) -> float:
     0.25
     """
     found = 1.0
-    for piece in excess[excess[:, 0] + np.abs(excess[:, 1:]).sum(axis=1) > 0.0]:
+    for row in excess[excess[:, 0] + np.abs(excess[:, 1:]).sum(axis=1) > 0.0]:
+        # A last coefficient far below rounding would be divided by.
+        piece = np.where(np.abs(row) < 1e-3 * EPS * np.abs(row).max(), 0.0, row)
         roots = legroots(piece)
         inside = np.sort(roots.real[(roots.imag == 0.0) & (np.abs(roots.real) < 1.0)])
         ends = np.concatenate([[-1.0], inside, [1.0]])
