@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -229,7 +230,8 @@ def _charts(onset: Onset) -> Iterator[Block]:
     marks.append(Curve(*axis, "crossing", "fail", "", "circle-open", size=9.0))
     message = f"{counted(len(level), 'crossing')} of the axis" if len(level) else "no crossing"
     windows = ("near the crossings", near), ("all ringing poles", (leftmost, near[1], most))
-    yield upper_half_plane(marks, windows, message, f"The colour says {name}.")
+    poles = upper_half_plane(marks, windows, message, f"The colour says {name}.")
+    yield replace(poles, legend="inside")
 
 
 def _on_values(onset: Onset) -> Iterator[Mark]:
