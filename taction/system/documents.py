@@ -289,22 +289,6 @@ def read(kind: type[T], data: Any) -> T:
     return made
 
 
-def unknown_keys(made: Any, data: Any, place: str = "") -> list[str]:
-    """Return the keys of `data`, and of all that is in it, that the document of a value has not.
-
-    The value was `read` from `data`, which takes no notice of them.
-    """
-    found, known = list[str](), plain(made)
-    if isinstance(data, Mapping) and isinstance(known, Mapping):
-        for key, item in data.items():
-            here = f"{place}.{key}".lstrip(".")
-            found += unknown_keys(known[key], item, here) if key in known else [here]
-    elif isinstance(data, list) and isinstance(known, list):
-        for n, (one, item) in enumerate(zip(known, data, strict=False)):
-            found += unknown_keys(one, item, f"{place}[{n}]")
-    return sorted(found)
-
-
 def _read(kind: Any, data: Any, place: str) -> Any:
     """Return the value of a type from its plain data, which stand at `place`."""
     kind, _ = unwrapped(kind)

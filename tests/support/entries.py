@@ -26,8 +26,6 @@ def entry(**changes: Any) -> Entry:
         "settling_time": 5e-6,
         "growth_rate": -1e6,
         "frequency": 0.0,
-        "time": [0.0, 1e-6, 5e-6],
-        "outputs": {"u_1": [0.0, 0.6321205588, 0.9932620530]},
     }
     return read(Entry, fields | changes)
 

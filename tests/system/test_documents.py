@@ -22,7 +22,6 @@ from taction.system.documents import (
     Seconds,
     plain,
     read,
-    unknown_keys,
 )
 
 
@@ -169,9 +168,3 @@ class Twice:
 
 def test_a_name_with_two_units_has_its_path() -> None:
     assert units(Twice) == {"inner.time": "s", "level": "V", "time": "V"}
-
-
-def test_keys_that_no_document_has_are_found_at_every_depth() -> None:
-    inner = [{"time": 1e-6, "level": 0.0}, {"time": None, "levl": 2.0}]
-    data = DATA | {"lamda": 1, "inner": inner}
-    assert unknown_keys(read(Outer, data), data) == ["inner[1].levl", "lamda"]

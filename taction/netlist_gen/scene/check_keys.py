@@ -182,7 +182,7 @@ class LevelTolerance(Model):
 
 
 class TimeTolerance(Model):
-    """Rise times, settling times and the record's length."""
+    """Rise times and settling times."""
 
     relative: NonNegative = 0.02
     absolute: SecondsOrZero = 0.0
@@ -198,18 +198,9 @@ class PoleTolerance(Model):
     absolute: NonNegative = 1e-6
 
 
-class WaveformTolerance(Model):
-    """Each output over time: the norm of its difference, against the norm of its baseline."""
-
-    norm: Literal["max", "rms"] = Field("max", description="rms: weighted by time")
-    relative: NonNegative = 0.01
-    absolute: NonNegative = Field(1e-3, description="fraction of the step amplitude")
-
-
 class Regression(Model):
     """Differences that `taction regress` accepts."""
 
     levels: LevelTolerance = LevelTolerance()
     times: TimeTolerance = TimeTolerance()
     poles: PoleTolerance = PoleTolerance()
-    waveforms: WaveformTolerance = WaveformTolerance()

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
-from taction.system.charts import TIME, Axis, Chart, Curve, Outcome
+from taction.system.charts import Outcome
 from taction.verification.report.blocks import (
     BOTH,
     PAGE,
@@ -100,8 +100,6 @@ def _scene(result: SceneResult, medium: str) -> Iterator[Block]:
     title, most = "" if name else "Changes", {TERMINAL: SHOWN}
     note = "" if medium == TERMINAL else "Times: the difference over the tolerance."
     yield Table.of(title, result.changes, columns, note, most, "and {} more (--json has all)")
-    if medium == PAGE:
-        yield from _waveforms(result)
     if result.checks and medium == PAGE:
         yield Bars("Checks", tuple(check_bar(check) for check in result.checks))
 
@@ -113,22 +111,6 @@ VALUES = {
 
 def _stored(change: Difference, name: str) -> str:
     return readable(stored_value(getattr(change, name), change.unit))
-
-
-def _waveforms(result: SceneResult) -> Iterator[Chart]:
-    """Yield the output that changed most, now and in the baseline."""
-    now, then = result.entry, result.baseline
-    moved = [each.name for each in result.changes if each.group == "waveforms"]
-    if now is None or then is None:
-        return
-    for name in [each for each in moved if each in now.outputs and each in then.outputs][:1]:
-        marks = (
-            Curve(then.time, then.outputs[name], "baseline", "muted", "dash", width=2.5),
-            Curve(now.time, now.outputs[name], "now"),
-        )
-        text = f"The output that changed most, {name}; dashed: the baseline."
-        title, said = f"Output {name}", "now and in the baseline"
-        yield Chart(title, TIME, Axis("output", "V"), marks, said, text)
 
 
 def _off(off: float) -> Cell:

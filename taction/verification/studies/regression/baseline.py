@@ -16,13 +16,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from taction.netlist_gen.scene.keys import all_keys, files_of
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.array_types import Floats
-from taction.system.documents import INLINE, plain, read, unknown_keys
+from taction.system.documents import INLINE, plain, read
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.quantities import written
@@ -60,8 +56,6 @@ class Commit:
 NO_COMMIT = Commit()
 
 
-INSTANTS = 256  # samples of each output in a baseline
-
 ALWAYS = ("step_amplitude", "growth_rate", "frequency", "margin")
 STABLE = ("settling_time",)  # of a stable board: the record of another one grows from rounding
 CHANNEL_ALWAYS = ("reference",)
@@ -70,10 +64,7 @@ CHANNEL_STABLE = ("final", *READINGS)
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """The stored results of one scene.
-
-    An unstable board has no readings of its transient and no samples.
-    """
+    """The stored results of one scene; an unstable board has no readings of its transient."""
 
     name: str
     fingerprint: str  # SHA-256 of the scene and its files, without the tolerances
@@ -84,10 +75,6 @@ class Entry:
     speed: Annotated[float, "1/s"]  # magnitude of the rightmost pole, 1/s
     # What is compared: `ALWAYS`, `STABLE` and the same of the channels.
     record: Annotated[Record, INLINE]
-    stop: Annotated[float | None, "s"] = None  # length of the record, s; None of an unstable board
-    # `time`, `outputs`: instants, s, and every output there, V.
-    time: Annotated[tuple[float, ...], "s"] = ()
-    outputs: Annotated[dict[str, tuple[float, ...]], "V"] = field(default_factory=dict)
     # The keys that the scene gives, with their values as it could write them; empty in a baseline
     # of an older taction.
     keys: dict[str, str] = field(default_factory=dict)
@@ -95,10 +82,6 @@ class Entry:
     def __post_init__(self) -> None:
         if self.record.value("growth_rate") is None:
             raise ValueError("growth_rate is missing")
-        if any(b <= a for a, b in zip(self.time[:-1], self.time[1:], strict=True)):
-            raise ValueError("the time does not increase")
-        if any(len(samples) != len(self.time) for samples in self.outputs.values()):
-            raise ValueError("an output and the time differ in length")
 
     @property
     def stable(self) -> bool:
@@ -116,34 +99,18 @@ Baseline = Mapping[str, Entry]
 """Entries by the name of the scene's file."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Observation:
-    """A scene's entry, with the full record from which its samples were taken."""
-
-    entry: Entry
-    time: Floats  # (P,), s
-    u: Floats  # (P, N), V
-
-
-def observe(verdict: Verdict, revision: str) -> Observation:
-    """Return the entry of `verdict` with its record; `revision` is the commit checked out."""
-    time, u, stable = np.asarray(verdict.waveforms.time), verdict.u, verdict.poles.known_stable
-    steady = stable and bool(np.all(np.isfinite(u)))
-    sampled = _instants(time, u) if steady else np.zeros(0, int)
-    entry = Entry(
+def observe(verdict: Verdict, revision: str) -> Entry:
+    """Return the entry of a verdict; `revision` is the commit checked out."""
+    return Entry(
         name=verdict.scene.name,
         fingerprint=fingerprint(verdict.scene),
         revision=revision,
         taction=metadata.version("taction"),
         solved_by=verdict.waveforms.simulator,
         speed=abs(verdict.poles.rightmost),
-        record=_kept(Record.of(verdict), stable),
-        stop=verdict.transient.stop if stable else None,
-        time=tuple(time[sampled].tolist()),
-        outputs=_samples(u[sampled]) if sampled.size else {},
+        record=_kept(Record.of(verdict), verdict.poles.known_stable),
         keys=written_keys(verdict.scene),
     )
-    return Observation(entry, time, u)
 
 
 def _kept(record: Record, stable: bool) -> Record:
@@ -208,21 +175,6 @@ def written_keys(scene: Scene) -> dict[str, str]:
     return dict(texts(_written(scene), ""))
 
 
-def _instants(time: Floats, u: Floats) -> NDArray[np.intp]:
-    """Return indices of `INSTANTS` points: a third each by path of u, time, and log time."""
-    steps = np.diff(time)
-    path = np.abs(np.diff(u, axis=0)).sum(axis=1)
-    log_steps = np.diff(np.log(time - time[0] + (time[-1] - time[0]) / 1e4))
-    density = sum(part / (part.sum() or 1.0) for part in (path, steps, log_steps))
-    cumulative = np.concatenate([[0.0], np.cumsum(density)])
-    return np.unique(np.searchsorted(cumulative, np.linspace(0.0, cumulative[-1], INSTANTS)))
-
-
-def _samples(u: Floats) -> dict[str, tuple[float, ...]]:
-    """Round to nine digits: errors of a millionth of any tolerance, half the size of the file."""
-    return {f"u_{n}": tuple(float(f"{x:.9g}") for x in column) for n, column in enumerate(u.T, 1)}
-
-
 @dataclass(frozen=True, slots=True)
 class BaselineFile:
     """What is in the file of a baseline."""
@@ -258,8 +210,8 @@ def load_baseline(path: str | Path) -> tuple[dict[str, Entry], Commit]:
         raise unusable(MARK, repr(data[MARK]), reason + MOVE_AWAY)
     try:
         found = read(BaselineFile, data)
-        if extra := unknown_keys(found, data):
-            raise ValueError(f"{extra[0]}: no key of a baseline")
+        if json.loads(baseline_text(found.scenes, found.commit)) != data:
+            raise ValueError("scenes: has a key that no baseline has, or lacks one")
     except ValueError as error:
         place, _, what = str(error).rpartition(": ")
         raise damaged(place or "scenes", f": {what}") from None

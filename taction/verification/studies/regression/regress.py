@@ -5,21 +5,17 @@ from __future__ import annotations
 import enum
 import math
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
-from taction.netlist_gen.scene.check_keys import Regression, WaveformTolerance
+from taction.netlist_gen.scene.check_keys import Regression
 from taction.netlist_gen.scene.loading import load_scene
-from taction.system.array_types import Floats
 from taction.system.errors import INTERRUPTED, InputError, Interrupted, NoVerdictError
 from taction.system.output_files import check_folder, printable, write_atomically
 from taction.system.progress import Progress
 from taction.system.quantities import NONE
 from taction.system.results import Result
-from taction.verification.readings.record import lagrange
 from taction.verification.studies.regression.baseline import (
     ALWAYS,
     CHANNEL_ALWAYS,
@@ -29,7 +25,6 @@ from taction.verification.studies.regression.baseline import (
     Baseline,
     Commit,
     Entry,
-    Observation,
     baseline_text,
     git_commit,
     load_baseline,
@@ -39,43 +34,27 @@ from taction.verification.studies.running.study import for_each_file
 from taction.verification.studies.scene_files import find_scenes
 from taction.verification.verdict.cause import causes, named
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.compare import (
-    Difference,
-    Tolerance,
-    compare,
-    numbers,
-    relative,
-    words,
-)
+from taction.verification.verdict.compare import Difference, Tolerance, compare
 from taction.verification.verdict.record import POLE_READINGS, Figure
 from taction.verification.verdict.verify import verify
 
-STENCIL = 4  # cubic interpolation: error 1e-7 of the amplitude at 125 points on a ringing period
 
-
-def compare_entry(now: Observation, then: Entry, allowed: Regression) -> tuple[Difference, ...]:
+def compare_entry(entry: Entry, then: Entry, allowed: Regression) -> tuple[Difference, ...]:
     """Compare a scene's results with its entry in the baseline, which is the first of both.
 
     Every quantity of either is compared, except checks that only one of them ran; of a board that
     became stable or unstable only the poles.
     """
-    entry, tolerance = now.entry, scene_tolerance(allowed, then)
-    same = entry.stable == then.stable
+    same, common = entry.stable == then.stable, then.checks.keys() & entry.checks.keys()
     found = compare(
         then.record,
         entry.record,
-        tolerance,
+        scene_tolerance(allowed, then),
         groups=("checks", "states", "figures") + ("channels",) * same,
         figures=(*ALWAYS[1:], *STABLE * same),
         channel_figures=CHANNEL_ALWAYS + CHANNEL_STABLE,
     )
-    common = then.checks.keys() & entry.checks.keys()
-    differences = [each for each in found if each.group != "checks" or each.name in common]
-    if same:
-        stops = Figure(then.stop, "s"), Figure(entry.stop, "s")
-        differences.append(numbers("figures", "record", None, *stops, tolerance))
-        differences += _waveforms(now, then, allowed.waveforms)
-    return tuple(differences)
+    return tuple(each for each in found if each.group != "checks" or each.name in common)
 
 
 def scene_tolerance(allowed: Regression, then: Entry) -> Tolerance:
@@ -83,7 +62,7 @@ def scene_tolerance(allowed: Regression, then: Entry) -> Tolerance:
 
     An absolute tolerance of a voltage counts in step amplitudes, one of a pole in its magnitude.
     """
-    amplitude = _amplitude(then)
+    amplitude = then.record.value("step_amplitude") or 0.0
 
     def tolerance(name: str, first: Figure, second: Figure) -> float | None:
         size, unit = abs(first.value or 0.0), first.unit
@@ -96,44 +75,6 @@ def scene_tolerance(allowed: Regression, then: Entry) -> Tolerance:
         return allowed.levels.absolute * scale + allowed.levels.relative * size
 
     return tolerance
-
-
-def _amplitude(entry: Entry) -> float:
-    return entry.record.value("step_amplitude") or 0.0
-
-
-def _waveforms(now: Observation, then: Entry, allowed: WaveformTolerance) -> Iterator[Difference]:
-    """Compare the outputs at the baseline's instants by interpolation of the record."""
-    if not then.outputs or not now.entry.outputs:
-        return
-    at = np.array([t for t in then.time if now.time[0] <= t <= now.time[-1]])
-    u = lagrange(now.time, now.u, at, STENCIL)
-    new, amplitude = dict(zip(now.entry.outputs, u.T, strict=True)), _amplitude(then)
-    for name in {**then.outputs, **new}:
-        if name not in new or name not in then.outputs or len(at) < 2:
-            sides = ["there" if name in side else None for side in (then.outputs, new)]
-            note = "the records have no instants in common" if all(sides) else ""
-            yield replace(words("waveforms", name, None, *sides), off=math.inf, note=note)
-            continue
-        known = dict(zip(then.time, then.outputs[name], strict=True))
-        old = np.array([known[t] for t in at.tolist()])
-        apart = np.abs(new[name] - old)
-        worst = int(np.argmax(apart))
-        size, distance = _norm(allowed, at, old), _norm(allowed, at, apart)
-        most = allowed.absolute * amplitude + allowed.relative * size
-        yield Difference(
-            *("waveforms", name, None, size, _norm(allowed, at, new[name]), "V", distance, most),
-            off=relative(distance, most),
-            note=f"{allowed.norm} norm; {apart[worst]:.3g} V apart at {at[worst]:.4g} s",
-        )
-
-
-def _norm(allowed: WaveformTolerance, time: Floats, u: Floats) -> float:
-    if allowed.norm == "max":
-        return float(np.max(np.abs(u)))
-    square = u * u
-    area = float(np.sum(0.5 * (square[1:] + square[:-1]) * np.diff(time)))
-    return math.sqrt(area / float(time[-1] - time[0]))
 
 
 class Status(enum.Enum):
@@ -357,9 +298,9 @@ def compare_scene(path: Path, then: Entry | None, revision: str) -> SceneResult:
         status=_status(verdict.outcome, then, changed),
         checks=verdict.checks,
         differences=differences,
-        notes=() if then is None else tuple(_notes(now.entry, then)),
+        notes=() if then is None else tuple(_notes(now, then)),
         reason="; ".join(found.text for found in causes(verdict.checks)),
-        entry=now.entry,
+        entry=now,
         baseline=then,
         seconds=time.perf_counter() - started,
     )

@@ -81,7 +81,7 @@ def test_a_scene_that_passes_otherwise_is_changed(
     report = run(tmp_path, passing)
     assert (only(report).status, report.exit_status) == (Status.CHANGED, 1)
     assert only(report).notes[0] == "edited: capacitance 10pF → 10.5pF"
-    assert {"figures", "waveforms"} <= {d.group for d in only(report).changes}
+    assert {"figures", "channels"} <= {d.group for d in only(report).changes}
     assert [d.off for d in only(report).changes] == sorted(
         (d.off for d in only(report).changes), reverse=True
     )
@@ -89,7 +89,7 @@ def test_a_scene_that_passes_otherwise_is_changed(
 
 def test_tolerances_come_from_the_scene(tmp_path: Path, passing: dict[str, Entry]) -> None:
     wide = "relative = 0.5, absolute = 0.5"
-    more = "".join(f"{group} = {{ {wide} }}\n" for group in ("levels", "poles", "waveforms"))
+    more = "".join(f"{group} = {{ {wide} }}\n" for group in ("levels", "poles"))
     more += 'times = { relative = 0.5, absolute = "1ms" }\n'
     write_fast(tmp_path / "a.toml", capacitance="10.5pF", more=f"[regression]\n{more}")
     assert only(run(tmp_path, passing)).status is Status.SAME
