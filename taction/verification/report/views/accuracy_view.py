@@ -27,7 +27,7 @@ ERROR = Axis("largest error over time (of the step)", scale="log")
 WORK = (
     "Each mark is one setting of a method: further left is faster, further down is more accurate."
     " The dashed line is the error of the reference; a cross at the upper edge is a run that timed"
-    " out. The table has the fastest and the slowest run."
+    " out."
 )
 STEPS = "The order of convergence is fitted to the filled marks; the dotted lines show the fits."
 
@@ -162,7 +162,7 @@ def _runs(study: WorkPrecisionStudy, problem: str) -> Iterator[Block]:
     points = [point for method in _methods(study, problem) for point in study.of(method)]
     columns = {
         **fields("method = method.name; setting = known_setting; status; time = seconds 3"),
-        **fields("fastest 3; slowest 3; runs = repeats; steps; factorisations"),
+        **fields("steps; factorisations"),
         "largest error": lambda each: Cell(_power(each.error), each.error),
     }
     title = f"Wall times and errors of {PROBLEMS[problem]}"

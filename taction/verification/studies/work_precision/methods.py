@@ -1,7 +1,7 @@
 """The table `METHODS` of the integration methods that a work-precision study compares.
 
 A new method needs an entry in the table and a function that runs it. The order is that of the
-largest error over time as a function of the mean step. `SOLUTIONS` are what runs are compared with.
+largest error over time as a function of the mean step. `solutions` are what runs are compared with.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
+from scipy.integrate import solve_ivp
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.deck import write_deck
 from taction.system.array_types import Floats
-from taction.system.errors import EngineError, TimedOut
+from taction.system.errors import EngineError
 from taction.system.foreign_files import read_ends
 from taction.system.own_folders import own_folder
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
@@ -36,6 +37,7 @@ from taction.verification.verdict.transient_plan import coarser
 
 BASE_POINTS = 125.0  # points per period of the task's transient
 COMPARED = 1000  # instants of a record that are compared with the reference, about
+LONGEST = 86400.0  # s: the study ends the process of a run that takes too long
 IDEAL_STOP = 10.0  # times R C: the slowest mode has decayed to 5e-5
 Integrator = Literal["Radau", "BDF", "LSODA", "DOP853"]
 STEPS = re.compile(r"^Accepted timepoints = (\d+)", re.MULTILINE)
@@ -64,7 +66,7 @@ class MethodTask:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MethodRun:
-    """One run of one method; only some instants are kept, the last one among them."""
+    """One run of one method."""
 
     time: Floats  # (P,), s
     u: Floats  # (P, N), V
@@ -72,25 +74,16 @@ class MethodRun:
     steps: int  # accepted steps; 0 for a method without steps
     factorisations: int | None  # (ngspice: one per Newton iteration); None: unknown
 
-    @classmethod
-    def of(
-        cls, time: Floats, u: Floats, seconds: float, steps: int, factorisations: int | None
-    ) -> MethodRun:
-        """Return a run with about `COMPARED` of its instants, equally spaced."""
-        count = len(time)
+    @property
+    def thinned(self) -> MethodRun:
+        """The run with about `COMPARED` of its instants, equally spaced."""
+        count = len(self.time)
         kept = np.unique(np.append(np.arange(0, count, -(-count // COMPARED)), count - 1))
-        return cls(time[kept], u[kept], seconds, steps, factorisations)
+        return replace(self, time=self.time[kept], u=self.u[kept])
 
 
-def load_integrators() -> None:
-    """Import SciPy's integrators before the first measurement."""
-    import scipy.integrate  # noqa: F401
-
-
-def ngspice(
-    task: MethodTask, points: float, timeout: float, method: Literal["trapezoidal", "gear"]
-) -> MethodRun:
-    """Run ngspice with `points` points on a ringing period; TimeoutError after `timeout` s."""
+def ngspice(task: MethodTask, points: float, method: Literal["trapezoidal", "gear"]) -> MethodRun:
+    """Run ngspice with `points` points on a ringing period."""
     simulator = find_simulator()
     transient = replace(coarser(task.transient, BASE_POINTS / points), method=method)
     deck = write_deck(task.circuit, transient, solver=simulator.solver_option)
@@ -99,54 +92,41 @@ def ngspice(
     bound = PHYSICAL_BOUND * task.circuit.value("U0")
     with own_folder() as temporary:
         folder = temporary / "run"
-        try:
-            waveforms = process.simulate(
-                deck, simulator, folder=folder, keep=True, timeout=timeout, bound=bound
-            )
-        except TimedOut as error:
-            raise TimeoutError(str(error).splitlines()[0]) from None
+        waveforms = process.simulate(
+            deck, simulator, folder=folder, keep=True, timeout=LONGEST, bound=bound
+        )
         log = read_ends(folder / "stdout.txt", LONGEST_LOG)
-    steps, factorisations = STEPS.search(log), ITERATIONS.search(log)
+    steps, iterations = STEPS.search(log), ITERATIONS.search(log)
     return replace(
         _of_record(task, waveforms),
         steps=int(steps[1]) if steps else waveforms.cost.points,
-        factorisations=int(factorisations[1]) if factorisations else None,
+        factorisations=int(iterations[1]) if iterations else None,
     )
 
 
-def exact(task: MethodTask, _: float) -> MethodRun:
-    """Run the exact engine with `BASE_POINTS` recorded points on a ringing period."""
+def exact(task: MethodTask, setting: float = 0.0, *, times: Floats | None = None) -> MethodRun:
+    """Run the exact engine; without `times` with `BASE_POINTS` points on a ringing period."""
     started, circuit = clock.perf_counter(), task.circuit
     solution = exact_solution(circuit, initial=task.transient.initial)
-    time = record_times(task.transient, task.transient.stop)
-    u = _signs(circuit) * solution.at(time)
-    return MethodRun.of(time, u, clock.perf_counter() - started, 0, 1)
+    time = record_times(task.transient, task.transient.stop) if times is None else times
+    u = np.array([output.sign for output in circuit.outputs]) * solution.at(time)
+    return MethodRun(time, u, clock.perf_counter() - started, 0, 1)
 
 
-def implicit(task: MethodTask, tolerance: float) -> MethodRun:
+def implicit(task: MethodTask, tolerance: float, *, times: Floats | None = None) -> MethodRun:
     """Run the adaptive implicit engine, also on a linear board."""
-    return _of_record(task, stepped.simulate(task.circuit, task.transient, tolerance=tolerance))
+    found = stepped.simulate(task.circuit, task.transient, times=times, tolerance=tolerance)
+    return _of_record(task, found)
 
 
-def integrate(task: MethodTask, tolerance: float, method: Integrator) -> MethodRun:
-    """Run an integrator of SciPy on the ideal network and record the ends of its steps."""
-    started = clock.perf_counter()
-    time, u, factorisations = _ideal(task, tolerance, method)
-    seconds = clock.perf_counter() - started
-    return MethodRun.of(time, u, seconds, len(time) - 1, factorisations)
+def integrate(
+    task: MethodTask, tolerance: float, method: Integrator, *, times: Floats | None = None
+) -> MethodRun:
+    """Run an integrator of SciPy on the ideal network; without `times` at the ends of its steps.
 
-
-def _ideal(
-    task: MethodTask, tolerance: float, method: Integrator, times: Floats | None = None
-) -> tuple[Floats, Floats, int]:
-    """Integrate the ideal network with SciPy; EngineError where the integration fails.
-
-    Return `times`, or the ends of the integrator's steps, s, the outputs there, V, and the number
-    of factorisations.
+    EngineError: the integration fails.
     """
-    from scipy.integrate import solve_ivp
-
-    network, scaled = task.network, ScaledNetwork(task.network)
+    started, network, scaled = clock.perf_counter(), task.network, ScaledNetwork(task.network)
     unit, stop = network.RC, task.ideal_stop
     options: dict[str, Any] = {"jac": scaled.jacobian}
     if times is not None:
@@ -161,17 +141,18 @@ def _ideal(
     # LSODA can report success with values that are not numbers.
     if not complete or not np.all(np.isfinite(solution.y)) or not np.all(np.isfinite(u)):
         raise EngineError(f"{method} gave up: {solution.message}")
-    return solution.t * unit, u, int(solution.nlu)
+    seconds, steps = clock.perf_counter() - started, len(solution.t) - 1
+    return MethodRun(solution.t * unit, u, seconds, steps, int(solution.nlu))
 
 
-def _signs(circuit: Circuit) -> Floats:
-    return np.array([output.sign for output in circuit.outputs])
+def modes(task: MethodTask, *, times: Floats) -> MethodRun:
+    """Return the exact solution of an ideal network with linear amplifiers."""
+    return MethodRun(times, ideal_linear(task.network, task.v0).outputs(times), 0.0, 0, 1)
 
 
 def _of_record(task: MethodTask, waveforms: Waveforms) -> MethodRun:
-    cost = waveforms.cost
-    u = outputs(task.circuit, waveforms)
-    return MethodRun.of(waveforms.time, u, cost.seconds, cost.points, cost.factorisations)
+    cost, u = waveforms.cost, outputs(task.circuit, waveforms)
+    return MethodRun(waveforms.time, u, cost.seconds, cost.points, cost.factorisations)
 
 
 TOLERANCES = tuple(10.0**-k for k in range(2, 12))
@@ -187,7 +168,7 @@ class Method:
     problem: Literal["board", "ideal"]  # the whole circuit, or the network with ideal op-amps
     setting: str  # name of the ladder's quantity; empty for a method without a step
     ladder: tuple[float, ...]  # coarse to fine
-    run: Callable[..., MethodRun]  # of task and setting; of ngspice also of a time limit in s
+    run: Callable[..., MethodRun]  # of task and setting
     order: float | None  # in theory; None for a method without an order or of variable order
     theory: str  # the order in words
 
@@ -222,42 +203,17 @@ METHODS: tuple[Method, ...] = (
     ),
 )  # fmt: skip
 
-Solve = Callable[[MethodTask, Floats], Floats]
-"""Returns the outputs, (P, N), V, at instants (P,), s."""
 
-
-def board_exact(task: MethodTask, time: Floats) -> Floats:
-    """Return the exact solution of a linear board, (P, N), V."""
-    solution = exact_solution(task.circuit, initial=task.transient.initial)
-    return _signs(task.circuit) * solution.at(time)
-
-
-def board_implicit(task: MethodTask, time: Floats, tolerance: float) -> Floats:
-    """Return the solution of the adaptive implicit engine, (P, N), V."""
-    waves = stepped.simulate(task.circuit, task.transient, times=time, tolerance=tolerance)
-    return outputs(task.circuit, waves)
-
-
-def ideal_exact(task: MethodTask, time: Floats) -> Floats:
-    """Return the exact solution of an ideal network with linear amplifiers, (P, N), V."""
-    return ideal_linear(task.network, task.v0).outputs(time)
-
-
-def ideal_integrated(task: MethodTask, time: Floats, method: Integrator) -> Floats:
-    """Return the solution of the ideal network by an integrator of SciPy, (P, N), V."""
-    return _ideal(task, 1e-13, method, time)[1]
-
-
-def solutions(task: MethodTask, problem: str) -> dict[str, Solve]:
+def solutions(task: MethodTask, problem: str) -> dict[str, Callable[..., MethodRun]]:
     """Return two solutions of a problem by their names, the better first."""
-    dop853 = {"DOP853 at 1e-13": partial(ideal_integrated, method="DOP853")}
+    dop853 = {"DOP853 at 1e-13": partial(integrate, tolerance=1e-13, method="DOP853")}
     if problem == "ideal" and task.circuit.is_linear:
-        return {"exact modes": ideal_exact, **dop853}
+        return {"exact modes": modes, **dop853}
     if problem == "ideal":
-        return {**dop853, "LSODA at 1e-13": partial(ideal_integrated, method="LSODA")}
+        return {**dop853, "LSODA at 1e-13": partial(integrate, tolerance=1e-13, method="LSODA")}
     # Of a large board a smaller tolerance gains nothing over rounding errors.
     tight = 1e-9 if LinearBoard(task.circuit).descriptor.is_large else 1e-12
-    found: dict[str, Solve] = {EXACT: board_exact} if task.is_exact else {}
+    found: dict[str, Callable[..., MethodRun]] = {EXACT: exact} if task.is_exact else {}
     for each in (tight, 100.0 * tight)[: 2 - len(found)]:
-        found[f"state space, implicit at {each:g}"] = partial(board_implicit, tolerance=each)
+        found[f"state space, implicit at {each:g}"] = partial(implicit, tolerance=each)
     return found

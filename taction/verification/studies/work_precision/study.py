@@ -30,7 +30,7 @@ from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.reference.ideal_answer import ideal_network, initial_voltages
 from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.studies.running.pool import FAILURES, START_UP, Worker
+from taction.verification.studies.running.pool import FAILURES, Worker
 from taction.verification.studies.running.versions import describe_machine
 from taction.verification.studies.work_precision.methods import (
     BASE_POINTS,
@@ -39,7 +39,6 @@ from taction.verification.studies.work_precision.methods import (
     Method,
     MethodRun,
     MethodTask,
-    load_integrators,
     solutions,
 )
 from taction.verification.verdict.transient_plan import even_transient
@@ -51,10 +50,6 @@ MAX_ERROR = 0.1  # a larger error is not asymptotic
 ABOVE_FLOOR = 10.0  # least error of a run, in errors of the reference
 SCATTER = 0.12  # rms deviation of ln(error) from a straight line, over its slope
 MIN_RUNS = 3  # on a straight line
-NEVER_RUN = (
-    "ngspice Gear of order 3 to 6 (maxord): not run, not stable for poles near the imaginary axis",
-    "ngspice without a maximum step: not run, its steps would follow no ladder",
-)
 ERRORS = tuple(10.0**-k for k in range(2, 11))
 
 
@@ -102,15 +97,14 @@ class SettingResult:
     """The results of one setting of one method."""
 
     DOCUMENT = (
-        *("setting = known_setting", "status", "seconds [s]", "seconds_fastest [s] = fastest"),
-        *("seconds_slowest [s] = slowest", "repeats", "steps", "factorisations"),
+        *("setting = known_setting", "status", "seconds [s]", "steps", "factorisations"),
         *("mean_step [s]", "error", "reference", "note"),
     )
 
     method: Method
     setting: float
     status: str = "done"  # or "timeout" or "failed"
-    times: tuple[float, ...] = ()  # wall times, s; of a time-out its limit
+    seconds: float | None = None  # median of the wall times, s; of a time-out its limit
     steps: int | None = None  # of one run
     factorisations: int | None = None  # of one run
     mean_step: float | None = None  # length of the record over its steps, s
@@ -127,26 +121,6 @@ class SettingResult:
     def name(self) -> str:
         """The setting in words."""
         return f"{self.setting:g} {self.method.setting}" if self.method.setting else "-"
-
-    @property
-    def seconds(self) -> float | None:
-        """Median of the wall times, s."""
-        return statistics.median(self.times) if self.times else None
-
-    @property
-    def fastest(self) -> float | None:
-        """Least wall time, s."""
-        return min(self.times, default=None)
-
-    @property
-    def slowest(self) -> float | None:
-        """Largest wall time, s."""
-        return max(self.times, default=None)
-
-    @property
-    def repeats(self) -> int:
-        """Number of runs."""
-        return len(self.times)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -288,12 +262,11 @@ def accuracy(
     transient = even_transient(scene, scales, BASE_POINTS, stop)
     task = MethodTask(circuit, transient, network, initial_voltages(scene, network))
     usable, left_out = _applicable(task)
+    problems, points = dict[str, References](), list[SettingResult]()
     with Worker() as worker:
-        worker.call(START_UP, load_integrators)
         study = _Runs(task, worker, started + budget, progress, left_out)
         found = list(study.runs(usable))
         progress("references")
-        problems, points = dict[str, References](), list[SettingResult]()
         for name in dict.fromkeys(point.method.problem for point, _ in found):
             pairs = [pair for pair in found if pair[0].method.problem == name]
             problems[name], compared = study.compared(name, pairs)
@@ -325,7 +298,7 @@ def _applicable(task: MethodTask) -> tuple[list[Method], list[str]]:
         linear = "too many unknowns for dense matrices"
         refused[EXACT] = linear if task.circuit.is_linear else "the board is not linear"
     reasons = [f"{m.name}: not run, {refused[m.name]}" for m in METHODS if m.name in refused]
-    return [each for each in METHODS if each.name not in refused], [*NEVER_RUN, *reasons]
+    return [each for each in METHODS if each.name not in refused], reasons
 
 
 Pair = tuple[SettingResult, MethodRun | None]
@@ -365,30 +338,30 @@ class _Runs:
 
     def repeated(self, point: SettingResult) -> Pair:
         """Run a setting up to `REPEATS` times, as long as half of the budget's rest lasts."""
-        method, stop, limit = point.method, self.task.transient.stop, 0.5 * self.left
-        if method.problem == "ideal":
-            stop = self.task.ideal_stop
-        end, run = clock.perf_counter() + limit, None
-        while len(point.times) < REPEATS and clock.perf_counter() + sum(point.times[:1]) < end:
+        method, limit, run = point.method, 0.5 * self.left, None
+        stop = self.task.ideal_stop if method.problem == "ideal" else self.task.transient.stop
+        end, times = clock.perf_counter() + limit, list[float]()
+        while len(times) < REPEATS and clock.perf_counter() + sum(times[:1]) < end:
             try:
-                if method.engine == "ngspice":  # starts its own process
-                    run = method.run(self.task, point.setting, limit)
-                else:
-                    run = self.worker.call(limit, method.run, self.task, point.setting)
+                run = self.worker.call(limit, method.run, self.task, point.setting)
             except TimeoutError as error:
-                late = replace(point, status="timeout", times=(limit,), note=str(error))
-                return (point, run) if run else (late, None)
+                if run is not None:
+                    break
+                return replace(point, status="timeout", seconds=limit, note=str(error)), None
             except FAILURES as error:
                 note = f"{type(error).__name__}: {error}".splitlines()[0]
-                return replace(point, status="failed", times=(), note=note), None
-            point = replace(
-                point,
-                times=(*point.times, run.seconds),
-                steps=run.steps,
-                factorisations=run.factorisations,
-                mean_step=stop / run.steps if run.steps else None,
-            )
-        return point, run
+                return replace(point, status="failed", note=note), None
+            times.append(run.seconds)
+        if run is None:
+            return point, None
+        found = replace(
+            point,
+            seconds=statistics.median(times),
+            steps=run.steps,
+            factorisations=run.factorisations,
+            mean_step=stop / run.steps if run.steps else None,
+        )
+        return found, run.thinned
 
     def compared(
         self, problem: str, pairs: Sequence[Pair]
@@ -401,7 +374,7 @@ class _Runs:
         time, solved = np.unique(np.concatenate([[0.0], *known])), dict[str, Floats]()
         for name, solve in solutions(self.task, problem).items() if known else ():
             try:
-                solved[name] = self.worker.call(self.left, solve, self.task, time)
+                solved[name] = self.worker.call(self.left, solve, self.task, times=time).u
             except (TimeoutError, *FAILURES) as error:
                 self.left_out.append(f"reference of the {problem}, {name}: {error}")
         if not solved:

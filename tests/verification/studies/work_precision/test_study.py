@@ -56,13 +56,11 @@ def found(ngspice: str) -> WorkPrecisionStudy:
         return accuracy(ringing_scene(), budget=BUDGET)
 
 
-def test_every_setting_is_a_point_with_errors_and_a_spread(found: WorkPrecisionStudy) -> None:
+def test_every_setting_is_a_point_with_its_error_and_time(found: WorkPrecisionStudy) -> None:
     assert len(found.points) == sum(len(method.ladder) for method in FEW)
     for point in found.points:
         assert point.status == "done"
-        assert point.repeats == 2
-        assert point.slowest is not None
-        assert 0.0 < point.fastest <= point.seconds <= point.slowest
+        assert point.seconds > 0.0
         assert point.error is not None
 
 
@@ -194,7 +192,6 @@ def test_without_ngspice_and_without_linearity_it_says_what_it_left_out(
     monkeypatch.setattr(study_module, "METHODS", FEW[:4])
     found = accuracy(scene, budget=BUDGET)
     assert found.omissions == (
-        *study_module.NEVER_RUN,
         "ngspice trapezoidal: not run, no executable 'ngspice'",
         "ngspice Gear: not run, no executable 'ngspice'",
         "state space, exact: not run, the board is not linear",
