@@ -85,7 +85,7 @@ class SceneFailed(Exception):  # noqa: N818 - a failed test, not an error of tac
     """A scene that did not pass; pytest shows the text."""
 
     def __init__(self, result: SceneResult) -> None:
-        from taction.verification.report.views.regression_view import change_line, remarks
+        from taction.verification.report.views.comparison_view import change_line, remarks
 
         lines = [*remarks(result), *map(change_line, result.changes)]
         status = result.status.value if result.baseline or not result.checks else "fail"

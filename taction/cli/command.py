@@ -23,7 +23,7 @@ from taction.system import results
 ENGINES = ("auto", "ngspice", "statespace")
 
 Target = str | Callable[..., Any]
-"""A function, or its place below `taction`: "verification.report.views.onset_view:view"."""
+"""A function, or its place below `taction`: "verification.report.views.board_view:view"."""
 
 
 def load(target: Target) -> Callable[..., Any]:

@@ -89,7 +89,7 @@ def _body(found: Verified, options: dict[str, Any]) -> list[Any]:
 
         page = view(found.verdict, notes=margins, verbose=True)
     else:
-        from taction.verification.report.views.verdict_screen_view import screen
+        from taction.verification.report.views.verdict_view import screen
 
         page = screen(found.verdict, margins)
     return [*page_lines(page)][:-1]
@@ -99,8 +99,8 @@ def change_lines(found: Verified, *, whole: bool) -> list[str]:
     """Return the changes that mend a verdict as lines below a heading: all, or the first."""
     if found.remedies is None:
         return []
-    from taction.verification.report.views.remedies_view import remedies_text
-    from taction.verification.report.views.verdict_screen_view import CHANGES
+    from taction.verification.report.views.design_view import remedies_text
+    from taction.verification.report.views.verdict_view import CHANGES
 
     lines = remedies_text(found.verdict.scene, found.remedies).splitlines()
     rest = 0 if whole else max(len(lines) - CHANGES, 0)

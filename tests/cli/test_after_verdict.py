@@ -38,8 +38,8 @@ def broken(*given: Any, **more: Any) -> Any:
         (f"{VERIFY}.all_warnings", "the warnings failed"),
         (f"{VERIFY}.error_budget", "the error budget failed"),
         (f"{VERIFY}.energy_rise", "the energy failed"),
-        (f"{VIEW}.headroom_blocks", "'Headroom' failed"),
-        (f"{VIEW}.budget_blocks", "'Error budget' failed"),
+        (f"{VIEW}._headroom", "'Headroom' failed"),
+        (f"{VIEW}.budget_table", "'Error budget' failed"),
         (f"{VIEW}.channel_table", "'Waveforms' failed"),
         (f"{VIEW}.decisive_text", "the text failed"),
         ("taction.cli.boards._annotate", "the remarks failed"),
@@ -88,7 +88,7 @@ def test_ctrl_c_in_the_search_shows_the_verdict(
     assert "interrupted; the verdict stands" in result.stderr
 
 
-TEXT = "taction.verification.report.views.remedies_view.remedies_text"
+TEXT = "taction.verification.report.views.design_view.remedies_text"
 
 
 def test_the_verdict_is_printed_before_the_search(

@@ -149,7 +149,7 @@ def test_a_name_with_a_command_in_every_medium() -> None:
         Facts(ODD, ((ODD, ODD),)),
         Notes(ODD, (ODD,)),
     )
-    media = (*BOTH, "notebook")
+    media = f"{BOTH} notebook"
     page = Page(ODD, ODD, "", ODD, (ODD,), (Section(ODD, blocks, ODD, media),), (ODD,))
     suite = junit_suite(ODD, [JUnitTest(ODD, "failure", ODD, ODD)], simulator=ODD)
     document = {"file": ODD, "outcome": ODD, "error": {"message": ODD}}

@@ -21,9 +21,7 @@ from taction.system.charts import (
     spread_colours,
 )
 from taction.verification.report.blocks import (
-    NOTEBOOK,
     PAGE,
-    TERMINAL,
     Bar,
     Bars,
     Block,
@@ -38,7 +36,7 @@ from taction.verification.report.blocks import (
 )
 from taction.verification.report.views.waveforms_view import end_names
 
-EVERYWHERE = (TERMINAL, PAGE, NOTEBOOK)
+EVERYWHERE = "terminal page notebook"
 
 STROKES = Strokes([[(0.0, 0.0), (9.0, 9.0)]], [((1.0, 1.0), 2.0, True)], [])
 

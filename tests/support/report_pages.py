@@ -36,10 +36,10 @@ from taction.verification.report.blocks import (
 )
 from taction.verification.report.views import accuracy_view as accuracy
 from taction.verification.report.views import choose_view as choose
-from taction.verification.report.views import onset_view as onset
-from taction.verification.report.views import regression_view as regression
+from taction.verification.report.views import comparison_view as regression
+from taction.verification.report.views import design_view as tune
+from taction.verification.report.views import stability_view as onset
 from taction.verification.report.views import tolerance_view as tolerance
-from taction.verification.report.views import tune_view as tune
 from taction.verification.report.views.sweep_view import view as sweep_report
 from taction.verification.report.views.verdict_view import view as verdict_report
 from taction.verification.studies.regression.baseline import Commit
@@ -123,7 +123,7 @@ def _corners() -> Page:
 
 def _onset() -> Page:
     scene = make_scene({"channels": 3, "span": 2.0}, analysis=STATESPACE)
-    return onset.view(taction.onset(scene, over="C=1pF:100pF:13", transients=False))
+    return onset.onset_view(taction.onset(scene, over="C=1pF:100pF:13", transients=False))
 
 
 def tuned() -> Tuned:
@@ -226,7 +226,7 @@ def _regression() -> Page:
         SceneResult("a.toml", Status.BROKEN, (check,), (change,), (HOSTILE,), "", entry(), entry()),
         SceneResult("gone.toml", Status.MISSING, reason=HOSTILE, baseline=entry()),
     )
-    return regression.view(
+    return regression.regression_view(
         RegressionReport(HOSTILE, "baseline.json", Commit(), results, updated=False)
     )
 

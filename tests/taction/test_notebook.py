@@ -120,7 +120,7 @@ def test_a_file_name_with_markup_is_shown_as_it_is(tmp_path: Path) -> None:
 def test_long_texts_and_tables_are_cut_and_say_so() -> None:
     table = Table("", ("a",), ((Cell("x"),),) * 100)
     blocks = (table, Notes("", ("y" * 1000,) * 9))
-    page = Page("b", "a", "", "", (), (Section("", blocks, "", (NOTEBOOK,)),))
+    page = Page("b", "a", "", "", (), (Section("", blocks, "", NOTEBOOK),))
     text = text_of(card_of(page))
     assert f"and {100 - MOST_ROWS} more rows" in text
     assert f"and {9 - MOST_NOTES} more" in text

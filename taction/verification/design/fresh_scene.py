@@ -175,7 +175,7 @@ class FreshScene:
 class NewScene(Result):
     """The files of a new scene, and for a matrix the scaling and the verdict."""
 
-    VIEW = "taction.verification.report.views.tune_view:new_view"
+    VIEW = "taction.verification.report.views.design_view:new_view"
     DOCUMENT = "taction.verification.report.documents.plain:NewMatrixDocument.of"
 
     file: str

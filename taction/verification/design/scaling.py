@@ -151,7 +151,7 @@ class Scaling:
 class Scaled(Result):
     """The scalings, and the verdict of the board with them."""
 
-    VIEW = "taction.verification.report.views.tune_view:scaling_view"
+    VIEW = "taction.verification.report.views.design_view:scaling_view"
     DOCUMENT = (
         "outcome = verdict.outcome",
         "unit_conductance [S] = scaling.circuit.facts.G0.value",

@@ -34,7 +34,7 @@ class StableRange:
     DOCUMENT = (
         *("path", "unit", "own", "least # the search began here", "most # and ended here"),
         *("low", "high", "found", "reason", "edge", "factor # from the own value to the edge"),
-        *("text = verification.report.views.remedies_view:distance_text()", "doubt = ''"),
+        *("text = verification.report.views.design_view:distance_text()", "doubt = ''"),
     )
 
     path: str

@@ -71,7 +71,7 @@ class Tuning:
 class Tuned(Result):
     """A search, and the verdict of the best design."""
 
-    VIEW = "taction.verification.report.views.tune_view:view"
+    VIEW = "taction.verification.report.views.design_view:view"
     DOCUMENT = (
         *("outcome = verdict.outcome", "before = tuning.before", "after = tuning.after"),
         "resistance [ohm] = resistance",

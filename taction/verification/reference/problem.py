@@ -128,7 +128,7 @@ class Solution(Result):
         Why the solution is not trusted and what to do; empty for a trusted solution.
     """
 
-    VIEW = "taction.verification.report.views.solution_view:view"
+    VIEW = "taction.verification.report.views.verdict_view:solution_view"
     DOCUMENT = (
         *("outcome", "u [V]", "v [V]", "lambda = lam", "objective"),
         *("certificate.kind = certificate_kind", "certificate.value = certificate"),

@@ -8,35 +8,19 @@ Quantities are written with µ and Ω; the terminal writes them as SPICE does.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from taction.system.charts import Chart, Outcome
 from taction.system.progress import attempt
+from taction.verification.report.texts import Cell as Cell
+from taction.verification.report.texts import Column, cell, fields, shown_by
+from taction.verification.report.texts import Shown as Shown
 
 if TYPE_CHECKING:
     from taction.netlist_gen.kicad.drawing import Strokes
-
-
-@dataclass(frozen=True, slots=True)
-class Cell:
-    """A cell of a table: its text, the number it sorts by (None: its text), and an outcome."""
-
-    text: str
-    number: float | None = None
-    outcome: Outcome = ""
-
-
-Shown = Cell | str | int | None
-"""What a table shows as a cell: a text, a number of things, a dash for None."""
-
-
-def cell(value: Shown) -> Cell:
-    """Return the cell that shows `value`."""
-    if isinstance(value, Cell):
-        return value
-    return Cell("–" if value is None else str(value), value if isinstance(value, int) else None)
 
 
 ALIKE = 3  # rows with the same value, which `Table.folded` says once
@@ -60,19 +44,20 @@ class Table:
         cls,
         title: str,
         records: Iterable[Any],
-        columns: Mapping[str, Callable[[Any], Any]],
+        columns: Mapping[str, Column],
         note: str = "",
         most: Mapping[str, int] | None = None,
         more: str = "",
     ) -> Table:
-        """Return a table with a row for each record, and its columns by their titles.
+        """Return a table with a row for each record, and its columns by their titles, see `Column`.
 
         Examples
         --------
         >>> Table.of("Parts", ["C1"], {"part": str, "letters": len}).rows
         ((Cell(text='C1', number=None, outcome=''), Cell(text='2', number=2, outcome='')),)
         """
-        rows = tuple(tuple(cell(shown(each)) for shown in columns.values()) for each in records)
+        shown = [shown_by(column) for column in columns.values()]
+        rows = tuple(tuple(cell(show(each)) for show in shown) for each in records)
         return cls(title, tuple(columns), rows, note, most or {}, more)
 
     def folded(self) -> Table:
@@ -174,11 +159,9 @@ class Bars:
     @property
     def table(self) -> Table:
         """The values as a table, without the reasons, which are long."""
-        columns: dict[str, Callable[[Bar], Any]] = {
-            "": lambda bar: bar.name,
-            "outcome": lambda bar: Cell(bar.outcome, None, bar.outcome),
-            "value": lambda bar: bar.value,
-            "limit": lambda bar: bar.limit,
+        columns: dict[str, Column] = {
+            "": "name",
+            **fields("outcome = outcome outcome; value; limit"),
             "used": lambda bar: "" if bar.share is None else bar.used.replace(" of the limit", ""),
         }
         if not any(bar.outcome for bar in self.rows):
@@ -226,8 +209,10 @@ class Notes:
 
 
 Block = Table | Bars | Chart | Drawing | Facts | Code | Notes
+Content = Block | str | Mapping[str, str] | None
+"""What stands in a section: a text is a line of notes, a mapping has names and values."""
 TERMINAL, PAGE, NOTEBOOK, PICTURE = "terminal", "page", "notebook", "picture"
-BOTH, EVERYWHERE, DRAWN = (TERMINAL, PAGE), (TERMINAL, PAGE, NOTEBOOK), (PAGE, PICTURE)
+BOTH, EVERYWHERE, DRAWN = "terminal page", "terminal page notebook", "page picture"
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,31 +220,40 @@ class Section:
     """A part of a page with a heading; sections without blocks are left out.
 
     A function in the place of the blocks is called only by the renderers of `media`, so that a
-    terminal does not wait for what only an HTML page shows. None, and blocks without rows, are
-    left out.
+    terminal does not wait for what only an HTML page shows. None, empty texts, and blocks without
+    rows are left out; neighbouring texts are the lines of one block.
     """
 
     title: str
-    blocks: Sequence[Block | None] | Callable[[], Iterable[Block | None]]
+    blocks: Content | Iterable[Content] | Callable[[], Content | Iterable[Content]]
     lead: str = ""  # a sentence above the blocks
-    media: tuple[str, ...] = (PAGE,)  # who shows the section
+    media: str = PAGE  # who shows the section, in words
     across: int = 1  # charts side by side on a wide page
 
     def made(self, medium: str) -> tuple[Block, ...]:
         """Return the blocks for a medium; none if it does not show this section."""
-        if medium not in self.media:
+        if medium not in self.media.split():
             return ()
         failures: list[str] = []
-        nothing: tuple[Block | None, ...] = ()
+        nothing: tuple[Block, ...] = ()
         found = attempt(f"{self.title!r}", self._all, nothing, failures.append)
         return tuple(
             each.shortened(medium) if isinstance(each, Table) else each
             for each in (*found, Notes("", tuple(failures)))
-            if each is not None and getattr(each, "rows", getattr(each, "lines", True))
+            if getattr(each, "rows", getattr(each, "lines", True))
         )
 
-    def _all(self) -> tuple[Block | None, ...]:
-        return tuple(self.blocks() if callable(self.blocks) else self.blocks)
+    def _all(self) -> tuple[Block, ...]:
+        found: Any = self.blocks() if callable(self.blocks) else self.blocks
+        one = isinstance(found, str | Mapping) or not isinstance(found, Iterable)
+        contents = [each for each in ([found] if one else found) if each not in (None, "")]
+        made: list[Block] = []
+        for are_texts, group in groupby(contents, key=lambda each: isinstance(each, str)):
+            if are_texts:
+                made.append(Notes("", tuple(group)))
+            else:
+                made += (Facts("", (*e.items(),)) if isinstance(e, Mapping) else e for e in group)
+        return tuple(made)
 
 
 @dataclass(frozen=True, slots=True)

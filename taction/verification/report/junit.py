@@ -14,8 +14,14 @@ from xml.etree import ElementTree as ET
 
 from taction.system.foreign_files import escaped, visible, visible_lines
 from taction.verification.report.texts import value_text
-from taction.verification.report.views.files_view import Document, checks_of, reasons
-from taction.verification.report.views.regression_view import change_line, changes_line, remarks
+from taction.verification.report.views.comparison_view import (
+    Document,
+    change_line,
+    changes_line,
+    checks_of,
+    reasons,
+    remarks,
+)
 from taction.verification.studies.regression.regress import RegressionReport, SceneResult, Status
 from taction.verification.studies.scene_files import NOT_RUN, VerifiedFiles
 from taction.verification.verdict.cause import band_text, cause, causes, following

@@ -1,4 +1,4 @@
-"""Values as text, as an engineer writes them."""
+"""Values as texts, as an engineer writes them, and as the cells of tables."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import enum
 import math
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any
 
@@ -20,7 +21,6 @@ from taction.system.quantities import percent as percent
 from taction.system.quantities import quantity as quantity
 from taction.system.quantities import readable as readable
 from taction.system.quantities import spaced as spaced
-from taction.verification.report.blocks import Cell, Shown
 
 NUMBER = r"(?<![\w.])([(≥≤±<]?[-+−]?\d[\d.]*(?:e[-+]?\d+)?)"
 UNIT = re.compile(NUMBER + r" (?=(?:%|/s|[a-zA-Zµ]{1,5}(?:/(?:us|rtHz|s))?)[),;:.]?(?:\s|$))")
@@ -109,38 +109,71 @@ def titled(name: str, band: float | None = None) -> str:
     return f"{text[:1].upper()}{text[1:]}"
 
 
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A cell of a table: its text, the number it sorts by (None: its text), and an outcome."""
+
+    text: str
+    number: float | None = None
+    outcome: Outcome = ""
+
+
+Shown = Cell | str | int | None
+"""What a table shows as a cell: a text, a number of things, a dash for None."""
+Column = str | Callable[[Any], Any]
+"""What a column shows of a record: a function, or ``"field unit digits"``, see `shown_by`."""
+
+
+def cell(value: Shown) -> Cell:
+    """Return the cell that shows `value`."""
+    if isinstance(value, Cell):
+        return value
+    return Cell("–" if value is None else str(value), value if isinstance(value, int) else None)
+
+
 def number_cell(value: float | None, unit: str, digits: int = 4) -> Cell:
     """Return a cell that shows a value as `figure` and sorts by it."""
     known = value is not None and math.isfinite(value)
     return Cell(figure(value, unit, digits), value if known else None)
 
 
-def fields(text: str) -> dict[str, Callable[[Any], Shown]]:
-    """Return columns of a table that show fields: ``"title = field unit digits; field; ..."``.
+def outcome_cell(text: str, outcome: Outcome | None = None) -> Cell:
+    """Return a cell with the mark of an outcome, which is its text unless given."""
+    return Cell(text, None, text if outcome is None else outcome)
 
-    A field may be a field of a field: ``origin.name``. Without a title it has its own name, without
-    a unit that of its annotation, which its document has, too; ``@name`` is the field with its
-    unit. A text and a whole number are shown as they are.
+
+def fields(text: str) -> dict[str, Callable[[Any], Shown]]:
+    """Return columns that show fields: ``"title = field unit digits; field; ..."``.
+
+    Without a title a column has the name of its field.
 
     Examples
     --------
-    >>> columns = fields("part; size = value V 2")
+    >>> list(fields("part; size = value V 2; settling_time"))
+    ['part', 'size', 'settling time']
+    """
+    parts = (each.rpartition(" = ") for each in text.split("; "))
+    return {title or spaced(path.partition(" ")[0]): shown_by(path) for title, _, path in parts}
+
+
+def shown_by(column: Column) -> Callable[[Any], Shown]:
+    """Return the function that shows a record in a column.
+
+    A field may be a field of a field: ``origin.name``. Without a unit it has that of its
+    annotation, which its document has, too; ``@name`` is the field with its unit, and ``outcome``
+    marks the text. A text and a whole number are shown as they are.
+
+    Examples
+    --------
     >>> from types import SimpleNamespace
     >>> part = SimpleNamespace(part="C1", value=0.0123)
-    >>> [column(part) for column in columns.values()]
-    ['C1', Cell(text='12 mV', number=0.0123, outcome='')]
+    >>> shown_by("part")(part), shown_by("value V 2")(part)
+    ('C1', Cell(text='12 mV', number=0.0123, outcome=''))
     """
-    found: dict[str, Callable[[Any], Shown]] = {}
-    for each in text.split("; "):
-        title, _, field = each.rpartition(" = ")
-        path, *words = field.split()
-        digits = int(words.pop()) if words and words[-1].isdigit() else 4
-        unit = words[0] if words else None
-        found[title or spaced(path)] = _field(path, unit, digits)
-    return found
-
-
-def _field(path: str, unit: str | None, digits: int) -> Callable[[Any], Shown]:
+    if callable(column):
+        return column
+    path, *words = column.split()
+    digits = int(words.pop()) if words and words[-1].isdigit() else 4
     *owners, name = path.split(".")
 
     def shown(record: Any) -> Shown:
@@ -148,13 +181,15 @@ def _field(path: str, unit: str | None, digits: int) -> Callable[[Any], Shown]:
             record = getattr(record, owner)
         value = getattr(record, name)
         if isinstance(value, enum.Enum):
-            return str(value.value)
+            value = str(value.value)
+        if words == ["outcome"]:
+            return outcome_cell(value)
         if not isinstance(value, float):
             return value  # type: ignore[no-any-return]
-        known = _unit(record, name) if unit is None else unit
-        if known.startswith("@"):
-            known = getattr(record, known[1:])
-        return number_cell(value, known, digits)
+        unit = words[0] if words else _unit(record, name)
+        return number_cell(
+            value, getattr(record, unit[1:]) if unit.startswith("@") else unit, digits
+        )
 
     return shown
 
@@ -163,11 +198,6 @@ def _unit(record: Any, name: str) -> str:
     """Return the unit of a field of a result, from its annotation."""
     kind: Any = type(record)
     return next((part.unit for part in parts_of(kind) if part.attribute == name), "")
-
-
-def outcome_cell(text: str, outcome: Outcome | None = None) -> Cell:
-    """Return a cell with the mark of an outcome, which is its text unless given."""
-    return Cell(text, None, text if outcome is None else outcome)
 
 
 def value_text(value: object, unit: str, digits: int = 4) -> str:

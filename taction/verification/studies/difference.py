@@ -71,7 +71,7 @@ class VerdictDifference(Result):
         Instants (P,), s, and outputs (P, N), V, of each; None of a stored verdict.
     """
 
-    VIEW = "taction.verification.report.views.difference_view:view"
+    VIEW = "taction.verification.report.views.comparison_view:difference_view"
     DOCUMENT = ("first", "second", "keys", "readings", "outputs", "notes", "exit_status")
 
     first: str

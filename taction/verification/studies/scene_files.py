@@ -74,7 +74,7 @@ Describe = Callable[[Verdict], dict[str, Any]]
 class VerifiedFiles(Result):
     """The documents of several files, each with its `file` and its `outcome`."""
 
-    VIEW = "taction.verification.report.views.files_view:view"
+    VIEW = "taction.verification.report.views.comparison_view:files_view"
 
     documents: tuple[dict[str, Any], ...]
 

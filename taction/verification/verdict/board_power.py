@@ -137,7 +137,7 @@ class BuiltBoard(Result):
         Of the command without a verdict; None: that of the verdict.
     """
 
-    VIEW = "taction.verification.report.views.built_board_view:view"
+    VIEW = "taction.verification.report.views.verdict_view:built_view"
     DOCUMENT = (
         *("scene = scene.name", "folder", "files # names below the folder", "outcome"),
         *("refused # why there is no verdict", "checks = verdict.checks"),

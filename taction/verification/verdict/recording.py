@@ -147,7 +147,7 @@ REPEAT_FAILED = (
 class MeasuredTransient(Result):
     """Waveforms of one transient, their measurements, and their file, if there is one."""
 
-    VIEW = "taction.verification.report.views.solution_view:transient_view"
+    VIEW = "taction.verification.report.views.verdict_view:transient_view"
     DOCUMENT = (
         *("scene = circuit.name", "simulator = waveforms.engine"),
         *("solver = waveforms.solver or null", "method = waveforms.method or null"),

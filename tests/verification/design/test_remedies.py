@@ -20,7 +20,7 @@ from taction.verification.design.remedies import LIMIT, Remedies, find_remedies,
 from taction.verification.design.stable_ranges import stable_ranges
 from taction.verification.design.trials import OutOfWorkError, Trials
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.report.views.remedies_view import distance_text, remedies_text
+from taction.verification.report.views.design_view import distance_text, remedies_text
 from taction.verification.stability.poles import count_unstable
 from taction.verification.studies.onset.onset import onset
 from taction.verification.verdict.verify import verify

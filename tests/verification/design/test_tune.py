@@ -23,7 +23,7 @@ from taction.verification.design import tune as tune_module
 from taction.verification.design.trials import Trial
 from taction.verification.design.tune import Tuning, frontier
 from taction.verification.report.renderers.picture import draw_blocks
-from taction.verification.report.views.tune_view import _tradeoff
+from taction.verification.report.views.design_view import _tradeoff
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene
 from tests.support.running import taction as command

@@ -23,7 +23,7 @@ from taction.verification.report.output_checks import check_folder, check_separa
 from taction.verification.report.renderers.markdown import table as markdown_table
 from taction.verification.report.texts import KNOWN, value_text, with_error
 from taction.verification.report.views.answer_view import check_bar
-from taction.verification.report.views.difference_view import allowed_cell
+from taction.verification.report.views.comparison_view import allowed_cell
 from taction.verification.report.waveform_files import check_export, export
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.compare import Difference

@@ -19,7 +19,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.report.blocks import Table
 from taction.verification.report.documents.verdict import budget_parts, verdict_document
-from taction.verification.report.views.verdict_view import budget_blocks
+from taction.verification.report.views.verdict_view import budget_table
 from taction.verification.verdict import verify as module
 from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart, Link, chained
 from taction.verification.verdict.scene_deck import pruning_of
@@ -210,7 +210,8 @@ def test_table_and_document_have_every_part_the_sum_and_the_total() -> None:
     assert record["ill_posedness"]["channels"] == pytest.approx(whole, rel=1e-9)
     assert record["ill_posedness"]["channels"] == pytest.approx(both, rel=1e-12)
     assert record["ill_posedness"]["value"] == pytest.approx(np.abs(whole).max(), rel=1e-9)
-    (table,) = budget_blocks(verdict)
+    table = budget_table(verdict)
+    assert table is not None
     assert isinstance(table, Table)
     assert table.note == "% of the largest true stress, 450 mV."
     place, largest = table.columns.index("of the largest stress"), U0 * np.abs(STRESS).max()
@@ -227,7 +228,7 @@ def test_a_budget_that_is_not_known_is_empty_and_a_warning(
     monkeypatch.setattr(progress, "FAILURES", (Exception,))  # as users have it
     monkeypatch.setattr(module, "error_budget", fail)
     verdict = replace(judged("linear"))
-    assert budget_blocks(verdict) == ()
+    assert budget_table(verdict) is None
     assert verdict.warnings[-1].startswith("the error budget failed")
     assert budget_parts(ErrorBudget()) == {}
 

@@ -42,7 +42,7 @@ def card(page: Page, kind: str = "") -> str:
     Examples
     --------
     >>> from taction.verification.report.blocks import Section
-    >>> facts = Section("", (Facts("", (("C", "10 pF"),)),), media=(NOTEBOOK,))
+    >>> facts = Section("", (Facts("", (("C", "10 pF"),)),), media="notebook")
     >>> card(Page("a<b", "Scene", "", "", (), (facts,))).count("a&lt;b")
     1
     """

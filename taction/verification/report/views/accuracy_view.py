@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 
 from taction.system.charts import SERIES, Axis, Chart, Curve, Limit, Line, Mark
-from taction.verification.report.blocks import BOTH, DRAWN, Block, Cell, Notes, Page, Section, Table
-from taction.verification.report.texts import fields, quantity
+from taction.verification.report.blocks import Content, Notes, Page, Section, Table
+from taction.verification.report.texts import Cell, fields, quantity, shown_by
 from taction.verification.report.views.origin_view import origin_section
 from taction.verification.studies.work_precision.methods import Method
 from taction.verification.studies.work_precision.study import (
@@ -40,8 +40,8 @@ def view(study: WorkPrecisionStudy) -> Page:
     for name in study.problems:
         title = f"Error against run time: {PROBLEMS[name]}"
         sections += [
-            Section(title, partial(_charts, study, name), media=DRAWN),
-            Section(f"Runs: {PROBLEMS[name]}", tuple(_runs(study, name)), media=BOTH),
+            Section(title, partial(_charts, study, name), media="page picture"),
+            Section(f"Runs: {PROBLEMS[name]}", tuple(_runs(study, name)), media="terminal page"),
         ]
     return Page(
         title=study.scene.name,
@@ -50,9 +50,9 @@ def view(study: WorkPrecisionStudy) -> Page:
         lines=(study.stretch,),
         sections=(
             *sections,
-            Section("Order of convergence", (_orders(study),), media=BOTH),
-            Section("Cheapest settings", (_cheapest(study),), media=BOTH),
-            Section("Left out", (Notes("", study.omissions),), media=BOTH),
+            Section("Order of convergence", _orders(study), media="terminal page"),
+            Section("Cheapest settings", _cheapest(study), media="terminal page"),
+            Section("Left out", Notes("", study.omissions), media="terminal page"),
             origin_section(study.scene, (("the study took", took),)),
         ),
         foot=("; ".join(filter(None, (machine, f"the study took {took}"))),),
@@ -84,11 +84,11 @@ def _known(study: WorkPrecisionStudy, method: Method) -> list[SettingResult]:
     return [p for p in study.of(method) if p.error is not None and p.seconds is not None]
 
 
-def _charts(study: WorkPrecisionStudy, problem: str) -> Iterator[Block]:
+def _charts(study: WorkPrecisionStudy, problem: str) -> Iterator[Content]:
     known = [p for method in _methods(study, problem) for p in _known(study, method)]
     if len(known) < 2:
         text = f"{len(known) or 'No'} run has a known error: there is nothing to compare."
-        yield Notes("", (f"{text} A larger --budget gives more runs.",))
+        yield f"{text} A larger --budget gives more runs."
         return
     best = min(known, key=lambda p: (p.error or 0.0, p.seconds or 0.0))
     said = f"the most accurate is {best.method.name}, {_error_text(best)}"
@@ -158,7 +158,7 @@ def _steps(study: WorkPrecisionStudy, problem: str, unit: float) -> Iterator[Mar
             yield Curve(ends / unit, fit, name, colour, "dot", width=1.4)
 
 
-def _runs(study: WorkPrecisionStudy, problem: str) -> Iterator[Block]:
+def _runs(study: WorkPrecisionStudy, problem: str) -> Iterator[Content]:
     points = [point for method in _methods(study, problem) for point in study.of(method)]
     columns = {
         **fields("method = method.name; setting = known_setting; status; time = seconds 3"),
@@ -168,7 +168,7 @@ def _runs(study: WorkPrecisionStudy, problem: str) -> Iterator[Block]:
     title = f"Wall times and errors of {PROBLEMS[problem]}"
     yield Table.of(title, points, columns, _scale_text(study, problem))
     notes = (f"{p.method.name}, {p.name}: {p.status} {p.note}" for p in points if p.note)
-    yield Notes("", tuple(notes))
+    yield from notes
 
 
 def _power(value: float | None) -> str:
@@ -199,7 +199,7 @@ def _cheapest(study: WorkPrecisionStudy) -> Table:
     return Table.of("Cheapest setting that reaches an error", rows, columns, note)
 
 
-(SECONDS,) = fields("seconds 3").values()
+SECONDS = shown_by("seconds 3")
 
 
 def _choice(point: SettingResult | None) -> str:

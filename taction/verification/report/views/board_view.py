@@ -18,10 +18,8 @@ from taction.system.charts import BLUE, GREY, Axis, Chart, Curve, Grid, Limit, s
 from taction.system.quantities import readable, sizes
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.report.blocks import (
-    NOTEBOOK,
-    PICTURE,
-    Block,
     Code,
+    Content,
     Drawing,
     Facts,
     Notes,
@@ -54,20 +52,20 @@ def board_lines(verdict: Verdict) -> tuple[str, ...]:
     )
 
 
-def board_blocks(circuit: Circuit) -> tuple[Block, ...]:
+def board_blocks(circuit: Circuit) -> tuple[Content, ...]:
     """Return the schematic of one channel, the matrix and the numbers of the board."""
-    rows = [
-        (f"{opamp_name(name)}, {title}", quantity(value, unit))
+    rows = {
+        f"{opamp_name(name)}, {title}": quantity(value, unit)
         for name, model in circuit.models.items()
         for title, value, unit in (
             ("gain-bandwidth product", model.gbw, "Hz"),
             ("input capacitance", model.input_capacitance, "F"),
             ("output resistance", model.output_resistance, "ohm"),
         )
-    ]
+    }
+    rows["supply"] = f"±{quantity(circuit.supply, 'V')}"
     level = "small signal" if circuit.is_small_signal else "large signal"
-    rows += [("supply", f"±{quantity(circuit.supply, 'V')}"), ("level of the op-amp models", level)]
-    return schematic(circuit), matrix_chart(circuit), Facts("", tuple(rows))
+    return schematic(circuit), matrix_chart(circuit), rows | {"level of the op-amp models": level}
 
 
 def schematic(circuit: Circuit) -> Drawing:
@@ -88,7 +86,7 @@ def problem_view(scene: StatedProblem) -> Page:
         title = "true stress u: what the board shall recover"
         charts.append(_stems(title, "channel", problem.stress, GREY))
     size = f"eps = T u, {rows} sensors, {columns} channels"
-    section = Section("", tuple(charts), media=(PICTURE,))
+    section = Section("", charts, media="picture")
     return Page(scene.name, "", summary=size, sections=(section,))
 
 
@@ -147,46 +145,45 @@ def _coarse(T: Floats, ohms: Floats, step: int) -> tuple[Floats, Floats]:
     return coarse, np.array(least)
 
 
-def omission_blocks(circuit: Circuit) -> tuple[Block, ...]:
+def omissions(circuit: Circuit) -> Content:
     """Return the parts that the board omits."""
     if not circuit.omissions:
-        return (Notes("", ("Nothing was left out.",)),)
+        return "Nothing was left out."
     columns = {"part": lambda each: readable(each.what), "why": lambda each: readable(each.why)}
-    return (Table.of("Parts that this scene does not need", circuit.omissions, columns),)
+    return Table.of("Parts that this scene does not need", circuit.omissions, columns)
 
 
-def parts_blocks(circuit: Circuit, scene: Scene) -> tuple[Block, ...]:
+def parts_blocks(circuit: Circuit, scene: Scene) -> tuple[Content, ...]:
     """Return the bill of materials with the packages and the power."""
     parts, power = bill_of_materials(circuit, scene), board_power(LinearBoard(circuit))
     columns = part_columns(REFERENCES, "nearest preferred value", "standard value")
-    facts = (
-        ("op-amps", f"{len(parts.packages)} packages {parts.opamp}"),
-        ("op-amps without use", str(parts.spare)),
-        ("supply current", quantity(power.supply_current, "A", 3)),
-        ("dissipation at rest", quantity(power.total, "W", 3)),
-    )
+    facts = {
+        "op-amps": f"{len(parts.packages)} packages {parts.opamp}",
+        "op-amps without use": str(parts.spare),
+        "supply current": quantity(power.supply_current, "A", 3),
+        "dissipation at rest": quantity(power.total, "W", 3),
+    }
     table = Table.of("Bill of materials", parts.lines, columns)
-    missing = Notes("Not included", tuple(map(readable, parts.not_listed)))
-    return Facts("", facts), table, missing
+    return facts, table, Notes("Not included", tuple(map(readable, parts.not_listed)))
 
 
-def deck_blocks(verdict: Verdict) -> tuple[Block, ...]:
+def deck_blocks(verdict: Verdict) -> tuple[Content, ...]:
     """Return the deck of the simulated board, to copy."""
     deck = write_deck(verdict.circuit, verdict.transient).text
-    digest = ("SHA-256 of the deck", hashlib.sha256(deck.encode()).hexdigest())
+    digest = {"SHA-256 of the deck": hashlib.sha256(deck.encode()).hexdigest()}
     size = f"{len(deck.splitlines())} lines"
-    run = f"{size}; it runs with: ngspice -b -r board.raw board.cir"
-    block: Block = Code("the deck", deck, run)
     if len(deck) > LONGEST:
-        text = f"The deck has {size}, too many for this page: taction netlist SCENE -o board.cir"
-        block = Notes("", (text,))
-    return block, Facts("", (digest,))
+        many = f"The deck has {size}, too many for this page: taction netlist SCENE -o board.cir"
+        return many, digest
+    return Code(
+        "the deck", deck, f"{size}; it runs with: ngspice -b -r board.raw board.cir"
+    ), digest
 
 
 def view(circuit: Circuit) -> Page:
     """Return the card of a board, and its picture: the schematic of one channel."""
-    facts = Section("Board", (Facts("", circuit_facts(circuit)),), media=(NOTEBOOK,))
-    drawn = Section("One channel", lambda: (schematic(circuit),), media=(PICTURE,))
+    facts = Section("Board", Facts("", circuit_facts(circuit)), media="notebook")
+    drawn = Section("One channel", lambda: schematic(circuit), media="picture")
     return Page(circuit.name, "", "", f"one of {len(circuit.outputs)} channels", (), (facts, drawn))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,20 +15,10 @@ from taction.system.charts import Axis, Chart, Curve, Grid, Mark, segments, zero
 from taction.system.foreign_files import shortened
 from taction.verification.design.choice_plan import CAPACITANCE, FEEDBACK, G0, GAIN, NAMES, U0
 from taction.verification.design.choose import BestDesign, Choice, ChosenDesign
-from taction.verification.report.blocks import (
-    BOTH,
-    DRAWN,
-    PAGE,
-    TERMINAL,
-    Block,
-    Cell,
-    Notes,
-    Page,
-    Section,
-    Shown,
-    Table,
-)
+from taction.verification.report.blocks import Content, Notes, Page, Section, Table
 from taction.verification.report.texts import (
+    Cell,
+    Column,
     counted,
     figure,
     number_cell,
@@ -85,10 +75,10 @@ def view(choice: Choice, verdict: Verdict | None = None) -> Page:
     passing = sum(design.good for design in designs)
     summary = f"{passing} of {len(designs)} designs pass with parts that can be bought."
     own = (
-        Section("Best designs", tuple(_best(best)), WORST, BOTH),
-        Section("Op-amps", (_opamps(designs),), media=BOTH),
-        Section("Maps", lambda: _maps(designs, best), MAP, DRAWN, ACROSS),
-        Section("All designs", lambda: (_table(designs),)),
+        Section("Best designs", tuple(_best(best)), WORST, "terminal page"),
+        Section("Op-amps", _opamps(designs), media="terminal page"),
+        Section("Maps", lambda: _maps(designs, best), MAP, "page picture", ACROSS),
+        Section("All designs", lambda: _table(designs)),
     )
     lines = tuple(_moved(scene, designs))
     if not best:
@@ -152,7 +142,7 @@ def _text(path: str, value: float) -> str:
     return quantity(value, UNITS[path])
 
 
-def _best(best: Sequence[BestDesign]) -> Iterator[Block]:
+def _best(best: Sequence[BestDesign]) -> Iterator[Content]:
     said = {one.design.place: one for one in best}
 
     def ngspice(design: ChosenDesign) -> Cell:
@@ -193,14 +183,14 @@ def _opamps(designs: Sequence[ChosenDesign]) -> Table:
     }
     for path in (G0, U0):
         columns.pop(NAMES[path], None)
-    title, most = "The best design of each op-amp", {TERMINAL: SHOWN}
+    title, most = "The best design of each op-amp", {"terminal": SHOWN}
     return Table.of(title, _first_of_each(designs), columns, "", most, "{} more: --json.")
 
 
 def _table(designs: Sequence[ChosenDesign]) -> Table:
     columns = {**_columns(designs), "outcome": _outcome}
     more = f"The first {LISTED} of {len(designs)}; --json has all."
-    return Table.of("Designs, the best first", designs, columns, "", {PAGE: LISTED}, more)
+    return Table.of("Designs, the best first", designs, columns, "", {"page": LISTED}, more)
 
 
 def _outcome(design: ChosenDesign) -> Cell:
@@ -214,11 +204,11 @@ def _outcome(design: ChosenDesign) -> Cell:
     return outcome_cell(": ".join(filter(None, (design.outcome, check))), design.outcome)
 
 
-def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Callable[[ChosenDesign], Shown]]:
+def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Column]:
     bands = (band_text(check) for each in designs for check in each.record.checks)
     settling = f"settling {next(filter(None, bands), '')}".rstrip()
-    columns: dict[str, Callable[[ChosenDesign], Shown]] = {
-        "op-amp": lambda each: each.opamp,
+    columns: dict[str, Column] = {
+        "op-amp": "opamp",
         **dict(_moved_columns(designs)),
         settling: lambda each: number_cell(finite(each.settling_time), "s", 3),
         "overshoot": lambda each: number_cell(finite(each.overshoot), "step", 3),
@@ -231,10 +221,7 @@ def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Callable[[ChosenDesig
     return columns
 
 
-Columns = Iterator[tuple[str, Callable[[ChosenDesign], Shown]]]
-
-
-def _moved_columns(designs: Sequence[ChosenDesign]) -> Columns:
+def _moved_columns(designs: Sequence[ChosenDesign]) -> Iterator[tuple[str, Column]]:
     """Yield the columns of the keys that move."""
     searched = {path for design in designs for path in design.keys}
     for path in (CAPACITANCE, GAIN, FEEDBACK, G0, U0):
@@ -242,7 +229,7 @@ def _moved_columns(designs: Sequence[ChosenDesign]) -> Columns:
             path in searched or path in (G0, U0)
         ):
 
-            def shown(each: ChosenDesign, path: str = path) -> Shown:
+            def shown(each: ChosenDesign, path: str = path) -> Cell | str:
                 if path not in each.values or (path not in each.keys and path not in (G0, U0)):
                     return ""
                 return number_cell(float(each.values[path]), UNITS[path], 3)
@@ -258,7 +245,7 @@ def _first_of_each(designs: Sequence[ChosenDesign]) -> list[ChosenDesign]:
     return list(first.values())
 
 
-def _maps(designs: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> Iterator[Block]:
+def _maps(designs: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> Iterator[Content]:
     names = [design.opamp for design in _first_of_each(designs)]
     for name in names[:MAPS]:
         own = [design for design in designs if design.opamp == name]
@@ -266,9 +253,9 @@ def _maps(designs: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> Iterat
             yield _map(name, own, best)
         else:
             text = f"{name} has no map: each of {counted(len(own), 'design')} is unstable,"
-            yield Notes("", (f"{text} has no parts that can be bought, or has no verdict.",))
+            yield f"{text} has no parts that can be bought, or has no verdict."
     if names[MAPS:]:
-        yield Notes("", (f"The tables have {len(names) - MAPS} op-amps more.",))
+        yield f"The tables have {len(names) - MAPS} op-amps more."
 
 
 def _map(name: str, own: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> Chart:

@@ -11,8 +11,8 @@ from taction.verification.evidence.paper.findings import ClaimOutcome, Finding
 from taction.verification.evidence.paper.reproduce import Reproduction
 from taction.verification.evidence.stress.catalogue import Case
 from taction.verification.evidence.stress.run_cases import CaseJudgement, CaseRun, StressReport
-from taction.verification.report.blocks import BOTH, DRAWN, Block, Cell, Notes, Page, Section, Table
-from taction.verification.report.texts import fields, figure, outcome_cell
+from taction.verification.report.blocks import Notes, Page, Section, Table
+from taction.verification.report.texts import Cell, Column, fields, figure, outcome_cell
 from taction.verification.report.views.answer_view import answer_text, decisive_text
 from taction.verification.report.views.origin_view import origin_section
 from taction.verification.report.views.waveforms_view import outputs_chart, stress_chart
@@ -28,13 +28,10 @@ CLAIMS: dict[ClaimOutcome, Outcome] = {
     ClaimOutcome.FAILS: "fail",
     ClaimOutcome.NOT_RUN: "error",
 }
-COLUMNS = {
-    "claim": lambda each: each.claim.claim,
+COLUMNS: dict[str, Column] = {
+    "claim": "claim.claim",
     "verdict": lambda each: _verdict(each),
-    "place": lambda each: each.claim.place,
-    "what was run": lambda each: each.run,
-    "printed": lambda each: each.claim.printed,
-    "ours": lambda each: each.ours,
+    **fields("place = claim.place; what was run = run; printed = claim.printed; ours"),
 }
 
 
@@ -43,7 +40,7 @@ def paper_view(result: Reproduction) -> Page:
     chapters = []
     for chapter in result.sections:
         table = Table.of(chapter.title, chapter.findings, COLUMNS)
-        chapters.append(Section(chapter.title, (table,), media=BOTH))
+        chapters.append(Section(chapter.title, (table,), media="terminal page"))
         if chapter.charts:
             chapters.append(Section(f"{chapter.title}: pictures", chapter.charts))
     unexpected = tuple(
@@ -51,7 +48,6 @@ def paper_view(result: Reproduction) -> Page:
         for each in result.findings
         if not each.as_expected
     )
-    left_out = Notes("", (", ".join(result.omitted),)) if result.omitted else None
     return Page(
         title="The paper, claim by claim",
         command="taction reproduce",
@@ -60,8 +56,8 @@ def paper_view(result: Reproduction) -> Page:
         lines=(f"{SOURCE}.",),
         sections=(
             *chapters,
-            Section("Left out of a quick run", (left_out,), media=BOTH),
-            Section("Unexpected", (Notes("", unexpected, "fail"),), media=BOTH),
+            Section("Left out of a quick run", ", ".join(result.omitted), media="terminal page"),
+            Section("Unexpected", Notes("", unexpected, "fail"), media="terminal page"),
             origin_section(None),
         ),
     )
@@ -104,8 +100,8 @@ def stress_view(report: StressReport) -> Page:
         outcome=outcome,
         summary=headline(report),
         sections=(
-            Section("Results", (_results(report.runs),), media=BOTH),
-            Section("Wrong", (Notes("Wrong", wrong, "fail"),), media=BOTH),
+            Section("Results", _results(report.runs), media="terminal page"),
+            Section("Wrong", Notes("Wrong", wrong, "fail"), media="terminal page"),
             *(
                 Section(f"Cases: {family}", (_cases(family, cases.values()),))
                 for family in families
@@ -178,9 +174,8 @@ NEXT = (
 )
 
 
-STEPS = {
-    "board": lambda step: step.title,
-    "outcome": lambda step: outcome_cell(step.verdict.outcome.value),
+STEPS: dict[str, Column] = {
+    **fields("board = title; outcome = verdict.outcome outcome"),
     "because": lambda step: decisive_text(step.verdict.checks, step.verdict.outcome.value),
 }
 
@@ -196,7 +191,7 @@ def demonstration_view(found: Demonstration) -> Page:
         summary=f"Three boards, {told}, in {found.seconds:.0f} s.",
         sections=(
             *steps,
-            Section("Next", (Notes("", (NEXT,)),), media=BOTH),
+            Section("Next", NEXT, media="terminal page"),
             origin_section(None),
         ),
     )
@@ -205,13 +200,13 @@ def demonstration_view(found: Demonstration) -> Page:
 def _sections(number: int, step: DemonstrationStep) -> tuple[Section, Section]:
     """Return the sentences and checks of a board, and its outputs; of the first also the answer."""
     verdict, title, first = step.verdict, f"{number}. {step.title}", number == 1
-    answers = (answer_text(verdict.answer),) if first else ()
-
-    def charts() -> tuple[Block, ...]:
-        return (outputs_chart(verdict), *((stress_chart(verdict),) if first else ()))
-
-    told = Notes("", (step.text, *answers)), Table.of("", (step,), STEPS)
+    answer = answer_text(verdict.answer) if first else ""
+    shown = (outputs_chart, stress_chart)[: 1 + first]
+    told, charts = (
+        (step.text, answer, Table.of("", (step,), STEPS)),
+        lambda: [f(verdict) for f in shown],
+    )
     return (
-        Section(title, told, media=BOTH),
-        Section(f"{title}: outputs", charts, media=DRAWN),
+        Section(title, told, media="terminal page"),
+        Section(f"{title}: outputs", charts, media="page picture"),
     )

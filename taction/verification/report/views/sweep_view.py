@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -34,21 +34,11 @@ from taction.system.errors import Complaint, InputError
 from taction.system.plugins import OpenTable
 from taction.system.quantities import readable
 from taction.system.reading_definitions import EXCURSIONS
-from taction.verification.report.blocks import (
-    DRAWN,
-    NOTEBOOK,
-    PICTURE,
-    TERMINAL,
-    Block,
-    Cell,
-    Facts,
-    Notes,
-    Page,
-    Section,
-    Table,
-)
+from taction.verification.report.blocks import Content, Facts, Page, Section, Table
 from taction.verification.report.texts import (
     LEAST_SHARE,
+    Cell,
+    Column,
     banded,
     counted,
     figure,
@@ -221,8 +211,8 @@ def view(result: SweepResult) -> Page:
     names = " x ".join(f"{each.name} ({len(each)})" for each in plan.axes)
     known = [name for name in OUTCOMES if count.outcomes.get(name)]
     outcomes = ", ".join(f"{count.outcomes[name]} {name}" for name in known)
-    text = f"{plan.points} points are too many for this page; see --plot."
-    many = (text,) if plan.points > MAPPED else ()
+    many = plan.points > MAPPED
+    text = f"{plan.points} points are too many for this page; see --plot." * many
     foot = [f"{count.ran} computed now, {count.done - count.ran} from {path}"]
     if count.outcomes["error"]:
         foot.append("the same command computes the points without a verdict (error) again")
@@ -232,11 +222,13 @@ def view(result: SweepResult) -> Page:
         summary=f"{count.done} of {count.total} points: {outcomes}.",
         lines=(f"Over {names}; engine: {ENGINES[plan.engine]}.", *map(readable, result.notes)),
         sections=(
-            Section("Axes", (Facts("", tuple(_axes(plan))),), media=(NOTEBOOK,)),
-            Section("Pictures", (Notes("", many),)),
-            Section("Pictures", lambda: _charts(result), media=(PICTURE,) if many else DRAWN),
-            Section("Points", lambda: _listed(result), media=(TERMINAL,)),
-            Section("Points", lambda: (_points(result),)),
+            Section("Axes", Facts("", tuple(_axes(plan))), media="notebook"),
+            Section("Pictures", text),
+            Section(
+                "Pictures", lambda: _charts(result), media="picture" if many else "page picture"
+            ),
+            Section("Points", lambda: _listed(result), media="terminal"),
+            Section("Points", lambda: _points(result)),
             origin_section(plan.scene, (("database", path),)),
         ),
         foot=tuple(foot),
@@ -287,11 +279,11 @@ def _worth(data: Mapping[str, Any]) -> tuple[list[str], tuple[str, ...]]:
     return [name for name in SHOWN if name not in (*empty, *little)], lines
 
 
-def _charts(result: SweepResult) -> Iterator[Block]:
+def _charts(result: SweepResult) -> Iterator[Content]:
     plan = result.plan
     if len(plan.groups) > MOST_AXES:
         text = f"{len(plan.groups)} axes: pictures have at most {MOST_AXES}; --export writes all."
-        yield Notes("", (text,))
+        yield text
         return
     data, names = grids(result), result_names(result)
     lines: tuple[str, ...] = ()
@@ -303,7 +295,7 @@ def _charts(result: SweepResult) -> Iterator[Block]:
     for first in itertools.islice(charts, 1):
         yield replace(first, summary=f"{first.summary} Engine: {ENGINES[plan.engine]}.".strip())
     yield from charts
-    yield Notes("", lines)
+    yield from lines
 
 
 def _one_or_two(
@@ -345,13 +337,13 @@ def _places(plan: Plan, values: Mapping[str, Value]) -> str:
     return ", ".join(f"{a.name} = {place_text(a, values[a.name])}" for a in plan.axes)
 
 
-def _listed(result: SweepResult) -> Iterator[Block]:
+def _listed(result: SweepResult) -> Iterator[Content]:
     """Yield the points of a small sweep, else those without a verdict, and their reasons."""
     whole = result.count.total <= LINES
     wanted = (r for r in result.records() if whole or r["outcome"] == "error")
     shown = list(itertools.islice(wanted, LINES))
     yield _table(result.plan, "", shown).folded()
-    yield Notes("", tuple(_reasons(result.plan, shown)))
+    yield from _reasons(result.plan, shown)
 
 
 def _reasons(plan: Plan, shown: Iterable[dict[str, Any]]) -> Iterator[str]:
@@ -381,9 +373,7 @@ def _points(result: SweepResult) -> Table:
 
 
 def _table(plan: Plan, title: str, listed: Sequence[dict[str, Any]], *, why: bool = False) -> Table:
-    columns: dict[str, Callable[[dict[str, Any]], Any]] = {
-        each.name: partial(_value, where=each) for each in plan.axes
-    }
+    columns: dict[str, Column] = {each.name: partial(_value, where=each) for each in plan.axes}
     columns["outcome"] = lambda record: outcome_cell(record["outcome"])
     for name in columns_of(plan.scene):
         columns[banded(name, band_of(plan))] = partial(figure_cell, name=name)

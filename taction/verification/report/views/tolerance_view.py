@@ -3,36 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from taction.system.array_types import Floats
 from taction.system.charts import Axis, Band, Chart, Columns, Limit, Mark, Text
-from taction.verification.report.blocks import (
-    BOTH,
-    DRAWN,
-    EVERYWHERE,
-    NOTEBOOK,
-    PAGE,
-    TERMINAL,
-    Bar,
-    Bars,
-    Block,
-    Cell,
-    Notes,
-    Page,
-    Section,
-    Table,
-)
+from taction.verification.report.blocks import Bar, Bars, Content, Notes, Page, Section, Table
 from taction.verification.report.texts import (
+    Cell,
+    Column,
     counted,
     fields,
     figure,
     number_cell,
-    outcome_cell,
     percent,
     spaced,
     titled,
@@ -62,17 +47,17 @@ CULPRIT = (
 def yield_view(result: YieldReport) -> Page:
     """Return the page of a yield."""
     rows = (("seed", str(result.seed)), ("samples", str(result.samples)))
-    text = result.sentence
+    text, shown = result.sentence, "terminal page notebook"
     return Page(
         title=result.name,
         command="taction yield montecarlo",
         summary=f"{text[:1].upper()}{text[1:]}. {_worst(result)}".rstrip(),
         sections=(
-            Section("Checks that do not pass", tuple(failures(result)), media=EVERYWHERE),
-            Section("What costs yield", lambda: (_culprits(result),), media=DRAWN),
-            Section("Quantities", (spreads(result),), media=EVERYWHERE),
-            Section("Histograms", lambda: histograms(result), media=DRAWN),
-            Section("Causes", (causes(result),), media=EVERYWHERE),
+            Section("Checks that do not pass", tuple(failures(result)), media=shown),
+            Section("What costs yield", lambda: _culprits(result), media="page picture"),
+            Section("Quantities", spreads(result), media=shown),
+            Section("Histograms", lambda: histograms(result), media="page picture"),
+            Section("Causes", causes(result), media=shown),
             origin_section(result.scene, rows),
         ),
     )
@@ -100,7 +85,7 @@ def _check(quantity: str) -> str:
     return CHECK_OF.get(quantity, quantity)
 
 
-def failures(result: YieldReport) -> Iterator[Block]:
+def failures(result: YieldReport) -> Iterator[Content]:
     """Yield the checks that do not pass, and the samples without a verdict."""
     columns = {
         "check": lambda each: spaced(each[0]),
@@ -184,7 +169,7 @@ def _number(sample: BoardSample, spread: QuantitySpread) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
-def histograms(result: YieldReport) -> Iterator[Block]:
+def histograms(result: YieldReport) -> Iterator[Content]:
     """Yield a histogram of each quantity, those first whose check costs most yield."""
 
     def place(spread: QuantitySpread) -> tuple[bool, int]:
@@ -225,13 +210,11 @@ def _histogram(title: str, spread: QuantitySpread, values: Floats, text: str) ->
     bars = Columns(middles, counts, "x", np.diff(edges), looks, hover=hover)
     marks: list[Mark] = [bars, *(Limit(limit, "x", "limit") for limit in near)]
     if spread.at_most is not None:
-        ends = min(spread.at_most, shown[1]), shown[1]
-        marks.append(Band(*ends, "x", colour="fail"))
+        marks.append(Band(min(spread.at_most, shown[1]), shown[1], "x", colour="fail"))
         if spread.at_most not in near:
             marks.append(Text("limit →", None, None, ("left", "below")))
     if spread.at_least is not None:
-        ends = shown[0], max(spread.at_least, shown[0])
-        marks.append(Band(*ends, "x", colour="fail"))
+        marks.append(Band(shown[0], max(spread.at_least, shown[0]), "x", colour="fail"))
         if spread.at_least not in near:
             marks.append(Text("← limit", None, None, ("right", "below")))
     message = "no limit"
@@ -258,25 +241,24 @@ def _edges(values: Floats, limits: list[float]) -> Floats:
     return np.asarray(inside[0] + width * np.arange(-before, after + 1))
 
 
-def _culprits(result: YieldReport) -> Block:
+def _culprits(result: YieldReport) -> Content:
     shown = result.sensitivities[:CULPRITS]
     if not shown:
         return _no_causes(result)
     shares = [100.0 * each.correlation**2 for each in shown]
-    looks = tuple("pass" if each.correlation > 0.0 else "fail" for each in shown)
-    bars = Columns(np.arange(float(len(shown))), shares, "y", looks=looks)
+    signs = ["+" if each.correlation > 0.0 else "−" for each in shown]
+    looks = tuple("pass" if sign == "+" else "fail" for sign in signs)
     names = tuple(
-        f"{each.parameter}, {spaced(each.quantity)}: {'+' if each.correlation > 0.0 else '−'}"
-        f" {share:.0f} %"
-        for each, share in zip(shown, shares, strict=True)
+        f"{each.parameter}, {spaced(each.quantity)}: {sign} {share:.0f} %"
+        for each, sign, share in zip(shown, signs, shares, strict=True)
     )
-    message = f"{shown[0].parameter} is behind {shares[0]:.0f} % of the variance of the"
     return Chart(
         "Parts behind the lost yield",
         Axis("share of the variance (%)"),
         Axis(scale="names", names=names, reverse=True),
-        (bars,),
-        f"{message} {spaced(shown[0].quantity)}",
+        (Columns(np.arange(float(len(shown))), shares, "y", looks=looks),),
+        f"{shown[0].parameter} is behind {shares[0]:.0f} % of the variance of the"
+        f" {spaced(shown[0].quantity)}",
         CULPRIT,
     )
 
@@ -293,21 +275,21 @@ def _no_causes(result: YieldReport) -> Notes:
     return Notes("Parts behind the lost yield", (text,) if result.samples else ())
 
 
-def causes(result: YieldReport) -> Block:
+def causes(result: YieldReport) -> Content:
     """Return the parts behind the spread of what costs yield, or why none is listed."""
     if not result.sensitivities:
         return _no_causes(result)
-    columns = {
+    columns: dict[str, Column] = {
         "quantity": lambda each: spaced(each.quantity),
         "channel": lambda each: "" if each.channel is None else each.channel,
         "lost": lambda each: Cell(percent(each.lost, 4), each.lost),
-        "part": lambda each: each.parameter,
+        "part": "parameter",
         "correlation": lambda each: Cell(
             f"{each.correlation:+.2f} ± {each.standard_error:.2f}", each.correlation
         ),
         "variance": lambda each: Cell(f"{100 * each.correlation**2:.0f} %", each.correlation**2),
     }
-    few = {TERMINAL: SHOWN, NOTEBOOK: SHOWN}
+    few = {"terminal": SHOWN, "notebook": SHOWN}
     note = "lost: of the yield; variance: the share that the part explains."
     return Table.of("Causes, by lost yield", result.sensitivities, columns, note, most=few)
 
@@ -332,15 +314,15 @@ def corner_view(study: CornerStudy) -> Page:
         lines=("Every component at an end of its tolerance, as it makes a quantity worst.",),
         sections=(
             Section("Least, typical and largest values", lambda: ranges(study)),
-            Section("Corners", tuple(tables(study.quantities, corners)), media=BOTH),
-            Section("Channels at rest", (directions(study),), media=BOTH),
-            Section("Deviations", (_deviations(corners),)),
+            Section("Corners", tuple(tables(study.quantities, corners)), media="terminal page"),
+            Section("Channels at rest", directions(study), media="terminal page"),
+            Section("Deviations", _deviations(corners)),
             origin_section(study.scene),
         ),
     )
 
 
-def ranges(study: CornerStudy) -> Iterator[Block]:
+def ranges(study: CornerStudy) -> Iterator[Content]:
     """Yield the least, typical and largest values of the corners, against the limits."""
     rows = []
     for each in study.quantities:
@@ -354,12 +336,9 @@ def ranges(study: CornerStudy) -> Iterator[Block]:
     yield Bars("", tuple(rows), RANGES)
 
 
-def tables(reported: Sequence[Quantity], corners: Sequence[Corner]) -> Iterator[Block]:
+def tables(reported: Sequence[Quantity], corners: Sequence[Corner]) -> Iterator[Content]:
     """Yield the corners with their values, and why they do not pass."""
-    columns: dict[str, Callable[[Corner], Any]] = {
-        "corner": _name,
-        "outcome": lambda corner: outcome_cell(corner.result.outcome),
-    }
+    columns: dict[str, Column] = {"corner": _name, "outcome": "result.outcome outcome"}
     columns |= {each.title: partial(_quantity, each) for each in reported}
     yield Table.of("Corners", corners, columns)
     yield Notes("Why, and most moved by", tuple(filter(None, map(_remark, corners))))
@@ -397,7 +376,7 @@ def directions(study: CornerStudy, names: Sequence[str] = ()) -> Table:
         "most moved by": lambda each: " ".join(each.largest),
     }
     note, title = "Worst-case errors at rest, from the signs of the sensitivities.", "Largest error"
-    most, more = {TERMINAL: DIRECTIONS}, "{} smaller ones: --json."
+    most, more = {"terminal": DIRECTIONS}, "{} smaller ones: --json."
     return Table.of(f"{title} of each channel at rest", study.directions, columns, note, most, more)
 
 
@@ -405,9 +384,9 @@ def _deviations(corners: Sequence[Corner]) -> Table:
     """Return the deviations, in tolerances, with a column for each corner."""
     moved = [corner for corner in corners if corner.deviations]
     names = list(dict.fromkeys(name for corner in moved for name in corner.deviations))
-    columns: dict[str, Callable[[str], Any]] = {"part": str}
+    columns: dict[str, Column] = {"part": str}
     columns |= {_name(corner): partial(_deviation, corner) for corner in moved}
-    note, most = "In tolerances of the part.", {PAGE: DEVIATIONS}
+    note, most = "In tolerances of the part.", {"page": DEVIATIONS}
     return Table.of("Deviations", names, columns, note, most, "{} more parts: --json.")
 
 

@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from taction.system.charts import Axis, Chart, Columns, Limit
-from taction.system.quantities import readable
+from taction.system.quantities import counted, readable
 from taction.system.reading_definitions import EXCURSIONS, READINGS, TIMES
+from taction.verification.reference.problem import Solution
 from taction.verification.report.blocks import (
-    BOTH,
-    DRAWN,
-    EVERYWHERE,
-    PAGE,
-    PICTURE,
     Bar,
     Bars,
-    Block,
-    Cell,
+    Content,
     Facts,
     Notes,
     Page,
@@ -29,6 +24,8 @@ from taction.verification.report.blocks import (
     Table,
 )
 from taction.verification.report.texts import (
+    Cell,
+    Column,
     banded,
     figure,
     number_cell,
@@ -36,23 +33,12 @@ from taction.verification.report.texts import (
     rounded_up,
     spaced,
 )
-from taction.verification.report.views.answer_view import (
-    MARGINS,
-    answer_text,
-    check_bars,
-    decisive_text,
-    of_unit,
-    yield_text,
-)
-from taction.verification.report.views.board_view import (
-    board_blocks,
-    board_lines,
-    deck_blocks,
-    omission_blocks,
-    parts_blocks,
-)
+from taction.verification.report.views import answer_view as answers
+from taction.verification.report.views import board_view as boards
+from taction.verification.report.views.answer_view import answer_text, decisive_text, yield_text
+from taction.verification.report.views.opamp_view import counts_text, packages_text
 from taction.verification.report.views.origin_view import origin_section
-from taction.verification.report.views.stability_view import active_set_blocks, stability_blocks
+from taction.verification.report.views.stability_view import active_set_table, stability_blocks
 from taction.verification.report.views.waveforms_view import (
     deviation_chart,
     difference_chart,
@@ -61,14 +47,19 @@ from taction.verification.report.views.waveforms_view import (
 )
 from taction.verification.studies.tolerance.varied_board import VerifiedSample
 from taction.verification.verdict.answer_error import worst_channel
+from taction.verification.verdict.board_power import KICAD, OWN, REPORT, BuiltBoard
+from taction.verification.verdict.cause import cause
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.error_budget import ErrorPart
 from taction.verification.verdict.headroom import Load
-from taction.verification.verdict.record import Channel, Record
+from taction.verification.verdict.record import Channel, Record, channels_of
+from taction.verification.verdict.recording import MeasuredTransient
 from taction.verification.verdict.verify import Verdict
 
 LOADS = 16  # of op-amps that are shown
 ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of the step: a smaller part is rounding
+CHANGES = 4  # lines of the changes that mend a failed verdict, on one screen
+WARNINGS = 2  # on one screen; the others are counted
 LEAST = 1e-9  # of the largest stress: a smaller part has no number
 REACH = "What the outputs of the op-amps reach, as parts of the limits of the data sheet."
 LIMITED = (
@@ -92,30 +83,38 @@ def view(
     """
     circuit, waves = verdict.circuit, verdict.waveforms
     engine = tuple((name, getattr(waves, name) or "–") for name in ("engine", "solver", "method"))
-    detailed = BOTH if verbose else (PAGE,)
+    both, detailed = "terminal page", "terminal page" if verbose else "page"
+    first, *mends = [readable(line.strip()) for line in changes.splitlines()] or [""]
+    lead = first.removesuffix(":").removeprefix("what to change").strip()
+    records = (outputs_chart, deviation_chart, difference_chart)
     return Page(
         title=verdict.scene.name,
         command=command,
         outcome=verdict.outcome.value,
         summary=decisive_text(verdict.checks, verdict.outcome.value),
-        lines=board_lines(verdict),
+        lines=boards.board_lines(verdict),
         sections=(
-            Section("Checks", lambda: _checks(verdict, notes), media=EVERYWHERE),
-            _changes(changes),
-            Section("Waveforms", lambda: _records(verdict), media=DRAWN),
-            Section("Waveforms", lambda: (_channels(verdict),), media=BOTH),
+            Section("Checks", lambda: _checks(verdict, notes), media="terminal page notebook"),
+            Section(
+                "What to change",
+                mends,
+                f"The nearest changes that mend the verdict {lead}".rstrip() + ".",
+                both,
+            ),
+            Section("Waveforms", lambda: [f(verdict) for f in records], media="page picture"),
+            Section("Waveforms", lambda: _channels(verdict), media=both),
             Section("Stability", lambda: stability_blocks(circuit, verdict.poles)),
-            Section("Active sets", lambda: active_set_blocks(verdict), media=detailed),
-            Section("Recovered stress", lambda: (stress_chart(verdict),), media=DRAWN),
-            Section("Checks", lambda: (Bars("", check_bars(verdict)),), media=(PICTURE,)),
+            Section("Active sets", lambda: active_set_table(verdict), media=detailed),
+            Section("Recovered stress", lambda: stress_chart(verdict), media="page picture"),
+            Section("Checks", lambda: Bars("", answers.check_bars(verdict)), media="picture"),
             Section("Error budget", lambda: _budget_chart(verdict)),
-            Section("Error budget", lambda: budget_blocks(verdict), media=detailed),
-            Section("Headroom", lambda: headroom_blocks(verdict), media=BOTH),
-            Section("Error and run time", lambda: (_effort(verdict),), media=detailed),
-            Section("Board", lambda: board_blocks(circuit)),
-            Section("Left out", lambda: omission_blocks(circuit)),
-            Section("Parts list", lambda: parts_blocks(circuit, verdict.scene)),
-            Section("Deck", lambda: deck_blocks(verdict)),
+            Section("Error budget", lambda: budget_table(verdict), media=detailed),
+            Section("Headroom", lambda: _headroom(verdict), media=both),
+            Section("Error and run time", lambda: _effort(verdict), media=detailed),
+            Section("Board", lambda: boards.board_blocks(circuit)),
+            Section("Left out", lambda: boards.omissions(circuit)),
+            Section("Parts list", lambda: boards.parts_blocks(circuit, verdict.scene)),
+            Section("Deck", lambda: boards.deck_blocks(verdict)),
             origin_section(verdict.scene, engine),
         ),
         foot=(_cost(verdict),),
@@ -141,26 +140,13 @@ def _cost(verdict: Verdict) -> str:
     return f"simulated by {waves.simulator}: {error}{allowed}; {seconds} in all"
 
 
-def _changes(text: str) -> Section:
-    """Return what can mend the verdict; the first line of the text is above the others."""
-    first, *lines = [readable(line.strip()) for line in text.splitlines()] or [""]
-    detail = first.removesuffix(":").removeprefix("what to change").strip()
-    lead = f"The nearest changes that mend the verdict {detail}".rstrip() + "."
-    return Section("What to change", (Notes("", tuple(lines)),), lead, BOTH)
-
-
-def _checks(verdict: Verdict, notes: Sequence[str]) -> tuple[Block, ...]:
-    passing = [yield_text(verdict.answer)] if verdict.outcome is Outcome.PASS else []
-    return (
-        Bars("", check_bars(verdict), MARGINS),
-        Notes("", tuple(filter(None, [*passing, answer_text(verdict.answer)]))),
-        Notes("", tuple(map(readable, notes))),
-        Notes("Warnings", tuple(map(readable, verdict.warnings))),
-    )
-
-
-def _records(verdict: Verdict) -> tuple[Chart, Chart, Chart | None]:
-    return outputs_chart(verdict), deviation_chart(verdict), difference_chart(verdict)
+def _checks(verdict: Verdict, notes: Sequence[str]) -> Iterator[Content]:
+    yield Bars("", answers.check_bars(verdict), answers.MARGINS)
+    if verdict.outcome is Outcome.PASS:
+        yield yield_text(verdict.answer)
+    yield answer_text(verdict.answer)
+    yield from map(readable, notes)
+    yield Notes("Warnings", tuple(map(readable, verdict.warnings)))
 
 
 def _channels(verdict: Verdict) -> Table:
@@ -177,7 +163,7 @@ def channel_table(channels: Sequence[Channel], band: float, noise: Sequence[floa
     def volts(name: str) -> Callable[[Channel], Cell]:
         return lambda each: number_cell(each.figures.get(name), "V")
 
-    columns: dict[str, Callable[[Channel], Any]] = {
+    columns: dict[str, Column] = {
         "channel": lambda each: Cell(f"u{each.index}", each.index),
         "target": volts("reference"),
     }
@@ -189,7 +175,7 @@ def channel_table(channels: Sequence[Channel], band: float, noise: Sequence[floa
         columns[title] = partial(_reading, name)
     if noise:
         columns["output noise, rms"] = lambda each: number_cell(noise[each.index - 1], "V", 3)
-    columns["state"] = lambda each: each.state
+    columns["state"] = "state"
     note = f"{' and '.join(EXCURSIONS).capitalize()} are in % of the step of the network."
     return Table.of("Channels", channels, columns, note)
 
@@ -209,17 +195,15 @@ def _reading(name: str, channel: Channel) -> Cell | None:
     return Cell(text, value)
 
 
-def headroom_blocks(verdict: Verdict) -> tuple[Block, ...]:
+def _headroom(verdict: Verdict) -> Content:
     """Return what the op-amps have to do beside their limits, the largest share first."""
     loads = (*verdict.parts.simulated, *verdict.parts.loads)
     if not loads:
-        text = "No op-amp of this board has a limit of slew rate, swing or current in its model."
-        return (Notes("", (text,)),)
+        return "No op-amp of this board has a limit of slew rate, swing or current in its model."
     limited = not verdict.circuit.is_small_signal
-    note = REACH + LIMITED * limited
     more = len(loads) - LOADS
-    note += f" {more} smaller loads are not shown." if more > 0 else ""
-    return (load_bars(loads, note, limited=limited),)
+    note = REACH + LIMITED * limited + f" {more} smaller loads are not shown." * (more > 0)
+    return load_bars(loads, note, limited=limited)
 
 
 def load_bars(loads: Iterable[Load], note: str = "", *, limited: bool = False) -> Bars:
@@ -264,18 +248,16 @@ def _volts(value: float | None, verdict: Verdict) -> Cell:
     return Cell(quantity(value, "V", 3) if known else "under 1 ppb", value)
 
 
-def budget_blocks(verdict: Verdict) -> tuple[Block, ...]:
+def budget_table(verdict: Verdict) -> Table | None:
     """Return the error budget as a table; the signed column is that of the worst channel."""
     budget, unit = verdict.budget, verdict.answer.unit
     parts, total = list(budget), budget.total
-    if not parts:
-        return ()
-    columns: dict[str, Callable[[ErrorPart], Any]] = {
+    columns: dict[str, Column] = {
         "error": lambda part: spaced(part.name),
         "largest of any channel": lambda part: _volts(part.value, verdict),
         "of the largest stress": lambda part: _share_of(part, unit, _least(verdict)),
     }
-    note = f"% {of_unit(verdict.answer)}."
+    note = f"% {answers.of_unit(verdict.answer)}."
     if total is not None:
         sums, worst = tuple(budget.summed), worst_channel(np.array(total.channels))
         parts.append(ErrorPart("sum of the parts", max(map(abs, sums)), "", channels=sums))
@@ -286,7 +268,7 @@ def budget_blocks(verdict: Verdict) -> tuple[Block, ...]:
     else:
         note += " The parts do not add up: a solution between them is not known."
     columns["how it was found"] = lambda part: readable(part.how)
-    return (Table.of("Parts of the error", parts, columns, note),)
+    return Table.of("Parts of the error", parts, columns, note) if parts else None
 
 
 def _share_of(part: ErrorPart, unit: float, least: float) -> Cell | None:
@@ -296,11 +278,11 @@ def _share_of(part: ErrorPart, unit: float, least: float) -> Cell | None:
     return Cell(figure(value / unit, "step", 3), value)
 
 
-def _budget_chart(verdict: Verdict) -> tuple[Block, ...]:
+def _budget_chart(verdict: Verdict) -> Chart | None:
     """Return the signed parts of the worst channel, and their sum."""
     budget, total = verdict.budget, verdict.budget.total
     if total is None:
-        return ()
+        return None
     worst = worst_channel(np.array(total.channels))
     parts = {spaced(part.name): part.channels[worst] for part in budget if part.channels}
     shown = parts | {"whole": total.channels[worst]}
@@ -312,45 +294,155 @@ def _budget_chart(verdict: Verdict) -> tuple[Block, ...]:
     summary = (
         f"The parts of channel {worst + 1}, which has the largest whole error, {size}, add up to"
         " it. Solid blue bars raise the output, hatched orange bars lower it."
-        + f" Not known: {', '.join(unknown)}."
-        * bool(unknown)
-    )
-    return (
-        Chart(
-            "Parts of the error",
-            Axis(f"error of channel {worst + 1}", "V"),
-            Axis(scale="names", names=names, reverse=True),
-            (bars, Limit(0.0, line="solid")),
-            f"{size} in channel {worst + 1}, most of it {largest}",
-            summary,
-        ),
+    ) + f" Not known: {', '.join(unknown)}." * bool(unknown)
+    return Chart(
+        "Parts of the error",
+        Axis(f"error of channel {worst + 1}", "V"),
+        Axis(scale="names", names=names, reverse=True),
+        (bars, Limit(0.0, line="solid")),
+        f"{size} in channel {worst + 1}, most of it {largest}",
+        summary,
     )
 
 
-def _effort(verdict: Verdict) -> Facts:
+def _effort(verdict: Verdict) -> dict[str, str]:
     """Return the requested and the reached error of the run, and its cost."""
     accuracy, waves, ideal = verdict.accuracy, verdict.waveforms, verdict.ideal
     solution, energy = ideal.solution, verdict.energy
-    reached = "unknown"
-    if accuracy.achieved is not None:
-        reached = f"{figure(accuracy.achieved, 'step')} of the step"
-    stop, band = quantity(verdict.transient.stop, "s"), verdict.measurements.band
-    certificate = f"{solution.certificate_kind} {solution.certificate:.2g}"
-    rows = [
-        ("requested error", f"{figure(accuracy.wanted, 'step')} of the step"),
-        ("reached error", reached),
-        ("how it is known", f"{accuracy.method} ({accuracy.how})"),
-        ("simulation", f"{quantity(accuracy.seconds, 's', 3)}, tries: {accuracy.tries}"),
-        ("points", f"{waves.cost.points} up to {stop}"),
-        ("largest step", quantity(waves.spacing, "s", 3)),
-        ("reference", f"{certificate}, bound {solution.bound:.2g}"),
-        (
-            f"{banded('settling_time', band)} of the ideal network",
-            quantity(ideal.settling_time, "s"),
-        ),
-    ]
+    reached, band = accuracy.achieved, verdict.measurements.band
+    rows = {
+        "requested error": f"{figure(accuracy.wanted, 'step')} of the step",
+        "reached error": "unknown" if reached is None else f"{figure(reached, 'step')} of the step",
+        "how it is known": f"{accuracy.method} ({accuracy.how})",
+        "simulation": f"{quantity(accuracy.seconds, 's', 3)}, tries: {accuracy.tries}",
+        "points": f"{waves.cost.points} up to {quantity(verdict.transient.stop, 's')}",
+        "largest step": quantity(waves.spacing, "s", 3),
+        "reference": f"{solution.certificate_kind} {solution.certificate:.2g}, bound"
+        f" {solution.bound:.2g}",
+        f"{banded('settling_time', band)} of the ideal network": quantity(ideal.settling_time, "s"),
+    }
     if energy is not None:
         text = f"rises by {100 * energy.rise:.2g} % of its fall, at {quantity(energy.time, 's')}"
-        rows.append(("energy", f"{text}; that of an ideal network never rises"))
+        rows["energy"] = f"{text}; that of an ideal network never rises"
     stages = (f"{name} {seconds:.2f} s" for name, seconds in verdict.timing.items())
-    return Facts("", (*rows, ("run time", ", ".join(stages))))
+    return rows | {"run time": ", ".join(stages)}
+
+
+def screen(verdict: Verdict, margins: Sequence[str] = ()) -> Page:
+    """Return a verdict on one screen, with the stability `margins` that were asked for.
+
+    It has the outcome and its cause, a bar to each limit, and what limits the board. Checks that
+    follow from the verdict's cause are named in the headline alone.
+    """
+    found = cause(verdict.checks)
+    known = () if found is None else found.follows
+    pairs = zip(verdict.checks, answers.check_bars(verdict), strict=True)
+    contents: tuple[Content, ...] = (
+        Bars("", tuple(bar for check, bar in pairs if check.name not in known), drawn=True),
+        yield_text(verdict.answer) if verdict.outcome is Outcome.PASS else "",
+        _distance(verdict, margins),
+        answer_text(verdict.answer),
+        *_warnings(verdict.warnings),
+    )
+    seconds = quantity(verdict.timing["total"], "s", 3)
+    count = len(verdict.warnings)
+    more = f"-v ({counted(count, 'warning')})" if count else "-v"
+    return Page(
+        title=_headline(verdict),
+        command="taction verify",
+        outcome=verdict.outcome.value,
+        sections=(Section("", contents, media="terminal"),),
+        foot=(f"{verdict.waveforms.simulator}: {seconds}; more: {more}, --report FILE",),
+    )
+
+
+def on_screen(page: Page, verdict: Verdict) -> tuple[Section, ...]:
+    """Return the sections of a verdict's page, for a terminal those of `screen` in their place."""
+    media = ((each, each.media.replace("terminal", "")) for each in page.sections)
+    return (*screen(verdict).sections, *(replace(each, media=names) for each, names in media))
+
+
+def _headline(verdict: Verdict) -> str:
+    """Return the outcome with its cause, or of a pass with the limit that is nearest."""
+    outcome, name, checks = verdict.outcome.value, verdict.scene.name, verdict.checks
+    if outcome != Outcome.PASS.value:
+        return f"{outcome.upper()}: {name}: {decisive_text(checks, outcome)}"
+    text, nearest = f"PASS: {name}, {counted(len(checks), 'check')}", answers.nearest_bar(checks)
+    if nearest is None:
+        return text
+    used = nearest.used.replace(" of the limit", "")
+    return f"{text}; nearest to its limit: {nearest.name} ({used})"
+
+
+def _distance(verdict: Verdict, margins: Sequence[str]) -> str:
+    """Return how far a stable board is from oscillation; of any other one the `margins`."""
+    poles = verdict.poles
+    if not poles.known_stable:
+        return readable("; ".join(margins))
+    known = [*margins] or ([] if verdict.margin is None else [verdict.margin.text])
+    more, ringing = "" if known else "; more by --margins", "no mode rings"
+    if poles.frequency:
+        at = quantity(poles.frequency, "Hz", 3)
+        ringing = f"damping ratio {poles.damping_ratio:.2g} at {at}"
+    return f"Distance to oscillation: {readable('; '.join((*known, ringing)))}{more}"
+
+
+def _warnings(warnings: Sequence[str]) -> list[str]:
+    """Return the first clauses of some warnings, those with numbers first."""
+    short = [f"warning: {text.partition('; ')[0]}" for text in map(readable, warnings)]
+    return sorted(short, key=lambda text: not any(map(str.isdigit, text)))[:WARNINGS]
+
+
+def built_view(found: BuiltBoard) -> Page:
+    """Return the verdict of a board, with what is in the folder and what a builder should know."""
+    sections = (
+        Section("Files", Facts("Files", tuple(_files(found))), media="terminal page"),
+        Section("Parts", Notes("Parts", tuple(_parts(found))), media="terminal page"),
+    )
+    if found.verdict is None:
+        text = f"no verdict: {found.refused}"
+        return Page(found.scene.name, "taction build", found.outcome, text, (), sections)
+    page = view(found.verdict, "taction build")
+    return replace(page, sections=(*on_screen(page, found.verdict), *sections))
+
+
+def _files(found: BuiltBoard) -> Iterator[tuple[str, str]]:
+    texts = OWN if found.verdict is not None else OWN | {REPORT: "why there is no verdict"}
+    yield from ((name, texts[name]) for name in found.files if name in texts)
+    sheets = sum(name.endswith(".kicad_sch") for name in found.files)
+    yield f"{KICAD}/{found.scene.name}.kicad_pro", f"the whole board for KiCad, {sheets} sheets"
+
+
+def _parts(found: BuiltBoard) -> Iterator[str]:
+    parts = found.parts
+    yield counts_text(parts)
+    if found.not_standard:
+        yield "values are nominal; parts.csv has the nearest standard value beside each"
+    yield packages_text(parts)
+    yield from (f"not included: {what}" for what in parts.not_listed)
+
+
+def solution_view(result: Solution) -> Page:
+    """Return the page of a numerical solution and its certificate."""
+    lines = (
+        *(f"u_{n} = {value!r}" for n, value in enumerate(result.u.tolist(), 1)),
+        f"lambda = {result.lam!r}, objective = {result.objective!r}",
+        f"{result.certificate_kind} {result.certificate:.3g} (bound {result.bound:.3g});"
+        f" error in u at most {result.error_bound:.2g}; condition {result.condition:.3g};"
+        f" {result.iterations} iterations, {1e3 * result.seconds:.2f} ms",
+        "" if result.trusted else f"inconclusive: {result.reason}",
+    )
+    section = Section("Solution", lines, media="terminal page notebook")
+    return Page("numerical solution", "taction verify --solve", sections=(section,))
+
+
+def transient_view(result: MeasuredTransient) -> Page:
+    """Return the page of the measurements of a transient, and what it cost."""
+    cost, channels = result.waveforms.cost, channels_of(result.measurements)
+    table = channel_table(channels, result.measurements.band)
+    return Page(
+        title=result.circuit.name,
+        command="taction export waveforms",
+        sections=(Section("Channels", table, media="terminal page notebook"),),
+        foot=(f"{result.waveforms.simulator}: {cost.points} points, {cost.seconds:.3g} s",),
+    )

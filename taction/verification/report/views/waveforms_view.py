@@ -19,6 +19,7 @@ from taction.system.charts import (
     Curve,
     Limit,
     Limits,
+    Line,
     Mark,
     Text,
     View,
@@ -26,7 +27,7 @@ from taction.system.charts import (
     thinned,
 )
 from taction.system.waveforms import Waveforms
-from taction.verification.report.blocks import PICTURE, Page, Section
+from taction.verification.report.blocks import Page, Section
 from taction.verification.report.texts import banded, counted, figure, quantity
 from taction.verification.report.views.answer_view import answer_heading
 from taction.verification.verdict.verify import Verdict
@@ -35,6 +36,7 @@ POINTS = 60_000  # of all curves of a chart
 EARLY_POINTS = 0.3  # of them in the first rise
 EARLY = 10.0  # rise times, or periods of an oscillation, that a view of the first rise shows
 LABELLED = 12  # channels above which curves have no names beside them
+ROOM = 0.06  # of the height, above and below the curves
 SEPARATE = 0.055  # of the height: closer names become one
 OVER = 1.35  # times the supply and the targets: what is shown of a growing record
 SEEN = 20.0  # times the optimum: a larger end of the record is off the chart
@@ -68,26 +70,67 @@ def channel_names(places: Iterable[int]) -> str:
     )
 
 
+def curves(
+    time: Floats,
+    values: Floats,
+    names: Sequence[str] = (),
+    *,
+    line: Line = "",
+    width: float = 1.2,
+    points: int = POINTS,
+    early: float = 0.0,
+) -> Iterator[Curve]:
+    """Yield a thinned curve for each channel of `values` (P, N), without a name in the legend.
+
+    Without a `line`, dashes tell symmetric channels apart. The time up to `early`, s, has a share
+    of the points of its own.
+    """
+    count, first = values.shape[1], time <= early
+    shares = (first, EARLY_POINTS), (~first, 1.0 - EARLY_POINTS)
+    for n, (column, look) in enumerate(zip(values.T, spread_colours(count), strict=True)):
+        parts = (
+            thinned(time[part], column[part], int(share * points / count)) for part, share in shares
+        )
+        x, y = (np.concatenate(part) for part in zip(*parts, strict=True))
+        dashed = n >= (count + 1) // 2 and count <= LABELLED
+        drawn, name = line or ("dash" if dashed else "solid"), names[n] if names else f"u{n + 1}"
+        yield Curve(x, y, name, look, drawn, width=width, label="")
+
+
+def looks_text(count: int) -> str:
+    """Return how the curves of `count` channels are told apart."""
+    if count > LABELLED:
+        return f" The colour goes from blue (u1) over violet to orange (u{count})."
+    return " Dashed curves: the second half of the channels." if count > 1 else ""
+
+
+def with_room(low: float, high: float) -> Limits:
+    """Return the ends of an axis around values from `low` to `high`."""
+    room = ROOM * ((high - low) or max(abs(high), 1e-12))
+    return low - room, high + room
+
+
+def _records(verdict: Verdict, values: Floats, width: float) -> Iterator[Curve]:
+    time = verdict.waveforms.time
+    return curves(time, values, width=width, early=early_end(verdict))
+
+
 def outputs_chart(verdict: Verdict) -> Chart:
     """Return the outputs with their targets; `difference_chart` has the second engine."""
-    channels, time = verdict.measurements.channels, verdict.waveforms.time
-    count, end = len(channels), float(time[-1])
-    targets, colours = [channel.target for channel in channels], spread_colours(count)
-    low, high, cut = _window(verdict)
-    marks: list[Mark] = list(_curves(verdict, time, verdict.u, 1.2))
+    channels, end = verdict.measurements.channels, float(verdict.waveforms.time[-1])
+    count, targets = len(channels), [channel.target for channel in channels]
+    colours, (limits, cut) = spread_colours(count), _window(verdict)
+    marks: list[Mark] = list(_records(verdict, verdict.u, 1.2))
     marks += (Limit(y, "y", "", look, "dot") for y, look in zip(targets, colours, strict=True))
     engine = verdict.waveforms.simulator.replace("statespace", "the state-space engine")
     if (settling := verdict.measurements.settling_time) is not None:
         marks.append(Limit(settling.value, "x", "", "muted"))
-    looks = " Dashed curves: the second half of the channels." if count > 1 else ""
     if count <= LABELLED:
-        marks += end_names(targets, low, high, colours)
-    else:
-        looks = f" The colour goes from blue (u1) over violet to orange (u{count})."
+        marks += end_names(targets, *limits, colours)
     summary = (
         f"Outputs of {counted(count, 'channel')} from 0 to {quantity(end, 's')} by {engine}."
-        f" Dotted: the target of each channel, from the numerical solution.{looks}"
-    )
+        " Dotted: the target of each channel, from the numerical solution."
+    ) + looks_text(count)
     if cut:
         largest = quantity(float(np.abs(verdict.u).max()), "V", 2)
         supply = quantity(verdict.circuit.supply, "V", 3)
@@ -96,22 +139,8 @@ def outputs_chart(verdict: Verdict) -> Chart:
     if verdict.poles.known_unstable:  # the first periods are flat beside the growth
         amplitude = verdict.measurements.amplitude or 1.0
         views.insert(0, View("growth", _up_to_supply(verdict, verdict.u / amplitude)[0]))
-    volts, said = Axis("output", "V", limits=(low, high)), _settled(verdict)
+    volts, said = Axis("output", "V", limits=limits), _settled(verdict)
     return Chart("Outputs", TIME, volts, tuple(marks), said, summary, tuple(views), height=420)
-
-
-def _curves(verdict: Verdict, time: Floats, columns: Floats, width: float) -> Iterator[Curve]:
-    """Yield a curve for each channel; dashes tell symmetric channels apart."""
-    count = columns.shape[1]
-    first = time <= early_end(verdict)
-    for n, (column, look) in enumerate(zip(columns.T, spread_colours(count), strict=True), 1):
-        shares = ((first, EARLY_POINTS), (~first, 1.0 - EARLY_POINTS))
-        parts = [
-            thinned(time[part], column[part], int(share * POINTS / count)) for part, share in shares
-        ]
-        x, y = (np.concatenate(part) for part in zip(*parts, strict=True))
-        dashed = n > (count + 1) // 2 and count <= LABELLED
-        yield Curve(x, y, f"u{n}", look, "dash" if dashed else "solid", width=width, label="")
 
 
 def _settled(verdict: Verdict) -> str:
@@ -129,16 +158,14 @@ def settled_text(verdict: Verdict) -> str:
     return f"{banded('settled', found.band)} at {quantity(at, 's')}"
 
 
-def _window(verdict: Verdict) -> tuple[float, float, bool]:
+def _window(verdict: Verdict) -> tuple[Limits, bool]:
     """Return the shown range of the outputs, V, and whether a growing record is cut off."""
     targets = np.array([c.target for c in verdict.measurements.channels])
     u = np.where(np.isfinite(verdict.u), verdict.u, 0.0)
     low, high = float(min(targets.min(), u.min())), float(max(targets.max(), u.max()))
     allowed = OVER * max(verdict.circuit.supply, float(np.abs(targets).max()))
     cut = max(-low, high) > allowed
-    low, high = max(low, -allowed), min(high, allowed)
-    room = 0.06 * ((high - low) or max(abs(high), 1e-12))
-    return low - room, high + room, cut
+    return with_room(max(low, -allowed), min(high, allowed)), cut
 
 
 def end_names(
@@ -163,10 +190,10 @@ def end_names(
 
 def deviation_chart(verdict: Verdict) -> Chart:
     """Return the deviation from the targets as part of the step, with the settling band."""
-    m, time = verdict.measurements, verdict.waveforms.time
-    end, band = float(time[-1]), m.band
+    m, end = verdict.measurements, float(verdict.waveforms.time[-1])
+    band = m.band
     off = (verdict.u - np.array([c.target for c in m.channels])) / (m.amplitude or 1.0)
-    marks: list[Mark] = [Band(-band, band, "y"), *_curves(verdict, time, off, 0.8)]
+    marks: list[Mark] = [Band(-band, band, "y"), *_records(verdict, off, 0.8)]
     largest = float(np.nanmax(np.abs(off), initial=0.0)) * 1.05 or 1.0
     if m.settling_time is None:
         inside, settled = "not every", "the board does not settle within the record"
@@ -209,7 +236,7 @@ def difference_chart(verdict: Verdict) -> Chart | None:
         "ngspice minus the state-space engine",
         replace(TIME, limits=(0.0, float(verdict.waveforms.time[-1]))),
         Axis("difference", "step"),
-        tuple(_curves(verdict, agreement.instants, scale * agreement.differences, 0.8)),
+        tuple(curves(agreement.instants, scale * agreement.differences, width=0.8)),
         f"apart by at most {largest}",
         f"The largest difference is {largest}, in u{agreement.channel + 1} at"
         f" {quantity(agreement.time, 's')}; accepted: {figure(agreement.limit, 'step')}.",
@@ -225,7 +252,7 @@ def nodes_view(wave: Waveforms, nodes: Sequence[str] | None = None) -> Page:
     named = len(drawn) <= LABELLED
     axes = time, Axis("voltage", "V")
     chart = Chart("Voltages", *axes, marks, legend="beside" if named else "")
-    section = Section("", (chart,), media=(PICTURE,))
+    section = Section("", chart, media="picture")
     return Page(wave.engine, "", summary=counted(len(drawn), "node"), sections=(section,))
 
 

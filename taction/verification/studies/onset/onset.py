@@ -114,7 +114,7 @@ class WithoutPoles:
 class Onset(Result):
     """Every crossing of a scene over one axis; `plot` draws the pole map and the root locus."""
 
-    VIEW = "taction.verification.report.views.onset_view:view"
+    VIEW = "taction.verification.report.views.stability_view:onset_view"
     DOCUMENT = (
         *("scene = scene.name", "file = scene.file", "over = axis.key.path"),
         *(

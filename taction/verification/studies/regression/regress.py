@@ -156,7 +156,7 @@ class RegressionReport(Result):
     `commit` is checked out; at `written` the baseline was written.
     """
 
-    VIEW = "taction.verification.report.views.regression_view:view"
+    VIEW = "taction.verification.report.views.comparison_view:regression_view"
     DOCUMENT = (
         *("exit_status", "folder", "baseline", "revision = commit.revision"),
         *("baseline_commit = written", "updated", "interrupted"),

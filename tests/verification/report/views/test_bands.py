@@ -20,9 +20,8 @@ from taction.verification.report.renderers.markdown import markdown
 from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.answer_view import check_bar
-from taction.verification.report.views.files_view import view as files_view
-from taction.verification.report.views.verdict_screen_view import screen
-from taction.verification.report.views.verdict_view import view
+from taction.verification.report.views.comparison_view import files_view
+from taction.verification.report.views.verdict_view import screen, view
 from taction.verification.report.views.waveforms_view import outputs_chart
 from taction.verification.studies.scene_files import VerifiedFiles
 from taction.verification.verdict.cause import cause

@@ -20,8 +20,9 @@ from taction.verification.report.junit import regression_annotations, regression
 from taction.verification.report.renderers.markdown import markdown
 from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import page_text
+from taction.verification.report.views.comparison_view import SHOWN
+from taction.verification.report.views.comparison_view import regression_view as view
 from taction.verification.report.views.evidence_view import stress_view
-from taction.verification.report.views.regression_view import SHOWN, view
 from taction.verification.studies.regression.baseline import Commit
 from taction.verification.studies.regression.regress import RegressionReport, SceneResult, Status
 from taction.verification.verdict.checks import Check, Outcome

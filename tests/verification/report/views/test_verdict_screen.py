@@ -12,7 +12,7 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.report.blocks import Page
 from taction.verification.report.renderers.terminal import Terminal, print_page
-from taction.verification.report.views.verdict_screen_view import screen
+from taction.verification.report.views.verdict_view import screen
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.paths import SCENES
 from tests.support.report_pages import verdicts

@@ -1,37 +1,36 @@
-"""A tuning: before and after, and the trade-off; new scalings, and the scene made for a matrix."""
+"""A tuning, new scalings, a scene made for a matrix, and the changes that mend a verdict."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.scene.keys import find_key
+from taction.netlist_gen.scene.keys import SYMBOLS, Value, find_key
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.charts import Axis, Chart, Curve, Limit, Mark, Text
 from taction.system.quantities import show, written
 from taction.verification.design.fresh_scene import NewScene
+from taction.verification.design.remedies import Change, Remedies
 from taction.verification.design.scaling import Scaled
+from taction.verification.design.stable_ranges import StableRange
 from taction.verification.design.trials import Trial
 from taction.verification.design.tune import Tuned, Tuning
-from taction.verification.report.blocks import (
-    BOTH,
-    DRAWN,
-    EVERYWHERE,
-    Block,
+from taction.verification.report.blocks import Code, Content, Page, Section, Table
+from taction.verification.report.texts import (
     Cell,
-    Code,
-    Facts,
-    Notes,
-    Page,
-    Section,
-    Table,
+    Column,
+    banded,
+    figure,
+    number_cell,
+    percent,
+    quantity,
+    spaced,
 )
-from taction.verification.report.texts import banded, figure, number_cell, percent, quantity
-from taction.verification.report.views.verdict_screen_view import on_screen
+from taction.verification.report.views.verdict_view import on_screen
 from taction.verification.report.views.verdict_view import view as verdict_report
 from taction.verification.stability.margin import first_knob
 from taction.verification.verdict.headroom import describe
@@ -49,8 +48,8 @@ def view(result: Tuned) -> Page:
     lead = banded("settles", verdict.measurements.band).capitalize()
     summary = f"{lead} in {figure(after, 's')}, before: {figure(before, 's')}. {verified.summary}"
     own = (
-        Section("Tuning", tuple(_blocks(tuning, verdict)), media=BOTH),
-        Section("Trade-off", lambda: (_tradeoff(tuning),), media=DRAWN),
+        Section("Tuning", tuple(_blocks(tuning, verdict)), media="terminal page"),
+        Section("Trade-off", lambda: _tradeoff(tuning), media="page picture"),
     )
     return replace(
         verified,
@@ -60,9 +59,9 @@ def view(result: Tuned) -> Page:
     )
 
 
-def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
+def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Content]:
     units, circuit = _units(tuning), verdict.circuit
-    columns: dict[str, Callable[[Any], Any]] = {"design": lambda each: each[0]}
+    columns: dict[str, Column] = {"design": lambda each: each[0]}
     for path, unit in units.items():
         columns[_key_name(path)] = partial(_value, path=path, unit=unit)
     settling = banded("settling_time", tuning.scene.checks.settling_time.band)
@@ -72,14 +71,13 @@ def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
     )
     designs = ("before", tuning.before), ("after", tuning.after)
     yield Table.of("Before and after", designs, columns)
-    facts = (
-        ("designs tried", str(tuning.tried)),
-        ("designs on the trade-off curve", str(len(tuning.frontier))),
-        ("limit of the overshoot", percent(tuning.overshoot_limit, 4)),
-        (f"margin of {first_knob(circuit)}", f"{tuning.margin:g}"),
-        ("lambda, unchanged", circuit.facts["lambda"].text),
-    )
-    yield Facts("", facts)
+    yield {
+        "designs tried": str(tuning.tried),
+        "designs on the trade-off curve": str(len(tuning.frontier)),
+        "limit of the overshoot": percent(tuning.overshoot_limit, 4),
+        f"margin of {first_knob(circuit)}": f"{tuning.margin:g}",
+        "lambda, unchanged": circuit.facts["lambda"].text,
+    }
     lines = [
         f"{path.removeprefix('design.')} = {written(value, units[path])}"
         for path, value in tuning.after.values.items()
@@ -87,13 +85,12 @@ def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
     if "R" in circuit.facts:
         lines.append(f"resistance = {written(circuit.value('R'), 'ohm')}")
     yield Code("the values for the table [design]", "\n".join(lines))
-    edges = tuple(
-        f"{name} is at the edge of its range, {quantity(edge, units[path])}: a wider range may hold"
-        f" a better design, such as --over {name}=LOW:HIGH or a larger --reach"
-        for path, edge in tuning.at_edges.items()
-        if (name := path.removeprefix("design."))
-    )
-    yield Notes("", edges)
+    for path, edge in tuning.at_edges.items():
+        name = path.removeprefix("design.")
+        yield (
+            f"{name} is at the edge of its range, {quantity(edge, units[path])}: a wider range may"
+            f" hold a better design, such as --over {name}=LOW:HIGH or a larger --reach"
+        )
 
 
 def _value(design: tuple[str, Trial], path: str, unit: str) -> Cell:
@@ -167,7 +164,7 @@ def scaling_view(result: Scaled) -> Page:
         title=scaling.scene.name,
         command="taction new --from",
         outcome=result.verdict.outcome.value,
-        sections=(Section("Scalings", (Notes("", tuple(_lines(result))),), media=EVERYWHERE),),
+        sections=(Section("Scalings", tuple(_lines(result)), media="terminal page notebook"),),
         foot=("verified by the state-space engine",),
     )
 
@@ -193,3 +190,104 @@ def new_view(result: NewScene) -> Page:
     return replace(
         scaling_view(result.scaled), title=result.file, command="taction new", lines=found
     )
+
+
+NAMES = {path: symbol for symbol, path in SYMBOLS.items()} | {"design.gain": "gain"}
+
+
+def remedies_text(scene: Scene, remedies: Remedies) -> str:
+    """Return the changes as lines of text.
+
+    Examples
+    --------
+    >>> import taction
+    >>> from taction.verification.design.remedies import find_remedies
+    >>> from taction.netlist_gen.scene.axes import with_value
+    >>> scene = taction.load_scene("scenes/tuned-breadboard.toml")
+    >>> slow = with_value(scene, "design.capacitance", 1e-10)
+    >>> verdict = taction.verify(slow, engine="statespace")
+    >>> print(remedies_text(slow, find_remedies(verdict)).splitlines()[1])
+      C = 77.3 pF (verified)
+    """
+    return "\n".join(_change_lines(scene, remedies))
+
+
+HEAD = "what to change (by the state-space engine; lambda stays unless it is named):"
+
+
+def _change_lines(scene: Scene, remedies: Remedies) -> Iterator[str]:
+    yield HEAD
+    if remedies.unmendable:
+        names = ", ".join(map(spaced, remedies.unmendable))
+        yield f"  no change of the design mends: {names}"
+        return
+    edges = [text for each in remedies.stability if (text := edge_text(each))]
+    if edges:
+        yield f"  stable {', or '.join(edges)}"
+    if remedies.opamps:
+        yield f"  {'or' if edges else 'stable'} with {' or '.join(remedies.opamps)}"
+    for change in remedies.changes:
+        yield f"  {_change(scene, change)}"
+    for searched in remedies.without:
+        where = ""
+        if searched.least is not None and searched.most is not None:
+            unit = find_key(scene, searched.paths[0]).unit
+            where = f" from {show(searched.least, unit, 3)} to {show(searched.most, unit, 3)}"
+        names = " and ".join(map(name_of, searched.paths))
+        yield f"  no tried value of {names}{where} makes the board pass"
+    keys = ", ".join(map(name_of, remedies.searched)) or "no key"
+    cut = [" and ".join(map(name_of, paths)) for paths in remedies.cut]
+    rest = f"; not to the end: {', '.join(cut)} (--changes)" if cut else ""
+    yield f"  searched {remedies.trials} changes of {keys}{rest}"
+    if remedies.undecided:
+        count = len(remedies.undecided)
+        yield f"  {count} of them without a verdict, such as: {remedies.undecided[0]}"
+
+
+def edge_text(found: StableRange) -> str:
+    """Return the nearest edge of a stable range: ``"from C = 9.023 pF"``; empty without one."""
+    name = name_of(found.path)
+    if found.edge is None:
+        return ""
+    side = "from" if found.edge == found.low else "up to"
+    text = f"{side} {name} = {show(found.edge, found.unit)}"
+    other = found.high if found.edge == found.low else found.low
+    if other is not None:
+        text += f" ({'to' if found.edge == found.low else 'from'} {show(other, found.unit)})"
+    return text
+
+
+def distance_text(found: StableRange) -> str:
+    """Return how far a board is from stability on one key."""
+    name, own = name_of(found.path), show(found.own, found.unit)
+    if found.reason:
+        return f"{name} = {own}: not known, {found.reason}"
+    if found.edge is None or found.factor is None:
+        ends = f"{show(found.least, found.unit)} to {show(found.most, found.unit)}"
+        return f"{name} = {own}: no value from {ends} makes the board stable"
+    return f"{name} = {own}: stable {edge_text(found)}, {found.factor:.4g} times the scene's value"
+
+
+def _change(scene: Scene, change: Change) -> str:
+    values = {path: v for path, v in change.values.items() if path != "design.lambda"}
+    if not values:
+        values = change.values
+    text = " and ".join(key_with_value(scene, path, value) for path, value in values.items())
+    if change.resistance is not None:
+        text += f" with R = {show(change.resistance, 'ohm')}"
+    if change.left:
+        mended = ", ".join(map(spaced, change.mends))
+        return f"{text}: mends {mended}, but not {', '.join(map(spaced, change.left))}"
+    return f"{text} (verified)"
+
+
+def key_with_value(scene: Scene, path: str, value: Value) -> str:
+    """Return ``"C = 9.76 pF"``."""
+    if isinstance(value, float):
+        value = show(value, find_key(scene, path).unit)
+    return f"{name_of(path)} = {value}"
+
+
+def name_of(path: str) -> str:
+    """Return the symbol of a key, or the last part of its path."""
+    return NAMES.get(path, path.removeprefix("design.").removeprefix("opamp."))

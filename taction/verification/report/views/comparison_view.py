@@ -1,0 +1,410 @@
+"""Verdicts beside others: a regression run, two boards, several files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from taction.system.array_types import Floats
+from taction.system.charts import (
+    OUTCOMES,
+    TIME,
+    Axis,
+    Chart,
+    Curve,
+    Line,
+    Outcome,
+    spread_colours,
+)
+from taction.system.documents import read
+from taction.verification.report.blocks import Bars, Content, Notes, Page, Section, Table
+from taction.verification.report.texts import (
+    Cell,
+    Column,
+    counted,
+    is_small,
+    number_cell,
+    outcome_cell,
+    quantity,
+    readable,
+    spaced,
+    value_text,
+)
+from taction.verification.report.views.answer_view import check_bar, margin_lines
+from taction.verification.report.views.origin_view import origin_section
+from taction.verification.report.views.waveforms_view import (
+    LABELLED,
+    channel_names,
+    curves,
+    end_names,
+)
+from taction.verification.studies.difference import VerdictDifference
+from taction.verification.studies.regression.regress import RegressionReport, SceneResult, Status
+from taction.verification.studies.scene_files import VerifiedFiles
+from taction.verification.verdict.cause import band_text, causes
+from taction.verification.verdict.checks import Check
+from taction.verification.verdict.compare import Difference
+
+SHOWN = 12  # changed quantities of a scene in a terminal; the page and JSON have them all
+LEAST_OFF = 1e-3  # tolerances: a smaller difference has no number
+STATUSES: dict[Status, Outcome] = {
+    Status.SAME: "pass",
+    Status.NEWLY_PASSING: "pass",
+    Status.NEW: "inconclusive",
+    Status.NOT_RUN: "inconclusive",
+    Status.NO_VERDICT: "inconclusive",
+}
+EXITS: dict[int, Outcome] = {0: "pass", 1: "fail"}
+
+
+def regression_view(report: RegressionReport) -> Page:
+    """Return the page of a regression run."""
+    revision = (("revision", report.commit.revision), ("baseline", _baseline(report)))
+    changes = tuple(content for each in report.results for content in _scene(each, "terminal"))
+    scenes = (
+        Section(f"{result.file}: {result.status.value}", tuple(_scene(result, "page")))
+        for result in report.results
+    )
+    return Page(
+        title=report.folder,
+        command="taction regress",
+        outcome=EXITS.get(report.exit_status, "inconclusive"),
+        summary=headline(report),
+        lines=(
+            *(("The run was interrupted.",) if report.interrupted else ()),
+            *((f"Not stored, a check fails: {', '.join(report.left)}.",) if report.left else ()),
+        ),
+        sections=(
+            Section("Scenes", _scenes(report.results), media="terminal page"),
+            Section("Changes", changes, media="terminal"),
+            *scenes,
+            origin_section(None, revision),
+        ),
+    )
+
+
+def _scenes(results: Sequence[SceneResult]) -> Table:
+    columns: dict[str, Column] = {
+        "scene": lambda each: each.file.removesuffix(".toml"),
+        "status": lambda each: outcome_cell(each.status.value, STATUSES.get(each.status, "fail")),
+        "checks": _passing,
+        "tolerances off": lambda each: None if each.worst is None else _off(each.worst),
+        "simulator": lambda each: each.entry and each.entry.solved_by.partition(",")[0],
+        "baseline from": lambda each: each.baseline and _short(each.baseline.revision),
+    }
+    return Table.of("Scenes", results, columns)
+
+
+def _passing(result: SceneResult) -> str | None:
+    """Return how many checks pass; None without a verdict."""
+    passed = sum(check.outcome.value == "pass" for check in result.checks)
+    return f"{passed} of {len(result.checks)} pass" if result.checks else None
+
+
+def _scene(result: SceneResult, medium: str) -> Iterator[Content]:
+    """Yield what changed in a scene; a terminal shows the largest changes."""
+    lines = remarks(result)
+    if result.status is Status.SAME or not (result.changes or lines):
+        return
+    terminal = medium == "terminal"
+    name = f"{result.file}: {result.status.value}" if terminal else ""
+    if lines or name:
+        yield Notes(name, tuple(map(readable, lines)))
+    columns: dict[str, Column] = {
+        "what": "label",
+        **{title: partial(_stored, name=name) for title, name in VALUES.items()},
+        "times": lambda each: _off(each.off),
+        "note": "note",
+    }
+    title, most = "" if terminal else "Changes", {"terminal": SHOWN}
+    note = "" if terminal else "Times: the difference over the tolerance."
+    yield Table.of(title, result.changes, columns, note, most, "and {} more (--json has all)")
+    if not terminal:
+        yield Bars("Checks", tuple(map(check_bar, result.checks)))
+
+
+VALUES = {
+    "value": "second", "baseline": "first", "difference": "difference", "tolerance": "allowed",
+}  # fmt: skip
+
+
+def _stored(change: Difference, name: str) -> str:
+    return readable(stored_value(getattr(change, name), change.unit))
+
+
+def _off(off: float) -> Cell:
+    return Cell(off_text(off), off if math.isfinite(off) else None)
+
+
+def change_line(change: Difference) -> str:
+    """Return a changed quantity as one line of text."""
+    now, then = stored_value(change.second, change.unit), stored_value(change.first, change.unit)
+    text = f"{change.label}: {now}, baseline {then}"
+    if change.allowed is not None:
+        text += f", tolerance {stored_value(change.allowed, change.unit)}"
+        text += f", {off_text(change.off)} tolerances off"
+    return f"{text} ({change.note})" if change.note else text
+
+
+def remarks(result: SceneResult) -> list[str]:
+    """Return what explains the changes of a scene, and why it does not pass, in lines."""
+    reasons = [found.text for found in causes(result.checks)] if result.checks else [result.reason]
+    return [*result.notes, *filter(None, reasons)]
+
+
+def changes_line(changes: Sequence[Difference]) -> str:
+    """Return the first of changed quantities, and how many more there are."""
+    more = f" and {len(changes) - 1} more" if len(changes) > 1 else ""
+    return change_line(changes[0]) + more
+
+
+def headline(report: RegressionReport) -> str:
+    """Return the counts of the run as one line of text."""
+    counts = ", ".join(f"{count} {status}" for status, count in report.count().items())
+    text = f"{report.folder} against {_baseline(report)}: {counts}"
+    return f"{text}; at {report.commit.text}" if report.commit.text else text
+
+
+def _baseline(report: RegressionReport) -> str:
+    """Return the file of the baseline and its commit."""
+    return report.baseline + (f" of {report.written.text}" if report.written.text else "")
+
+
+def _short(revision: str) -> str:
+    """Return the first twelve digits of a commit."""
+    return revision if revision == "unknown" else revision[:12]
+
+
+def off_text(off: float) -> str:
+    """Return a difference in tolerances, or "differs" for values that cannot be compared."""
+    if 0.0 < off < LEAST_OFF:
+        return f"under {LEAST_OFF:g}"
+    return f"{off:.3g}" if math.isfinite(off) else "differs"
+
+
+def stored_value(value: float | str | None, unit: str) -> str:
+    """Return a value with its unit and six digits; a dash for a missing value."""
+    return value_text(value, "" if unit == "step" else unit, 6)
+
+
+NAMED = 3  # keys in the first line
+POINTS = 20_000  # of all curves of one board
+BEYOND: dict[bool | None, tuple[str, Outcome]] = {
+    True: ("yes", "fail"),
+    False: ("no", "pass"),
+    None: ("unknown", "inconclusive"),
+}
+
+
+def difference_view(difference: VerdictDifference) -> Page:
+    """Return the page of a difference."""
+    return Page(
+        title=f"{difference.first} and {difference.second}",
+        command="taction diff",
+        outcome=EXITS.get(difference.exit_status, "inconclusive"),
+        summary=_edited(difference) + _summary(difference),
+        lines=(f"A: {difference.first}", f"B: {difference.second}", *difference.notes),
+        sections=(
+            Section("Keys", _keys(difference), media="terminal page"),
+            Section("Readings", _readings(difference), media="terminal page"),
+            Section("Waveforms", lambda: _outputs(difference), media="page picture"),
+        ),
+    )
+
+
+def _edited(difference: VerdictDifference) -> str:
+    """Return the keys or parts that differ, with both values, and the outcomes if these differ."""
+    keys = difference.keys or ()
+    texts = [
+        f"{k.key} {_shown(k.first, k.unit, 6)} → {_shown(k.second, k.unit, 6)}"
+        for k in keys[:NAMED]
+        if not k.content
+    ]
+    texts += [f"{len(keys) - NAMED} more"] if len(keys) > NAMED else []
+    outcomes = (each for each in difference.readings if each.name == "outcome")
+    texts += [f"{each.first} → {each.second}" for each in outcomes if each.first != each.second]
+    return f"{', '.join(texts)}; " if texts else ""
+
+
+def _summary(difference: VerdictDifference) -> str:
+    shown = [reading for reading in difference.readings if reading.first != reading.second]
+    equal = len(difference.readings) - len(shown)
+    beyond = sum(reading.beyond is True for reading in shown)
+    unknown = sum(reading.beyond is None for reading in shown)
+    text = f"{len(difference.readings)} readings: {equal} equal,"
+    text += f" {len(shown) - beyond - unknown} within their uncertainties, {beyond} beyond"
+    return text + (f", {unknown} unknown" if unknown else "")
+
+
+def _keys(difference: VerdictDifference) -> Content:
+    if difference.keys is None:
+        return "parts: not compared; a record has none"
+    if not difference.keys:
+        return "keys: no difference"
+    columns: dict[str, Column] = {
+        "key": "key",
+        "A": lambda each: _shown(each.first, each.unit, 6),
+        "B": lambda each: _shown(each.second, each.unit, 6) + " (another content)" * each.content,
+    }
+    return Table.of("Keys", difference.keys, columns)
+
+
+def _readings(difference: VerdictDifference) -> Table:
+    columns = {
+        "reading": lambda each: _name(each, difference.outputs),
+        "A": lambda each: _shown(each.first, each.unit, 6),
+        "B": lambda each: _shown(each.second, each.unit, 6),
+        "B - A": lambda each: Cell(_shown(each.difference, each.unit, 3), each.difference),
+        "±": allowed_cell,
+        "beyond ±": lambda each: outcome_cell(*BEYOND[each.beyond]),
+    }
+    changed = (each for each in difference.readings if each.first != each.second)
+    return Table.of("Readings", changed, columns)
+
+
+def allowed_cell(reading: Difference) -> Cell:
+    """Return the sum of the bounds of both readings."""
+    size = max((abs(x) for x in (reading.first, reading.second) if isinstance(x, float)), default=0)
+    small = bool(reading.allowed) and is_small(reading.allowed, size, reading.unit)
+    text = "1 ppm or better" if small else _shown(reading.allowed, reading.unit, 2)
+    return Cell(text, reading.allowed)
+
+
+def _name(reading: Difference, outputs: tuple[str, ...]) -> str:
+    if reading.group == "waveforms":
+        return f"waveform {reading.name}, {reading.note}"
+    name = f"check {spaced(reading.name)}" if reading.group == "checks" else spaced(reading.name)
+    name = f"{name} {reading.note}".rstrip()
+    if not reading.channel:
+        return name
+    return f"{outputs[reading.channel - 1] if outputs else f'u_{reading.channel}'} {name}"
+
+
+def _outputs(difference: VerdictDifference) -> Iterator[Content]:
+    """Yield the outputs of both over time, and B minus A, where both have waveforms."""
+    first, second = (each and each() for each in difference.curves)
+    if not first or not second:
+        text = "No waveforms: one of them is a stored verdict, or leaves the range of floats."
+        yield text
+        return
+    (time, u), (other, v) = first, second
+    count = min(u.shape[1], v.shape[1])
+    names = difference.outputs or [f"u_{n + 1}" for n in range(count)]
+
+    def drawn(x: Floats, values: Floats, line: Line, width: float) -> Iterator[Curve]:
+        return curves(x, values[:, :count], names, line=line, width=width, points=POINTS)
+
+    def named(group: Iterable[int]) -> str:
+        return ", ".join(names[n] for n in group) if difference.outputs else channel_names(group)
+
+    both = np.concatenate([u[:, :count], v[:, :count]])
+    ends = u[-1, :count].tolist(), float(both.min()), float(both.max())
+    texts = end_names(*ends, spread_colours(count), named) if count <= LABELLED else ()
+    marks = *drawn(time, u, "solid", 2.2), *drawn(other, v, "dash", 1.2), *texts
+    text = f"Solid: A, {difference.first}. Dashed: B, {difference.second}."
+    volts, said = Axis("output", "V"), "solid A, dashed B"
+    yield Chart("Outputs", TIME, volts, marks, said, text, height=420)
+    inside = time[(time >= other[0]) & (time <= other[-1])]
+    if len(inside):
+        places = np.searchsorted(time, inside)
+        apart = [np.interp(inside, other, v[:, n]) - u[places, n] for n in range(count)]
+        moved = tuple(drawn(inside, np.column_stack(apart), "solid", 1.2))
+        said = f"apart by at most {quantity(float(np.abs(apart).max()), 'V', 3)}"
+        text = "The outputs of B minus those of A."
+        yield Chart("B minus A", TIME, Axis("difference", "V"), moved, said, text)
+
+
+def _shown(value: object, unit: str | None, digits: int) -> str:
+    return readable(value_text(value, unit or "", digits))
+
+
+Document = Mapping[str, Any]
+
+
+def files_view(files: VerifiedFiles) -> Page:
+    """Return the page of the verdicts of several files."""
+    counts = ", ".join(f"{count} {name}" for name, count in files.count().items())
+    columns = {
+        "scene": lambda each: each["file"],
+        "outcome": lambda each: outcome_cell(each["outcome"], _outcome(each["outcome"])),
+        "checks": _passed,
+        "settling": _settling,
+        "overshoot": lambda each: number_cell(_largest(each, "overshoot"), "step"),
+        "time": lambda each: number_cell(each.get("timing", {}).get("total"), "s", 3),
+    }
+    remarks = (
+        Notes(f"{each['file']}: {each['outcome']}", tuple(_remark_lines(each)))
+        for each in files.documents
+    )
+    return Page(
+        title=counted(len(files.documents), "scene"),
+        command="taction verify",
+        outcome=_outcome(files.outcome),
+        last_line=files.outcome,
+        summary=f"{counted(len(files.documents), 'scene')}: {counts}",
+        sections=(
+            Section("Scenes", Table.of("Scenes", files.documents, columns), media="terminal page"),
+            Section("Remarks", tuple(remarks), media="terminal page"),
+        ),
+    )
+
+
+def _settling(document: Document) -> Cell:
+    """Return a settling time with its band, which each file has of its own."""
+    checks = checks_of(document) if "checks" in document else ()
+    cell = number_cell(document.get("settling_time"), "s")
+    bands = filter(None, map(band_text, checks))
+    return cell if cell.number is None else replace(cell, text=" ".join((cell.text, *bands)))
+
+
+def _outcome(name: str) -> Outcome:
+    """Return the outcome whose look a file has: bad input looks like a failure."""
+    return name if name in OUTCOMES else "fail" if name == "bad input" else "inconclusive"
+
+
+def _remark_lines(document: Document) -> Iterator[str]:
+    yield from reasons(document)
+    yield from (f"warning: {text}" for text in document.get("warnings", ()))
+    yield from margin_lines(document)
+
+
+def reasons(document: Document) -> Iterator[str]:
+    """Yield why a file does not pass: each cause, or its error.
+
+    Examples
+    --------
+    >>> check = {"name": "rise_time", "outcome": "fail", "value": 3e-6, "expected": 2e-6}
+    >>> list(reasons({"outcome": "fail", "checks": [check | {"unit": "s"}]}))
+    ['rises in 3 us (limit: at most 2 us)']
+    """
+    if "error" in document:
+        yield document["error"]["message"]
+    if "checks" in document:
+        yield from (found.text for found in causes(checks_of(document)))
+
+
+def checks_of(document: Document) -> tuple[Check, ...]:
+    """Return the checks of a verdict's document."""
+    return tuple(read(Check, check) for check in document["checks"])
+
+
+def _passed(document: Document) -> str:
+    """Return how many checks pass; a dash where there is no verdict."""
+    checks = document.get("checks")
+    if not checks:
+        return "–"
+    return f"{sum(check['outcome'] == 'pass' for check in checks)} of {len(checks)} pass"
+
+
+def _largest(document: Document, name: str) -> float | None:
+    """Return the largest `name` of the channels; None without one, or for a board that grows."""
+    if document.get("stability", {}).get("stable") is not True:
+        return None
+    values = [channel[name] for channel in document.get("channels", ())]
+    known = [value for value in values if value is not None and math.isfinite(value)]
+    return max(known, default=None)
