@@ -78,7 +78,7 @@ def test_a_room_imports_only_from_itself_and_from_the_floors_below(room: str) ->
 
 
 # Inside the reports: what is shown, then how, then what each result shows.
-REPORT_LAYERS = ("blocks", "texts", "output_checks", "renderers", "views")
+REPORT_LAYERS = ("texts", "blocks", "output_checks", "renderers", "views")
 
 
 @pytest.mark.parametrize("layer", REPORT_LAYERS)

@@ -12,7 +12,6 @@ from taction.system.progress import Notice, Progress
 from taction.system.results import Result
 from taction.verification.evidence.paper.as_printed import equations, kernels
 from taction.verification.evidence.paper.boards import breadboard, console, hardware
-from taction.verification.evidence.paper.closed_loops import closed_loops
 from taction.verification.evidence.paper.findings import (
     Chapter,
     Claim,
@@ -37,7 +36,6 @@ CHAPTERS: dict[str, tuple[str, Run]] = {
     "conditioning": ("Ill-posedness", conditioning),
     "kernels": ("Kernel and load as printed", kernels),
     "equations": ("The network's equations as printed", equations),
-    "closed-loops": ("Boards of one loop, after the paper", closed_loops),
 }
 """Title and function of every chapter; the function gets whether the run is quick."""
 WHOLE, SHORT = 75, 22  # s, of all chapters on one core of 2.5 GHz
@@ -95,7 +93,7 @@ class Reproduction(Result):
 
 
 def reproduce(*, quick: bool = False, progress: Progress = lambda stage: None) -> Reproduction:
-    """Test every claim of the paper, and four about boards of one loop.
+    """Test every claim of the paper.
 
     Parameters
     ----------

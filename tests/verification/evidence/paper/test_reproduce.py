@@ -154,7 +154,7 @@ def test_the_fourier_transform_inverts_a_circular_convolution() -> None:
     np.testing.assert_allclose(found, stress, atol=1e-6)
 
 
-WITH_NGSPICE = ("breadboard", "console", "hardware", "closed-loops")
+WITH_NGSPICE = ("breadboard", "console", "hardware")
 SHORTENED = ("reconstruction", "console", "simnon", "energy", "conditioning")
 SLOW = ("breadboard", "speed")  # `.ci/run` has all chapters: step reproduce
 BY_CLOCK = {"digital-impossible", "digital-quadratic"}  # as fast as the machine is today
