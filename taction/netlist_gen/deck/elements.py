@@ -181,6 +181,8 @@ def _device(card: str, models: Models) -> Element:
     if n < LEAST_TERMINALS[kind]:
         raise CardError(f"{shown(name)}: the deck has no .model of it; {ACCEPTED}: {card!r}")
     nodes, model, rest = words[:n], words[n], words[n + 1 :]
+    if "thermal" in rest:
+        raise CardError(f"{shown(name)}: a device that heats itself (thermal) is not measured")
     if kind == "q" and n == 3:
         nodes.append("0")  # its substrate
     type_name, text = models.get(model, ("", ""))

@@ -21,10 +21,11 @@ from taction.spice_models.branches import CONTROLS, Branch, Source
 from taction.system.errors import Complaint, InputError
 
 _WAVE = re.compile(
-    r"\b(pulse|pwl|sine?|exp|step|trnoise|trrandom)\s*\(?((?:(?!\b(?:\w+ ?=|[ad]c\b))[^()])*)\)?"
+    r"\b(pulse|pwl|sine?|sffm|exp|step|trnoise|trrandom)"
+    r"\s*\(?((?:(?!\b(?:\w+ ?=|(?:[ad]c|distof[12])\b))[^()])*)\)?"
 )
 REMARKS = {
-    "sin": "a sine counts with its offset",
+    "sin": "a sine (sin, sffm) counts with its offset",
     "noise": "noise over time (trnoise, trrandom) does not count: its source has its DC value",
     "repeated": "a pwl that repeats (r=) does not count: its source has its DC value",
 }
@@ -84,7 +85,7 @@ def stimulus_of(text: str) -> Stimulus:
         changes = zip(given[::2], given[1::2], given[3::2], strict=False)
         at = next((t for t, one, other in changes if one != other), 0.0)
         return Stimulus(given[1], given[1::2][-1], at + delay, "pwl", ac)
-    if wave.startswith("sin"):
+    if wave in ("sin", "sine", "sffm"):
         return Stimulus(given[0], given[0], delay, "sin", ac)
     at = given[2] if len(given) > 2 else 0.0
     return Stimulus(given[0], given[1], at + delay, "exp" if wave == "exp" else "pulse", ac)

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from taction.netlist_gen.deck.foreign_lines import (
+    CODE_MODEL,
     DEEPEST_FILES,
     FILES,
     LARGEST,
@@ -323,11 +324,6 @@ def forbidden(text: str) -> str:
     return ""
 
 
-CODE_MODEL = (
-    "a code model of ngspice (A) is not accepted: some start programs; a B source with"
-    " V={...} does what gain, summer, mult, divide, limit, pwl (as table) and spice2poly (as E with"
-    " POLY) do, a switch S with a .model sw what aswitch and pswitch do"
-)
 LINEAR = (
     "accepted: R C L K V I E F G H B, devices D Q J M and switches S W with a .model, and"
     " subcircuits X of them"

@@ -53,6 +53,11 @@ MOST_CARDS = 20_000  # of the files, and after every subcircuit is put in the pl
 MOST_LEVELS = 30  # of subcircuits within one another
 MOST_COUPLINGS = 200  # that one card K stands for
 ALLOWED = re.compile(r"[a-z0-9_ .,+\-*/(){}=:^<>!?&|#]*")
+CODE_MODEL = (
+    "a code model of ngspice (A) is not accepted: some start programs; a B source with"
+    " V={...} does what gain, summer, mult, divide, limit, pwl (as table) and spice2poly (as E with"
+    " POLY) do, a switch S with a .model sw what aswitch and pswitch do"
+)
 WHOLE = "expected '.subckt NAME ports', its cards, and '.ends NAME'"
 _ENDS = re.compile(r"\.ends\*.*")  # of joined files: a comment without a line of its own
 _COMMENT = re.compile(r";|//|(?:^|(?<=\s))\$")
@@ -159,7 +164,9 @@ def logical_lines(text: str, file: str | Path = "netlist", *, title: bool = Fals
         if comment := _COMMENT.search(line):
             line = line[: comment.start()]
         if wrong := ALLOWED.sub("", line, count=1):
-            raise Card(place, "", file).refused(f"the character {wrong[0]!r} is not accepted")
+            code_model = f"; {CODE_MODEL}" if line.startswith("a") else ""
+            text = f"the character {wrong[0]!r} is not accepted{code_model}"
+            raise Card(place, "", file).refused(text)
         line = " ".join(line.split())
         if line.startswith("+"):
             if not found:

@@ -83,8 +83,8 @@ _MARKED_PARAM = re.compile(r"= ?(\d+)(meg|[tgkmunpf])(\d+)(?= |$)")
 _THERMAL = re.compile(
     r" (?:noiseless|tc ?= ?[^ ,{}]+(?: ?, ?[^ ,{}]+)?)(?= |$)"
 )  # no effect at 27 degrees C, or on poles
-_COMMA = re.compile(r"(\{[^{}]*\})|,")  # those within braces stay
-_PORT = re.compile(r" portnum ?=? ?\d+(?: z0 ?=? ?(\S+))?")
+_COMMA = re.compile(r"(\{[^{}]*\}|= ?[a-z_]\w* ?\([^()]*\))|,")  # those in expressions stay
+_PORT = re.compile(r" portnum ?=? ?\d+(?: z0 ?=? ?(\S+))?(?: (?:pwr|freq|phase) ?=? ?\S+)*")
 DROPPED = (
     ("r", re.compile(r" ac ?= ?(?:\{[^{}]*\}|\S+)"), "its AC value ac="),
     (".model", re.compile(r"\bt_abs ?= ?(?:\{[^{}]*\}|[^ ,()]+)"), "T_ABS"),

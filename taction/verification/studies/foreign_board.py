@@ -176,12 +176,13 @@ def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
     """
     deck = with_first_steps(read_deck(file))
     check_size(deck)
-    ready, point = tuple(ready_lines(deck)), None
+    ready, point, small = tuple(ready_lines(deck)), None, ""
     try:
-        if is_plain(deck):
+        if plain := is_plain(deck):
             (cards,) = expand(ready, find_simulator())
-            flat, small = read_cards(cards), ""
-        else:
+            flat = read_cards(cards, measure=True)
+            plain = not flat.elements
+        if not plain:
             point = find_point(ready, _options(deck), find_simulator())
             cards, (flat, small) = point.cards, _measured_flat(point)
             point = point if small else None

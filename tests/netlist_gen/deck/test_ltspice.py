@@ -159,6 +159,10 @@ def test_letters_of_names_stay_apart(read: Read) -> None:
         ("r1 a b 4k7", ["r1 a b 4.7k"]), ("c1 a b 2u2f", ["c1 a b 2.2u"]),
         (".param r=1meg5 c=3", [".param r=1.5meg c=3"]), ("i1 a 0 1m load", ["i1 a 0 1m"]),
         ("c1 a b 1u rser=0 irms=0", ["c1 a b 1u"]), ("r1 a b 1k tc1=0", ["r1 a b 1k tc1=0"]),
+        (
+            ".model n nmos(vto=agauss(0.6, 0.1, 3), kp=1)",
+            [".model n nmos(vto=agauss(0.6, 0.1, 3) kp=1)"],
+        ),
         ("l1 a b {x} rser={y}", ["l1 a_taction_l1_1 b {x}", "rser_l1 a a_taction_l1_1 {y}"]),
     ],
 )  # fmt: skip
@@ -172,6 +176,8 @@ def test_cards_become_plain(card: str, plain: list[str]) -> None:
         ("XU1 in out vp vm out LT1001", "no subcircuit 'lt1001'; put the file"),
         ("E1 out 0 in 0 Laplace=exp(-s*1u)", "quotient of polynomials"),
         ("S1 in out c 0 SW", "no operating point|does not expand"),
+        ("A1 %vd(in,0) x amp", "'%' is not accepted; a code model of ngspice"),
+        ("D1 in out dx thermal\n.model dx d", "heats itself"),
         ("R1 in – 1k", "the character '–' is not accepted"),
         (".include a\0b", "without control characters"),
         (".lib C:\\LTspice\\lib\\my.sub", "outside the deck's folder|no file .*my.sub"),

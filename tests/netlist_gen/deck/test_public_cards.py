@@ -84,6 +84,22 @@ def test_the_value_of_a_resistor(value: str, ohms: float, tmp_path: Path, ngspic
     assert found["R2"] == pytest.approx(ohms, rel=1e-12)
 
 
+@pytest.mark.parametrize(
+    "card",
+    [
+        "R2 out 0 mod\n.model mod r (r=2k)",
+        "R2 out 0 mod l=10u w=1u\n.model mod r (rsh=200)",
+        "R2 out 0 r={2k+0*v(out)*v(out)} tc1=1m",
+    ],
+)
+def test_a_resistor_with_its_value_elsewhere_is_measured(
+    card: str, tmp_path: Path, ngspice: str
+) -> None:
+    place = tmp_path / "deck.cir"
+    place.write_text(f"t\n{RC}{card}\n.end\n")
+    assert poles(read_board(place).circuit).rightmost.real == pytest.approx(-1.5e6, rel=1e-9)
+
+
 def test_a_function_of_the_deck_counts(tmp_path: Path, ngspice: str) -> None:
     place = tmp_path / "deck.cir"
     place.write_text(f"t\n{RC}.func agauss(x,y,z) {{x+y}}\nR2 out 0 {{agauss(1k,2,3)}}\n.end\n")
@@ -93,7 +109,9 @@ def test_a_function_of_the_deck_counts(tmp_path: Path, ngspice: str) -> None:
     assert missing_cards([".param limit=3", "r1 a b {limit}"]) == ([], [])
 
 
-@pytest.mark.parametrize(("given", "ohms"), [(" z0 75", "75"), ("", "50")])
+@pytest.mark.parametrize(
+    ("given", "ohms"), [(" z0 75", "75"), ("", "50"), (" z0 75 pwr 1m freq 2.3e9 phase=0", "75")]
+)
 def test_the_resistance_of_a_port_is_a_part(given: str, ohms: str) -> None:
     *_, part = plain_cards(f"v1 in 0 ac 1 portnum 1{given}")
     assert part == f"rser_v1 in in_taction_v1_1 {ohms}"
