@@ -9,7 +9,6 @@ import argparse
 import os
 import sys
 import traceback
-from importlib import import_module
 
 from threadpoolctl import threadpool_limits
 
@@ -32,7 +31,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="make bench", description=__doc__.partition("\n\n")[0])
     parser.add_argument("--only", choices=SECTIONS, nargs="+", help="some sections; only printed")
     asked = parser.parse_args()
-    import_module("taction.system.rare_collections")  # as the command does
     threadpool_limits(1)  # threads that wait for a core that ngspice uses would spin
     os.environ.update(dict.fromkeys(THREADS, "1"))
     title = f"`make bench`: {machine()}."

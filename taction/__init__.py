@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from taction.netlist_gen.deck.deck import write_deck
     from taction.netlist_gen.scene.loading import load_scene
     from taction.netlist_gen.scene.scene import Scene
-    from taction.new_scene import new
     from taction.system.errors import InputError, Interrupted, NoVerdictError, TactionError
     from taction.system.waveforms import Waveforms
     from taction.tools import import_model, mcp, models, opamp, scene_schema
     from taction.transients import diff, explore, simulate, verify, verify_files, what_to_change
     from taction.verification.design.choose import choose
+    from taction.verification.design.fresh_scene import new
     from taction.verification.design.scaling import scale
     from taction.verification.design.tune import tune
     from taction.verification.evidence.demonstration import demo
@@ -99,12 +99,12 @@ _NAMES = {
     "netlist_gen.deck.deck": "write_deck",
     "netlist_gen.scene.loading": "load_scene",
     "netlist_gen.scene.scene": "Scene",
-    "new_scene": "new",
     "system.errors": "InputError Interrupted NoVerdictError TactionError",
     "system.waveforms": "Waveforms",
     "tools": "import_model mcp models opamp scene_schema",
     "transients": "diff explore simulate verify verify_files what_to_change",
     "verification.design.choose": "choose",
+    "verification.design.fresh_scene": "new",
     "verification.design.scaling": "scale",
     "verification.design.tune": "tune",
     "verification.evidence.demonstration": "demo",

@@ -5,8 +5,6 @@ import sys
 import warnings
 from contextlib import suppress
 
-import taction.system.rare_collections  # noqa: F401 - before anything else is imported
-
 if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     with suppress(ValueError):  # not the main thread
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C during the imports: no traceback

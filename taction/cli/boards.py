@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,20 +25,96 @@ from taction.cli.command import (
     NumberRange,
     argument,
     folder,
+    load,
     option,
     own_file,
     picture,
     text_file,
 )
-from taction.cli.printing import print_json, say
-from taction.cli.verify_scene import Verified, change_lines, print_outcome, verify_scene
+from taction.cli.printing import StageLine, print_json, put, say
+from taction.system.errors import Interrupted
 from taction.system.foreign_files import visible
+from taction.system.progress import attempt
 
 if TYPE_CHECKING:
     from taction.netlist_gen.kicad.board import KicadProject
     from taction.verification.design.fresh_scene import NewScene
+    from taction.verification.design.remedies import Remedies
 
 DOCUMENTS = "verification.report.documents"
+DOCUMENT = f"{DOCUMENTS}.verdict:verdict_document"
+
+
+@dataclass(frozen=True, slots=True)
+class Verified:
+    """The verdict of one scene, with what the options of ``taction verify`` add."""
+
+    verdict: taction.Verdict
+    remedies: Remedies | None
+    document: dict[str, Any]
+    whole: bool = False  # by --verbose
+
+    @property
+    def outcome(self) -> str:
+        """Of the verdict."""
+        return str(self.verdict.outcome.value)
+
+
+def verify_scene(call: Call, progress: StageLine) -> Verified:
+    """Verify the scene, and search for changes if it fails."""
+    options = call.options
+    verdict = taction.verify(
+        options["scenes"][0],
+        engine=options["engine"],
+        settings=options["settings"],
+        progress=progress,
+    )
+    for text in verdict.scene.written_questions * bool(options["settings"]):
+        say(text)
+    document: dict[str, Any] = {}
+    if call.as_json or options["margins"] or options["annotate"]:
+        document = load(DOCUMENT + "_with_margins" * bool(options["margins"]))(verdict)
+    found = Verified(verdict, None, document, whole=options["verbose"])
+    given = {name: options[name] for name in ("changes", "any_part")}
+
+    def search() -> Remedies | None:
+        return taction.what_to_change(verdict, **given, progress=progress)
+
+    try:
+        return replace(found, remedies=attempt("the search for changes", search, None, say))
+    except KeyboardInterrupt:
+        raise Interrupted("the verdict stands, the search for changes was ended", found) from None
+
+
+def print_verified(found: Verified) -> None:
+    """Print a verdict, what mends it, and its outcome as the last line."""
+    from taction.verification.report.renderers.terminal import outcome_line, page_lines
+    from taction.verification.report.views.answer_view import margin_lines
+    from taction.verification.report.views.verdict_view import screen, view
+
+    margins = tuple(margin_lines(found.document))
+    page = (
+        view(found.verdict, notes=margins, verbose=True)
+        if found.whole
+        else screen(found.verdict, margins)
+    )
+    lines = [*page_lines(page)][:-1]
+    for line in (*lines, *change_lines(found, whole=found.whole), outcome_line(found.outcome)):
+        put(line)
+
+
+def change_lines(found: Verified, *, whole: bool) -> list[str]:
+    """Return the changes that mend a verdict as lines below a heading: all, or the first."""
+    if found.remedies is None:
+        return []
+    from taction.verification.report.views.design_view import remedies_text
+    from taction.verification.report.views.verdict_view import CHANGES
+
+    lines = remedies_text(found.verdict.scene, found.remedies).splitlines()
+    rest = 0 if whole else max(len(lines) - CHANGES, 0)
+    return [*lines[: len(lines) - rest], *[f"  and {rest} more: -v"] * bool(rest)]
+
+
 DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does not load the table
 
 
@@ -118,7 +194,7 @@ VERIFY = Command(
     function="verify",
     work=verify_scene,
     document=_verified_document,
-    text=print_outcome,
+    text=print_verified,
     outputs=(
         replace(
             picture("outputs, settling band and recovered stress"),
@@ -291,7 +367,7 @@ def _new_files(found: NewScene, call: Call) -> list[str]:
 def _rescaled(call: Call) -> None:
     """Take the file as for a new scene, and the op-amp of the scene where none is asked for."""
     from taction.netlist_gen.scene.open_tables import refuse_unknown
-    from taction.new_scene import refuse_existing
+    from taction.verification.design.fresh_scene import refuse_existing
 
     _new_file(call)
     file = call.arguments.pop("file", "scene.toml")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
@@ -19,8 +19,7 @@ import click
 import taction
 from taction.cli.printing import StageLine
 from taction.system import results
-
-ENGINES = ("auto", "ngspice", "statespace")
+from taction.system.errors import Complaint, InputError
 
 Target = str | Callable[..., Any]
 """A function, or its place below `taction`: "verification.report.views.board_view:view"."""
@@ -219,28 +218,11 @@ def _plain(paragraphs: str) -> str:
     return " ".join(re.sub(r'``"?(.*?)"?``', r"\1", first).split())
 
 
-class EngineChoice(click.Choice[str]):
-    """An engine, also of an installed package."""
-
-    @property
-    def choices(self) -> tuple[str, ...]:
-        """The names that are accepted now."""
-        from taction.system.plugins import names
-
-        return (*self._own, *names("taction.engines"))
-
-    @choices.setter
-    def choices(self, own: Sequence[str]) -> None:
-        self._own = tuple(own)
-
-    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the engine, or fail with the known engines."""
-        if value in ("both", "hybrid"):
-            text = (
-                f"{value!r} was withdrawn: --engine ngspice compares every point with state space"
-            )
-            self.fail(text, param, ctx)
-        return super().convert(value, param, ctx)
+def refuse_withdrawn(engine: str) -> None:
+    """Refuse an engine that is no more; the scene refuses one that is unknown."""
+    if engine in ("both", "hybrid"):
+        text = "it was withdrawn: --engine ngspice compares every point with state space"
+        raise InputError("--engine", Complaint("NAME", repr(engine), text))
 
 
 class NumberRange(click.FloatRange):
@@ -260,7 +242,7 @@ class NumberRange(click.FloatRange):
 
 
 SCENE = argument("scene")
-ENGINE = option("engine", type=EngineChoice(ENGINES))
+ENGINE = option("engine", metavar="[auto|ngspice|statespace]", check=refuse_withdrawn)
 ANNOTATE = option(
     "annotate",
     "--annotate/--no-annotate",

@@ -25,8 +25,7 @@ FIRST = 10.0  # s before the first line of progress: a short command says nothin
 GROWTH = 1.5  # of the time from one line to the next
 LONGEST = 300.0  # s between two lines
 WIDE = 100  # columns that hold the bar beside the numbers
-COUNTED = re.compile(r"(.*?)(\d+) of (\d+)\b")
-SETTLED = 1.0  # s of counting before the time left is said
+COUNTED = re.compile(r"(\d+) of (\d+)\b")
 
 
 def say(text: str) -> None:
@@ -76,122 +75,70 @@ def own_name(context: click.Context | None) -> str:
     return "-".join(filter(None, names))
 
 
-def duration(seconds: float) -> str:
-    """Return a duration for people, about two digits.
+class StageLine:
+    """Shows the stages of a function on stderr: as a bar, or without a terminal as a few lines.
 
-    Examples
-    --------
-    >>> [duration(seconds) for seconds in (0.3, 42.4, 700.0, 9000.0)]
-    ['1 s', '42 s', '12 min', '2.5 h']
-    """
-    if seconds < 100.0:
-        return f"{max(round(seconds), 1)} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
-
-
-class TimeLeft:
-    """Adds the time left to the stages that count, by their pace since the first of the same name.
-
-    Examples
-    --------
-    >>> seconds = iter([5.0, 7.0, 9.0])
-    >>> left = TimeLeft(lambda: next(seconds))
-    >>> [left(f"yield: {done} of 9 samples") for done in (1, 3, 5)][1:]
-    ['yield: 3 of 9 samples, about 6 s left', 'yield: 5 of 9 samples, about 4 s left']
-    """
-
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock, self._counted, self._began, self._first = clock, ("", ""), 0.0, 0
-
-    def __call__(self, stage: str) -> str:
-        """Return the stage with the time left, as far as it is known."""
-        if (counted := COUNTED.match(stage)) is None:
-            return stage
-        name, done, total = counted[1], int(counted[2]), int(counted[3])
-        now = self._clock()
-        if self._counted != (name, counted[3]) or done <= self._first:
-            self._counted, self._began, self._first = (name, counted[3]), now, done
-        elapsed, ended = now - self._began, done - self._first
-        if not ended or elapsed < SETTLED or done >= total:
-            return stage
-        return f"{stage}, about {duration((total - done) * elapsed / ended)} left"
-
-
-class SparseLines:
-    """Says a stage now and then: after 10 s, 15 s, 22 s, ..., at last every five minutes.
+    These come after 10 s, 15 s, 22 s, ..., at last every five minutes. A `Notice` is always a line
+    of its own, and is said once.
 
     Examples
     --------
     >>> seconds = iter([0.0, 1.0, 11.0, 12.0, 20.0])
-    >>> lines = SparseLines(print, lambda: next(seconds))
+    >>> line = StageLine(say=print, clock=lambda: next(seconds))
     >>> for count in range(1, 5):
-    ...     lines.stage(f"{count} of 9")
+    ...     line(f"{count} of 9")
     2 of 9
     4 of 9
     """
 
     def __init__(
-        self, say: Callable[[str], None], clock: Callable[[], float] = time.monotonic
+        self,
+        bar: Progress | None = None,
+        say: Callable[[str], None] = say,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._say, self._clock, self._start, self._due = say, clock, clock(), FIRST
-
-    def stage(self, text: str) -> None:
-        """Say `text` if a line is due."""
-        elapsed = self._clock() - self._start
-        if elapsed >= self._due:
-            self._due = min(elapsed * GROWTH, elapsed + LONGEST)
-            self._say(text)
-
-
-class StageLine:
-    """Shows the stages of a function on stderr; `bar` is None where stderr is no terminal.
-
-    A `Notice` is always a line of its own, and is said once.
-    """
-
-    def __init__(self, show: Callable[[str], None], bar: Progress | None = None) -> None:
-        self._show, self._bar, self._left = show, bar, TimeLeft()
-        self._said: set[str] = set()
+        self._bar, self._say, self._clock = bar, say, clock
+        self._start, self._due, self._said = clock(), FIRST, set[str]()
+        self._task = None if bar is None else bar.add_task("starting", total=None)
 
     def __call__(self, stage: str) -> None:
         """Show a stage."""
-        if not isinstance(stage, Notice):
-            self._show(self._left(stage))
-        elif stage not in self._said:
-            self._said.add(stage)
-            with self.aside():
+        if isinstance(stage, Notice):
+            if stage not in self._said:
+                self._said.add(stage)
+                if self._bar is not None:
+                    self._bar.stop()
                 say(stage)
-
-    @contextmanager
-    def aside(self) -> Iterator[None]:
-        """Take the bar away while a line is printed."""
-        if self._bar is None:
-            yield
-            return
-        self._bar.stop()
-        yield
-        self._bar.start()
+                if self._bar is not None:
+                    self._bar.start()
+        elif self._bar is not None and self._task is not None:
+            counted = COUNTED.search(stage)
+            done, total = map(int, counted.groups()) if counted else (0, None)
+            self._bar.update(self._task, completed=done, total=total, description=stage)
+        elif (elapsed := self._clock() - self._start) >= self._due:
+            self._due = min(elapsed * GROWTH, elapsed + LONGEST)
+            self._say(stage)
 
 
 @contextmanager
 def display() -> Iterator[StageLine]:
-    """Show the stages of a function on stderr: as a bar, or without a terminal as a few lines."""
+    """Show the stages of a function on stderr."""
     if not sys.stderr.isatty():
-        yield StageLine(SparseLines(say).stage)
+        yield StageLine()
         return
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        SpinnerColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
     from rich.table import Column
 
     page = console(stderr=True)
-    bar = [BarColumn()] if page.width >= WIDE else []
+    bar = [BarColumn(), TimeRemainingColumn()] if page.width >= WIDE else []
     words = TextColumn("{task.description}", table_column=Column(overflow="fold", no_wrap=False))
     columns = (SpinnerColumn(), *bar, TimeElapsedColumn(), words)
     with Progress(*columns, console=page, transient=True) as shown:
-        task = shown.add_task("starting", total=None)
-
-        def show(stage: str) -> None:
-            counted = COUNTED.match(stage)
-            done, total = map(int, counted.groups()[1:]) if counted else (0, None)
-            shown.update(task, completed=done, total=total, description=stage)
-
-        yield StageLine(show, shown)
+        yield StageLine(shown)

@@ -205,12 +205,3 @@ sys.exit(status)
 """
     done = python("-c", code)
     assert (done.returncode, done.stdout) == (130, "clean\n")
-
-
-def test_the_end_of_a_command_looks_for_no_garbage() -> None:
-    """What is registered first runs last: the objects are frozen by then."""
-    seen = "print(gc.get_freeze_count() > 10_000)"
-    code = f"import atexit, gc; atexit.register(lambda: {seen}); import taction.__main__"
-    found = python("-c", code)
-    assert found.returncode == 0, found.stderr
-    assert found.stdout == "True\n"

@@ -62,7 +62,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("verify", "ok.toml", "--plot"): ("'--plot' requires an argument",),
     ("verify", "ok.toml", "--plot", "a.bmp"): ("--plot", "'a.bmp'", ".png, .svg, .pdf"),
     ("verify", "ok.toml", "--set", "c=12"): ("--set", "'c'", "did you mean 'C'?"),
-    ("verify", "ok.toml", "--engine", "spice"): ("'--engine'", "'spice'"),
+    ("verify", "ok.toml", "--engine", "spice"): ("analysis.engine = 'spice'", "'ngspice'"),
     ("verify", "ok.toml", "--set", "checks.overshoot.max=5%"): ("--set", "'5%'", "5% is 0.05"),
     ("sweep", "ok.toml", "--over", "cap=1p:1n:3"): ("--over", "'cap'", "known: C, R"),
     ("sweep", "ok.toml", "--over", "C", "1pF:1nF:3"): ("(1pF:1nF:3)", "--over C=1pF:1nF:3"),

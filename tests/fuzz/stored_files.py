@@ -14,8 +14,7 @@ from taction.system.documents import plain
 from taction.verification.studies.regression.baseline import baseline_text, load_baseline
 from taction.verification.studies.store import Store
 from taction.verification.studies.tolerance.montecarlo import sample_keys
-from taction.verification.studies.tolerance.samples import BoardSample
-from taction.verification.studies.tolerance.varied_board import prepare
+from taction.verification.studies.tolerance.varied_board import BoardSample, prepare
 from taction.verification.verdict.record import Record
 from tests.fuzz.edits import BYTE_EDITS, IN_PLACE, VALUE_EDIT, edited
 from tests.fuzz.target import Target

@@ -48,9 +48,13 @@ from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import SweepCounts, grid_points
 from taction.verification.studies.sweep.result import SweepResult
 from taction.verification.studies.tolerance.corners import worst_of
-from taction.verification.studies.tolerance.montecarlo import SampleCollection, run_samples
+from taction.verification.studies.tolerance.montecarlo import (
+    SampleCollection,
+    YieldReport,
+    run_samples,
+    summarise_samples,
+)
 from taction.verification.studies.tolerance.varied_board import prepare
-from taction.verification.studies.tolerance.yield_report import YieldReport, summarise_samples
 from taction.verification.studies.work_precision.methods import METHODS, Method
 from taction.verification.studies.work_precision.study import (
     References,

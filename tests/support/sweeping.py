@@ -9,7 +9,7 @@ from taction.netlist_gen.scene.axes import parse_axes
 from taction.system.reading_definitions import READINGS
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, grid_points
-from taction.verification.studies.tolerance.samples import BoardSample
+from taction.verification.studies.tolerance.varied_board import BoardSample
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import FIGURES, Figure, Record
 from tests.support.studying import small_scene

@@ -17,7 +17,7 @@ from tests.support.running import taction as command
 from tests.support.studying import scene_file
 
 HEAVY = ("numpy", "scipy", "pydantic", "click", "rich", "PySpice")
-JOBS = ("taction.designs", "taction.transients", "taction.decks", "taction.new_scene")
+JOBS = ("taction.designs", "taction.transients", "taction.decks")
 
 
 def loaded_by(script: str) -> set[str]:

@@ -1,7 +1,8 @@
-"""A scene for a matrix and a strain from files: lambda chosen, scaled, stable and verified.
+"""A new scene: with comments, or for a matrix and a strain from files.
 
-Entries of T that do not move the solution are left out (`pruning_for`). The limits of the checks
-follow from the tolerance of the resistors (`with_limits`).
+For a matrix lambda is chosen, the board is scaled, stable and verified. Entries of T that do not
+move the solution are left out (`pruning_for`). The limits of the checks follow from the tolerance
+of the resistors (`with_limits`).
 """
 
 from __future__ import annotations
@@ -18,13 +19,17 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.board.part_warnings import ANY_PART, LEAST_OHMS, MOST_OHMS, AcceptedParts
-from taction.netlist_gen.scene.array_files import ProblemTable, shape_text
+from taction.netlist_gen.scene.array_files import ProblemTable, problem_tables, shape_text
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.keys import scene_text
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.netlist_gen.topologies.frame.entries import pruned
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import Complaint, InputError
+from taction.system.output_files import write_atomically
+from taction.system.progress import Progress
 from taction.system.quantities import fraction
 from taction.system.results import Result
 from taction.verification.design.scaling import Scaled, Scaling, find_scaling
@@ -32,8 +37,9 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.reference.lambda_choice import RuleInputs, choose
 from taction.verification.reference.problem import Problem, solution_difference
 from taction.verification.reference.solve import solve
-from taction.verification.studies.tolerance.steady_directions import rest_slopes
+from taction.verification.studies.tolerance.corners import rest_slopes
 from taction.verification.studies.tolerance.varied_board import VariedBoard, prepare
+from taction.verification.verdict.verify import verify
 
 GRADES = (0.01, 1e-3, 1e-4)  # tolerances of resistors that are sold, the cheapest first
 WANTED = 0.02  # a better grade is taken where the limit would be above this share of the step
@@ -51,6 +57,7 @@ UNSEEN = 2e-4  # of the largest output: a fifth of the least limit of a fresh sc
 WIDTH = 98  # of a comment
 LOOSE = {"steady_state": {"tolerance": WANTED}, "settling_time": {"band": BAND * WANTED}}
 """Checks while the scalings are searched; the limits of the scene follow from the scaled board."""
+TEMPLATE = Path(__file__).parents[2] / "scene_template.toml"
 MISSED = 0.01  # relative: how far the residual may be from that of the noise
 DEFAULT = 0.01  # lambda without a noise level, in squared spectral norms of T
 
@@ -206,7 +213,6 @@ def fresh_scene(
     `pruning_for`). All else, and the errors, are those of `taction.new`.
     """
     chosen, rule = _lambda(matrix.values, strain.values, noise, lam)
-    name = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in output.stem)
     arrays = {"kind": "matrix", "matrix": matrix.values, "strain": strain.values}
     asked = dict(design or {})
     pruning = ""
@@ -214,7 +220,7 @@ def fresh_scene(
         share, pruning = pruning_for(matrix.values, strain.values, chosen)
         asked |= {"prune": share} if share else {}
     data = {
-        "name": name[:64] or "scene",
+        "name": _name_of(output),
         "problem": arrays,
         "design": {
             **{"amplifier": "linear", "strain_input": "voltage", "opamp": OPAMP},
@@ -311,3 +317,127 @@ def _lambda(
 def _csv(values: Floats) -> str:
     rows = values.reshape(len(values), -1).tolist()
     return "".join(",".join(map(repr, row)) + "\n" for row in rows)
+
+
+def new(
+    file: str | Path = "scene.toml",
+    *,
+    matrix: str | Path | None = None,
+    strain: str | Path | None = None,
+    noise: str | float | None = None,
+    lam: float | None = None,
+    opamp: str = "opa2134",
+    supply: str | None = None,
+    prune: float | None = None,
+    any_part: bool = False,
+    force: bool = False,
+    progress: Progress = lambda stage: None,
+) -> NewScene:
+    """Write a scene to FILE (scene.toml): every key with its default and a comment.
+
+    With --matrix and --strain: a scene for them, scaled for the op-amps, stable, and verified by
+    the state-space engine, which decides the exit status.
+
+    Parameters
+    ----------
+    file : path
+        The scene file to write.
+    matrix : path, optional
+        Matrix T, .csv or .npy: a scene for it, with --strain.
+    strain : path, optional
+        Strain of the matrix, .csv or .npy.
+    noise : str or float, optional
+        Standard deviation of the noise of one strain, or 1% of the largest strain: lambda by the
+        discrepancy rule.
+    lam : float, optional
+        Lambda; by default 0.01 times the squared norm of T, or by --noise.
+    opamp : str
+        Preset.
+    supply : str, optional
+        Supply as ±12V, with --matrix.
+    prune : float, optional
+        design.prune.
+    any_part : bool
+        Accept parts beyond the limits of real ones.
+    force : bool
+        Overwrite FILE.
+    progress : callable, optional
+        Receives the name of each stage.
+
+    Returns
+    -------
+    NewScene
+        The files; with a matrix also the scaling and the verdict.
+
+    Raises
+    ------
+    InputError
+        A file exists or cannot be used, or an argument needs `matrix`.
+    NoVerdictError
+        No board for the matrix is found.
+
+    Examples
+    --------
+    >>> import taction, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     made = taction.new(f"{folder}/board.toml")
+    ...     taction.load_scene(made.file).name
+    'board'
+    """
+    path = Path(file)
+    if (matrix is None) != (strain is None):
+        missing = "--matrix" if matrix is None else "--strain"
+        raise InputError(missing, Complaint("FILE", "", "--matrix and --strain belong together"))
+    given = {"--noise": noise, "--lambda": lam, "--supply": supply, "--prune": prune}
+    for option, value in given.items():
+        if matrix is None and value is not None:
+            raise InputError(option, Complaint("value", repr(value), "needs --matrix"))
+    refuse_existing(path, force=force)
+    refuse_unknown(opamp, "--opamp")
+    if matrix is None or strain is None:
+        write_atomically(path, _template(opamp).replace("@NAME@", _name_of(path)))
+        return NewScene(str(path), (str(path),))
+    tables = problem_tables(Path(matrix), Path(strain))
+    progress("scalings")
+    design = {"opamp": opamp, "supply": supply, "prune": prune}
+    fresh = fresh_scene(
+        *tables,
+        path,
+        noise=noise,
+        lam=lam,
+        design={key: value for key, value in design.items() if value is not None},
+        any_part=any_part,
+    )
+    for name in fresh.files:
+        refuse_existing(name, force=force)
+    for name, text in (*fresh.files.items(), (path, fresh.text)):
+        write_atomically(name, text)
+    verdict = verify(load_scene(path).with_engine("statespace"), progress)
+    written = tuple(map(str, (*fresh.files, path)))
+    return NewScene(str(path), written, fresh, Scaled.of(fresh.scaling, verdict))
+
+
+def _name_of(path: Path) -> str:
+    """Return the name of a scene by that of its file."""
+    stem = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in path.stem)
+    return stem[:64] or "scene"
+
+
+def _template(opamp: str) -> str:
+    """Return the scene with comments for an op-amp, at a supply that it allows."""
+    text = TEMPLATE.read_text(encoding="utf-8")
+    head, key, tail = text.partition('\nopamp = { base = "')
+    text = f"{head}{key}{opamp}{tail[tail.index(chr(34)) :]}"
+    if (volts := OPAMPS[opamp].most_supply) < 15.0:
+        text = text.replace('\nsupply = "±15V"', f'\nsupply = "±{volts:g}V"')
+    return text
+
+
+def refuse_existing(path: Path, *, force: bool) -> None:
+    """Refuse to write over a file, unless asked to.
+
+    InputError: the file exists.
+    """
+    if path.exists() and not force:
+        text = "the file exists; give another name, or --force to overwrite it"
+        raise InputError(path, Complaint("FILE", "", text))

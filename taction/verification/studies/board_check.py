@@ -27,7 +27,7 @@ from taction.verification.studies.other_points import points_note, step_note
 from taction.verification.studies.part_influence import PartRow, influences
 from taction.verification.studies.questions import QUESTIONS, Wanted, units
 from taction.verification.studies.tolerance.corners import CornerStudy
-from taction.verification.studies.tolerance.yield_report import YieldReport
+from taction.verification.studies.tolerance.montecarlo import YieldReport
 from taction.verification.studies.witnesses import compare_ac, compare_transient
 from taction.verification.verdict.checks import Check, Outcome, overall, undecided
 from taction.verification.verdict.companion import Agreement

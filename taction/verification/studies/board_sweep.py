@@ -38,9 +38,13 @@ from taction.verification.studies.questions import QUESTIONS, Wanted, units
 from taction.verification.studies.running.pool import HERE
 from taction.verification.studies.running.versions import own_version
 from taction.verification.studies.tolerance.corners import CornerStudy, worst_of
-from taction.verification.studies.tolerance.montecarlo import SampleCollection, run_samples
-from taction.verification.studies.tolerance.samples import BoardSample, Quantity, Varied
-from taction.verification.studies.tolerance.yield_report import YieldReport, summarise_samples
+from taction.verification.studies.tolerance.montecarlo import (
+    SampleCollection,
+    YieldReport,
+    run_samples,
+    summarise_samples,
+)
+from taction.verification.studies.tolerance.varied_board import BoardSample, Quantity, Varied
 
 PARAM = "param"  # kind of a parameter
 

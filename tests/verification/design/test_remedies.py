@@ -16,8 +16,13 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.transients import what_to_change
 from taction.verification.design import trials
-from taction.verification.design.remedies import LIMIT, Remedies, find_remedies, mending_keys
-from taction.verification.design.stable_ranges import stable_ranges
+from taction.verification.design.remedies import (
+    LIMIT,
+    Remedies,
+    find_remedies,
+    mending_keys,
+    stable_ranges,
+)
 from taction.verification.design.trials import OutOfWorkError, Trials
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.report.views.design_view import distance_text, remedies_text

@@ -42,7 +42,7 @@ MODELS = {
     "explore": "verification.report.documents.plain.ExploreDocument",
     "solve": "verification.reference.problem.Solution",
     "simulate": "verification.verdict.recording.MeasuredTransient",
-    "montecarlo": "verification.studies.tolerance.yield_report.YieldReport",
+    "montecarlo": "verification.studies.tolerance.montecarlo.YieldReport",
     "montecarlo-sample": "verification.studies.tolerance.varied_board.VerifiedSample",
     "corners": "verification.studies.tolerance.corners.CornerStudy",
     "tune": "verification.design.tune.Tuned",

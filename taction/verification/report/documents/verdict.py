@@ -16,8 +16,7 @@ from taction.system.documents import OPTIONAL, plain
 from taction.system.errors import TactionError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.output_files import printable
-from taction.verification.design.remedies import Remedies
-from taction.verification.design.stable_ranges import StableRange, stable_ranges
+from taction.verification.design.remedies import Remedies, StableRange, stable_ranges
 from taction.verification.stability.margin import Margin
 from taction.verification.verdict.active_sets import VisitedSet
 from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart, difference

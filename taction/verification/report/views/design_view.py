@@ -14,9 +14,8 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.charts import Axis, Chart, Curve, Limit, Mark, Text
 from taction.system.quantities import show, written
 from taction.verification.design.fresh_scene import NewScene
-from taction.verification.design.remedies import Change, Remedies
+from taction.verification.design.remedies import Change, Remedies, StableRange
 from taction.verification.design.scaling import Scaled
-from taction.verification.design.stable_ranges import StableRange
 from taction.verification.design.trials import Trial
 from taction.verification.design.tune import Tuned, Tuning
 from taction.verification.report.blocks import Code, Content, Page, Section, Table

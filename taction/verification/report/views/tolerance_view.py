@@ -24,12 +24,12 @@ from taction.verification.report.texts import (
 )
 from taction.verification.report.views.origin_view import origin_section
 from taction.verification.studies.tolerance.corners import Corner, CornerStudy
-from taction.verification.studies.tolerance.samples import BoardSample, Quantity
-from taction.verification.studies.tolerance.yield_report import (
+from taction.verification.studies.tolerance.montecarlo import (
     CHECK_OF,
     QuantitySpread,
     YieldReport,
 )
+from taction.verification.studies.tolerance.varied_board import BoardSample, Quantity
 
 BINS = 40  # of a histogram, at most
 CULPRITS = 12  # parts of a chart

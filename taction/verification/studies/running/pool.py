@@ -1,7 +1,8 @@
 """Processes that compute the points of a study, with the interface of `concurrent.futures`.
 
 Each worker has its own pipe, so that a process which is killed while it answers spoils no answer of
-another one: the pools of `concurrent.futures` and of pebble share a pipe among all processes.
+another one: the pools of `concurrent.futures` and of pebble share a pipe among all processes. A
+worker answers calls (`serve`) until the parent ends or closes the pipe.
 """
 
 from __future__ import annotations
@@ -9,8 +10,11 @@ from __future__ import annotations
 import math
 import multiprocessing
 import os
+import pickle
+import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -21,8 +25,59 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from taction.system.errors import NoVerdictError
-from taction.system.processes import THREADS
-from taction.verification.studies.running.worker_process import GRACE, serve
+from taction.system.processes import THREADS, Ended, ending_signals
+
+GRACE = 2.0  # s between the clean-up's start and a hard end
+STATUS = 128 + signal.SIGTERM
+
+
+def serve(pipe: Connection) -> None:
+    """Answer calls until the other end closes; the parent handles Ctrl-C and a lost terminal.
+
+    SIGTERM ends a call through its `finally` clauses, which end a simulator.
+    """
+    for name in ("SIGINT", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    with suppress(EOFError, OSError, Ended), ending_signals() as received:
+        threading.Thread(target=_end_with_parent, daemon=True).start()
+        pipe.send("ready")
+        while not received:
+            done, value = _answer(pipe.recv_bytes())
+            if not received:  # a call may drop the exception, and go on
+                _send(pipe, done, value)
+    if received:
+        sys.exit(STATUS)
+
+
+def _answer(request: bytes) -> tuple[bool, object]:
+    """Return whether a call came to its end, and its result or its error."""
+    try:
+        function, args, kw = pickle.loads(request)  # noqa: S301 - from the parent
+        return True, function(*args, **kw)
+    except Exception as error:
+        return False, error
+
+
+def _send(pipe: Connection, done: bool, value: object) -> None:
+    """Send an answer, or the error that it cannot be sent."""
+    try:
+        pipe.send((done, value))
+    except OSError:
+        raise
+    except Exception as error:
+        pipe.send((False, TypeError(f"{value!r:.200} cannot be sent: {error}")))
+
+
+def _end_with_parent() -> None:
+    """Wait for the parent's end, also by a kill; then end this process."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(GRACE)
+        os._exit(STATUS)
+
 
 T = TypeVar("T")
 

@@ -1,35 +1,286 @@
-"""Draw the samples of a Monte Carlo study until there are enough, with or without a database.
+"""Yield of a board with component tolerances: samples, confidence interval, sensitivities.
 
-A study that was killed continues with the next sample. The key of a sample is a digest of board,
-checks, seed and versions, so samples of several studies and the points of sweeps share a file
-without being mixed.
+Every sample has its own random stream: sample 17 of seed 1 is the same board on any machine and in
+any order. A sample without a verdict counts as a sample that does not pass. A study that was killed
+continues with the next sample. The key of a sample in a database is a digest of board, checks, seed
+and versions, so samples of several studies and the points of sweeps share a file without being
+mixed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
+from taction.netlist_gen.board.variation import draw
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError, Interrupted
 from taction.system.progress import Notice, Progress
-from taction.system.quantities import fraction
+from taction.system.quantities import banded, fraction, percent
+from taction.system.results import Result
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.pool import Workers
 from taction.verification.studies.running.study import workers_at
 from taction.verification.studies.running.versions import digest
 from taction.verification.studies.store import Store
-from taction.verification.studies.tolerance.samples import BoardSample, Varied, evaluate_all
-from taction.verification.studies.tolerance.varied_board import VariedBoard, prepare
-from taction.verification.studies.tolerance.yield_report import (
-    MIN_SAMPLES,
-    YieldReport,
-    interval,
-    summarise_samples,
+from taction.verification.studies.tolerance.varied_board import (
+    BoardSample,
+    Quantity,
+    Varied,
+    VariedBoard,
+    evaluate_all,
+    prepare,
 )
+
+CONFIDENCE = 0.95
+MIN_SAMPLES = 30  # for the test of the interval's width, and for sensitivities
+SIGNIFICANT = 4.0  # standard errors of a reported correlation; hundreds are tested at once
+MOST = 3  # failed checks in a `repr`
+QUANTILES = (0.05, 0.5, 0.95)
+CHECK_OF = {"growth_rate": "stability", "margin": "stability"}  # of a quantity of another name
+
+
+@dataclass(frozen=True, slots=True)
+class QuantitySpread:
+    """Distribution of a quantity over the samples.
+
+    `low`, `median` and `high` are the `QUANTILES`, each the value of one sample: infinite for the
+    time of a sample that never settles or rises, not a number without samples.
+    """
+
+    name: str
+    unit: str  # "s", "step" (fraction of the step amplitude), "1/s" or "ratio"
+    at_least: float | None  # accepted by the scene's check
+    at_most: float | None
+    low: float
+    median: float
+    high: float
+    missing: int  # samples without the quantity
+    band: float | None = None  # of a settling time, fraction of the step amplitude
+
+    @property
+    def title(self) -> str:
+        """The name in words."""
+        return banded(self.name, self.band)
+
+
+@dataclass(frozen=True, slots=True)
+class Sensitivity:
+    """Correlation of a quantity with the deviation of a component over the samples.
+
+    Times enter by their logarithm; the steady state by the signed error of the channel with the
+    largest root mean square, whose number, from 1, is `channel`. The square of `correlation` is the
+    share of the variance that the component explains. `lost` is the yield that the check of the
+    quantity costs: the share of the samples that do not pass it.
+    """
+
+    parameter: str
+    kind: str
+    quantity: str
+    correlation: float
+    standard_error: float
+    channel: int | None = None
+    lost: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class YieldReport(Result):
+    """Yield of a Monte Carlo study, its interval, and what is behind it.
+
+    Attributes
+    ----------
+    name, engine : str
+        Of the board, and of its samples.
+    seed : int
+        Of the samples.
+    boards : tuple of BoardSample
+        The samples, in the order of their numbers.
+    reasons : dict of str to int
+        Counts the causes of samples without a verdict.
+    min_yield : float or None
+        Smallest yield that passes.
+    complete : bool
+        Whether all samples were drawn; False after Ctrl-C.
+    scene : Scene or None
+        The board; None of a deck.
+    """
+
+    VIEW = "taction.verification.report.views.tolerance_view:yield_view"
+    CARD = "Yield"
+    DOCUMENT = (
+        *("scene = name", "engine", "seed", "complete", "samples", "passed"),
+        *("without_verdict", "fraction", "low", "high", "failures", "reasons", "quantities"),
+        "sensitivities",
+    )
+
+    name: str
+    engine: str
+    seed: int
+    boards: tuple[BoardSample, ...] = field(compare=False)
+    samples: int
+    passed: int
+    without_verdict: int
+    fraction: float
+    low: float
+    high: float
+    failures: dict[str, int]
+    reasons: dict[str, int]
+    quantities: tuple[QuantitySpread, ...]
+    sensitivities: tuple[Sensitivity, ...]
+    min_yield: float | None = None
+    complete: bool = True
+    scene: Scene | None = field(default=None, compare=False)
+
+    @property
+    def outcome(self) -> str:
+        """Whether the whole interval of the yield lies above `min_yield`, or below it."""
+        if self.min_yield is None or self.low >= self.min_yield:
+            return "pass"
+        return "fail" if self.high < self.min_yield else "inconclusive"
+
+    @property
+    def sentence(self) -> str:
+        """The yield in words, without a full stop."""
+        return yield_sentence(self.passed, self.samples)
+
+    def __repr__(self) -> str:
+        low, high = (f"{100 * share:.3g}" for share in (self.low, self.high))
+        return (
+            f"YieldReport({self.passed} of {self.samples} pass, yield {percent(self.fraction, 4)},"
+            f" 95 % interval {low} to {high} %{_listed(self.failures)})"
+        )
+
+
+def _listed(failures: Mapping[str, int]) -> str:
+    """Return the most frequent failed checks for a `repr`."""
+    words = [f"{number} fail {name}" for name, number in [*failures.items()][:MOST]]
+    return f"; {', '.join(words)}" if words else ""
+
+
+def summarise_samples(board: Varied, samples: list[BoardSample], seed: int) -> YieldReport:
+    """Return the yield with its interval, failed checks, spreads and ranked sensitivities."""
+    passed = sum(sample.outcome == "pass" for sample in samples)
+    low, high = interval(passed, len(samples))
+    failures = Counter(name for sample in samples for name in sample.failed)
+    undecided = [sample for sample in samples if sample.undecided]
+    reported = board.quantities
+    return YieldReport(
+        name=board.name,
+        engine=board.engine,
+        seed=seed,
+        boards=tuple(samples),
+        samples=len(samples),
+        passed=passed,
+        without_verdict=len(undecided),
+        fraction=passed / len(samples) if samples else math.nan,
+        low=low,
+        high=high,
+        failures=dict(failures.most_common()),
+        reasons=dict(Counter(s.lost for s in undecided if s.lost).most_common()),
+        quantities=tuple(_spread(quantity, samples) for quantity in reported),
+        sensitivities=tuple(_sensitivities(board, reported, samples, seed)),
+    )
+
+
+def yield_sentence(passed: int, samples: int) -> str:
+    """Return a yield in words, without a full stop.
+
+    Examples
+    --------
+    >>> yield_sentence(1, 2)
+    'yield 50 %, 95 % interval 1.26 % to 98.7 %: 1 of 2 boards pass'
+    """
+    if not samples:
+        return "no sample, no yield"
+    low, high = (percent(end) for end in interval(passed, samples))
+    share = percent(passed / samples, 4)
+    return f"yield {share}, 95 % interval {low} to {high}: {passed} of {samples} boards pass"
+
+
+def interval(passed: int, samples: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Return Clopper and Pearson's exact interval of a yield; (0, 1) without samples."""
+    from scipy.special import betaincinv
+
+    tail = 0.5 * (1.0 - confidence)
+    low = 0.0 if passed == 0 else float(betaincinv(passed, samples - passed + 1, tail))
+    high = 1.0
+    if passed < samples:
+        high = float(betaincinv(passed + 1, samples - passed, 1.0 - tail))
+    return low, high
+
+
+def _spread(quantity: Quantity, samples: list[BoardSample]) -> QuantitySpread:
+    values = [sample.value(quantity.name) for sample in samples if not sample.lost]
+    missing = sum(value is None for value in values)
+    never = math.inf if quantity.unit == "s" else math.nan
+    known = np.array([never if value is None else value for value in values], dtype=np.float64)
+    known = known[~np.isnan(known)]
+    low = median = high = math.nan
+    if len(known):
+        low, median, high = np.quantile(known, QUANTILES, method="inverted_cdf").tolist()
+    least, most = quantity.limits
+    found = (low, median, high, missing)
+    return QuantitySpread(quantity.name, quantity.unit, least, most, *found, band=quantity.band)
+
+
+def _sensitivities(
+    board: Varied, reported: tuple[Quantity, ...], samples: list[BoardSample], seed: int
+) -> list[Sensitivity]:
+    """Return the correlations beyond `SIGNIFICANT` standard errors, where the check costs yield.
+
+    Those of the check that costs most yield come first, and of one check the strongest.
+    """
+    tolerances = board.tolerances
+    sensitivities = []
+    for quantity in reported:
+        check = CHECK_OF.get(quantity.name, quantity.name)
+        lost = sum(check in sample.failed for sample in samples) / max(len(samples), 1)
+        # A margin is computed only up to the limit of the check.
+        if quantity.name == "margin" or not lost:
+            continue
+        channel = _furthest(samples) if quantity.name == "steady_state" else None
+        pairs = [(sample.number, _value(sample, quantity.name, channel)) for sample in samples]
+        usable = [(n, v) for n, v in pairs if v is not None and math.isfinite(v)]
+        if len(usable) < MIN_SAMPLES:
+            continue
+        values = np.array([value for _, value in usable])
+        if quantity.unit == "s":
+            values = np.log(np.maximum(values, 1e-300))
+        z = np.array([draw(tolerances, board.varied, seed, number) for number, _ in usable])
+        error = 1.0 / math.sqrt(len(usable))
+        sensitivities += [
+            Sensitivity(
+                parameter.name, parameter.kind, quantity.name, float(r), error, channel, lost
+            )
+            for parameter, r in zip(board.varied, _correlation(z, values), strict=True)
+            if abs(r) > SIGNIFICANT * error
+        ]
+    return sorted(sensitivities, key=lambda each: (-each.lost, -abs(each.correlation)))
+
+
+def _furthest(samples: list[BoardSample]) -> int | None:
+    """Return the channel whose error has the largest mean square, from 1."""
+    errors = np.array([sample.errors for sample in samples if sample.errors])
+    return 1 + int(np.argmax((errors**2).mean(axis=0))) if len(errors) else None
+
+
+def _value(sample: BoardSample, name: str, channel: int | None) -> float | None:
+    if channel is not None:
+        return sample.errors[channel - 1] if sample.errors else None
+    return sample.value(name)
+
+
+def _correlation(z: Floats, values: Floats) -> Floats:
+    z, values = z - z.mean(axis=0), values - values.mean()
+    scale = np.sqrt((z**2).sum(axis=0) * (values**2).sum())
+    return np.asarray((z * values[:, None]).sum(axis=0) / np.where(scale > 0, scale, np.inf))
 
 
 def sample_keys(board: VariedBoard, seed: int) -> Callable[[int], bytes]:
@@ -83,7 +334,7 @@ def run_samples(
     to it.
 
     InputError, NoVerdictError, OutOfDisk: as
-      `taction.verification.studies.tolerance.samples.evaluate_all` and `Store`.
+      `taction.verification.studies.tolerance.varied_board.evaluate_all` and `Store`.
     """
 
     def missing() -> Iterator[tuple[int, Floats]]:

@@ -22,7 +22,7 @@ from taction.verification.report.views import tolerance_view as tolerance
 from taction.verification.report.views.sweep_view import SHOWN, Plane, _worth
 from taction.verification.report.views.tolerance_view import _edges
 from taction.verification.studies.sweep.result import grids
-from taction.verification.studies.tolerance.yield_report import (
+from taction.verification.studies.tolerance.montecarlo import (
     QuantitySpread,
     Sensitivity,
     YieldReport,

@@ -18,11 +18,15 @@ from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.tolerance_view import corner_view
-from taction.verification.studies.tolerance.corners import Corner, named_corners, worst_of
+from taction.verification.studies.tolerance.corners import (
+    Corner,
+    named_corners,
+    rest_slopes,
+    steady_directions,
+    worst_of,
+)
 from taction.verification.studies.tolerance.montecarlo import SampleCollection, run_samples
-from taction.verification.studies.tolerance.samples import evaluate
-from taction.verification.studies.tolerance.steady_directions import rest_slopes, steady_directions
-from taction.verification.studies.tolerance.varied_board import prepare
+from taction.verification.studies.tolerance.varied_board import evaluate, prepare
 from tests.support.making import make_scene
 from tests.support.running import taction as command
 from tests.support.studying import DAMPED, QUIET, one_thread, scene_file, small_scene

@@ -22,10 +22,15 @@ from taction.verification.studies.tolerance.montecarlo import (
     SampleCollection,
     run_samples,
     sample_keys,
+    summarise_samples,
 )
-from taction.verification.studies.tolerance.samples import BoardSample, evaluate
-from taction.verification.studies.tolerance.varied_board import VariedBoard, prepare, quantities
-from taction.verification.studies.tolerance.yield_report import summarise_samples
+from taction.verification.studies.tolerance.varied_board import (
+    BoardSample,
+    VariedBoard,
+    evaluate,
+    prepare,
+    quantities,
+)
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify
 from tests.support.running import taction

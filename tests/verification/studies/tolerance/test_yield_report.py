@@ -17,11 +17,19 @@ from scipy.stats import binom, binomtest
 from taction.netlist_gen.board.variation import draw
 from taction.system.errors import InputError, NoVerdictError
 from taction.verification.studies.running.pool import WorkerDiedError, Workers, local
-from taction.verification.studies.tolerance import yield_report
-from taction.verification.studies.tolerance.montecarlo import SampleCollection, run_samples
-from taction.verification.studies.tolerance.samples import BoardSample, evaluate
-from taction.verification.studies.tolerance.varied_board import VariedBoard, prepare
-from taction.verification.studies.tolerance.yield_report import interval, summarise_samples
+from taction.verification.studies.tolerance import montecarlo as yield_report
+from taction.verification.studies.tolerance.montecarlo import (
+    SampleCollection,
+    interval,
+    run_samples,
+    summarise_samples,
+)
+from taction.verification.studies.tolerance.varied_board import (
+    BoardSample,
+    VariedBoard,
+    evaluate,
+    prepare,
+)
 from taction.verification.verdict import verify as verify_together
 from tests.support.running import taction as command
 from tests.support.studying import QUIET, one_thread, scene_file, small_scene, stored_samples
