@@ -215,8 +215,8 @@ def unwrapped(hint: Any) -> tuple[Any, tuple[Any, ...]]:
     return hint, ()
 
 
-def plain(value: Any, *, sparse: bool = False) -> Any:
-    """Return `value` in the types of JSON; `sparse` without the fields that are null or empty.
+def plain(value: Any) -> Any:
+    """Return `value` in the types of JSON.
 
     Examples
     --------
@@ -234,26 +234,24 @@ def plain(value: Any, *, sparse: bool = False) -> Any:
     if isinstance(value, complex):
         return [plain(value.real), plain(value.imag)]
     if isinstance(value, Mapping):
-        return {printable(str(key)): plain(item, sparse=sparse) for key, item in value.items()}
+        return {printable(str(key)): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
-        return [plain(item, sparse=sparse) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, PurePath):
         return printable(str(value))
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         place = getattr(value, "DOCUMENT", ())
-        return plain(load(place)(value)) if isinstance(place, str) else _plain_parts(value, sparse)
+        return plain(load(place)(value)) if isinstance(place, str) else _plain_parts(value)
     if hasattr(value, "tolist"):
         return plain(value.tolist())
     raise TypeError(f"{type(value).__name__} has no form in a document")
 
 
-def _plain_parts(value: Any, sparse: bool) -> dict[str, Any]:
+def _plain_parts(value: Any) -> dict[str, Any]:
     found: dict[str, Any] = {}
     kind: type = type(value)
     for part in parts_of(kind):
-        if sparse and part.attribute in getattr(kind, "SHOWN", ()):
-            continue
-        item = plain(part.of(value), sparse=sparse)
+        item = plain(part.of(value))
         if item is None and not part.required:
             continue
         inside, (*places, key) = found, part.key.split(".")
@@ -263,8 +261,6 @@ def _plain_parts(value: Any, sparse: bool) -> dict[str, Any]:
             inside[key] = item
         elif item is not None:
             inside |= item
-    if sparse:
-        return {key: item for key, item in found.items() if item not in (None, "", [], {})}
     return found
 
 

@@ -11,7 +11,7 @@ import json
 import shutil
 import subprocess
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,8 +23,7 @@ from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.quantities import written
 from taction.system.reading_definitions import READINGS
-from taction.verification.verdict.checks import Check
-from taction.verification.verdict.record import Channel, Record
+from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import Verdict
 
 FORMAT = 2
@@ -64,7 +63,7 @@ CHANNEL_STABLE = ("final", *READINGS)
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """The stored results of one scene; an unstable board has no readings of its transient."""
+    """The stored results of one scene."""
 
     name: str
     fingerprint: str  # SHA-256 of the scene and its files, without the tolerances
@@ -108,31 +107,8 @@ def observe(verdict: Verdict, revision: str) -> Entry:
         taction=metadata.version("taction"),
         solved_by=verdict.waveforms.simulator,
         speed=abs(verdict.poles.rightmost),
-        record=_kept(Record.of(verdict), verdict.poles.known_stable),
+        record=Record.of(verdict).without_run_time(),
         keys=written_keys(verdict.scene),
-    )
-
-
-def _kept(record: Record, stable: bool) -> Record:
-    """Return what a baseline keeps of a record."""
-    figures = ALWAYS + STABLE * stable
-    channels = CHANNEL_ALWAYS + CHANNEL_STABLE * stable
-    return replace(
-        record,
-        reason="",
-        figures={n: v for n, v in record.figures.items() if n in figures},
-        uncertainties={},
-        alternatives={n: v for n, v in record.alternatives.items() if n in figures},
-        checks=tuple(Check(check.name, check.outcome) for check in record.checks),
-        channels=tuple(
-            Channel(
-                each.index,
-                each.state,
-                {n: v for n, v in each.figures.items() if n in channels},
-                alternatives={n: v for n, v in each.alternatives.items() if n in channels},
-            )
-            for each in record.channels
-        ),
     )
 
 
@@ -220,25 +196,8 @@ def load_baseline(path: str | Path) -> tuple[dict[str, Entry], Commit]:
 
 def baseline_text(entries: Baseline, written: Commit = NO_COMMIT) -> str:
     """Return a baseline as the text of its file; `written` is the commit that it names."""
-    scenes = {name: plain(entries[name], sparse=True) for name in sorted(entries)}
-    head = {"commit": plain(written)} if written.text else {}
-    return "".join(_pretty({MARK: FORMAT, **head, "scenes": scenes})) + "\n"
-
-
-def _pretty(value: Any, indent: str = "\n") -> Iterator[str]:
-    """Yield JSON with a line for each key, check and channel, so that a diff can be read."""
-    if isinstance(value, list) and value and isinstance(value[0], dict):
-        items = (json.dumps(item, ensure_ascii=False, allow_nan=False) for item in value)
-        yield "[" + ",".join(f"{indent}  {item}" for item in items) + f"{indent}]"
-        return
-    if not isinstance(value, dict) or not value:
-        yield json.dumps(value, ensure_ascii=False, allow_nan=False)
-        return
-    yield "{"
-    for number, (key, item) in enumerate(value.items()):
-        yield f"{',' if number else ''}{indent}  {json.dumps(key, ensure_ascii=False)}: "
-        yield from _pretty(item, indent + "  ")
-    yield indent + "}"
+    file = {MARK: FORMAT, "commit": written, "scenes": dict(sorted(entries.items()))}
+    return json.dumps(plain(file), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def git_commit(folder: Path) -> Commit:
