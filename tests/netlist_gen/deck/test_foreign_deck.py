@@ -275,16 +275,6 @@ def test_a_value_beside_a_model_counts(card: str, ohms: float, folder: Path, ngs
     assert [part.farads for part in board.circuit.capacitors] == [1e-9, 2e-9]
 
 
-@pytest.mark.parametrize(
-    "cards",
-    [".model rm R (rsh=100)\nR2 out 0 rm l=10u w=1u", ".model rm R (r=2)\nR2 out 0 rm 1k",
-     ".model rm R (tnom=50 tc1=1m)\nR2 out 0 rm 1k"],
-)  # fmt: skip
-def test_a_model_that_gives_the_value_is_refused(cards: str, folder: Path, ngspice: str) -> None:
-    with pytest.raises(InputError, match="R2: expected a value beside the model"):
-        read_board(written(folder, f"t\n{RC}{cards}\n.end\n"))
-
-
 @pytest.mark.parametrize("key", ["temp=77", "dtemp=50"])
 def test_a_part_at_another_temperature_is_refused(key: str, folder: Path, ngspice: str) -> None:
     """Its value there would be another one: 1.5 kohm."""

@@ -85,19 +85,22 @@ def test_the_value_of_a_resistor(value: str, ohms: float, tmp_path: Path, ngspic
 
 
 @pytest.mark.parametrize(
-    "card",
+    ("card", "ohms"),
     [
-        "R2 out 0 mod\n.model mod r (r=2k)",
-        "R2 out 0 mod l=10u w=1u\n.model mod r (rsh=200)",
-        "R2 out 0 r={2k+0*v(out)*v(out)} tc1=1m",
+        ("R2 out 0 mod\n.model mod r (r=2k)", 2e3),
+        ("R2 out 0 mod l=10u w=1u\n.model mod r (rsh=200)", 2e3),
+        ("R2 out 0 mod 1k\n.model mod r (r=2k)", 1e3),
+        ("R2 out 0 mod 1k\n.model mod r (tnom=50 tc1=1m)", 977.0),  # at 27 degrees C
+        ("R2 out 0 r={2k+0*v(out)*v(out)} tc1=1m", 2e3),
     ],
 )
 def test_a_resistor_with_its_value_elsewhere_is_measured(
-    card: str, tmp_path: Path, ngspice: str
+    card: str, ohms: float, tmp_path: Path, ngspice: str
 ) -> None:
     place = tmp_path / "deck.cir"
     place.write_text(f"t\n{RC}{card}\n.end\n")
-    assert poles(read_board(place).circuit).rightmost.real == pytest.approx(-1.5e6, rel=1e-9)
+    rate = -(1.0 / 1e3 + 1.0 / ohms) / 1e-9
+    assert poles(read_board(place).circuit).rightmost.real == pytest.approx(rate, rel=1e-9)
 
 
 def test_a_function_of_the_deck_counts(tmp_path: Path, ngspice: str) -> None:
