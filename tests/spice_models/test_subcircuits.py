@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import wrightomega
 
 from taction.netlist_gen.board.parts import SignalAmplifier
-from taction.netlist_gen.deck.board_cards import amplifier_lines
+from taction.netlist_gen.deck.deck import amplifier_lines
 from taction.spice_models.amplifier import KINDS
 from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.presets import derive, load_presets

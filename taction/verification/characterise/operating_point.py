@@ -1,23 +1,33 @@
-"""The operating point of a deck as it is, every transistor and clamp in it, as ngspice finds it.
+"""The operating point of a deck as it is, and what is not linear in it, each measured alone there.
 
 ngspice expands the deck and finds a first point as it does by itself, then a tight one from there.
 The text of the second run is kept: whoever asks ngspice about the point sends the same text, so
 that ngspice repeats this point to the last bit. It has a source of current into every node, which
 `studies.witnesses` drives.
+
+Elements are measured on one bench, held at rest: each becomes its ``G + s C`` as linear parts. One
+copy stands there for each node or current that is excited. A device is measured without its ohmic
+resistances, which are parts of their own. The parts of an element have constant currents or
+voltages that make it rest where it rests; those of a device count from its last terminal, so that
+one between floating nodes stays floating.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.netlist_gen.deck.elements import CardError
-from taction.netlist_gen.deck.flat_cards import Flat, read_cards
-from taction.verification.characterise.element_bench import TIGHT
+from taction.netlist_gen.board.circuit import GROUND
+from taction.netlist_gen.deck.elements import CardError, Element, Models, model_cards, shown
+from taction.netlist_gen.deck.flat_cards import Flat, card_of, read_cards, sum_parts
+from taction.netlist_gen.deck.foreign_lines import number
+from taction.spice_models.branches import Branch
+from taction.system.array_types import Complexes, Floats
 from taction.verification.engines.ngspice.commands import (
     RESULT,
     TEXT,
@@ -27,6 +37,7 @@ from taction.verification.engines.ngspice.commands import (
 )
 from taction.verification.engines.ngspice.executable import Simulator
 
+TIGHT = "reltol=1e-9 abstol=1e-15 vntol=1e-12"
 AT_ONCE = "optran 1 1 1 0 0 0"  # no transient to the operating point
 TRIED = (
     TIGHT,
@@ -169,3 +180,287 @@ def _plain(name: str) -> str:
         branch = "#branch" if inner.startswith("i(") and "@" not in inner else ""
         inner = inner[2:-1] + branch
     return inner.removeprefix("@")
+
+
+FREQUENCIES = (1e3, 1e6, 1e9)  # Hz
+MISFIT = 1e-4  # of the largest admittance: more is not G + s C
+ROUNDED = 1e-12  # of the largest admittance: less is rounding
+SMALL = 1e-9  # of the largest capacitance of an element: a difference below is rounding
+SAME = 1e-12  # of two gains with opposite signs: they are one of a difference
+LEAST_OHMS = 1e-6
+NAMED = 4  # elements in a message
+Reads = list[tuple[str, float]]  # vectors of a copy, with their signs
+Table = Mapping[str, complex]  # values by vector
+Control = tuple[str, ...]
+
+
+def linear_flat(flat: Flat, volts: Mapping[str, float], options: str, simulator: Simulator) -> Flat:
+    """Return flat cards with linear parts for every element, measured where it rests; no knobs.
+
+    `volts` and `options` are those of a `DeckPoint`. `CardError`: an element is not of the form
+    ``G + s C``, or ngspice does not measure it.
+    """
+    if not flat.elements:
+        return flat
+    bench, parts = _Bench(flat, {GROUND: 0.0, **volts}), [*flat.parts]
+    commands = ["save all", "op", f"write {RESULT}", "set appendwrite"]
+    for hertz in FREQUENCIES:
+        commands += [f"ac lin 1 {hertz!r} {hertz!r}", f"write {RESULT}"]
+    answers = run_commands([*bench.cards, f".options {TIGHT} {options}"], commands, simulator)
+    if len(answers.plots) != 1 + len(FREQUENCIES):
+        raise CardError(f"ngspice does not measure the elements alone: {answers.complaint}")
+    tables = [dict(zip(names, values[-1], strict=True)) for names, values in answers.plots]
+    wrong = list[str]()
+    for element, copies, whole in zip(flat.elements, bench.reads, bench.whole, strict=True):
+        found, text = bench.fitted(element, [_matrix(copies, table) for table in tables])
+        if element.inner and not text:
+            text = found.apart([_matrix(whole, table) for table in tables[1:]])
+        parts += found.parts()
+        wrong += [f"{shown(element.name)}: {text}"] if text else []
+    if wrong:
+        more = f"; and {len(wrong) - NAMED} more" if len(wrong) > NAMED else ""
+        raise CardError("; ".join(wrong[:NAMED]) + more)
+    return replace(flat, parts=parts)
+
+
+class _Bench:
+    """The cards of the bench, and what is read of each copy: vectors with their signs."""
+
+    def __init__(self, flat: Flat, volts: Mapping[str, float]) -> None:
+        self.models, self.volts = flat.models, volts
+        self.cards = list(model_cards(flat.models, flat.elements))
+        self.reads = [self._copies(f"b{k}", each) for k, each in enumerate(flat.elements)]
+        self.whole = [  # devices with their ohmic resistances, which are to be in series
+            self._copies(f"w{k}", each.whole) if each.inner else []
+            for k, each in enumerate(flat.elements)
+        ]
+
+    def _copies(self, tag: str, element: Element) -> list[Reads]:
+        """Put a copy on the bench for each node or current that is excited."""
+        count = max(len(element.held) + len(element.currents), 1)
+        return [self._copy(f"{tag}_{j}", element, j) for j in range(count)]
+
+    def _held(self, element: Element) -> list[float]:
+        try:
+            nodes = [self.volts[node] for node in element.held]
+            return [*nodes, *(self.volts[f"{name}#branch"] for name in element.currents)]
+        except KeyError as error:
+            text = f"{shown(element.name)}: ngspice has no voltage or current {error} at rest"
+            raise CardError(text) from None
+
+    def _ohms(self, element: Element, i: int) -> float:
+        """Return the resistance before a terminal; that of a base (with RBM) is as at rest."""
+        siemens = self.volts.get(f"{element.name}[gx]", 0.0) if i == 1 else 0.0
+        return max(1.0 / siemens if siemens else element.inner[i][1], LEAST_OHMS)
+
+    def _copy(self, tag: str, element: Element, excited: int) -> Reads:
+        """Put a copy on the bench, with one of what it depends on excited."""
+        rest, count = self._held(element), len(element.held)
+        nodes = [f"n{tag}_{i}" for i in range(count)]
+        names = {f"i{j}": f"v{tag}_c{j}" for j in range(len(element.currents))}
+        names |= {f"o{j}": f"o{tag}_{j}" for j in range(2)}
+        names |= {f"{i}": node for i, node in enumerate(nodes)}
+        card = re.sub(r"\{(\w+)\}", lambda match: names[match[1]], element.pattern)
+        self.cards.append(card.replace("~", tag, 1))
+        for i, node in enumerate(nodes):
+            outer = node
+            if i in element.inner:
+                outer = f"x{tag}_{i}"
+                self.cards.append(f"rh{tag}_{i} {outer} {node} {self._ohms(element, i)!r}")
+            self.cards.append(f"vh{tag}_{i} {outer} 0 dc {rest[i]!r} ac {int(i == excited)}")
+        for j in range(len(element.currents)):
+            self.cards.append(f"v{tag}_c{j} k{tag}_{j} 0 dc 0")
+            driven = int(count + j == excited)
+            self.cards.append(f"ih{tag}_{j} 0 k{tag}_{j} dc {rest[count + j]!r} ac {driven}")
+        reads = [(f"i(vh{tag}_{i})", -1.0) for i in range(element.terminals)]
+        if element.inner:
+            reads += [(f"v({node})", 1.0) for node in nodes[: element.terminals]]
+        if element.out:
+            kind = element.out[0]
+            self.cards.append(f"vz{tag} o{tag}_1 0 dc 0")
+            if kind == "i":
+                self.cards.append(f"vo{tag} o{tag}_0 0 dc 0")
+            if kind == "l":
+                self.cards.append(f"io{tag} 0 o{tag}_0 dc 0 ac 1")
+            reads.append((f"i(vo{tag})", -1.0) if kind == "i" else (f"v(o{tag}_0)", 1.0))
+        return reads
+
+    def fitted(self, element: Element, tables: Sequence[Complexes]) -> tuple[_Measured, str]:
+        """Return an element with ``G + s C``, and why it is not of this form, or nothing."""
+        n, held = element.terminals, np.array(self._held(element))
+        point, *found = tables
+        rest = point[:, 0].real
+        if element.inner:  # currents and voltages of the inner nodes
+            held[:n], rest = rest[n:], rest[:n]
+            found = [each[:n] @ np.linalg.inv(each[n:]) for each in found]
+        G, C, wrong = _fit(np.array(found))
+        wrong = wrong or _wrong_state(element, G, held, self.models)
+        if not wrong and element.out and element.out[0] == "v" and np.any(C):
+            wrong = "its voltage depends on the rate of a change"
+        if not wrong and np.any(C[:, len(element.held) :]) and element.currents:
+            wrong = "it depends on the rate of a current"
+        ohms = {i: self._ohms(element, i) for i in element.inner}
+        outer = self.volts.get(f"{element.name}[cbx]", 0.0) if 1 in element.inner else 0.0
+        return _Measured(element, G, C, rest, held, ohms, outer), wrong
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Measured:
+    """An element with its small signal between its ports."""
+
+    element: Element
+    G: Floats  # conductances (rows read, columns held), or gains
+    C: Floats  # capacitances, or rates of gains
+    rest: Floats  # what is read at rest: currents, A, or voltages, V
+    held: Floats  # what is held at rest, V and A
+    ohms: Mapping[int, float]  # of the resistances before terminals
+    outer: float  # of a transistor, from its base, before the resistance, to its collector, F
+
+    def apart(self, whole: Sequence[Complexes]) -> str:
+        """Return whether the device as it is has another small signal than with its parts.
+
+        `whole` are the currents (terminals, terminals), A, for 1 V at each terminal.
+        """
+        n = self.element.terminals
+        R = np.diag([self.ohms.get(i, 0.0) for i in range(n)])
+        for hertz, currents in zip(FREQUENCIES, whole, strict=True):
+            s = 2j * math.pi * hertz
+            Y, beside = self.G + s * self.C, np.zeros((n, n), complex)
+            if self.outer:  # it joins the inner node of the collector with the base's terminal
+                Y[0, 0] += s * self.outer
+                beside[0, 1] = s * self.outer
+            found = np.linalg.solve(np.eye(n) + Y @ R, Y - beside)
+            if self.outer:
+                volts = np.eye(n) - R @ found  # of the inner nodes
+                found[1] += s * self.outer * (np.eye(n)[1] - volts[0])
+            off = float(np.abs(found - currents).max()) / (float(np.abs(currents).max()) or 1.0)
+            if not off <= MISFIT:
+                where = f"off by {off:.1e} at {hertz:.0e} Hz"
+                return f"its inner resistances are not in series: {where}"
+        return ""
+
+    def parts(self) -> Iterator[Branch]:
+        """Yield the linear parts that stand for it."""
+        element, n, name = self.element, self.element.terminals, self.element.name
+        inner = {i: node for i, (node, _) in element.inner.items()}
+        for i, ohms in self.ohms.items():
+            yield Branch("R", inner[i], element.held[i], inner[i], ohms)
+        ports = [inner.get(i, node) for i, node in enumerate(element.held[:n])]
+        if self.outer:
+            yield Branch("C", f"{name}#x", element.held[1], ports[0], self.outer)
+        if element.out and element.out[0] == "l":
+            yield from self._coil(*element.out[1:])
+            return
+        end, volts = ports[-1] if n else GROUND, self.held.copy()
+        volts[:n] -= volts[n - 1] if n else 0.0
+        controls: list[Control] = [(port, end) for port in ports]
+        controls += [(node, GROUND) for node in element.held[n:]]
+        charging = [*controls]
+        controls += [(card_of(source),) for source in element.currents]
+        rows = [(f"{name}#{i}", "i", port, end) for i, port in enumerate(ports[:-1])]
+        rows += [(name, *element.out)] if element.out else []
+        for i, (card, kind, a, b) in enumerate(rows):
+            constant = float(self.rest[i] - self.G[i] @ volts)
+            if a != b or kind == "v":
+                yield from sum_parts(card, kind, (a, b), _terms(self.G[i], controls), constant)
+        every = self._charges(ports, charging) if n else self._rates(rows[0][2:], charging)
+        least = SMALL * float(np.abs(self.C).max(initial=0.0))
+        yield from (part for part in every if abs(part.value) > least and part.a != part.b)
+
+    def _coil(self, a: str, b: str) -> Iterator[Branch]:
+        """Yield the parts of a coil whose inductance is an expression."""
+        name, ohms = self.element.name, float(self.G[0, 0])
+        middle = f"{name}#m" if ohms else b
+        yield Branch("L", name[1:], a, middle, float(self.C[0, 0]))
+        if ohms:
+            yield Branch("H", f"{name}#r", middle, b, ohms, (f"L{name[1:]}",))
+
+    def _rates(self, ends: tuple[str, str], controls: Sequence[Control]) -> Iterator[Branch]:
+        """Yield the charges of a current that an expression gives."""
+        for j, control in enumerate(controls):
+            card = f"{self.element.name}#q{j}"
+            yield Branch("Y", card, *ends, float(self.C[0, j]), control)
+
+    def _charges(self, ports: Sequence[str], controls: Sequence[Control]) -> Iterator[Branch]:
+        """Yield the capacitances of a device, from the last of its terminals that have any.
+
+        Where the substrate has none, the others sum to zero, and from there rounding would be a
+        pole.
+        """
+        C, n = self.C, len(ports)
+        least = SMALL * float(np.abs(C).max(initial=0.0))
+        large = np.abs(C[:n]) > least
+        *own, last = [i for i in range(n) if large[i].any() or large[:, i].any()] or [0]
+        end, sums = ports[last], np.diag(C).copy()
+
+        def made(letter: str, card: str, a: str, b: str, value: float, *control: str) -> Branch:
+            return Branch(letter, f"{self.element.name}#{card}", a, b, float(value), control)
+
+        for i in own:
+            for j in own[: own.index(i)]:
+                one, other = float(C[i, j]), float(C[j, i])
+                shared = min(one, other, key=abs) if one * other > 0.0 else 0.0
+                if abs(shared) <= least or ports[i] == ports[j]:
+                    shared = 0.0
+                sums[[i, j]] += shared
+                yield made("C", f"c{i}{j}", ports[i], ports[j], -shared)
+                yield made("Y", f"q{i}{j}", ports[i], end, one - shared, ports[j], end)
+                yield made("Y", f"q{j}{i}", ports[j], end, other - shared, ports[i], end)
+            for j in range(n, len(controls)):
+                yield made("Y", f"q{i}{j}", ports[i], end, C[i, j], *controls[j])
+        for i in own:
+            yield made("C", f"c{i}", ports[i], end, sums[i])
+
+
+def _terms(gains: Floats, controls: Sequence[Control]) -> Iterator[tuple[float, Control]]:
+    """Yield gains with what they multiply; two opposite ones are that of a difference."""
+    left = [j for j, control in enumerate(controls) if gains[j] and control[1:] != control[:1]]
+    while left:
+        j = left.pop(0)
+        (node, *end), gain = controls[j], float(gains[j])
+        for k in left if end else ():
+            other, against = controls[k][0], controls[k][-1]
+            if [against] == end and abs(gain + gains[k]) <= SAME * abs(gain):
+                left.remove(k)
+                end = [other]
+                break
+        yield gain, (node, *end)
+
+
+def _wrong_state(element: Element, G: Floats, held: Floats, models: Models) -> str:
+    """Return whether ngspice left a switch in a state that its control contradicts."""
+    if element.name[0] not in "sw":
+        return ""
+    control = held[2] - held[3] if element.name[0] == "s" else held[2]
+    text = next((card for name, (_, card) in models.items() if name in element.pattern.split()), "")
+    given = dict(re.findall(r"(\w+) ?= ?([^\s(),]+)", text))
+    keys = ("vt", "vh") if element.name[0] == "s" else ("it", "ih")
+    threshold, half = (number(given.get(key, "0")) for key in keys)
+    on, off = 1.0 / number(given.get("ron", "1")), 1.0 / number(given.get("roff", "1e12"))
+    closed = abs(G[0, 0] - on) < abs(G[0, 0] - off)
+    if abs(control - threshold) <= abs(half) or closed == (control > threshold):
+        return ""
+    state = "closed below" if closed else "open above"
+    return f"ngspice leaves it {state} its threshold; expected a resistor of its state"
+
+
+def _matrix(copies: Sequence[Reads], table: Table) -> Complexes:
+    """Return what is read (rows) of each copy (columns)."""
+    return np.array([[table[name] * sign for name, sign in reads] for reads in copies]).T
+
+
+def _fit(responses: Complexes) -> tuple[Floats, Floats, str]:
+    """Return G, C, and where the responses (P, rows, columns) are not ``G + s C``."""
+    omega = math.tau * np.array(FREQUENCIES)[:, None, None]
+    scale = np.abs(responses).max(axis=(1, 2), initial=0.0)
+    G, last = responses[0].real, responses[-1].imag
+    C = np.where(np.abs(last) > ROUNDED * scale[-1], last / omega[-1], 0.0)
+    G = np.where(np.abs(G) > ROUNDED * 1e-3 * scale[0], G, 0.0)
+    off = np.abs(responses - G - 1j * omega * C).max(axis=(1, 2), initial=0.0)
+    off = off / np.where(scale > 0.0, scale, 1.0)
+    if not np.all(np.isfinite(off)):
+        return G, C, "ngspice measures no finite small signal of it"
+    if np.any(off > MISFIT):
+        hertz = FREQUENCIES[int(off.argmax())]
+        return G, C, f"its small signal is not G + s C: off by {off.max():.1e} at {hertz:.0e} Hz"
+    return G, C, ""

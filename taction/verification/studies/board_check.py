@@ -3,12 +3,17 @@
 A deck is read and linearised (`foreign_board`), measured (`measured_board`), asked (`questions`),
 compared with ngspice (`witnesses`) and judged (`board_checks`). Worst cases and the yield are those
 of `verification.studies.tolerance`.
+
+Two things an operating point of a deck that is not linear leaves open: latches, Schmitt triggers
+and current references have several, and ngspice may find the one that no board keeps; and a large
+step leaves the range in which the circuit is linear.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+import time
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Annotated
@@ -16,19 +21,24 @@ from typing import Annotated
 import numpy as np
 
 from taction.netlist_gen.deck.part_tolerances import DeckTolerances
+from taction.system.array_types import Floats
 from taction.system.documents import Hertz, Inline, Note, Number, Rate, Steps, Volts
+from taction.system.errors import EngineError
+from taction.system.quantities import show
 from taction.system.results import Result
+from taction.verification.characterise.operating_point import AT_ONCE, DeckPoint, read_volts
+from taction.verification.engines.ngspice.commands import RESULT, run_commands
+from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.studies.board_checks import judge
 from taction.verification.studies.board_sweep import Sweep, SweptValue, sweep_deck, varied_outcomes
 from taction.verification.studies.foreign_board import ForeignBoard
 from taction.verification.studies.measured_board import FAR, MeasuredBoard, measure_board
-from taction.verification.studies.other_points import points_note, step_note
-from taction.verification.studies.part_influence import PartRow, influences
+from taction.verification.studies.part_influence import PartRow, influences, pole_vectors
 from taction.verification.studies.questions import QUESTIONS, Wanted, units
 from taction.verification.studies.tolerance.corners import CornerStudy
 from taction.verification.studies.tolerance.montecarlo import YieldReport
-from taction.verification.studies.witnesses import compare_ac, compare_transient
+from taction.verification.studies.witnesses import compare_ac, compare_transient, stepping
 from taction.verification.verdict.checks import Check, Outcome, overall, undecided
 from taction.verification.verdict.companion import Agreement
 
@@ -200,3 +210,100 @@ def check_board(
     )
     vars(made).update(vars(found))  # with what it has computed
     return made
+
+
+STARTS = 12
+REACHES = (0.05, 0.15, 0.4, 1.0, 10.0)  # of the range of all voltages, along the growing mode
+WIDER = 2.0  # times this range on either side: drawn voltages
+SAME = 1e-3  # of this range, or of a voltage: a smaller distance is the same point
+SECONDS = 4.0  # of one start
+ALL_SECONDS = 8.0  # of all starts: no further one begins later
+TINY = 1e-30  # V: of no step at all
+LARGE = 0.01  # of the step, or of a node's own: how far ngspice's rest may be from the linear one
+
+
+def _rest(point: DeckPoint, limits: str, cards: Iterable[str], *commands: str) -> dict[str, float]:
+    """Return where ngspice finds the deck at rest with other cards; nothing where it does not."""
+    text = [*point.lines, f".options {limits} {point.options}", *cards]
+    every = [*commands, "save all", "op", f"write {RESULT}"]
+    simulator = find_simulator()
+    return read_volts(run_commands(text, every, simulator, mode=point.mode, seconds=SECONDS))
+
+
+def points_note(found: MeasuredBoard, point: DeckPoint) -> str:
+    """Return how many operating points a deck with a growing real pole has; empty without one.
+
+    ngspice starts along the growing mode, both ways, and from voltages that are drawn.
+    """
+    poles = found.poles
+    growing = (poles.poles.imag == 0.0) & (poles.poles.real > poles.errors)
+    if not np.any(growing):
+        return ""
+    nodes = [name for name in found.board.descriptor.names if name in point.volts]
+    here = np.array([point.volts[name] for name in nodes])
+    span = float(np.ptp(here, axis=0)) or 1.0
+    known, tried, end = [here], 0, time.monotonic() + ALL_SECONDS
+    for start in _starts(found, complex(poles.poles[growing][0]), nodes, here, span):
+        if time.monotonic() > end:
+            break
+        tried += 1
+        cards = [f".nodeset v({n})={v!r}" for n, v in zip(nodes, start.tolist(), strict=True)]
+        volts = _rest(point, "reltol=1e-6 abstol=1e-13 vntol=1e-10", cards, AT_ONCE)
+        if not volts:
+            continue
+        there = np.array([volts.get(name, np.nan) for name in nodes])
+        if all(np.abs(there - each).max() > SAME * span for each in known):
+            known.append(there)
+    if len(known) == 1:
+        return f"from {tried} other starts ngspice finds no operating point but this unstable one"
+    out = found.board.circuit.outputs[0].node
+    shown = out if out in nodes else nodes[int(np.abs(known[1] - here).argmax())]
+    at = nodes.index(shown)
+    own, *others = (show(float(each[at]), "V", 4) for each in known)
+    return (
+        f"at least {len(known)} operating points: all that follows is of this one, which is"
+        f" unstable, with v({shown}) = {own}; the others have {', '.join(others)}"
+    )
+
+
+def _starts(
+    found: MeasuredBoard, pole: complex, nodes: list[str], here: Floats, span: float
+) -> Iterator[Floats]:
+    drawn, count = np.random.default_rng(5), 0
+    try:
+        right, _ = pole_vectors(found.board, pole)
+        places = [found.board.descriptor.place(name) for name in nodes]
+        mode = right[places].real / np.abs(right[places]).max()
+        for reach in REACHES:
+            yield here + reach * span * mode
+            yield here - reach * span * mode
+            count += 2
+    except EngineError:
+        pass
+    for _ in range(STARTS - count):
+        yield drawn.uniform(here.min() - WIDER * span, here.max() + WIDER * span, len(here))
+
+
+def step_note(found: MeasuredBoard, point: DeckPoint) -> str:
+    """Return that a step leaves the range in which a deck is linear; empty where it does not."""
+    if not found.poles.known_stable:
+        return ""
+    alter = (f"alter {name} dc={s.value!r}" for name, s in stepping(found.board).items())
+    volts = _rest(point, "reltol=1e-6", point.starts, *alter)
+    if not volts:
+        return "ngspice finds no operating point after the step: readings hold for small steps only"
+    values, places = found.board.equilibrium.values, found.board.descriptor.places
+    step = max(found.measurements.amplitude, TINY)
+    off, name, linear, true = max(
+        (max(abs(values[places[n]] - v) - SAME * abs(v), 0.0) / max(step, abs(v - point.volts[n])),
+         n, float(values[places[n]]), v)
+        for n, v in volts.items()
+        if n in places and n in point.volts
+    )  # fmt: skip
+    if off <= LARGE:
+        return ""
+    return (
+        f"the step is too large for small signals: after it ngspice's operating point has v({name})"
+        f" = {show(true, 'V', 4)}, the linear circuit {show(linear, 'V', 4)}; readings of the step"
+        " hold for small steps only"
+    )

@@ -1,8 +1,8 @@
 """A deck of another hand as a `Circuit`: expanded by ngspice, what is not linear measured alone.
 
 A deck with transistors, clamps or op-amps of vendors is linear about its operating point, which
-ngspice finds for the deck as it is (`operating_point`); each such element is measured there
-(`element_bench`), and becomes parts without knobs (`element_bench`).
+ngspice finds for the deck as it is; each such element is measured there (`operating_point`), and
+becomes parts without knobs.
 """
 
 from __future__ import annotations
@@ -45,8 +45,12 @@ from taction.netlist_gen.deck.vendor_subcircuit import (
 from taction.spice_models.branches import Source
 from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
 from taction.system.processes import more_time
-from taction.verification.characterise.element_bench import MISFIT, linear_flat
-from taction.verification.characterise.operating_point import DeckPoint, find_point
+from taction.verification.characterise.operating_point import (
+    MISFIT,
+    DeckPoint,
+    find_point,
+    linear_flat,
+)
 from taction.verification.engines.ngspice.commands import expand
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.studies.measured_board import Start

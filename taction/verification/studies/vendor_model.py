@@ -50,8 +50,12 @@ from taction.system.own_folders import remove_own_folder
 from taction.system.quantities import show_rate
 from taction.system.results import Result
 from taction.verification.characterise.characterise import RAMP, Bode, slope
-from taction.verification.characterise.element_bench import linear_flat
-from taction.verification.characterise.operating_point import AT_ONCE, DeckPoint, find_point
+from taction.verification.characterise.operating_point import (
+    AT_ONCE,
+    DeckPoint,
+    find_point,
+    linear_flat,
+)
 from taction.verification.engines.ngspice.commands import RESULT, run_commands
 from taction.verification.engines.ngspice.executable import Simulator, find_simulator
 from taction.verification.engines.ngspice.process import simulate

@@ -32,7 +32,7 @@ from taction.verification.verdict.plan_board import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
 
 if TYPE_CHECKING:
-    from taction.netlist_gen.deck.measures import Measures
+    from taction.netlist_gen.deck.dialects import Measures
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -210,7 +210,7 @@ def _with_even_steps(scene: Scene) -> Scene:
 
 def _measures(design: PlannedBoard) -> Measures:
     """Return what the measures compare with: the reference solution, at the output nodes."""
-    from taction.netlist_gen.deck.measures import Measures
+    from taction.netlist_gen.deck.dialects import Measures
 
     ideal = ideal_answer(design.network, design.scene)
     if ideal.problem:

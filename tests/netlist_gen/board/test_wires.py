@@ -15,7 +15,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.netlist_gen.board.wired_arrays import at_ports, entry_voltages, wire_branches
 from taction.netlist_gen.board.wires import CORNERS, Wires, compensated
-from taction.netlist_gen.deck.board_cards import header_lines, matrix_lines
+from taction.netlist_gen.deck.deck import header_lines, matrix_lines
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 
