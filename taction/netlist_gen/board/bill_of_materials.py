@@ -178,14 +178,6 @@ def bill_of_materials(circuit: Circuit, scene: Scene) -> BillOfMaterials:
     """Return the parts of `circuit`, the board of `scene`, equal values in one line.
 
     Stray capacitances are no parts.
-
-    Examples
-    --------
-    >>> import taction
-    >>> scene = taction.load_scene("scenes/custom-matrix.toml")
-    >>> parts = bill_of_materials(taction.synthesise(scene), scene)
-    >>> parts.lines[0].value, parts.lines[0].references[:2]
-    (10000.0, ('Ra_1_in', 'Ra_1_fb'))
     """
     names, ohms = _resistors(circuit)
     signal = circuit.real_capacitors

@@ -134,13 +134,7 @@ NEEDED = ("G0", "U0", "lambda")  # facts of every board that is verified
 
 
 def common_facts(**values: float) -> dict[str, Fact]:
-    """Return the facts of a board by their names, from those of `_COMMON` that are given.
-
-    Examples
-    --------
-    >>> common_facts(C=1e-11, gain=1e6)["gain"].text
-    '1 MΩ'
-    """
+    """Return the facts of a board by their names, from those of `_COMMON` that are given."""
     return {
         name: Fact(name, values[name], *texts) for name, texts in _COMMON.items() if name in values
     }

@@ -95,13 +95,6 @@ def part_warnings(circuit: Circuit, rest: Rest | None = None) -> tuple[str, ...]
     ----------
     rest : callable, optional
         The voltages of the nodes at rest, V; without it currents and common modes are not judged.
-
-    Examples
-    --------
-    >>> import taction
-    >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
-    >>> print(part_warnings(taction.synthesise(scene))[0][:65])
-    60 of 74 matrix resistors are above 10 Mohm, up to 247.3 Mohm (Rf
     """
     return tuple(broken.text for broken in broken_limits(circuit, rest).values())
 

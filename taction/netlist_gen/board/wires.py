@@ -121,13 +121,6 @@ class Crossbar:
 
     `siemens` (M, N): the entries; zero where there is none.
     `wires`: their lines; `driver` and `sense` do not count here.
-
-    Examples
-    --------
-    Two segments of 1 ohm and an entry of 2 ohm are in series:
-
-    >>> Crossbar(np.array([[0.5]]), Wires(1.0, 1.0)).ports().across.tolist()
-    [[0.25]]
     """
 
     def __init__(self, siemens: Floats, wires: Wires) -> None:

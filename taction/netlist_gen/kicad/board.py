@@ -40,16 +40,7 @@ class KicadProject:
 
 
 def kicad_project(circuit: Circuit, scene: Scene) -> KicadProject:
-    """Return the KiCad project of the board of `scene`; its first file is the schematic to open.
-
-    Examples
-    --------
-    >>> import taction
-    >>> scene = taction.load_scene("scenes/custom-matrix.toml")
-    >>> files = list(kicad_project(taction.synthesise(scene), scene).files)
-    >>> files[0], files[1], len(files)
-    ('custom-matrix.kicad_sch', 'channel-1.kicad_sch', 14)
-    """
+    """Return the KiCad project of the board of `scene`; its first file is the schematic to open."""
     parts, ports, name = BoardParts(circuit, scene), count(1), circuit.name
     sheets = {}
     for branch in branches(parts):

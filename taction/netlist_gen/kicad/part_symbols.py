@@ -38,13 +38,7 @@ KINDS: dict[type, tuple[Symbol, str, str, str, str]] = {  # field, unit, letter 
 
 @cache
 def printed_value(value: float, digits: int = DIGITS) -> str:
-    """Return a value as a schematic has it.
-
-    Examples
-    --------
-    >>> printed_value(52631.578947), printed_value(1e-11), printed_value(-2e-6)
-    ('52.63k', '10p', '-2u')
-    """
+    """Return a value as a schematic has it."""
     return show(value, "", digits).replace(" ", "")
 
 
@@ -208,16 +202,7 @@ WIRES = ("Net", "Part", "Pin", "Name", "Unit", "Value", "Deck")
 
 
 def wiring(parts: BoardParts) -> str:
-    """Return the list of wires as CSV: a row for every pin, by nets.
-
-    Examples
-    --------
-    >>> import taction
-    >>> scene = taction.load_scene("scenes/custom-matrix.toml")
-    >>> rows = wiring(BoardParts(taction.synthesise(scene), scene)).splitlines()
-    >>> rows[0], next(row for row in rows if row.startswith("v_1,U"))
-    ('Net,Part,Pin,Name,Unit,Value,Deck', 'v_1,U1,6,out,A,OPA189,Xv_1')
-    """
+    """Return the list of wires as CSV: a row for every pin, by nets."""
     rows = []
     for unit in (*parts.signal, *parts.supply):
         part = unit.part

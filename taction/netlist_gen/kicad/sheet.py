@@ -25,13 +25,7 @@ HEAD = '(version 20231120) (generator "taction")'  # the format of KiCad 8 and n
 
 
 def quoted(text: object) -> str:
-    r"""Return a text in quotation marks, as KiCad writes it.
-
-    Examples
-    --------
-    >>> print(quoted('a "b"\nc'))
-    "a \"b\"\nc"
-    """
+    """Return a text in quotation marks, as KiCad writes it."""
     plain = str(text).replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
     return f'"{plain}"'
 

@@ -355,13 +355,6 @@ def with_settings(scene: Scene, settings: Iterable[str]) -> Scene:
     preset, ``opamp=NAME`` only its base, as an axis does.
 
     InputError: no ``KEY=VALUE``, an unknown key, or a value that its key does not accept.
-
-    Examples
-    --------
-    >>> from taction.netlist_gen.scene.loading import load_scene
-    >>> scene = load_scene("scenes/paper-breadboard.toml")
-    >>> with_settings(scene, ["C=12pF", "lambda=0.5"]).design.capacitance
-    1.2e-11
     """
     changes: dict[str, Value] = {}
     for text in settings:

@@ -194,24 +194,6 @@ def scene_text(scene: Scene, folder: str | Path | None = None) -> str:
 
     `folder`: where the text will stand, by default beside the scene's own file: names of files are
       relative to it.
-
-    Examples
-    --------
-    >>> from taction.netlist_gen.scene.scene import parse_scene
-    >>> data = {"problem": {"kind": "tactile"}, "design": {"opamp": {"base": "tl084"}}}
-    >>> print(scene_text(parse_scene(data, "scene.toml")))
-    [problem]
-    kind = "tactile"
-    <BLANKLINE>
-    [design]
-    opamp = { base = "tl084" }
-    <BLANKLINE>
-
-    Quantities stand as an engineer writes them, where that reads as exactly the same number:
-
-    >>> data["design"] = {"gain": 2400.0}
-    >>> print(scene_text(parse_scene(data, "scene.toml")).splitlines()[4])
-    gain = "2.4kohm"
     """
     units = {key.path: key.unit for key in all_keys(scene) if key.unit}
     data = scene.model_dump(by_alias=True, exclude_unset=True)

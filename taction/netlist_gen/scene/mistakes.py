@@ -43,15 +43,7 @@ WORDS = {  # beginnings of tomllib's texts, and what to write instead
 
 
 def shown(text: str, row: int, column: int, width: int = 1) -> str:
-    r"""Return a line of `text`, counted from 1, with its number and a caret below a column.
-
-    Examples
-    --------
-    >>> print(shown('[design]\ngain = 10', 2, 8, 2))
-    line 2, column 8
-      gain = 10
-             ^^
-    """
+    """Return a line of `text`, counted from 1, with its number and a caret below a column."""
     line = text.split("\n")[row - 1].replace("\t", " ").rstrip("\r")
     first = max(0, column - LONGEST_LINE // 2) if len(line) > LONGEST_LINE else 0
     part = line[first : first + LONGEST_LINE]
@@ -60,15 +52,7 @@ def shown(text: str, row: int, column: int, width: int = 1) -> str:
 
 
 def place(text: str, key: str) -> str:
-    r"""Return where `text` gives `key`, or the table that lacks it; empty if nowhere.
-
-    Examples
-    --------
-    >>> print(place('[checks]\nrise_time = { channel = 8 }', "checks.rise_time.channel"))
-    line 2, column 15
-      rise_time = { channel = 8 }
-                    ^^^^^^^
-    """
+    """Return where `text` gives `key`, or the table that lacks it; empty if nowhere."""
     wanted, table = key.split("."), list[str]()
     best, depth, inside = (0, 0, 0), 0, False
     for row, line in enumerate(text.split("\n"), 1):

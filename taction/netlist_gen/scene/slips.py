@@ -15,15 +15,7 @@ SHARES = ("resistor", "capacitor", "stray", "opamp_gbw", "opamp_gain")
 
 
 def questions(scene: Scene) -> tuple[str, ...]:
-    """Return what may be a slip in a scene: in the way it is written, and in its values.
-
-    Examples
-    --------
-    >>> from taction.netlist_gen.scene.scene import parse_scene
-    >>> scene = parse_scene({"problem": {"kind": "tactile"}, "design": {"capacitance": 1}}, "a")
-    >>> print(questions(scene)[0][:71])
-    design.capacitance = 1 F is not between 10 fF and 100 uF; is the prefix
-    """
+    """Return what may be a slip in a scene: in the way it is written, and in its values."""
     found = (*scene.written_questions, *value_questions(scene), *_no_parts(scene))
     return (*found, *_no_effect(scene))
 

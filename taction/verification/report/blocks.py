@@ -49,13 +49,7 @@ class Table:
         most: Mapping[str, int] | None = None,
         more: str = "",
     ) -> Table:
-        """Return a table with a row for each record, and its columns by their titles, see `Column`.
-
-        Examples
-        --------
-        >>> Table.of("Parts", ["C1"], {"part": str, "letters": len}).rows
-        ((Cell(text='C1', number=None, outcome=''), Cell(text='2', number=2, outcome='')),)
-        """
+        """Return a table with a row for each record; `columns` are by their titles, see `Column`."""
         shown = [shown_by(column) for column in columns.values()]
         rows = tuple(tuple(cell(show(each)) for show in shown) for each in records)
         return cls(title, tuple(columns), rows, note, most or {}, more)

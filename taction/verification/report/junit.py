@@ -57,14 +57,7 @@ def regression_junit(report: RegressionReport) -> str:
 
 
 def junit_text(name: str, suites: Iterable[ET.Element]) -> str:
-    """Return suites under a `name` as JUnit XML.
-
-    Examples
-    --------
-    >>> text = junit_text("demo", [junit_suite("board.toml", [JUnitTest("stable")])])
-    >>> '<testcase name="stable" classname="taction.board"' in text
-    True
-    """
+    """Return suites under a `name` as JUnit XML."""
     root = ET.Element("testsuites", name=name)
     root.extend(suites)
     for count in ("tests", "failures", "errors"):
@@ -166,14 +159,7 @@ _PROPERTY = _MESSAGE | {":": "%3A", ",": "%2C"}
 
 
 def annotation_lines(documents: Iterable[Document]) -> Iterator[str]:
-    """Yield an error for each reason why a file does not pass, then a warning for each warning.
-
-    Examples
-    --------
-    >>> bad = {"file": "a.toml", "outcome": "bad input", "error": {"message": "50%"}}
-    >>> list(annotation_lines([bad]))
-    ['::error file=a.toml,title=taction verify (bad input)::50%25']
-    """
+    """Yield an error for each reason why a file does not pass, then a warning for each warning."""
     documents = list(documents)
     for each in documents:
         title = f"taction verify ({each['outcome']})"

@@ -93,13 +93,7 @@ def is_small(error: float | None, value: float, unit: str, whole: float = 0.0) -
 
 
 def glued(text: str, glue: str) -> str:
-    """Return a text with `glue` in the place of the blanks between numbers and their units.
-
-    Examples
-    --------
-    >>> glued("100 % within 3 us of 2 boards", "_")
-    '100_% within 3_us of 2 boards'
-    """
+    """Return a text with `glue` in the place of the blanks between numbers and their units."""
     return UNIT.sub(rf"\1{glue}", text)
 
 
@@ -146,11 +140,6 @@ def fields(text: str) -> dict[str, Callable[[Any], Shown]]:
     """Return columns that show fields: ``"title = field unit digits; field; ..."``.
 
     Without a title a column has the name of its field.
-
-    Examples
-    --------
-    >>> list(fields("part; size = value V 2; settling_time"))
-    ['part', 'size', 'settling time']
     """
     parts = (each.rpartition(" = ") for each in text.split("; "))
     return {title or spaced(path.partition(" ")[0]): shown_by(path) for title, _, path in parts}

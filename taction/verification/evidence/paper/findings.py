@@ -103,13 +103,7 @@ class Sentence(string.Formatter):
 
 
 def finding(id_: str, outcome: ClaimOutcome, **found: Any) -> Finding:
-    """Return the finding on the claim `id_`, whose templates `found` fills; its reals are values.
-
-    Examples
-    --------
-    >>> finding("operations", ClaimOutcome.HOLDS, millions=62.5).values
-    {'millions': 62.5}
-    """
+    """Return the finding on the claim `id_`: `found` fills its templates, its reals are values."""
     claim = next(claim for claim in load_claims() if claim.id == id_)
     run, ours = (Sentence().format(text, **found) for text in (claim.run, claim.ours))
     values = {name: float(each) for name, each in found.items() if isinstance(each, float)}

@@ -30,13 +30,7 @@ Rows = list[list[float]]
 
 
 def make_array(spec: Any) -> Any:
-    """Return the rows or values of a table ``make``; lists and names of files are left unchanged.
-
-    Examples
-    --------
-    >>> make_array({"make": "identity", "rows": 2, "columns": 3})
-    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
-    """
+    """Return the rows or values of a table ``make``; lists and names of files are unchanged."""
     if not isinstance(spec, Mapping):
         return spec
     arguments = dict(spec)

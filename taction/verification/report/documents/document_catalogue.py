@@ -104,13 +104,7 @@ def sweep_pieces(found: Any) -> Iterator[str]:
 
 
 def schema_name(name: str) -> str:
-    """Return the name of a schema with its version, and of its file without the ending.
-
-    Examples
-    --------
-    >>> schema_name("verify")
-    'verify-2'
-    """
+    """Return the name of a schema with its version, and of its file without the ending."""
     return f"{name}-{VERSION}"
 
 

@@ -39,13 +39,6 @@ def scene_keys(scene: Scene) -> dict[str, KeyValue]:
 
     A file has the SHA-256 of its content beside its name, so that two scenes with the same name in
     two folders can be told apart.
-
-    Examples
-    --------
-    >>> from taction.netlist_gen.scene.loading import load_scene
-    >>> keys = scene_keys(load_scene("scenes/paper-breadboard.toml"))
-    >>> keys["design.opamp.gbw"]
-    KeyValue(value=718000.0, unit='Hz', sha256=None)
     """
     files = files_of(scene)
     found = {}

@@ -18,7 +18,6 @@ from taction.system.charts import (
     Chart,
     Curve,
     Limit,
-    Line,
     Mark,
     spread_colours,
     thinned,
@@ -44,15 +43,20 @@ from taction.verification.report.views.answer_view import (
     true_error_text,
 )
 from taction.verification.report.views.stability_view import pole_map, ranges_text
-from taction.verification.report.views.waveforms_view import end_names, recovered_stress
+from taction.verification.report.views.waveforms_view import (
+    LABELLED,
+    end_names,
+    looks_text,
+    recovered_stress,
+    with_room,
+)
+from taction.verification.report.views.waveforms_view import curves as drawn_curves
 from taction.verification.stability.edges import Edges
 from taction.verification.verdict.cause import band_text
 from taction.verification.verdict.record import ERROR
 
 POINTS = 500  # of a curve
 ALL_POINTS = 12_000  # of all curves
-NAMED = 12  # channels above which curves have no names, targets and bands
-ROOM = 0.06  # of the height of the chart, above and below the curves
 VALUE_DIGITS = 6
 Part = dict[str, Any]
 
@@ -130,24 +134,22 @@ def poles_part(view: PoleView) -> Part:
 
 def boundary_part(found: Edges | EngineError, control: Control) -> Part:
     """Return the stable values of a knob as parts of its slider, and in words."""
+    unknown, parts = isinstance(found, EngineError), list[tuple[float, float]]()
     if isinstance(found, EngineError):
         text = f"not known: {readable(str(found))}"
-        return {"boundary": _boundary(control, text, [], unknown=True)}
-    parts = [(control.place(low), control.place(high)) for low, high in found.stable_ranges]
-    text = ranges_text(found, control.low, control.high, control.unit)
-    return {"boundary": _boundary(control, text, parts)}
-
-
-def _boundary(
-    control: Control, text: str, parts: list[tuple[float, float]], *, unknown: bool = False
-) -> Part:
-    return {"symbol": control.symbol, "text": text, "parts": parts, "unknown": unknown}
+    else:
+        parts = [(control.place(low), control.place(high)) for low, high in found.stable_ranges]
+        text = ranges_text(found, control.low, control.high, control.unit)
+    shown = {"symbol": control.symbol, "text": text, "parts": parts, "unknown": unknown}
+    return {"boundary": shown}
 
 
 def verdict_part(found: Judgement) -> Part:
     """Return the checks of a verdict, and its numbers."""
     record, warnings = found.record, found.warnings
-    text = f"{decisive_text(record.checks, record.outcome)} {_answer(found)}".rstrip()
+    text = decisive_text(record.checks, record.outcome)
+    if found.answer is not None:
+        text = f"{text} {answer_text(found.answer)}".rstrip()
     if record.outcome == ERROR:
         text, warnings = "there is no verdict on these values", (record.reason,)
     return {
@@ -159,10 +161,6 @@ def verdict_part(found: Judgement) -> Part:
             "warnings": [readable(text) for text in warnings],
         }
     }
-
-
-def _answer(found: Judgement) -> str:
-    return "" if found.answer is None else answer_text(found.answer)
 
 
 def along_part(start: Start, known: Mapping[str, Mapping[int, tuple[str, str]]]) -> Part:
@@ -221,42 +219,33 @@ def outputs_chart(
     end = curves.rise if window == "rise" else curves.stop
     time, outputs, beyond = _shown(curves, end, view)
     targets, count = view.targets, outputs.shape[1]
-    colours, supply = spread_colours(count), quantity(view.board.circuit.supply, "V")
     low = min(float(outputs.min()), float(targets.min()))
-    high = max(float(outputs.max()), float(targets.max()))
-    room = ROOM * ((high - low) or max(abs(high), 1e-12))
-    limits = (low - room, high + room)
-    named = count <= NAMED
+    limits = with_room(low, max(float(outputs.max()), float(targets.max())))
     marks: list[Mark] = []
-    if named:
+    note = ""
+    if count <= LABELLED:
         step = float(np.abs(targets - outputs[0]).max(initial=0.0))
         band = view.scene.checks.settling_time.band * step
-        for y, colour in zip(targets.tolist(), colours, strict=True):
+        for y, colour in zip(targets.tolist(), spread_colours(count), strict=True):
             marks += [Band(y - band, y + band, "y", "", colour), Limit(y, "y", "", colour, "dot")]
-    for n, (column, colour) in enumerate(zip(outputs.T, colours, strict=True), 1):
-        dash: Line = "dash" if n > (count + 1) // 2 and count > 1 else "solid"
-        curve = thinned(time, column, min(POINTS, ALL_POINTS // count))
-        marks.append(Curve(*curve, f"u{n}", colour, dash, width=1.8, label=""))
-    if named:
         marks += end_names(outputs[-1].tolist(), *limits, ["ink"] * count)
+        note = "Dotted: targets; shaded: the settling band."
+    points = min(POINTS * count, ALL_POINTS)
+    marks += drawn_curves(time, outputs, width=1.8, points=points)
+    note += looks_text(count)
+    if beyond:
+        supply = quantity(view.board.circuit.supply, "V")
+        note += f" The chart ends at the supply of {supply}: beyond it the linear board is not the"
+        note += " board."
     if other is not None:
         time, theirs, _ = _shown(other, end, view)
         marks += [
             Curve(*thinned(time, column, POINTS), "ngspice", "ink", "dot", width=2.4, label="")
             for column in theirs.T
         ]
-    notes = ["Dotted: targets; shaded: the settling band."]
-    if not named:
-        notes = [f"{count} channels, the first to the last from blue to orange."]
-    if count > 1:
-        notes.append("Dashed curves: the second half of the channels.")
-    if beyond:
-        text = f"The chart ends at the supply of {supply}: beyond it the linear board is not"
-        notes.append(f"{text} the board.")
-    if other is not None:
-        notes.append("Dots on the curves: ngspice.")
-    time_axis, volts = Axis("time", "s", limits=(0.0, end)), Axis("", "V", limits=limits)
-    return Chart("Outputs", time_axis, volts, tuple(marks), summary=" ".join(notes), legend="")
+        note += " Dots on the curves: ngspice."
+    axes = Axis("time", "s", limits=(0.0, end)), Axis("", "V", limits=limits)
+    return Chart("Outputs", *axes, tuple(marks), summary=note.strip(), legend="")
 
 
 def _shown(curves: ExplorerCurves, end: float, view: RestView) -> tuple[Floats, Floats, bool]:

@@ -20,12 +20,10 @@ import signal
 import socket
 import sys
 import webbrowser
-from collections.abc import Awaitable, Callable, Mapping, MutableMapping
-from http.cookies import CookieError, SimpleCookie
+from collections.abc import Awaitable, Callable, MutableMapping
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import parse_qs
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError
@@ -40,7 +38,7 @@ if TYPE_CHECKING:
 
 
 HOST = "127.0.0.1"
-REFUSED = b"403: open the address that `taction explore` printed\n"
+REFUSED = "403: open the address that `taction explore` printed\n"
 POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self'"
     " 'unsafe-inline'; img-src 'self' data:; font-src 'self' data:; connect-src 'self'"
@@ -52,91 +50,59 @@ Message = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[Message]]
 Send = Callable[[Message], Awaitable[None]]
 App = Callable[[Message, Receive, Send], Awaitable[None]]
+ADMITTED = {"referrer-policy": "no-referrer", "cache-control": "no-store"}
 
 
 class Guard:
     """An ASGI application that lets only the owner of `token` through to `app`."""
 
     def __init__(self, app: App, token: str, port: int) -> None:
-        self.app, self._token, self._port = app, token, port
-        self._cookie = f"taction-{port}"
-        self._hosts = {f"{HOST}:{port}", f"localhost:{port}"}
+        self.app, self._token, self._cookie = app, token, f"taction-{port}"
+        self._hosts = (f"{HOST}:{port}", f"localhost:{port}")
 
     async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
         """Answer one request, or one websocket."""
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        headers = {key.decode("latin-1"): v.decode("latin-1") for key, v in scope["headers"]}
-        host = headers.get("host", "")
-        names = [key for key, _ in scope["headers"]]
-        single = all(names.count(name) <= 1 for name in (b"host", b"origin"))
-        if not single or not self._is_ours(headers, host):
-            await _refuse(scope, send)
-        elif self._has_token(scope):
-            await self._admit(send)
-        elif self._is_same(self._cookie_of(headers)):
-            await self.app(scope, receive, _with_policy(send, host))
-        else:
-            await _refuse(scope, send)
+        from starlette.requests import HTTPConnection
+        from starlette.responses import PlainTextResponse, RedirectResponse, Response
 
-    def _is_ours(self, headers: dict[str, str], host: str) -> bool:
-        origin = headers.get("origin")
-        return host in self._hosts and (origin is None or origin == f"http://{host}")
+        asked = HTTPConnection(scope)
+        hosts, origins = (asked.headers.getlist(name) for name in ("host", "origin"))
+        ours = len(hosts) == 1 and hosts[0] in self._hosts
+        ours = ours and origins in ([], [f"http://{hosts[0]}"])
+        answer: Response = PlainTextResponse(REFUSED, 403)
+        if ours and self._is_same(asked.cookies.get(self._cookie, "")):
+            await self.app(scope, receive, _with_policy(send, hosts[0]))
+            return
+        begins = scope["type"] == "http" and (scope["method"], scope["path"]) == ("GET", "/")
+        if ours and begins and self._is_same(asked.query_params.get("token", "")):
+            answer = RedirectResponse("/", 303, ADMITTED)  # without the token in the address line
+            answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
+        if scope["type"] == "websocket":  # a server answers one that is not accepted with 403
+            await send({"type": "websocket.close", "code": 1008})
+        else:
+            await answer(scope, receive, send)
 
     def _is_same(self, token: str) -> bool:
         return hmac.compare_digest(token.encode(), self._token.encode())
 
-    def _has_token(self, scope: Message) -> bool:
-        if scope["type"] != "http" or scope["method"] != "GET" or scope["path"] != "/":
-            return False
-        given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])
-        return self._is_same(given[0])
-
-    def _cookie_of(self, headers: dict[str, str]) -> str:
-        try:
-            found = SimpleCookie(headers.get("cookie", "")).get(self._cookie)
-        except CookieError:
-            return ""
-        return "" if found is None else found.value
-
-    async def _admit(self, send: Send) -> None:
-        """Give the cookie, and leave the token out of the browser's address line."""
-        cookie = f"{self._cookie}={self._token}; HttpOnly; SameSite=Strict; Path=/"
-        headers = [
-            (b"location", b"/"),
-            (b"set-cookie", cookie.encode()),
-            (b"referrer-policy", b"no-referrer"),
-            (b"cache-control", b"no-store"),
-        ]
-        await send({"type": "http.response.start", "status": 303, "headers": headers})
-        await send({"type": "http.response.body", "body": b""})
-
 
 def _with_policy(send: Send, host: str) -> Send:
     """Return `send` with headers that let the browser load from this server alone."""
-    policy = POLICY.format(host=host)
+    more = {
+        b"content-security-policy": POLICY.format(host=host).encode(),
+        b"referrer-policy": b"no-referrer",
+        b"x-content-type-options": b"nosniff",
+    }
 
     async def sending(message: Message) -> None:
         if message["type"] == "http.response.start":
-            message["headers"] = [
-                *message.get("headers", []),
-                (b"content-security-policy", policy.encode()),
-                (b"referrer-policy", b"no-referrer"),
-                (b"x-content-type-options", b"nosniff"),
-            ]
+            message["headers"] = [*message.get("headers", []), *more.items()]
         await send(message)
 
     return sending
-
-
-async def _refuse(scope: Message, send: Send) -> None:
-    if scope["type"] == "websocket":  # a server answers a websocket that is not accepted with 403
-        await send({"type": "websocket.close", "code": 1008})
-        return
-    headers = [(b"content-type", b"text/plain"), (b"content-length", str(len(REFUSED)).encode())]
-    await send({"type": "http.response.start", "status": 403, "headers": headers})
-    await send({"type": "http.response.body", "body": REFUSED})
 
 
 PACKAGES = {"nicegui": "NiceGUI", "plotly": "Plotly"}
@@ -265,19 +231,13 @@ def _open_page(start: Start, jobs: list[ExplorerJob]) -> None:
     page = _templates().get_template("explorer.html").render(start=start_part(start))
     ui.html(page, sanitize=False)
 
-    async def ready() -> None:
-        await session.move({})
-
     async def move(event: Any) -> None:
-        await session.move(_mapping(event.args))
+        await session.move(event.args if isinstance(event.args, dict) else {})
 
-    async def simulate() -> None:
-        await session.simulate()
-
-    ui.on("taction-ready", ready)
+    ui.on("taction-ready", move)
     ui.on("taction-move", move)
     ui.on("taction-window", lambda event: session.show(str(event.args)))
-    ui.on("taction-simulate", simulate)
+    ui.on("taction-simulate", lambda: session.simulate())
     ui.on("taction-cancel", session.cancel)
     ui.on("taction-save", lambda event: session.save(str(event.args)))
 
@@ -296,7 +256,3 @@ def markup_of(part: Part) -> Part:
         kept["outcome"] = part["verdict"]["outcome"]
     kept["html"] = "".join(macro(part[key]) for key, macro in shown.items() if macro is not None)
     return kept
-
-
-def _mapping(value: Any) -> Mapping[str, Any]:
-    return value if isinstance(value, dict) else {}

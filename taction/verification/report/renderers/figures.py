@@ -37,12 +37,6 @@ def wrapped(text: str, letters: float) -> str:
     """Return a text in the fewest lines of so many letters, which are about equally long.
 
     A number and its unit stay in one line, and no last line has a single short word.
-
-    Examples
-    --------
-    >>> print(wrapped("Which lambda is best depends on the grid", 36))
-    Which lambda is best
-    depends on the grid
     """
     whole, most = glued(text, "\N{NO-BREAK SPACE}"), max(30, int(letters))
     lines = textwrap.wrap(whole, most)

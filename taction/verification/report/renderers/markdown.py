@@ -25,13 +25,6 @@ def markdown(page: Page, heading: str = "", *, level: int = 1) -> str:
     r"""Return a page as Markdown.
 
     `heading` is in the place of the page's title, of a `level` above the sections.
-
-    Examples
-    --------
-    >>> print(markdown(Page("demo", "taction demo", "", "All *is* well.", (), ())), end="")
-    # demo
-    <BLANKLINE>
-    All \*is\* well.
     """
     lines = [f"{'#' * level} {line(heading or page.title)}"]
     for text in (*page.lines, page.summary):

@@ -37,15 +37,7 @@ MOST_ROWS, MOST_NOTES = 40, 6
 
 
 def card(page: Page, kind: str = "") -> str:
-    """Return `page` as one ``<div>``; `kind` stands beside the title, by default its command.
-
-    Examples
-    --------
-    >>> from taction.verification.report.blocks import Section
-    >>> facts = Section("", (Facts("", (("C", "10 pF"),)),), media="notebook")
-    >>> card(Page("a<b", "Scene", "", "", (), (facts,))).count("a&lt;b")
-    1
-    """
+    """Return `page` as one ``<div>``; `kind` stands beside the title, by default its command."""
     colour = OUTCOMES[page.outcome].colour if page.outcome else PLAIN
     parts = [_head(page, kind or page.command)]
     for section in page.sections:

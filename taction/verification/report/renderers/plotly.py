@@ -88,13 +88,7 @@ def view_layout(chart: Chart, view: View) -> dict[str, Any]:
 
 
 def packed(values: ArrayLike) -> dict[str, Any]:
-    """Return numbers as Plotly's Base64 of single precision, which is half as long as text.
-
-    Examples
-    --------
-    >>> packed([0.0, 1.0])
-    {'dtype': 'f4', 'bdata': 'AAAAAAAAgD8='}
-    """
+    """Return numbers as Plotly's Base64 of single precision, which is half as long as text."""
     with np.errstate(over="ignore", invalid="ignore"):
         array = np.asarray(values, dtype="<f4")
     found: dict[str, Any] = {"dtype": "f4", "bdata": base64.b64encode(array.tobytes()).decode()}
@@ -115,13 +109,7 @@ def words(text: str) -> str:
 
 
 def colour(name: str) -> str:
-    """Return a colour of a chart for the style sheet.
-
-    Examples
-    --------
-    >>> colour("fail"), colour("ink"), colour("#123456")
-    ('#d55e00', '--ink', '#123456')
-    """
+    """Return a colour of a chart for the style sheet."""
     if name in OUTCOMES:
         return OUTCOMES[name].colour
     return name if name.startswith("#") else f"--{name}"

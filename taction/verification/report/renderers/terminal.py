@@ -101,13 +101,7 @@ def shown(block: Block) -> RenderableType:
 
 
 def plain(text: str) -> str:
-    """Return `text` in one line, with the units as SPICE writes them, for consoles and searching.
-
-    Examples
-    --------
-    >>> plain("12.3 µs at 10 kΩ"), plain("–")
-    ('12.3 us at 10 kohm', '-')
-    """
+    """Return `text` in one line, with units as SPICE writes them, for consoles and searching."""
     return "-" if text == "–" else visible(text).translate(SMALL)
 
 

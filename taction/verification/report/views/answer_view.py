@@ -178,15 +178,7 @@ def check_bars(verdict: Verdict) -> tuple[Bar, ...]:
 
 
 def check_bar(check: Check, smallest: float | None = None) -> Bar:
-    """Return a check as a bar; below `smallest`, the bar shows how far.
-
-    Examples
-    --------
-    >>> from taction.verification.verdict.checks import Outcome
-    >>> bar = check_bar(Check("overshoot", Outcome.PASS, 0.1, 0.01, 0.4, None, "step", ""))
-    >>> bar.value, bar.limit, bar.used
-    ('10 % ± 1 %', 'at most 40 %', '25 % of the limit')
-    """
+    """Return a check as a bar; below `smallest`, the bar shows how far."""
     value, unit = check.value, check.unit
     limit = check.tolerance if check.tolerance is not None else check.expected
     question = QUESTIONS.get(check.name)

@@ -195,19 +195,7 @@ NAMES = {path: symbol for symbol, path in SYMBOLS.items()} | {"design.gain": "ga
 
 
 def remedies_text(scene: Scene, remedies: Remedies) -> str:
-    """Return the changes as lines of text.
-
-    Examples
-    --------
-    >>> import taction
-    >>> from taction.verification.design.remedies import find_remedies
-    >>> from taction.netlist_gen.scene.axes import with_value
-    >>> scene = taction.load_scene("scenes/tuned-breadboard.toml")
-    >>> slow = with_value(scene, "design.capacitance", 1e-10)
-    >>> verdict = taction.verify(slow, engine="statespace")
-    >>> print(remedies_text(slow, find_remedies(verdict)).splitlines()[1])
-      C = 77.3 pF (verified)
-    """
+    """Return the changes as lines of text."""
     return "\n".join(_change_lines(scene, remedies))
 
 

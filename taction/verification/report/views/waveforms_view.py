@@ -86,7 +86,8 @@ def curves(
     of the points of its own.
     """
     count, first = values.shape[1], time <= early
-    shares = (first, EARLY_POINTS), (~first, 1.0 - EARLY_POINTS)
+    whole = ((np.ones_like(first), 1.0),)
+    shares = ((first, EARLY_POINTS), (~first, 1.0 - EARLY_POINTS)) if early else whole
     for n, (column, look) in enumerate(zip(values.T, spread_colours(count), strict=True)):
         parts = (
             thinned(time[part], column[part], int(share * points / count)) for part, share in shares

@@ -53,7 +53,7 @@ def test_the_token_becomes_a_cookie() -> None:
     assert headers[b"location"] == b"/"
     assert headers[b"set-cookie"].startswith(COOKIE.encode())
     assert b"HttpOnly" in headers[b"set-cookie"]
-    assert b"SameSite=Strict" in headers[b"set-cookie"]
+    assert b"samesite=strict" in headers[b"set-cookie"].lower()
 
 
 def test_the_cookie_opens_the_page_with_its_policy() -> None:
