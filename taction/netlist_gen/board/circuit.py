@@ -16,17 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from taction.netlist_gen.board.parts import (
-    Capacitor,
-    CurrentSource,
-    NoiseCurrent,
-    OpAmpCell,
-    Resistor,
-    ResistorMatrix,
-    SignalAmplifier,
-    TransistorCell,
-    VoltageSource,
-)
+from taction.netlist_gen.board import parts as boards
 from taction.spice_models.branches import Branch
 from taction.spice_models.imported import LinearModel
 from taction.spice_models.opamp import OpAmp
@@ -227,20 +217,20 @@ class Circuit(Result):
     topology: str
     facts: Mapping[str, Fact]  # by name
     models: dict[str, OpAmp] = field(default_factory=dict)  # op-amp types by name
-    opamps: tuple[OpAmpCell, ...] = ()
-    amplifiers: tuple[SignalAmplifier, ...] = ()
-    resistors: tuple[Resistor, ...] = ()
-    matrices: tuple[ResistorMatrix, ...] = ()
-    capacitors: tuple[Capacitor, ...] = ()
-    currents: tuple[CurrentSource, ...] = ()
-    voltages: tuple[VoltageSource, ...] = ()
+    opamps: tuple[boards.OpAmpCell, ...] = ()
+    amplifiers: tuple[boards.SignalAmplifier, ...] = ()
+    resistors: tuple[boards.Resistor, ...] = ()
+    matrices: tuple[boards.ResistorMatrix, ...] = ()
+    capacitors: tuple[boards.Capacitor, ...] = ()
+    currents: tuple[boards.CurrentSource, ...] = ()
+    voltages: tuple[boards.VoltageSource, ...] = ()
     signal_nodes: tuple[str, ...] = ()  # nodes of v_n, one per channel
     constraint_nodes: tuple[str, ...] = ()  # nodes of w_k, one per sensor
     outputs: tuple[Output, ...] = ()  # u_n
     omissions: tuple[Omission, ...] = ()
     supply: float = 15.0  # both supply voltages of the op-amps, ±V
-    noises: tuple[NoiseCurrent, ...] = ()  # of the sensors; for noise analyses only
-    transistors: tuple[TransistorCell, ...] = ()
+    noises: tuple[boards.NoiseCurrent, ...] = ()  # of the sensors; for noise analyses only
+    transistors: tuple[boards.TransistorCell, ...] = ()
     transistor_models: dict[str, Transistor] = field(default_factory=dict)  # types by name
     temperature: float = NOMINAL  # of the transistors, degrees C
     branches: tuple[Branch, ...] = ()  # of a deck: its linear parts that no topology has
@@ -268,18 +258,18 @@ class Circuit(Result):
         """Return the names in the deck of the parts with a role."""
         return self.roles.get(role, ())
 
-    def resistors_of(self, role: str) -> tuple[Resistor, ...]:
+    def resistors_of(self, role: str) -> tuple[boards.Resistor, ...]:
         """Return the resistors with a role, in the order of the board."""
         names = self.named(role)
         return tuple(part for part in self.resistors if part.card in names)
 
-    def capacitors_of(self, role: str) -> tuple[Capacitor, ...]:
+    def capacitors_of(self, role: str) -> tuple[boards.Capacitor, ...]:
         """Return the capacitors with a role, in the order of the board."""
         names = self.named(role)
         return tuple(part for part in self.capacitors if part.card in names)
 
     @property
-    def real_capacitors(self) -> tuple[Capacitor, ...]:
+    def real_capacitors(self) -> tuple[boards.Capacitor, ...]:
         """The capacitors that are parts: all but stray capacitances."""
         strays = self.named(Role.STRAY)
         return tuple(part for part in self.capacitors if part.card not in strays)
@@ -298,16 +288,16 @@ class Circuit(Result):
         return max([*strays, *inputs], default=0.0) or SMALL_CAPACITANCE
 
     @property
-    def forward(self) -> ResistorMatrix:
+    def forward(self) -> boards.ResistorMatrix:
         """The matrix from the signal amplifiers to the constraint nodes."""
         return self._matrix(Role.FORWARD)
 
     @property
-    def feedback(self) -> ResistorMatrix:
+    def feedback(self) -> boards.ResistorMatrix:
         """The matrix from the constraint amplifiers to the signal nodes."""
         return self._matrix(Role.FEEDBACK)
 
-    def _matrix(self, role: str) -> ResistorMatrix:
+    def _matrix(self, role: str) -> boards.ResistorMatrix:
         names = self.named(role)
         for matrix in self.matrices:
             if matrix.name in names:
@@ -427,7 +417,7 @@ class Circuit(Result):
         """Whether op-amps are a vendor's macromodel."""
         return any(model.imported is not None for model in self.models.values())
 
-    def linear_model(self, cell: OpAmpCell) -> LinearModel | None:
+    def linear_model(self, cell: boards.OpAmpCell) -> LinearModel | None:
         """Return the linear model of an imported op-amp; None for others, or where it has none."""
         imported = self.models[cell.model].imported
         return None if imported is None else imported.linear
@@ -440,19 +430,19 @@ class Circuit(Result):
         return bool(self.constant_voltages or nonlinear or errors or self.has_imported)
 
     @property
-    def constant_voltages(self) -> tuple[VoltageSource, ...]:
+    def constant_voltages(self) -> tuple[boards.VoltageSource, ...]:
         """The voltages that are on at all times."""
         return tuple(source for source in self.voltages if not source.switched)
 
     @property
-    def strains(self) -> tuple[CurrentSource | VoltageSource, ...]:
+    def strains(self) -> tuple[boards.CurrentSource | boards.VoltageSource, ...]:
         """The sources that are switched on at t = 0."""
         return *self.currents, *(source for source in self.voltages if source.switched)
 
     @property
     def without_strain(self) -> Circuit:
         """The board with no strain: its resistors from strain voltages end at ground."""
-        nodes = {source.node for source in self.strains if isinstance(source, VoltageSource)}
+        nodes = {source.node for source in self.strains if isinstance(source, boards.VoltageSource)}
         resistors = tuple(
             replace(part, a=GROUND) if part.a in nodes else part for part in self.resistors
         )

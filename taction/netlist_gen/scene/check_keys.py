@@ -13,17 +13,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, GetJsonSchemaHandler, ValidationInfo, model_validator
 from pydantic_core import CoreSchema
 
+from taction.netlist_gen.scene import fields
 from taction.netlist_gen.scene.field_values import Unit
-from taction.netlist_gen.scene.fields import (
-    Count,
-    Hertz,
-    Model,
-    NonNegative,
-    Positive,
-    Real,
-    Seconds,
-    Volts,
-)
 from taction.system.quantities import show
 from taction.system.reading_definitions import SETTLING_BAND, TIMES
 
@@ -48,7 +39,7 @@ def unitless_times(data: Mapping[str, Any]) -> Iterator[str]:
                 )
 
 
-class UpperLimit(Model):
+class UpperLimit(fields.Model):
     """A check whose plain value is its `max`: ``settling_time = "10us"``."""
 
     @model_validator(mode="before")
@@ -64,10 +55,10 @@ class UpperLimit(Model):
         return {"anyOf": [{"type": "number"}, {"type": "string"}, handler(core)]}
 
 
-class SteadyStateCheck(Model):
+class SteadyStateCheck(fields.Model):
     """Final outputs against the reference, as a fraction of the step amplitude."""
 
-    tolerance: Annotated[Positive, Field(lt=1)] = 1e-3
+    tolerance: Annotated[fields.Positive, Field(lt=1)] = 1e-3
 
 
 def _below_max(least: float | None, info: ValidationInfo) -> float | None:
@@ -80,55 +71,57 @@ def _below_max(least: float | None, info: ValidationInfo) -> float | None:
     return least
 
 
-Least = Annotated[Seconds | None, AfterValidator(_below_max)]
+Least = Annotated[fields.Seconds | None, AfterValidator(_below_max)]
 
 
 class SettlingTimeCheck(UpperLimit):
     """Settling to ``±band`` (a fraction of the step amplitude) within `max`, not before `min`."""
 
-    band: Annotated[Positive, Field(lt=1)] = SETTLING_BAND
-    max: Seconds | None = None
+    band: Annotated[fields.Positive, Field(lt=1)] = SETTLING_BAND
+    max: fields.Seconds | None = None
     min: Least = None
 
 
 class ExcursionCheck(UpperLimit):
     """Overshoot or undershoot as a fraction of the step amplitude."""
 
-    max: NonNegative = Field(description="fraction of the step amplitude")
+    max: fields.NonNegative = Field(description="fraction of the step amplitude")
 
 
 class RiseTimeCheck(UpperLimit):
     """10-90 % rise time of every channel whose own step is at least 5 % of A, or of `channel`."""
 
-    max: Seconds | None = None
+    max: fields.Seconds | None = None
     min: Least = None
-    channel: Count | None = Field(None, description="from 1; by default every channel that rises")
+    channel: fields.Count | None = Field(
+        None, description="from 1; by default every channel that rises"
+    )
 
 
 class NoiseCheck(UpperLimit):
     """Output noise of every channel at rest, rms, V, over all frequencies or above the lowest."""
 
-    max: Volts = Field(description="largest noise of an output, rms, V")
-    lowest: Hertz | None = Field(
+    max: fields.Volts = Field(description="largest noise of an output, rms, V")
+    lowest: fields.Hertz | None = Field(
         None,
         description="the lowest frequency that counts: an observation of T seconds sees nothing"
         f" below 1/T. By default {LOWEST:g} Hz where op-amps have 1/f noise, else 0",
     )
 
 
-class StabilityCheck(Model):
+class StabilityCheck(fields.Model):
     """`margin`: factor by which C can shrink until the board oscillates; 1: only stability."""
 
-    margin: Annotated[Real, Field(ge=1)] = 1.0
+    margin: Annotated[fields.Real, Field(ge=1)] = 1.0
 
 
-class EnginesAgreeCheck(Model):
+class EnginesAgreeCheck(fields.Model):
     """Largest difference between ngspice and the state-space engine, over all time.
 
     Without a tolerance, `AGREE` of the step amplitude, or `analysis.error` if that is larger.
     """
 
-    tolerance: Positive | None = None
+    tolerance: fields.Positive | None = None
 
     @property
     def limit(self) -> float:
@@ -136,7 +129,7 @@ class EnginesAgreeCheck(Model):
         return AGREE if self.tolerance is None else self.tolerance
 
 
-class Checks(Model):
+class Checks(fields.Model):
     """The checks of a verdict and their limits."""
 
     steady_state: SteadyStateCheck = SteadyStateCheck()
@@ -149,56 +142,58 @@ class Checks(Model):
     engines_agree: EnginesAgreeCheck = EnginesAgreeCheck()
 
 
-class Tolerances(Model):
+class Tolerances(fields.Model):
     """Tolerances of real components, fractions of their values."""
 
     distribution: Literal["normal", "uniform"] = Field(
         "normal", description="normal: the tolerance is three sigma; uniform: within it"
     )
-    resistor: NonNegative = Field(0.01, description="every resistor by itself")
-    capacitor: NonNegative = Field(0.05, description="C of every signal node by itself")
-    stray: NonNegative = Field(0.2, description="stray capacitance of every summing node")
-    opamp_gbw: NonNegative = Field(
+    resistor: fields.NonNegative = Field(0.01, description="every resistor by itself")
+    capacitor: fields.NonNegative = Field(0.05, description="C of every signal node by itself")
+    stray: fields.NonNegative = Field(0.2, description="stray capacitance of every summing node")
+    opamp_gbw: fields.NonNegative = Field(
         0.3, description="gain-bandwidth product and second pole of every op-amp together"
     )
-    opamp_gain: NonNegative = Field(0.5, description="DC gain of every op-amp")
-    parts: dict[str, NonNegative] = Field(
+    opamp_gain: fields.NonNegative = Field(0.5, description="DC gain of every op-amp")
+    parts: dict[str, fields.NonNegative] = Field(
         {}, description="tolerances of single parts by their names in the deck: { Rf_4_4 = 0.001 }"
     )
-    temperature: NonNegative = Field(0.0, description="K, either side of nominal; the whole board")
-    resistor_drift: Real = Field(1e-4, description="per K")
-    capacitor_drift: Real = Field(3e-5, description="per K")
-    opamp_drift: Real = Field(-3e-3, description="of the gain-bandwidth product, per K")
+    temperature: fields.NonNegative = Field(
+        0.0, description="K, either side of nominal; the whole board"
+    )
+    resistor_drift: fields.Real = Field(1e-4, description="per K")
+    capacitor_drift: fields.Real = Field(3e-5, description="per K")
+    opamp_drift: fields.Real = Field(-3e-3, description="of the gain-bandwidth product, per K")
 
 
 SecondsOrZero = Annotated[float, Unit("s", zero=True)]
 
 
-class LevelTolerance(Model):
+class LevelTolerance(fields.Model):
     """Targets, finals, over- and undershoot; `absolute` is a fraction of the step amplitude."""
 
-    relative: NonNegative = 1e-3
-    absolute: NonNegative = 1e-4
+    relative: fields.NonNegative = 1e-3
+    absolute: fields.NonNegative = 1e-4
 
 
-class TimeTolerance(Model):
+class TimeTolerance(fields.Model):
     """Rise times and settling times."""
 
-    relative: NonNegative = 0.02
+    relative: fields.NonNegative = 0.02
     absolute: SecondsOrZero = 0.0
 
 
-class PoleTolerance(Model):
+class PoleTolerance(fields.Model):
     """Growth rate (1/s) and frequency (Hz) of the rightmost pole, and the stability margin.
 
     `absolute` is a fraction of the pole's magnitude: a double pole splits by half the digits.
     """
 
-    relative: NonNegative = 1e-3
-    absolute: NonNegative = 1e-6
+    relative: fields.NonNegative = 1e-3
+    absolute: fields.NonNegative = 1e-6
 
 
-class Regression(Model):
+class Regression(fields.Model):
     """Differences that `taction regress` accepts."""
 
     levels: LevelTolerance = LevelTolerance()

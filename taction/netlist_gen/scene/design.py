@@ -15,37 +15,8 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema
 
+from taction.netlist_gen.scene import fields
 from taction.netlist_gen.scene.field_values import RANGE, TemperatureRange
-from taction.netlist_gen.scene.fields import (
-    Amps,
-    AmpsOrZero,
-    AmpsPerKelvinOrZero,
-    Count,
-    CurrentDensityOrZero,
-    Farads,
-    FaradsOrZero,
-    FileName,
-    Hertz,
-    HertzOrZero,
-    Kelvins,
-    LambdaOrRule,
-    Model,
-    NonNegative,
-    Ohms,
-    OhmsOrZero,
-    Positive,
-    Real,
-    Seconds,
-    Siemens,
-    SignedAmps,
-    SignedVolts,
-    SupplyVolts,
-    VoltageDensityOrZero,
-    Volts,
-    VoltsOrZero,
-    VoltsPerKelvinOrZero,
-    VoltsPerSecond,
-)
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS, NAMES, OPAMPS
 from taction.spice_models.input_errors import ROOM, Surroundings
 from taction.spice_models.transistor import NOMINAL, pair_names
@@ -53,13 +24,17 @@ from taction.system.errors import listed
 from taction.system.plugins import names
 
 
-class WiresTable(Model):
+class WiresTable(fields.Model):
     """Resistances between the entries of an array and its op-amps; 0: none."""
 
-    word_line: OhmsOrZero = Field(0.0, description="per pitch of the line of a row of T")
-    bit_line: OhmsOrZero = Field(0.0, description="per pitch of the line of a column of T")
-    driver: OhmsOrZero = Field(0.0, description="from the output of an op-amp to a line it drives")
-    sense: OhmsOrZero = Field(0.0, description="from a line to the input that takes its current")
+    word_line: fields.OhmsOrZero = Field(0.0, description="per pitch of the line of a row of T")
+    bit_line: fields.OhmsOrZero = Field(0.0, description="per pitch of the line of a column of T")
+    driver: fields.OhmsOrZero = Field(
+        0.0, description="from the output of an op-amp to a line it drives"
+    )
+    sense: fields.OhmsOrZero = Field(
+        0.0, description="from a line to the input that takes its current"
+    )
     corner: Literal["top-left", "top-right", "bottom-left", "bottom-right"] = Field(
         "top-left",
         description="where the ports of rows and columns are; row 1 is at the top, column 1 at the"
@@ -77,22 +52,26 @@ class WiresTable(Model):
         return not (self.word_line or self.bit_line or self.driver or self.sense)
 
 
-Share = Annotated[Real, Field(ge=0, lt=1)]
+Share = Annotated[fields.Real, Field(ge=0, lt=1)]
 Levels = Annotated[int, Field(strict=True, ge=2, le=65536)]
 
 
-class DevicesTable(Model):
+class DevicesTable(fields.Model):
     """Devices in the place of the arrays' resistors; without any key there are resistors."""
 
     cell: Literal["rram-wan", "rram-milo", "pcm-joshi", "pcm-aihwkit"] | None = Field(
         None, description="a device by its name, whose figures hold"
     )
-    least_conductance: Siemens | None = Field(None, description="a smaller entry of T has this one")
-    most_conductance: Siemens | None = Field(None, description="a larger entry of T has this one")
+    least_conductance: fields.Siemens | None = Field(
+        None, description="a smaller entry of T has this one"
+    )
+    most_conductance: fields.Siemens | None = Field(
+        None, description="a larger entry of T has this one"
+    )
     cell_levels: Levels | None = Field(
         None, description="evenly spaced conductances; by default those of the cell, or any"
     )
-    programming_error: Siemens | None = Field(
+    programming_error: fields.Siemens | None = Field(
         None,
         description="standard deviation of every device after programming; by default that of the"
         " cell, as a function of its conductance",
@@ -100,16 +79,16 @@ class DevicesTable(Model):
     read_noise: Share | None = Field(
         None, description="standard deviation from solve to solve, a fraction of the conductance"
     )
-    drift_exponent: NonNegative | None = Field(
+    drift_exponent: fields.NonNegative | None = Field(
         None, description="nu: a device has g (t/t0)^-nu; by default that of the cell"
     )
-    drift_spread: NonNegative | None = Field(
+    drift_spread: fields.NonNegative | None = Field(
         None, description="standard deviation of nu among the devices"
     )
-    drift_start: Seconds | None = Field(
+    drift_start: fields.Seconds | None = Field(
         None, description="t0 since programming; by default that of the cell, or 1 s"
     )
-    age: Seconds | None = Field(
+    age: fields.Seconds | None = Field(
         None, description="t since programming; by default devices have not drifted"
     )
     stuck_at_least: Share | None = Field(
@@ -121,17 +100,19 @@ class DevicesTable(Model):
 
 
 STAGES = ("ideal", "device")
-Celsius = Annotated[Real, Field(ge=-55, le=125)]
+Celsius = Annotated[fields.Real, Field(ge=-55, le=125)]
 
 
-class AntilogChoice(Model):
+class AntilogChoice(fields.Model):
     """An ideal function, or a matched pair of transistors with two op-amps."""
 
     stage: Literal["ideal", "device"] = "ideal"
     transistors: str = Field("ssm2220", description="the matched pair of a stage")
-    reference_current: Amps = Field(1e-4, description="collector current at an output of U0")
-    divider_resistance: Ohms = Field(100.0, description="from the divided input to ground")
-    emitter_resistance: Ohms = Field(5e3, description="from the reference op-amp to the emitters")
+    reference_current: fields.Amps = Field(1e-4, description="collector current at an output of U0")
+    divider_resistance: fields.Ohms = Field(100.0, description="from the divided input to ground")
+    emitter_resistance: fields.Ohms = Field(
+        5e3, description="from the reference op-amp to the emitters"
+    )
     temperature: Celsius = Field(NOMINAL, description="of the transistors, degrees C")
     nominal_temperature: Celsius = Field(
         NOMINAL, description="for which the input divider is computed, degrees C"
@@ -174,11 +155,11 @@ InputErrors = Annotated[
 ]
 
 
-class OpAmpChoice(Model):
+class OpAmpChoice(fields.Model):
     """A preset, or a preset with some figures changed."""
 
     base: Annotated[str, NAMES["op-amp"], WithJsonSchema({"type": "string"})] = "ua741"
-    file: FileName | None = Field(
+    file: fields.FileName | None = Field(
         None, description="an imported op-amp (`taction parts import`), in the place of a preset"
     )
     model: Literal["cards", "figures"] = Field(
@@ -191,53 +172,59 @@ class OpAmpChoice(Model):
         description="of the macromodel; auto: with slew rate and swing, and with the largest output"
         " current, where the small-signal board exceeds 90 % of such a limit",
     )
-    dc_gain: Positive | None = None
-    gbw: Hertz | None = None
-    second_pole: Hertz | None = None
-    phase_margin: Annotated[Real, Field(gt=0, lt=90)] | None = Field(
+    dc_gain: fields.Positive | None = None
+    gbw: fields.Hertz | None = None
+    second_pole: fields.Hertz | None = None
+    phase_margin: Annotated[fields.Real, Field(gt=0, lt=90)] | None = Field(
         None, description="degrees, at unity gain; sets the second pole"
     )
-    input_resistance: Ohms | None = None
-    differential_capacitance: FaradsOrZero | None = None
-    input_capacitance: FaradsOrZero | None = None
-    output_resistance: OhmsOrZero | None = None
-    slew_rate: VoltsPerSecond | None = Field(None, description="of the output")
-    output_current: Amps | None = Field(None, description="largest, of either sign")
-    saturation: VoltsOrZero | None = Field(
+    input_resistance: fields.Ohms | None = None
+    differential_capacitance: fields.FaradsOrZero | None = None
+    input_capacitance: fields.FaradsOrZero | None = None
+    output_resistance: fields.OhmsOrZero | None = None
+    slew_rate: fields.VoltsPerSecond | None = Field(None, description="of the output")
+    output_current: fields.Amps | None = Field(None, description="largest, of either sign")
+    saturation: fields.VoltsOrZero | None = Field(
         None, description="least distance of the output from a supply voltage"
     )
-    least_supply: VoltsOrZero | None = None
-    most_supply: Volts | None = None
-    voltage_noise: VoltageDensityOrZero | None = Field(None, description="of the input, white")
-    current_noise: CurrentDensityOrZero | None = Field(None, description="of each input, white")
-    voltage_noise_corner: HertzOrZero | None = Field(
+    least_supply: fields.VoltsOrZero | None = None
+    most_supply: fields.Volts | None = None
+    voltage_noise: fields.VoltageDensityOrZero | None = Field(
+        None, description="of the input, white"
+    )
+    current_noise: fields.CurrentDensityOrZero | None = Field(
+        None, description="of each input, white"
+    )
+    voltage_noise_corner: fields.HertzOrZero | None = Field(
         None, description="below it the 1/f part of the voltage noise is the larger one; 0: none"
     )
-    supply_current: AmpsOrZero | None = Field(None, description="of one op-amp without load")
-    channels_per_package: Count | None = Field(None, description="op-amps in one package")
+    supply_current: fields.AmpsOrZero | None = Field(None, description="of one op-amp without load")
+    channels_per_package: fields.Count | None = Field(None, description="op-amps in one package")
     input_errors: InputErrors = Field(
         "typical",
         description="offset voltage, input currents and common-mode error of every op-amp: the"
         " typical or the largest size of its sheet, or none but those that are given here",
     )
-    offset_voltage: SignedVolts | None = Field(None, description="at the non-inverting input")
-    bias_current: SignedAmps | None = Field(
+    offset_voltage: fields.SignedVolts | None = Field(
+        None, description="at the non-inverting input"
+    )
+    bias_current: fields.SignedAmps | None = Field(
         None, description="mean of the currents into both inputs"
     )
-    offset_current: SignedAmps | None = Field(
+    offset_current: fields.SignedAmps | None = Field(
         None, description="current into the non-inverting input less the other"
     )
-    common_mode_rejection: Positive | None = Field(None, description="dB")
-    offset_drift: VoltsPerKelvinOrZero | None = Field(
+    common_mode_rejection: fields.Positive | None = Field(None, description="dB")
+    offset_drift: fields.VoltsPerKelvinOrZero | None = Field(
         None, description="typical size, of the offset voltage; counts with design.temperature"
     )
-    bias_drift: AmpsPerKelvinOrZero | None = Field(
+    bias_drift: fields.AmpsPerKelvinOrZero | None = Field(
         None, description="typical size, of the bias current; counts with design.temperature"
     )
-    bias_doubling: Kelvins | None = Field(
+    bias_doubling: fields.Kelvins | None = Field(
         None, description="warming that doubles the input currents, as of field-effect inputs"
     )
-    supply_rejection: Positive | None = Field(
+    supply_rejection: fields.Positive | None = Field(
         None, description="dB; counts with design.supply_tolerance"
     )
 
@@ -263,18 +250,18 @@ class OpAmpChoice(Model):
         return {"anyOf": [{"type": "string", "enum": list(OPAMPS)}, table]}
 
 
-class Design(Model):
+class Design(fields.Model):
     """The board's components."""
 
     topology: Annotated[str, NAMES["topology"]] = "integrator"
     amplifier: Annotated[str, NAMES["amplifier"]] = "linear"
-    capacitance: Farads = 1e-11
-    resistance: Ohms | None = None
-    lam: LambdaOrRule | None = Field(
+    capacitance: fields.Farads = 1e-11
+    resistance: fields.Ohms | None = None
+    lam: fields.LambdaOrRule | None = Field(
         None, alias="lambda", description="regularisation parameter, or the rule that chooses it"
     )
-    gain: Ohms = 6.252e6
-    feedback_conductance: Siemens | None = Field(
+    gain: fields.Ohms = 6.252e6
+    feedback_conductance: fields.Siemens | None = Field(
         None,
         description="gf of the first stages of a closed-loop board, whose speed and stability it"
         " decides; by default unit_conductance",
@@ -284,11 +271,11 @@ class Design(Model):
         description="of a closed-loop board: an inverter for each driver, the other inputs of the"
         " op-amps, or one column behind an inverter of the sum",
     )
-    unit_conductance: Siemens = 3.313e-7
-    unit_voltage: Volts = 1.0
-    exponential_slope: Volts | None = None
+    unit_conductance: fields.Siemens = 3.313e-7
+    unit_voltage: fields.Volts = 1.0
+    exponential_slope: fields.Volts | None = None
     bias: StrictBool | None = Field(None, description="bias current I_b = Ve/R")
-    ridge_share: Annotated[Real, Field(ge=0, le=1)] = Field(
+    ridge_share: Annotated[fields.Real, Field(ge=0, le=1)] = Field(
         1.0,
         description="of the amplifiers deadzone, rectifier and saturation: the share of the ridge"
         " term sum u^2/2 that stays; a resistor from u to every signal node removes the rest",
@@ -297,20 +284,22 @@ class Design(Model):
         AntilogChoice(), description="exponential amplifiers: ideal, or of transistors"
     )
     opamp: OpAmpChoice = OpAmpChoice()
-    supply: SupplyVolts = Field(15.0, description="both supply voltages of the op-amps, as '±15V'")
+    supply: fields.SupplyVolts = Field(
+        15.0, description="both supply voltages of the op-amps, as '±15V'"
+    )
     temperature: Annotated[str, TemperatureRange()] | None = Field(
         None,
         description="at which the board must work: the drift of input errors and resistors from 25"
         " degrees C counts in the check steady_state and in the error budget",
     )
-    supply_tolerance: Annotated[Real, Field(ge=0, lt=1)] = Field(
+    supply_tolerance: Annotated[fields.Real, Field(ge=0, lt=1)] = Field(
         0.0, description="fraction of the supply voltages; supply rejection counts, as temperature"
     )
-    temperature_coefficient: NonNegative = Field(
+    temperature_coefficient: fields.NonNegative = Field(
         0.0, description="per K, the largest of any resistor; each has its own; needs temperature"
     )
-    stray_capacitance: FaradsOrZero = 1e-11
-    sensor_noise: CurrentDensityOrZero = Field(
+    stray_capacitance: fields.FaradsOrZero = 1e-11
+    sensor_noise: fields.CurrentDensityOrZero = Field(
         0.0, description="of every strain, white; for the check 'noise'"
     )
     strain_input: Literal["current", "voltage"] = Field(
@@ -318,8 +307,8 @@ class Design(Model):
         description="source of every strain: a current into its summing node, or eps U0 through a"
         " resistor 1/G0",
     )
-    inverter_resistance: Ohms = 1e4
-    prune: Annotated[Real, Field(ge=0, lt=1)] = Field(
+    inverter_resistance: fields.Ohms = 1e4
+    prune: Annotated[fields.Real, Field(ge=0, lt=1)] = Field(
         0.0, description="entries of T below this fraction of the largest have no resistors"
     )
     resistor_series: Literal["exact", "E24", "E96", "E192"] = "exact"

@@ -16,15 +16,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, core_schema
 
-from taction.netlist_gen.scene.fields import (
-    Count,
-    FileName,
-    Model,
-    NonNegative,
-    Positive,
-    Real,
-    Seed,
-)
+from taction.netlist_gen.scene import fields
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -131,28 +123,28 @@ NAME_PATTERN = r"^[A-Za-z0-9_.-]+$"
 MOST_NAME = 64  # characters
 
 
-class CylinderLoad(Model):
+class CylinderLoad(fields.Model):
     """Stress under a cylinder, eq (18): ``p/(pi a²) sqrt(a² - y²)`` as printed."""
 
     kind: Literal["cylinder"] = "cylinder"
-    force: NonNegative = Field(3.0, description="p, force per unit length")
-    half_width: Positive = Field(1.0, description="a, half width of the contact")
-    centre: Real = Field(0.0, description="y of the contact's middle")
+    force: fields.NonNegative = Field(3.0, description="p, force per unit length")
+    half_width: fields.Positive = Field(1.0, description="a, half width of the contact")
+    centre: fields.Real = Field(0.0, description="y of the contact's middle")
     normalised: StrictBool = Field(False, description="true: Hertz, 2p/(pi a²), integrates to p")
 
 
-class CsvLoad(Model):
+class CsvLoad(fields.Model):
     """Stress profile from a CSV file beside the scene: columns y and stress."""
 
     kind: Literal["csv"]
-    file: FileName = Field(description="CSV with two columns, y and stress; y increasing")
+    file: fields.FileName = Field(description="CSV with two columns, y and stress; y increasing")
 
 
-class Noise(Model):
+class Noise(fields.Model):
     """Gaussian noise added to the strain."""
 
-    variance: NonNegative = 0.0
-    seed: Seed = 1
+    variance: fields.NonNegative = 0.0
+    seed: fields.Seed = 1
 
 
 def _cylinder_by_default(value: object) -> object:
@@ -163,16 +155,16 @@ def _cylinder_by_default(value: object) -> object:
 AnyLoad = Annotated[CylinderLoad | CsvLoad, Field(discriminator="kind")]
 
 
-class TactileProblem(Model):
+class TactileProblem(fields.Model):
     """Strain under an elastic layer, eqs (1) to (4), with the corrected kernels."""
 
     kind: Literal["tactile"]
-    channels: Count = Field(7, description="N, points where stress is reconstructed")
-    sensors: Count | None = Field(None, description="M, where it differs from N")
-    span: Positive = Field(6.0, description="y_max - y_min, in the unit of depth")
-    depth: Positive = Field(1.0, description="x")
-    modulus: Positive = Field(1.0, description="E")
-    poisson: Annotated[Real, Field(ge=-1.0, le=0.5)] = Field(0.5, description="nu")
+    channels: fields.Count = Field(7, description="N, points where stress is reconstructed")
+    sensors: fields.Count | None = Field(None, description="M, where it differs from N")
+    span: fields.Positive = Field(6.0, description="y_max - y_min, in the unit of depth")
+    depth: fields.Positive = Field(1.0, description="x")
+    modulus: fields.Positive = Field(1.0, description="E")
+    poisson: Annotated[fields.Real, Field(ge=-1.0, le=0.5)] = Field(0.5, description="nu")
     kernel: Literal["normal", "tangential"] = "normal"
     quadrature: Literal["none", "rectangle"] = Field(
         "none", description="none: as eq (4) is printed; rectangle: times the spacing"
@@ -181,7 +173,7 @@ class TactileProblem(Model):
     noise: Noise = Noise()
 
 
-class MatrixProblem(Model):
+class MatrixProblem(fields.Model):
     """A matrix and a strain vector: names of files beside the scene, or arrays of numbers."""
 
     kind: Literal["matrix"]
@@ -215,7 +207,7 @@ class MatrixProblem(Model):
         return (*plain, self.noise)
 
 
-class StatedProblem(Model):
+class StatedProblem(fields.Model):
     """The part of a scene that states its problem; file names are relative to `folder`."""
 
     name: Annotated[str, Field(pattern=NAME_PATTERN, max_length=MOST_NAME)] = "scene"

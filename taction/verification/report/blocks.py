@@ -49,7 +49,7 @@ class Table:
         most: Mapping[str, int] | None = None,
         more: str = "",
     ) -> Table:
-        """Return a table with a row for each record; `columns` are by their titles, see `Column`."""
+        """Return a table with a row for each record and a column for each of `columns`."""
         shown = [shown_by(column) for column in columns.values()]
         rows = tuple(tuple(cell(show(each)) for show in shown) for each in records)
         return cls(title, tuple(columns), rows, note, most or {}, more)

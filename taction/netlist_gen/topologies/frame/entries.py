@@ -12,20 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from taction.netlist_gen.board import parts as boards
 from taction.netlist_gen.board.bill_of_materials import nearest, preferred
 from taction.netlist_gen.board.circuit import GROUND, Circuit, Fact, Omission, Role
-from taction.netlist_gen.board.parts import (
-    Capacitor,
-    CurrentSource,
-    NoiseCurrent,
-    OpAmpCell,
-    Part,
-    Resistor,
-    ResistorMatrix,
-    SignalAmplifier,
-    TransistorCell,
-    VoltageSource,
-)
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
@@ -45,26 +34,26 @@ class Parts:
     stray: float  # capacitance at every summing node, F
     inverter: float  # both resistors of every inverter, ohm
     series: str  # of the resistors
-    opamps: list[OpAmpCell] = field(default_factory=list)
-    amplifiers: list[SignalAmplifier] = field(default_factory=list)
-    transistors: list[TransistorCell] = field(default_factory=list)
-    resistors: list[Resistor] = field(default_factory=list)
-    matrices: list[ResistorMatrix] = field(default_factory=list)
-    capacitors: list[Capacitor] = field(default_factory=list)
-    currents: list[CurrentSource] = field(default_factory=list)
-    noises: list[NoiseCurrent] = field(default_factory=list)
-    voltages: list[VoltageSource] = field(default_factory=list)
+    opamps: list[boards.OpAmpCell] = field(default_factory=list)
+    amplifiers: list[boards.SignalAmplifier] = field(default_factory=list)
+    transistors: list[boards.TransistorCell] = field(default_factory=list)
+    resistors: list[boards.Resistor] = field(default_factory=list)
+    matrices: list[boards.ResistorMatrix] = field(default_factory=list)
+    capacitors: list[boards.Capacitor] = field(default_factory=list)
+    currents: list[boards.CurrentSource] = field(default_factory=list)
+    noises: list[boards.NoiseCurrent] = field(default_factory=list)
+    voltages: list[boards.VoltageSource] = field(default_factory=list)
     roles: defaultdict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
 
     def resistor(self, role: str, name: str, ends: tuple[str, str], ohms: float) -> None:
         """Place a resistor of the nearest value of the series."""
-        part = Resistor(name, *ends, preferred(ohms, self.series))
+        part = boards.Resistor(name, *ends, preferred(ohms, self.series))
         self.resistors.append(part)
         self.roles[role].add(part.card)
 
     def capacitor(self, role: str, name: str, ends: tuple[str, str], farads: float) -> None:
         """Place a capacitor of this value."""
-        part = Capacitor(name, *ends, farads)
+        part = boards.Capacitor(name, *ends, farads)
         self.capacitors.append(part)
         self.roles[role].add(part.card)
 
@@ -81,7 +70,7 @@ class Parts:
             **stated,
         )
 
-    def matrix(self, role: str, matrix: ResistorMatrix) -> None:
+    def matrix(self, role: str, matrix: boards.ResistorMatrix) -> None:
         """Place a matrix of resistors."""
         self.matrices.append(matrix)
         self.roles[role].add(matrix.name)
@@ -89,7 +78,7 @@ class Parts:
     @contextmanager
     def stated(self, role: str) -> Iterator[None]:
         """State all parts that are placed inside as parts with `role`, strays too."""
-        kinds: tuple[Sequence[Part], ...] = (
+        kinds: tuple[Sequence[boards.Part], ...] = (
             self.opamps,
             self.transistors,
             self.resistors,
@@ -103,19 +92,19 @@ class Parts:
 
     def opamp(self, name: str, summing: str, output: str) -> None:
         """Place an op-amp that holds node `summing` at virtual ground, and its stray."""
-        self.opamps.append(OpAmpCell(name, self.model, GROUND, summing, output))
+        self.opamps.append(boards.OpAmpCell(name, self.model, GROUND, summing, output))
         self.stray_at(summing)
 
     def stage(self, name: str, plus: str, minus: str, output: str) -> None:
         """Place an op-amp whose inputs are summing nodes or ground, and their strays."""
-        self.opamps.append(OpAmpCell(name, self.model, plus, minus, output))
+        self.opamps.append(boards.OpAmpCell(name, self.model, plus, minus, output))
         for node in (plus, minus):
             if node != GROUND:
                 self.stray_at(node)
 
     def follower(self, name: str, source: str, output: str) -> None:
         """Place a unity-gain buffer from `source` to `output`."""
-        self.opamps.append(OpAmpCell(name, self.model, source, output, output))
+        self.opamps.append(boards.OpAmpCell(name, self.model, source, output, output))
 
     def stray_at(self, node: str) -> None:
         """Place the stray capacitance of a summing node."""
@@ -197,11 +186,11 @@ def place_strain(
         node = f"e_{k}" if strain else GROUND
         parts.resistor(Role.STRAIN_RESISTOR, f"e_{k}", (node, sink), 1.0 / conductance)
         if strain:
-            parts.voltages.append(VoltageSource(name, node, strain * unit, switched=True))
+            parts.voltages.append(boards.VoltageSource(name, node, strain * unit, switched=True))
     elif strain:
-        parts.currents.append(CurrentSource(name, sink, strain * conductance * unit))
+        parts.currents.append(boards.CurrentSource(name, sink, strain * conductance * unit))
     if design.sensor_noise > 0.0:
-        parts.noises.append(NoiseCurrent(name, sink, design.sensor_noise))
+        parts.noises.append(boards.NoiseCurrent(name, sink, design.sensor_noise))
 
 
 def left_out_of_the_matrix(

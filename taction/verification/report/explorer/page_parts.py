@@ -11,17 +11,8 @@ import numpy as np
 
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
+from taction.system import charts
 from taction.system.array_types import Floats
-from taction.system.charts import (
-    Axis,
-    Band,
-    Chart,
-    Curve,
-    Limit,
-    Mark,
-    spread_colours,
-    thinned,
-)
 from taction.system.errors import EngineError
 from taction.verification.design.exploration import (
     CELLS,
@@ -61,7 +52,7 @@ VALUE_DIGITS = 6
 Part = dict[str, Any]
 
 
-def chart_part(chart: Chart) -> Part:
+def chart_part(chart: charts.Chart) -> Part:
     """Return a chart as the page draws it, with its caption."""
     return {**plotly_spec(chart), "note": chart.summary}
 
@@ -214,20 +205,23 @@ def _figures(found: Judgement) -> dict[str, str]:
 
 def outputs_chart(
     curves: ExplorerCurves, other: ExplorerCurves | None, view: RestView, window: str
-) -> Chart:
+) -> charts.Chart:
     """Return the outputs in a window, ``"rise"`` or ``"whole"``, with targets and bands."""
     end = curves.rise if window == "rise" else curves.stop
     time, outputs, beyond = _shown(curves, end, view)
     targets, count = view.targets, outputs.shape[1]
     low = min(float(outputs.min()), float(targets.min()))
     limits = with_room(low, max(float(outputs.max()), float(targets.max())))
-    marks: list[Mark] = []
+    marks: list[charts.Mark] = []
     note = ""
     if count <= LABELLED:
         step = float(np.abs(targets - outputs[0]).max(initial=0.0))
         band = view.scene.checks.settling_time.band * step
-        for y, colour in zip(targets.tolist(), spread_colours(count), strict=True):
-            marks += [Band(y - band, y + band, "y", "", colour), Limit(y, "y", "", colour, "dot")]
+        for y, colour in zip(targets.tolist(), charts.spread_colours(count), strict=True):
+            marks += [
+                charts.Band(y - band, y + band, "y", "", colour),
+                charts.Limit(y, "y", "", colour, "dot"),
+            ]
         marks += end_names(outputs[-1].tolist(), *limits, ["ink"] * count)
         note = "Dotted: targets; shaded: the settling band."
     points = min(POINTS * count, ALL_POINTS)
@@ -240,12 +234,14 @@ def outputs_chart(
     if other is not None:
         time, theirs, _ = _shown(other, end, view)
         marks += [
-            Curve(*thinned(time, column, POINTS), "ngspice", "ink", "dot", width=2.4, label="")
+            charts.Curve(
+                *charts.thinned(time, column, POINTS), "ngspice", "ink", "dot", width=2.4, label=""
+            )
             for column in theirs.T
         ]
         note += " Dots on the curves: ngspice."
-    axes = Axis("time", "s", limits=(0.0, end)), Axis("", "V", limits=limits)
-    return Chart("Outputs", *axes, tuple(marks), summary=note.strip(), legend="")
+    axes = charts.Axis("time", "s", limits=(0.0, end)), charts.Axis("", "V", limits=limits)
+    return charts.Chart("Outputs", *axes, tuple(marks), summary=note.strip(), legend="")
 
 
 def _shown(curves: ExplorerCurves, end: float, view: RestView) -> tuple[Floats, Floats, bool]:
@@ -258,7 +254,7 @@ def _shown(curves: ExplorerCurves, end: float, view: RestView) -> tuple[Floats, 
     return curves.time[shown], np.clip(outputs, -limit, limit), beyond
 
 
-def stress_chart(view: RestView) -> Chart:
+def stress_chart(view: RestView) -> charts.Chart:
     """Return the recovered stress: the truth, the numerical solution, and the board at rest."""
     unit = view.board.circuit.value("U0")
     targets, rest = view.targets / unit, view.rest / unit

@@ -20,28 +20,18 @@ from taction.netlist_gen.card import (
     whole_table,
 )
 from taction.system.charts import OUTCOMES, Chart, Outcome
-from taction.verification.report.blocks import (
-    NOTEBOOK,
-    Bars,
-    Cell,
-    Code,
-    Drawing,
-    Facts,
-    Notes,
-    Page,
-    Table,
-)
+from taction.verification.report import blocks
 
 INK = {"pass": "#fff", "fail": "#000", "inconclusive": "#000", "error": "#000"}
 MOST_ROWS, MOST_NOTES = 40, 6
 
 
-def card(page: Page, kind: str = "") -> str:
+def card(page: blocks.Page, kind: str = "") -> str:
     """Return `page` as one ``<div>``; `kind` stands beside the title, by default its command."""
     colour = OUTCOMES[page.outcome].colour if page.outcome else PLAIN
     parts = [_head(page, kind or page.command)]
     for section in page.sections:
-        parts += (SHOWN[type(block)](block) for block in section.made(NOTEBOOK))
+        parts += (SHOWN[type(block)](block) for block in section.made(blocks.NOTEBOOK))
     parts += map(_note, page.foot)
     return boxed(parts, colour)
 
@@ -58,13 +48,13 @@ def _mark(outcome: Outcome, text: str = "") -> str:
     return f'<span style="{style};font-weight:600;white-space:nowrap">{shown}</span>'
 
 
-def _head(page: Page, kind: str) -> str:
+def _head(page: blocks.Page, kind: str) -> str:
     outcome = _mark(page.outcome) if page.outcome else ""
     lines = (f"<div>{escaped(line)}</div>" for line in (page.summary, *page.lines) if line)
     return head(kind, page.title, outcome) + "".join(lines)
 
 
-def _table(block: Table) -> str:
+def _table(block: blocks.Table) -> str:
     if not block.rows:
         return ""
     rows = (ROW.format("".join(map(_cell, row))) for row in block.rows[:MOST_ROWS])
@@ -73,7 +63,7 @@ def _table(block: Table) -> str:
     return whole_table([_titles(block.columns), *rows]) + note
 
 
-def _bars(block: Bars) -> str:
+def _bars(block: blocks.Bars) -> str:
     reasons = [f"{bar.name}: {bar.reason}" for bar in block.rows if bar.outcome != "pass"]
     return _table(block.table) + "".join(map(_note, _first(reasons, MOST_NOTES)))
 
@@ -83,7 +73,7 @@ def _titles(titles: Iterable[str]) -> str:
     return ROW.format("".join(cells))
 
 
-def _cell(cell: Cell) -> str:
+def _cell(cell: blocks.Cell) -> str:
     shown = _mark(cell.outcome, cell.text) if cell.outcome else escaped(cell.text)
     return f'<td style="{CELL}">{shown}</td>'
 
@@ -93,11 +83,11 @@ def _note(text: str) -> str:
 
 
 SHOWN: dict[type, Callable[[Any], str]] = {
-    Bars: _bars,
+    blocks.Bars: _bars,
     Chart: lambda block: _note(block.heading),
-    Code: lambda block: f"<pre>{escaped(block.text)}</pre>",
-    Drawing: lambda block: _note(block.summary),
-    Facts: lambda block: facts_table(block.rows),
-    Notes: lambda block: "".join(map(_note, _first(block.lines, MOST_NOTES))),
-    Table: _table,
+    blocks.Code: lambda block: f"<pre>{escaped(block.text)}</pre>",
+    blocks.Drawing: lambda block: _note(block.summary),
+    blocks.Facts: lambda block: facts_table(block.rows),
+    blocks.Notes: lambda block: "".join(map(_note, _first(block.lines, MOST_NOTES))),
+    blocks.Table: _table,
 }

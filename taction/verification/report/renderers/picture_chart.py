@@ -8,23 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from taction.system import charts
 from taction.system.array_types import Floats
-from taction.system.charts import (
-    BLUE,
-    GREY,
-    ORANGE,
-    OUTCOMES,
-    Axis,
-    Band,
-    Cells,
-    Chart,
-    Columns,
-    Curve,
-    Grid,
-    Limit,
-    Text,
-    levels,
-)
 from taction.verification.report.renderers.figures import wrapped
 from taction.verification.report.texts import figure
 
@@ -38,14 +23,14 @@ MARKS = {
     "hourglass": "X", "hexagon": "h", "pentagon": "p", "line-ns": "|",
 }  # fmt: skip
 LINES = {"solid": "-", "dash": (0, (4.0, 4.0)), "dot": ":", "dashdot": "-.", "": "none"}
-THEME = {"ink": "#1a1a1a", "muted": "#555555", "band": "#d9d9d9", "true": GREY}
-DIVERGING = (BLUE, "#f4f4f2", ORANGE)
+THEME = {"ink": "#1a1a1a", "muted": "#555555", "band": "#d9d9d9", "true": charts.GREY}
+DIVERGING = (charts.BLUE, "#f4f4f2", charts.ORANGE)
 FEW = 5  # steps between labels that may be long
 LABELLED = 0.5  # height of the ticks and the label of the horizontal axis, inches
 TURNED = 0.3  # more height of turned names, inches
 
 
-def draw_chart(axes: Axes, chart: Chart) -> None:
+def draw_chart(axes: Axes, chart: charts.Chart) -> None:
     """Draw `chart` into `axes`."""
     for name in ("x", "y"):
         if getattr(chart, name).scale == "log":
@@ -54,7 +39,7 @@ def draw_chart(axes: Axes, chart: Chart) -> None:
         DRAWERS[type(mark)](axes, mark, chart)
     first = chart.views[0] if chart.views else None
     for name, limits in (("x", first and first.x), ("y", first and first.y)):
-        axis: Axis = getattr(chart, name)
+        axis: charts.Axis = getattr(chart, name)
         ends = limits or axis.limits
         if ends is not None:
             low, high = (axis.factor * end for end in ends)
@@ -70,14 +55,14 @@ def draw_chart(axes: Axes, chart: Chart) -> None:
 
 def colour(name: str) -> str:
     """Return a colour of a chart as hexadecimal RGB."""
-    if name in OUTCOMES:
-        return OUTCOMES[name].colour
+    if name in charts.OUTCOMES:
+        return charts.OUTCOMES[name].colour
     return THEME.get(name, name)
 
 
 def hatch(name: str) -> str:
     """Return the hatching of an outcome; other colours have none."""
-    return OUTCOMES[name].hatch if name in OUTCOMES else ""
+    return charts.OUTCOMES[name].hatch if name in charts.OUTCOMES else ""
 
 
 def cell_edges(places: ArrayLike, *, log: bool = False) -> Floats:
@@ -96,15 +81,15 @@ def cell_edges(places: ArrayLike, *, log: bool = False) -> Floats:
     return np.exp(edges) if log else np.asarray(edges)
 
 
-def _values(values: ArrayLike, axis: Axis) -> Floats:
+def _values(values: ArrayLike, axis: charts.Axis) -> Floats:
     return np.asarray(np.asarray(values, dtype=np.float64) * axis.factor)
 
 
-def _label(axes: Axes, chart: Chart, name: str) -> None:
+def _label(axes: Axes, chart: charts.Chart, name: str) -> None:
     """Write the title and the ticks of an axis; the unit stands at each number."""
     from matplotlib.ticker import EngFormatter, LogLocator, MaxNLocator, NullFormatter
 
-    axis: Axis = getattr(chart, name)
+    axis: charts.Axis = getattr(chart, name)
     ruler: Any = getattr(axes, f"{name}axis")
     getattr(axes, f"set_{name}label")(axis.caption)
     if axis.scale == "names":
@@ -137,7 +122,7 @@ def _inches(axes: Axes) -> float:
     return float(figure.get_figwidth() * axes.get_position().width)
 
 
-def _crowded(axes: Axes, axis: Axis) -> bool:
+def _crowded(axes: Axes, axis: charts.Axis) -> bool:
     """Tell whether the names of a horizontal axis are too long to stand beside each other."""
     return sum(len(name) + 2 for name in axis.names) > LETTERS * _inches(axes)
 
@@ -159,7 +144,7 @@ def _marker(name: str, look: str, size: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _curve(axes: Axes, mark: Curve, chart: Chart) -> None:
+def _curve(axes: Axes, mark: charts.Curve, chart: charts.Chart) -> None:
     x, y, look = _values(mark.x, chart.x), _values(mark.y, chart.y), colour(mark.colour)
     name = mark.name if mark.label == "legend" and mark.name else None
     style: dict[str, Any] = {"color": look, "lw": mark.width, "ls": LINES[mark.line]}
@@ -168,22 +153,22 @@ def _curve(axes: Axes, mark: Curve, chart: Chart) -> None:
     axes.plot(x, y, **style)
 
 
-def _limit(axes: Axes, mark: Limit, chart: Chart) -> None:
+def _limit(axes: Axes, mark: charts.Limit, chart: charts.Chart) -> None:
     axis = getattr(chart, mark.across)
     draw = axes.axvline if mark.across == "x" else axes.axhline
     look: dict[str, Any] = {"color": colour(mark.colour), "ls": LINES[mark.line], "lw": mark.width}
     draw(axis.factor * mark.value, label=mark.name or None, zorder=1.8, **look)
 
 
-def _band(axes: Axes, mark: Band, chart: Chart) -> None:
+def _band(axes: Axes, mark: charts.Band, chart: charts.Chart) -> None:
     factor = getattr(chart, mark.across).factor
     draw = axes.axvspan if mark.across == "x" else axes.axhspan
     look, ends = colour(mark.colour), (factor * mark.low, factor * mark.high)
     more: dict[str, Any] = {"zorder": 0, "label": mark.name or None, "lw": 0.0}
-    draw(*ends, color=look, alpha=0.15 if mark.colour in OUTCOMES else 1.0, **more)
+    draw(*ends, color=look, alpha=0.15 if mark.colour in charts.OUTCOMES else 1.0, **more)
 
 
-def _columns(axes: Axes, mark: Columns, chart: Chart) -> None:
+def _columns(axes: Axes, mark: charts.Columns, chart: charts.Chart) -> None:
     upright, other = mark.across == "x", "y" if mark.across == "x" else "x"
     own, along = getattr(chart, mark.across), getattr(chart, other)
     places, sizes = _values(mark.places, own), _values(mark.sizes, along)
@@ -199,7 +184,7 @@ def _columns(axes: Axes, mark: Columns, chart: Chart) -> None:
         axes.grid(visible=False, axis="y")
 
 
-def _edges(mark: Grid | Cells, chart: Chart) -> tuple[Floats, Floats]:
+def _edges(mark: charts.Grid | charts.Cells, chart: charts.Chart) -> tuple[Floats, Floats]:
     found = [
         cell_edges(_values(places, axis), log=axis.scale == "log")
         for places, axis in ((mark.x, chart.x), (mark.y, chart.y))
@@ -207,14 +192,14 @@ def _edges(mark: Grid | Cells, chart: Chart) -> tuple[Floats, Floats]:
     return found[0], found[1]
 
 
-def _grid(axes: Axes, mark: Grid, chart: Chart) -> None:
+def _grid(axes: Axes, mark: charts.Grid, chart: charts.Chart) -> None:
     from matplotlib.colors import LinearSegmentedColormap
 
     axes.set_facecolor("0.85")
     axes.grid(visible=False)
     across, down = _edges(mark, chart)
     axes.set(xlim=across[[0, -1]], ylim=down[[0, -1]])
-    places, labels = levels(mark, np.asarray(mark.values, dtype=np.float64))
+    places, labels = charts.levels(mark, np.asarray(mark.values, dtype=np.float64))
     if not labels:
         axes.text(0.5, 0.5, "nowhere", transform=axes.transAxes, ha="center")
         return
@@ -234,7 +219,7 @@ def _grid(axes: Axes, mark: Grid, chart: Chart) -> None:
             axes.text(x, y, text, ha="center", va="center", fontsize="small")
 
 
-def _cells(axes: Axes, mark: Cells, chart: Chart) -> None:
+def _cells(axes: Axes, mark: charts.Cells, chart: charts.Chart) -> None:
     from matplotlib.colors import ListedColormap
 
     across, down = _edges(mark, chart)
@@ -250,7 +235,7 @@ def _cells(axes: Axes, mark: Cells, chart: Chart) -> None:
             )  # fmt: skip
 
 
-def _text(axes: Axes, mark: Text, chart: Chart) -> None:
+def _text(axes: Axes, mark: charts.Text, chart: charts.Chart) -> None:
     side, level = mark.align
     beyond = mark.x is None and level == "middle"
     place: list[Any] = []
@@ -267,22 +252,22 @@ def _text(axes: Axes, mark: Text, chart: Chart) -> None:
     )  # fmt: skip
 
 
-DRAWERS: dict[type, Callable[[Any, Any, Chart], None]] = {
-    Curve: _curve,
-    Limit: _limit,
-    Band: _band,
-    Columns: _columns,
-    Grid: _grid,
-    Cells: _cells,
-    Text: _text,
+DRAWERS: dict[type, Callable[[Any, Any, charts.Chart], None]] = {
+    charts.Curve: _curve,
+    charts.Limit: _limit,
+    charts.Band: _band,
+    charts.Columns: _columns,
+    charts.Grid: _grid,
+    charts.Cells: _cells,
+    charts.Text: _text,
 }
 
 
-def _legend(axes: Axes, chart: Chart) -> None:
+def _legend(axes: Axes, chart: charts.Chart) -> None:
     from matplotlib.patches import Patch
     from matplotlib.transforms import ScaledTranslation
 
-    cells = [mark for mark in chart.marks if isinstance(mark, Cells)]
+    cells = [mark for mark in chart.marks if isinstance(mark, charts.Cells)]
     keys: dict[str, Any] = {
         look.name: Patch(facecolor=look.colour, hatch=look.hatch, edgecolor="white")
         for mark in cells

@@ -14,21 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from taction.system import charts
 from taction.system.array_types import Floats
-from taction.system.charts import (
-    OUTCOMES,
-    Axis,
-    Band,
-    Cells,
-    Chart,
-    Columns,
-    Curve,
-    Grid,
-    Limit,
-    Text,
-    View,
-    levels,
-)
 from taction.verification.report.texts import figure
 
 LABELS = ((1.0, "D1"), (2.5, "D2"))  # decades up to which an axis has labels at these digits
@@ -46,16 +33,16 @@ FLAT, CLEAR = 0.01, 1.5  # of a curve: relative change, and height of the chart
 NEAR, ROOM = 0.2, 1.5  # of points on a logarithmic axis: decades, and the factor around them
 
 
-def plotly_spec(chart: Chart) -> dict[str, Any]:
+def plotly_spec(chart: charts.Chart) -> dict[str, Any]:
     """Return `chart` as `data` and `layout` of Plotly, without its title."""
     data: list[dict[str, Any]] = []
     shapes: list[dict[str, Any]] = []
     texts: list[dict[str, Any]] = []
     for mark in chart.marks:
-        if isinstance(mark, Text):
+        if isinstance(mark, charts.Text):
             texts.append(_text(mark, chart))
             continue
-        if isinstance(mark, Limit | Band):
+        if isinstance(mark, charts.Limit | charts.Band):
             shapes.append(_shape(mark, chart))
         else:
             data += TRACES[type(mark)](mark, chart)
@@ -71,14 +58,14 @@ def plotly_spec(chart: Chart) -> dict[str, Any]:
         "hovermode": "closest",
         "margin": _margin(chart, texts),
     }
-    if any(isinstance(mark, Columns) for mark in chart.marks):
+    if any(isinstance(mark, charts.Columns) for mark in chart.marks):
         layout |= {"barmode": "overlay", "bargap": 0.0}
-    if any(isinstance(mark, Grid) for mark in chart.marks):
+    if any(isinstance(mark, charts.Grid) for mark in chart.marks):
         layout["plot_bgcolor"] = "--card"
     return {"data": data, "layout": layout}
 
 
-def view_layout(chart: Chart, view: View) -> dict[str, Any]:
+def view_layout(chart: charts.Chart, view: charts.View) -> dict[str, Any]:
     """Return the change of the layout that shows `view`."""
     found = {}
     for name, limits in (("x", view.x), ("y", view.y)):
@@ -110,39 +97,39 @@ def words(text: str) -> str:
 
 def colour(name: str) -> str:
     """Return a colour of a chart for the style sheet."""
-    if name in OUTCOMES:
-        return OUTCOMES[name].colour
+    if name in charts.OUTCOMES:
+        return charts.OUTCOMES[name].colour
     return name if name.startswith("#") else f"--{name}"
 
 
-def _values(values: ArrayLike, axis: Axis) -> Any:
+def _values(values: ArrayLike, axis: charts.Axis) -> Any:
     array = np.asarray(values, dtype=np.float64) * axis.factor
     return packed(array) if array.ndim == 1 and len(array) >= PACKED else numbers(array)
 
 
-def _range(axis: Axis, limits: tuple[float, float]) -> list[float]:
+def _range(axis: charts.Axis, limits: tuple[float, float]) -> list[float]:
     low, high = (axis.factor * end for end in limits)
     if axis.scale == "log":
         low, high = math.log10(low), math.log10(high)
     return [high, low] if axis.reverse else [low, high]
 
 
-def _known(chart: Chart, name: str) -> Floats:
+def _known(chart: charts.Chart, name: str) -> Floats:
     """Return the finite values of the marks along an axis."""
     found: list[Floats] = [np.zeros(0)]
     for mark in chart.marks:
-        if isinstance(mark, Curve | Grid | Cells):
+        if isinstance(mark, charts.Curve | charts.Grid | charts.Cells):
             found.append(np.ravel(np.asarray(getattr(mark, name), dtype=np.float64)))
-        elif isinstance(mark, Columns):
+        elif isinstance(mark, charts.Columns):
             found.append(np.asarray(mark.places if mark.across == name else mark.sizes, np.float64))
-        elif isinstance(mark, Limit) and mark.across == name:
+        elif isinstance(mark, charts.Limit) and mark.across == name:
             found.append(np.array([mark.value]))
     values = np.concatenate(found)
     return np.asarray(values[np.isfinite(values)])
 
 
-def _axis(chart: Chart, name: str, shown: tuple[float, float] | None) -> dict[str, Any]:
-    axis: Axis = getattr(chart, name)
+def _axis(chart: charts.Chart, name: str, shown: tuple[float, float] | None) -> dict[str, Any]:
+    axis: charts.Axis = getattr(chart, name)
     unit = axis.sign
     title = axis.caption
     made: dict[str, Any] = {"title": {"text": words(title)}}
@@ -165,7 +152,7 @@ def _axis(chart: Chart, name: str, shown: tuple[float, float] | None) -> dict[st
         made["tickformat"] = "d"
         if len(known) and np.ptp(known) <= 20:
             made["dtick"] = 1
-    if any(isinstance(mark, Grid) for mark in chart.marks):
+    if any(isinstance(mark, charts.Grid) for mark in chart.marks):
         made |= {"showgrid": False, "zeroline": False}
     if limits is not None:
         made["range"] = _range(axis, limits)
@@ -182,7 +169,7 @@ def _is_flat(values: Floats) -> bool:
     return reach > 0.0 and float(np.ptp(values)) < FLAT * reach
 
 
-def _margin(chart: Chart, texts: Sequence[dict[str, Any]]) -> dict[str, int]:
+def _margin(chart: charts.Chart, texts: Sequence[dict[str, Any]]) -> dict[str, int]:
     beyond = [len(each["text"]) for each in texts if each["x"] == RIGHT]
     top = 30 if any(each["y"] == 1 and each.get("yref") == "paper" for each in texts) else 24
     named = [len(name) for name in chart.y.names] if chart.y.scale == "names" else []
@@ -197,13 +184,13 @@ def _margin(chart: Chart, texts: Sequence[dict[str, Any]]) -> dict[str, int]:
 RIGHT = 1.005  # place of a text beyond the right edge, part of the width
 
 
-def _hover(mark: Curve, chart: Chart) -> str:
+def _hover(mark: charts.Curve, chart: charts.Chart) -> str:
     extra = f"<extra>{words(mark.name)}</extra>"
     if mark.hover:
         return "%{customdata}" + extra
     parts = []
     for letter in ("y", "x"):
-        axis: Axis = getattr(chart, letter)
+        axis: charts.Axis = getattr(chart, letter)
         unit = axis.sign
         if unit == "%":
             parts.append(f"%{{{letter}:.4g}} %")
@@ -214,7 +201,7 @@ def _hover(mark: Curve, chart: Chart) -> str:
     return " at ".join(parts) + extra
 
 
-def _curve(mark: Curve, chart: Chart) -> Iterator[dict[str, Any]]:
+def _curve(mark: charts.Curve, chart: charts.Chart) -> Iterator[dict[str, Any]]:
     look = colour(mark.colour)
     trace: dict[str, Any] = {
         "type": "scatter", "name": words(mark.name), "legendgroup": words(mark.name),
@@ -233,23 +220,23 @@ def _curve(mark: Curve, chart: Chart) -> Iterator[dict[str, Any]]:
     yield trace | {"mode": "+".join(name for name, drawn in shown.items() if drawn)}
 
 
-def _shape(mark: Limit | Band, chart: Chart) -> dict[str, Any]:
+def _shape(mark: charts.Limit | charts.Band, chart: charts.Chart) -> dict[str, Any]:
     across, other = mark.across, "y" if mark.across == "x" else "x"
-    axis: Axis = getattr(chart, across)
+    axis: charts.Axis = getattr(chart, across)
     rest = {f"{other}ref": "paper", f"{other}0": 0, f"{other}1": 1,
             "showlegend": bool(mark.name), "name": words(mark.name)}  # fmt: skip
-    if isinstance(mark, Limit):
+    if isinstance(mark, charts.Limit):
         value = axis.factor * mark.value
         look = {"color": colour(mark.colour), "width": max(1.5, mark.width), "dash": mark.line}
         return {"type": "line", f"{across}0": value, f"{across}1": value, "line": look, **rest}
     return {
         "type": "rect", f"{across}0": axis.factor * mark.low, f"{across}1": axis.factor * mark.high,
-        "fillcolor": colour(mark.colour), "opacity": 0.15 if mark.colour in OUTCOMES else 0.35,
-        "line": {"width": 0}, "layer": "below", **rest,
+        "fillcolor": colour(mark.colour), "line": {"width": 0}, "layer": "below", **rest,
+        "opacity": 0.15 if mark.colour in charts.OUTCOMES else 0.35,
     }  # fmt: skip
 
 
-def _columns(mark: Columns, chart: Chart) -> Iterator[dict[str, Any]]:
+def _columns(mark: charts.Columns, chart: charts.Chart) -> Iterator[dict[str, Any]]:
     """Yield the bars of each look; Plotly warns of a list of colours beside patterns."""
     count = len(np.asarray(mark.sizes))
     looks = mark.looks * count if len(mark.looks) == 1 else mark.looks
@@ -257,11 +244,13 @@ def _columns(mark: Columns, chart: Chart) -> Iterator[dict[str, Any]]:
         yield _bars(mark, chart, look, [k for k in range(count) if looks[k] == look])
 
 
-def _bars(mark: Columns, chart: Chart, look: str, chosen: Sequence[int]) -> dict[str, Any]:
+def _bars(
+    mark: charts.Columns, chart: charts.Chart, look: str, chosen: Sequence[int]
+) -> dict[str, Any]:
     along = "y" if mark.across == "x" else "x"
     size_axis, place_axis = getattr(chart, along), getattr(chart, mark.across)
 
-    def values(of: Any, axis: Axis) -> Any:
+    def values(of: Any, axis: charts.Axis) -> Any:
         return _values(np.asarray(of, dtype=np.float64)[list(chosen)], axis)
 
     trace: dict[str, Any] = {
@@ -280,12 +269,12 @@ def _bars(mark: Columns, chart: Chart, look: str, chosen: Sequence[int]) -> dict
 
 
 def _pattern(look: str) -> str:
-    return PATTERNS.get(OUTCOMES[look].hatch, "/") if look in OUTCOMES else ""
+    return PATTERNS.get(charts.OUTCOMES[look].hatch, "/") if look in charts.OUTCOMES else ""
 
 
-def _grid(mark: Grid, chart: Chart) -> Iterator[dict[str, Any]]:
+def _grid(mark: charts.Grid, chart: charts.Chart) -> Iterator[dict[str, Any]]:
     values = np.asarray(mark.values, dtype=np.float64)
-    places, labels = levels(mark, values)
+    places, labels = charts.levels(mark, values)
     ticks = {figure(value, mark.unit, 3): place for place, value in labels}
     texts = mark.texts or [[figure(each, mark.unit) for each in row] for row in values.tolist()]
     trace: dict[str, Any] = {
@@ -306,7 +295,7 @@ def _grid(mark: Grid, chart: Chart) -> Iterator[dict[str, Any]]:
     yield trace
 
 
-def _cells(mark: Cells, chart: Chart) -> Iterator[dict[str, Any]]:
+def _cells(mark: charts.Cells, chart: charts.Chart) -> Iterator[dict[str, Any]]:
     x, y = (np.asarray(places, dtype=np.float64) for places in (mark.x, mark.y))
     for name, look in mark.looks.items():
         rows, columns = np.nonzero(mark.names == name)
@@ -325,17 +314,17 @@ def _cells(mark: Cells, chart: Chart) -> Iterator[dict[str, Any]]:
         }  # fmt: skip
 
 
-def _place_text(axis: Axis, value: float) -> str:
+def _place_text(axis: charts.Axis, value: float) -> str:
     if axis.scale == "names":
         return f"{axis.title} {axis.names[round(value)]}"
     return f"{axis.title} {figure(float(value), axis.unit)}"
 
 
-TRACES: dict[type, Callable[[Any, Chart], Iterator[dict[str, Any]]]] = {
-    Curve: _curve,
-    Columns: _columns,
-    Grid: _grid,
-    Cells: _cells,
+TRACES: dict[type, Callable[[Any, charts.Chart], Iterator[dict[str, Any]]]] = {
+    charts.Curve: _curve,
+    charts.Columns: _columns,
+    charts.Grid: _grid,
+    charts.Cells: _cells,
 }
 
 
@@ -343,7 +332,7 @@ SIDES = {"left": "right", "right": "left", "middle": "center"}
 LEVELS = {"above": "bottom", "below": "top", "middle": "middle"}
 
 
-def _text(mark: Text, chart: Chart) -> dict[str, Any]:
+def _text(mark: charts.Text, chart: charts.Chart) -> dict[str, Any]:
     side, level = mark.align
     made: dict[str, Any] = {
         "text": words(mark.text), "showarrow": False, "xanchor": SIDES[side],
@@ -361,6 +350,6 @@ def _text(mark: Text, chart: Chart) -> dict[str, Any]:
     return made
 
 
-def _annotated(value: float, axis: Axis) -> float:
+def _annotated(value: float, axis: charts.Axis) -> float:
     value *= axis.factor
     return math.log10(value) if axis.scale == "log" and value > 0.0 else value

@@ -10,17 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from taction.system import charts
 from taction.system.array_types import Floats
-from taction.system.charts import (
-    OUTCOMES,
-    TIME,
-    Axis,
-    Chart,
-    Curve,
-    Line,
-    Outcome,
-    spread_colours,
-)
 from taction.system.documents import read
 from taction.verification.report.blocks import Bars, Content, Notes, Page, Section, Table
 from taction.verification.report.texts import (
@@ -52,14 +43,14 @@ from taction.verification.verdict.compare import Difference
 
 SHOWN = 12  # changed quantities of a scene in a terminal; the page and JSON have them all
 LEAST_OFF = 1e-3  # tolerances: a smaller difference has no number
-STATUSES: dict[Status, Outcome] = {
+STATUSES: dict[Status, charts.Outcome] = {
     Status.SAME: "pass",
     Status.NEWLY_PASSING: "pass",
     Status.NEW: "inconclusive",
     Status.NOT_RUN: "inconclusive",
     Status.NO_VERDICT: "inconclusive",
 }
-EXITS: dict[int, Outcome] = {0: "pass", 1: "fail"}
+EXITS: dict[int, charts.Outcome] = {0: "pass", 1: "fail"}
 
 
 def regression_view(report: RegressionReport) -> Page:
@@ -194,7 +185,7 @@ def stored_value(value: float | str | None, unit: str) -> str:
 
 NAMED = 3  # keys in the first line
 POINTS = 20_000  # of all curves of one board
-BEYOND: dict[bool | None, tuple[str, Outcome]] = {
+BEYOND: dict[bool | None, tuple[str, charts.Outcome]] = {
     True: ("yes", "fail"),
     False: ("no", "pass"),
     None: ("unknown", "inconclusive"),
@@ -296,7 +287,7 @@ def _outputs(difference: VerdictDifference) -> Iterator[Content]:
     count = min(u.shape[1], v.shape[1])
     names = difference.outputs or [f"u_{n + 1}" for n in range(count)]
 
-    def drawn(x: Floats, values: Floats, line: Line, width: float) -> Iterator[Curve]:
+    def drawn(x: Floats, values: Floats, line: charts.Line, width: float) -> Iterator[charts.Curve]:
         return curves(x, values[:, :count], names, line=line, width=width, points=POINTS)
 
     def named(group: Iterable[int]) -> str:
@@ -304,11 +295,11 @@ def _outputs(difference: VerdictDifference) -> Iterator[Content]:
 
     both = np.concatenate([u[:, :count], v[:, :count]])
     ends = u[-1, :count].tolist(), float(both.min()), float(both.max())
-    texts = end_names(*ends, spread_colours(count), named) if count <= LABELLED else ()
+    texts = end_names(*ends, charts.spread_colours(count), named) if count <= LABELLED else ()
     marks = *drawn(time, u, "solid", 2.2), *drawn(other, v, "dash", 1.2), *texts
     text = f"Solid: A, {difference.first}. Dashed: B, {difference.second}."
-    volts, said = Axis("output", "V"), "solid A, dashed B"
-    yield Chart("Outputs", TIME, volts, marks, said, text, height=420)
+    volts, said = charts.Axis("output", "V"), "solid A, dashed B"
+    yield charts.Chart("Outputs", charts.TIME, volts, marks, said, text, height=420)
     inside = time[(time >= other[0]) & (time <= other[-1])]
     if len(inside):
         places = np.searchsorted(time, inside)
@@ -316,7 +307,9 @@ def _outputs(difference: VerdictDifference) -> Iterator[Content]:
         moved = tuple(drawn(inside, np.column_stack(apart), "solid", 1.2))
         said = f"apart by at most {quantity(float(np.abs(apart).max()), 'V', 3)}"
         text = "The outputs of B minus those of A."
-        yield Chart("B minus A", TIME, Axis("difference", "V"), moved, said, text)
+        yield charts.Chart(
+            "B minus A", charts.TIME, charts.Axis("difference", "V"), moved, said, text
+        )
 
 
 def _shown(value: object, unit: str | None, digits: int) -> str:
@@ -362,9 +355,9 @@ def _settling(document: Document) -> Cell:
     return cell if cell.number is None else replace(cell, text=" ".join((cell.text, *bands)))
 
 
-def _outcome(name: str) -> Outcome:
+def _outcome(name: str) -> charts.Outcome:
     """Return the outcome whose look a file has: bad input looks like a failure."""
-    return name if name in OUTCOMES else "fail" if name == "bad input" else "inconclusive"
+    return name if name in charts.OUTCOMES else "fail" if name == "bad input" else "inconclusive"
 
 
 def _remark_lines(document: Document) -> Iterator[str]:

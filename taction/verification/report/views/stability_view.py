@@ -11,21 +11,8 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
+from taction.system import charts
 from taction.system.array_types import Complexes, Floats
-from taction.system.charts import (
-    Axis,
-    Band,
-    Chart,
-    Curve,
-    Limit,
-    Line,
-    Mark,
-    Outcome,
-    Text,
-    View,
-    segments,
-    spread_colours,
-)
 from taction.system.errors import EngineError
 from taction.system.quantities import counted, readable, show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -129,62 +116,67 @@ def ranges_words(ranges: Sequence[Range], low: float, high: float, unit: str) ->
     return "; ".join(parts) or "none"
 
 
-def pole_map(poles: Poles, ranges: str = "") -> Chart:
+def pole_map(poles: Poles, ranges: str = "") -> charts.Chart:
     """Return the upper half plane with the poles and lines of equal damping.
 
     `ranges` is a sentence about the stable values.
     """
     values = poles.poles[poles.poles.imag >= 0.0][:SHOWN]
     views = _views(values)
-    marks: list[Mark] = [*mode_marks(values.real, values.imag / math.tau, values.real)]
+    marks: list[charts.Mark] = [*mode_marks(values.real, values.imag / math.tau, values.real)]
     low, _, up = views[0][1]
     if far := values[(values.real < low) | (values.imag > up)].tolist():
         size = figure(max(map(abs, far)), "1/s", 2)
-        marks.append(Text(f"← {len(far)} farther, to {size}", None, None, ("right", "below")))
+        marks.append(
+            charts.Text(f"← {len(far)} farther, to {size}", None, None, ("right", "below"))
+        )
     summary = f"Poles of the linearised board. Circles decay, crosses grow. {ranges}".rstrip()
     return upper_half_plane(marks, views, _result(poles), summary)
 
 
 def upper_half_plane(
-    marks: Sequence[Mark], windows: Sequence[tuple[str, Window]], message: str, summary: str
-) -> Chart:
+    marks: Sequence[charts.Mark], windows: Sequence[tuple[str, Window]], message: str, summary: str
+) -> charts.Chart:
     """Return `marks` of poles over the growing half and lines of equal damping, in `windows`."""
     sides = [[window[k] for _, window in windows] for k in range(3)]
     left, right, top = min(sides[0]), max(sides[1]), max(sides[2])
     reach = 1.5 * math.hypot(left, top)
     ends = [(-z * reach, math.sqrt(1.0 - z**2) * reach / math.tau) for z in DAMPING]
-    lines = segments([((0.0, 0.0), end) for end in ends])
+    lines = charts.segments([((0.0, 0.0), end) for end in ends])
     ground = (
-        Band(0.0, reach, "x", colour="fail"),
-        Limit(0.0, "x", line="solid"),
-        Curve(*lines, "equal damping", "band", width=1.0, label="", behind=True),
-        Text("grows →", None, None, ("left", "above")),
+        charts.Band(0.0, reach, "x", colour="fail"),
+        charts.Limit(0.0, "x", line="solid"),
+        charts.Curve(*lines, "equal damping", "band", width=1.0, label="", behind=True),
+        charts.Text("grows →", None, None, ("left", "above")),
     )
     ratios = ", ".join(f"{zeta:g}" for zeta in DAMPING)
-    return Chart(
+    return charts.Chart(
         "Pole map",
-        Axis("real part", "1/s", limits=(left, right)),
-        Axis("frequency", "Hz", limits=(0.0, top / math.tau)),
+        charts.Axis("real part", "1/s", limits=(left, right)),
+        charts.Axis("frequency", "Hz", limits=(0.0, top / math.tau)),
         (*ground, *marks),
         message,
         f"The upper half plane; in the shaded part a mode grows. {summary} On a thin line the"
         f" damping ratio is {ratios}, from the axis to the left.",
-        tuple(View(name, (low, high), (0.0, up / math.tau)) for name, (low, high, up) in windows),
+        tuple(
+            charts.View(name, (low, high), (0.0, up / math.tau))
+            for name, (low, high, up) in windows
+        ),
         legend="below",
     )
 
 
 def mode_marks(
     x: Floats, y: Floats, real: Floats, texts: Sequence[str] = (), size: float = 6.0
-) -> tuple[Curve, Curve]:
+) -> tuple[charts.Curve, charts.Curve]:
     """Return the modes (P,) that decay, as circles, and those that grow, as crosses.
 
     `real` are the real parts of the poles, 1/s, and `texts` are for the pointer, one for each.
     """
 
-    def marks(name: str, outcome: str, mark: str, chosen: np.ndarray) -> Curve:
+    def marks(name: str, outcome: str, mark: str, chosen: np.ndarray) -> charts.Curve:
         hover = tuple(itertools.compress(texts, chosen))
-        return Curve(x[chosen], y[chosen], name, outcome, "", mark, size=size, hover=hover)
+        return charts.Curve(x[chosen], y[chosen], name, outcome, "", mark, size=size, hover=hover)
 
     return marks("decays", "pass", "circle", real < 0.0), marks("grows", "fail", "x", real >= 0.0)
 
@@ -224,12 +216,12 @@ def _around(values: Complexes, left: float) -> Window:
     return min(float(left), 0.0) - 0.1 * width, right + 0.3 * width, 1.25 * top
 
 
-STATES: dict[bool | None, tuple[str, Outcome]] = {
+STATES: dict[bool | None, tuple[str, charts.Outcome]] = {
     True: ("confirmed", "pass"),
     False: ("contradicted", "fail"),
     None: ("undecided", "inconclusive"),
 }
-LINES: dict[bool | None, Line] = {True: "dash", False: "dashdot", None: "dot"}
+LINES: dict[bool | None, charts.Line] = {True: "dash", False: "dashdot", None: "dot"}
 MAX_DAMPING = 0.5  # damping ratio up to which a mode is on the charts
 HEADROOM = 1.25
 PARTS = 5  # of the values, each with a colour on the pole map
@@ -365,17 +357,21 @@ def _charts(onset: Onset) -> Iterator[Content]:
     value, real, imag = np.array(rows).T
     name, samples = onset.axis.name, onset.scan.samples
     scale: Any = "log" if onset.scan.logarithmic else "linear"
-    x = Axis(name, onset.axis.key.unit, scale, (samples[0].value, samples[-1].value))
+    x = charts.Axis(name, onset.axis.key.unit, scale, (samples[0].value, samples[-1].value))
     ground, texts = tuple(_on_values(onset)), tuple(_value(onset, each) for each in value.tolist())
     ringing = [each.crossing for each in onset.findings if each.crossing.frequency]
 
     damping = -real / np.hypot(real, imag)
     reach = min(max(3.0 * float(np.median(np.abs(damping))), 1e-3), MAX_DAMPING)
-    yield Chart(
+    yield charts.Chart(
         "Damping over the value",
         x,
-        Axis("damping ratio (below 0: grows)", limits=(-reach, reach)),
-        (*ground, Limit(0.0, "y", line="solid"), *mode_marks(value, damping, real, texts, 4.0)),
+        charts.Axis("damping ratio (below 0: grows)", limits=(-reach, reach)),
+        (
+            *ground,
+            charts.Limit(0.0, "y", line="solid"),
+            *mode_marks(value, damping, real, texts, 4.0),
+        ),
         f"stable for {name}: {_stable(onset)}",
         f"The damping ratio of every ringing mode over {name}. {LOOKS}",
     )
@@ -384,11 +380,11 @@ def _charts(onset: Onset) -> Iterator[Content]:
     at, rings = np.array([(c.value, c.frequency) for c in ringing] or np.zeros((0, 2))).T
     ends = [*dict.fromkeys(quantity(each, "Hz") for each in sorted(rings.tolist()))]
     said = " to ".join(ends[:: max(len(ends) - 1, 1)])
-    crossing = Curve(at, rings, "crossing", "ink", "", "circle-open", size=8.0, label="")
-    yield Chart(
+    crossing = charts.Curve(at, rings, "crossing", "ink", "", "circle-open", size=8.0, label="")
+    yield charts.Chart(
         "Frequency over the value",
         x,
-        Axis("ringing frequency", "Hz", "log" if wide else "linear"),
+        charts.Axis("ringing frequency", "Hz", "log" if wide else "linear"),
         (*ground, *mode_marks(value, hertz, real, texts, 4.0), crossing),
         f"{said} at the crossings" if ends else "no mode crosses",
         f"The frequency of every ringing mode over {name}. {LOOKS}",
@@ -397,29 +393,29 @@ def _charts(onset: Onset) -> Iterator[Content]:
     most = HEADROOM * float(np.hypot(real, imag).max(initial=near[2]))
     leftmost = HEADROOM * float(real.min(initial=near[0]))
     level = np.array([each.crossing.frequency for each in onset.findings])
-    marks = list[Mark]()
+    marks = list[charts.Mark]()
     for part, look in zip(
-        np.array_split(np.unique(value), PARTS), spread_colours(PARTS), strict=True
+        np.array_split(np.unique(value), PARTS), charts.spread_colours(PARTS), strict=True
     ):
         if len(part):
             own = np.isin(value, part)
             ends = [*dict.fromkeys(_value(onset, part[k]) for k in (0, -1))]
             hover = tuple(itertools.compress(texts, own))
             places = real[own], hertz[own], " to ".join(ends), look
-            marks.append(Curve(*places, "", "circle", size=5.0, hover=hover))
+            marks.append(charts.Curve(*places, "", "circle", size=5.0, hover=hover))
     axis = np.zeros(len(level)), level
-    marks.append(Curve(*axis, "crossing", "fail", "", "circle-open", size=9.0))
+    marks.append(charts.Curve(*axis, "crossing", "fail", "", "circle-open", size=9.0))
     message = f"{counted(len(level), 'crossing')} of the axis" if len(level) else "no crossing"
     windows = ("near the crossings", near), ("all ringing poles", (leftmost, near[1], most))
     poles = upper_half_plane(marks, windows, message, f"The colour says {name}.")
     yield replace(poles, legend="inside")
 
 
-def _on_values(onset: Onset) -> Iterator[Mark]:
+def _on_values(onset: Onset) -> Iterator[charts.Mark]:
     """Yield the stable ranges and the crossings on an axis of values; each name once."""
     name = "stable"
     for low, high in onset.scan.stable_ranges:
-        yield Band(low, high, "x", name, "pass")
+        yield charts.Band(low, high, "x", name, "pass")
         name = ""
     known: set[str] = set()
     for each in onset.findings:
@@ -429,9 +425,9 @@ def _on_values(onset: Onset) -> Iterator[Mark]:
             word = "transients not run"
         name = "" if word in known else f"crossing, {word}"
         known.add(word)
-        yield Limit(value, "x", name, outcome, LINES[state], 1.2)
+        yield charts.Limit(value, "x", name, outcome, LINES[state], 1.2)
         if each.crossing.changes_stability:
-            yield Text(_value(onset, value), value, None, ("right", "below"))
+            yield charts.Text(_value(onset, value), value, None, ("right", "below"))
 
 
 def _window(onset: Onset) -> tuple[float, float, float]:

@@ -10,22 +10,8 @@ import numpy as np
 
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
+from taction.system import charts
 from taction.system.array_types import Floats
-from taction.system.charts import (
-    TIME,
-    Axis,
-    Band,
-    Chart,
-    Curve,
-    Limit,
-    Limits,
-    Line,
-    Mark,
-    Text,
-    View,
-    spread_colours,
-    thinned,
-)
 from taction.system.waveforms import Waveforms
 from taction.verification.report.blocks import Page, Section
 from taction.verification.report.texts import banded, counted, figure, quantity
@@ -75,11 +61,11 @@ def curves(
     values: Floats,
     names: Sequence[str] = (),
     *,
-    line: Line = "",
+    line: charts.Line = "",
     width: float = 1.2,
     points: int = POINTS,
     early: float = 0.0,
-) -> Iterator[Curve]:
+) -> Iterator[charts.Curve]:
     """Yield a thinned curve for each channel of `values` (P, N), without a name in the legend.
 
     Without a `line`, dashes tell symmetric channels apart. The time up to `early`, s, has a share
@@ -88,14 +74,15 @@ def curves(
     count, first = values.shape[1], time <= early
     whole = ((np.ones_like(first), 1.0),)
     shares = ((first, EARLY_POINTS), (~first, 1.0 - EARLY_POINTS)) if early else whole
-    for n, (column, look) in enumerate(zip(values.T, spread_colours(count), strict=True)):
+    for n, (column, look) in enumerate(zip(values.T, charts.spread_colours(count), strict=True)):
         parts = (
-            thinned(time[part], column[part], int(share * points / count)) for part, share in shares
+            charts.thinned(time[part], column[part], int(share * points / count))
+            for part, share in shares
         )
         x, y = (np.concatenate(part) for part in zip(*parts, strict=True))
         dashed = n >= (count + 1) // 2 and count <= LABELLED
         drawn, name = line or ("dash" if dashed else "solid"), names[n] if names else f"u{n + 1}"
-        yield Curve(x, y, name, look, drawn, width=width, label="")
+        yield charts.Curve(x, y, name, look, drawn, width=width, label="")
 
 
 def looks_text(count: int) -> str:
@@ -105,27 +92,29 @@ def looks_text(count: int) -> str:
     return " Dashed curves: the second half of the channels." if count > 1 else ""
 
 
-def with_room(low: float, high: float) -> Limits:
+def with_room(low: float, high: float) -> charts.Limits:
     """Return the ends of an axis around values from `low` to `high`."""
     room = ROOM * ((high - low) or max(abs(high), 1e-12))
     return low - room, high + room
 
 
-def _records(verdict: Verdict, values: Floats, width: float) -> Iterator[Curve]:
+def _records(verdict: Verdict, values: Floats, width: float) -> Iterator[charts.Curve]:
     time = verdict.waveforms.time
     return curves(time, values, width=width, early=early_end(verdict))
 
 
-def outputs_chart(verdict: Verdict) -> Chart:
+def outputs_chart(verdict: Verdict) -> charts.Chart:
     """Return the outputs with their targets; `difference_chart` has the second engine."""
     channels, end = verdict.measurements.channels, float(verdict.waveforms.time[-1])
     count, targets = len(channels), [channel.target for channel in channels]
-    colours, (limits, cut) = spread_colours(count), _window(verdict)
-    marks: list[Mark] = list(_records(verdict, verdict.u, 1.2))
-    marks += (Limit(y, "y", "", look, "dot") for y, look in zip(targets, colours, strict=True))
+    colours, (limits, cut) = charts.spread_colours(count), _window(verdict)
+    marks: list[charts.Mark] = list(_records(verdict, verdict.u, 1.2))
+    marks += (
+        charts.Limit(y, "y", "", look, "dot") for y, look in zip(targets, colours, strict=True)
+    )
     engine = verdict.waveforms.simulator.replace("statespace", "the state-space engine")
     if (settling := verdict.measurements.settling_time) is not None:
-        marks.append(Limit(settling.value, "x", "", "muted"))
+        marks.append(charts.Limit(settling.value, "x", "", "muted"))
     if count <= LABELLED:
         marks += end_names(targets, *limits, colours)
     summary = (
@@ -136,12 +125,17 @@ def outputs_chart(verdict: Verdict) -> Chart:
         largest = quantity(float(np.abs(verdict.u).max()), "V", 2)
         supply = quantity(verdict.circuit.supply, "V", 3)
         summary += f" The chart ends where the record grows to {largest}; the supply is ±{supply}."
-    views = [View("first rise", (0.0, early_end(verdict))), View("whole record", (0.0, end))]
+    views = [
+        charts.View("first rise", (0.0, early_end(verdict))),
+        charts.View("whole record", (0.0, end)),
+    ]
     if verdict.poles.known_unstable:  # the first periods are flat beside the growth
         amplitude = verdict.measurements.amplitude or 1.0
-        views.insert(0, View("growth", _up_to_supply(verdict, verdict.u / amplitude)[0]))
-    volts, said = Axis("output", "V", limits=limits), _settled(verdict)
-    return Chart("Outputs", TIME, volts, tuple(marks), said, summary, tuple(views), height=420)
+        views.insert(0, charts.View("growth", _up_to_supply(verdict, verdict.u / amplitude)[0]))
+    volts, said = charts.Axis("output", "V", limits=limits), _settled(verdict)
+    return charts.Chart(
+        "Outputs", charts.TIME, volts, tuple(marks), said, summary, tuple(views), height=420
+    )
 
 
 def _settled(verdict: Verdict) -> str:
@@ -159,7 +153,7 @@ def settled_text(verdict: Verdict) -> str:
     return f"{banded('settled', found.band)} at {quantity(at, 's')}"
 
 
-def _window(verdict: Verdict) -> tuple[Limits, bool]:
+def _window(verdict: Verdict) -> tuple[charts.Limits, bool]:
     """Return the shown range of the outputs, V, and whether a growing record is cut off."""
     targets = np.array([c.target for c in verdict.measurements.channels])
     u = np.where(np.isfinite(verdict.u), verdict.u, 0.0)
@@ -175,7 +169,7 @@ def end_names(
     high: float,
     colours: Sequence[str],
     name: Callable[[Iterable[int]], str] = channel_names,
-) -> Iterator[Text]:
+) -> Iterator[charts.Text]:
     """Yield the names of the channels at their targets; neighbours share a label, by `name`."""
     groups: list[list[int]] = []
     for n in sorted(range(len(targets)), key=targets.__getitem__):
@@ -186,36 +180,38 @@ def end_names(
     for group in groups:
         height = sum(targets[n] for n in group) / len(group)
         look = colours[group[0]] if len(group) == 1 else "muted"
-        yield Text(name(group), None, height, ("right", "middle"), look)
+        yield charts.Text(name(group), None, height, ("right", "middle"), look)
 
 
-def deviation_chart(verdict: Verdict) -> Chart:
+def deviation_chart(verdict: Verdict) -> charts.Chart:
     """Return the deviation from the targets as part of the step, with the settling band."""
     m, end = verdict.measurements, float(verdict.waveforms.time[-1])
     band = m.band
     off = (verdict.u - np.array([c.target for c in m.channels])) / (m.amplitude or 1.0)
-    marks: list[Mark] = [Band(-band, band, "y"), *_records(verdict, off, 0.8)]
+    marks: list[charts.Mark] = [charts.Band(-band, band, "y"), *_records(verdict, off, 0.8)]
     largest = float(np.nanmax(np.abs(off), initial=0.0)) * 1.05 or 1.0
     if m.settling_time is None:
         inside, settled = "not every", "the board does not settle within the record"
-        first = View("up to the supply", *_up_to_supply(verdict, off / 1.05))
+        first = charts.View("up to the supply", *_up_to_supply(verdict, off / 1.05))
     else:
         inside, settled = "every", f"dashed: {settled_text(verdict)}"
-        marks.append(Limit(m.settling_time.value, "x"))
-        first = View("around the band", (0.0, end), (-6.0 * band, 6.0 * band))
-    rise = View("first rise", (0.0, early_end(verdict)), (-1.3, 1.3))
-    views = first, rise, View("everything", (0.0, end), (-largest, largest))
+        marks.append(charts.Limit(m.settling_time.value, "x"))
+        first = charts.View("around the band", (0.0, end), (-6.0 * band, 6.0 * band))
+    rise = charts.View("first rise", (0.0, early_end(verdict)), (-1.3, 1.3))
+    views = first, rise, charts.View("everything", (0.0, end), (-largest, largest))
     width = f"±{100 * band:g} %"
     said = f"{inside} channel stays within {width}"
     summary = (
         f"Output minus target of every channel; shaded: the band of {width} of the step"
         f" of {quantity(m.amplitude, 'V')}; {settled}."
     )
-    y = Axis("deviation", "step")
-    return Chart("Deviation from the targets", TIME, y, tuple(marks), said, summary, views)
+    y = charts.Axis("deviation", "step")
+    return charts.Chart(
+        "Deviation from the targets", charts.TIME, y, tuple(marks), said, summary, views
+    )
 
 
-def _up_to_supply(verdict: Verdict, off: Floats) -> tuple[Limits, Limits]:
+def _up_to_supply(verdict: Verdict, off: Floats) -> tuple[charts.Limits, charts.Limits]:
     """Return the part of a record that does not settle up to where it exceeds the supply."""
     time, end = verdict.waveforms.time, float(verdict.waveforms.time[-1])
     reach = verdict.circuit.supply / (verdict.measurements.amplitude or 1.0)
@@ -226,17 +222,17 @@ def _up_to_supply(verdict: Verdict, off: Floats) -> tuple[Limits, Limits]:
     return (0.0, end), (-min(reach, largest), min(reach, largest))
 
 
-def difference_chart(verdict: Verdict) -> Chart | None:
+def difference_chart(verdict: Verdict) -> charts.Chart | None:
     """Return ngspice minus the state-space engine; None where only one engine ran."""
     agreement = verdict.agreement
     if agreement is None or agreement.reason:
         return None
     scale = 1.0 / (verdict.measurements.amplitude or agreement.unit)
     largest = f"{figure(agreement.difference * scale, 'step')} of the step"
-    return Chart(
+    return charts.Chart(
         "ngspice minus the state-space engine",
-        replace(TIME, limits=(0.0, float(verdict.waveforms.time[-1]))),
-        Axis("difference", "step"),
+        replace(charts.TIME, limits=(0.0, float(verdict.waveforms.time[-1]))),
+        charts.Axis("difference", "step"),
         tuple(curves(agreement.instants, scale * agreement.differences, width=0.8)),
         f"apart by at most {largest}",
         f"The largest difference is {largest}, in u{agreement.channel + 1} at"
@@ -247,17 +243,19 @@ def difference_chart(verdict: Verdict) -> Chart | None:
 def nodes_view(wave: Waveforms, nodes: Sequence[str] | None = None) -> Page:
     """Return the picture of node voltages over time; KeyError for a node that was not saved."""
     drawn = wave.nodes if nodes is None else tuple(nodes)
-    pairs = zip(drawn, spread_colours(len(drawn)), strict=True)
-    marks = tuple(Curve(wave.time, wave[node], node, colour, width=1.0) for node, colour in pairs)
-    time = replace(TIME, limits=(0.0, float(wave.time[-1])))
+    pairs = zip(drawn, charts.spread_colours(len(drawn)), strict=True)
+    marks = tuple(
+        charts.Curve(wave.time, wave[node], node, colour, width=1.0) for node, colour in pairs
+    )
+    time = replace(charts.TIME, limits=(0.0, float(wave.time[-1])))
     named = len(drawn) <= LABELLED
-    axes = time, Axis("voltage", "V")
-    chart = Chart("Voltages", *axes, marks, legend="beside" if named else "")
+    axes = time, charts.Axis("voltage", "V")
+    chart = charts.Chart("Voltages", *axes, marks, legend="beside" if named else "")
     section = Section("", chart, media="picture")
     return Page(wave.engine, "", summary=counted(len(drawn), "node"), sections=(section,))
 
 
-def stress_chart(verdict: Verdict) -> Chart:
+def stress_chart(verdict: Verdict) -> charts.Chart:
     """Return the recovered stress beside the regularised answer and the true stress."""
     unit, channels = verdict.circuit.value("U0"), verdict.measurements.channels
     optimum = np.array([c.target for c in channels]) / unit
@@ -265,7 +263,7 @@ def stress_chart(verdict: Verdict) -> Chart:
     far = np.abs(final).max() >= SEEN * (np.abs(optimum).max() + 1e-300)
     rest, shown = verdict.steady.values / unit, None if far else final
     chart = recovered_stress(verdict.problem, verdict.scene, optimum, rest, shown)
-    names = ", ".join(mark.name for mark in chart.marks if isinstance(mark, Curve))
+    names = ", ".join(mark.name for mark in chart.marks if isinstance(mark, charts.Curve))
     text = " The end of the record is far off this chart." * bool(far)
     summary = f"Stress by channel: {names}.{text}"
     return replace(chart, message=answer_heading(verdict.answer), summary=summary)
@@ -277,22 +275,24 @@ def recovered_stress(
     optimum: Floats,
     rest: Floats,
     final: Floats | None = None,
-) -> Chart:
+) -> charts.Chart:
     """Return stresses (N,) over the places of the channels: of an answer, a board, and the truth.
 
     As the problem's, they have no unit: an output of U0 is a stress of 1.
     """
     if problem.positions is None:
-        where, x = np.arange(1.0, len(rest) + 1), Axis("channel", whole=True)
+        where, x = np.arange(1.0, len(rest) + 1), charts.Axis("channel", whole=True)
     else:
         where = problem.positions / getattr(scene.problem, "depth", 1.0)
-        x = Axis("place y (in depths)")
+        x = charts.Axis("place y (in depths)")
     curves = [
-        Curve(where, optimum, "regularised answer", "pass", "dash", "square-open"),
-        Curve(where, rest, "board at rest", "ink", "", "line-ns", size=8.0),
+        charts.Curve(where, optimum, "regularised answer", "pass", "dash", "square-open"),
+        charts.Curve(where, rest, "board at rest", "ink", "", "line-ns", size=8.0),
     ]
     if final is not None:
-        curves.append(Curve(where, final, "board, end of record", "fail", "", "x"))
+        curves.append(charts.Curve(where, final, "board, end of record", "fail", "", "x"))
     if problem.stress is not None:
-        curves.insert(0, Curve(where, problem.stress, "true stress", "true", "solid", "circle"))
-    return Chart("Recovered stress", x, Axis("stress"), tuple(curves), legend="below")
+        curves.insert(
+            0, charts.Curve(where, problem.stress, "true stress", "true", "solid", "circle")
+        )
+    return charts.Chart("Recovered stress", x, charts.Axis("stress"), tuple(curves), legend="below")
