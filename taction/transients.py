@@ -86,7 +86,7 @@ def simulate(
     from taction.netlist_gen.scene.inverse_problem import with_strains
     from taction.system.errors import Complaint, InputError
     from taction.verification.reference.lambda_rule import read_scene
-    from taction.verification.report.waveform_files import check_export, export
+    from taction.verification.report.output_checks import check_export, export
     from taction.verification.verdict.recording import record_transient
 
     scene = read_scene(scene, engine)

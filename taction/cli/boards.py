@@ -264,7 +264,7 @@ def _nothing(found: Any) -> None:
 
 def _check_export(call: Call) -> None:
     if call.options["output"] is not None:
-        from taction.verification.report.waveform_files import check_export
+        from taction.verification.report.output_checks import check_export
 
         check_export(call.options["output"])
 

@@ -26,6 +26,7 @@ import itertools
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -132,12 +133,19 @@ def parse_axis(
     return SweepAxis(key, name, values, scale)
 
 
-def tried(scene: Scene, changes: Point, option: str) -> Scene:
-    """Return the scene with other values; a mistake is one of the option, not of the file."""
+@contextmanager
+def mistakes_of(option: str) -> Iterator[None]:
+    """Raise what is wrong within as a mistake of an option, not of the file."""
     try:
-        return with_values(scene, changes)
+        yield
     except InputError as error:
         raise InputError(option, *error.complaints) from None
+
+
+def tried(scene: Scene, changes: Point, option: str) -> Scene:
+    """Return the scene with other values; a mistake is one of the option, not of the file."""
+    with mistakes_of(option):
+        return with_values(scene, changes)
 
 
 def rising_ends(scene: Scene, path: str, body: str) -> tuple[float, float]:
@@ -151,10 +159,8 @@ def rising_ends(scene: Scene, path: str, body: str) -> tuple[float, float]:
 def read_ends(scene: Scene, path: str, body: str, option: str) -> tuple[float, float]:
     """Return the ends of ``"LOW:HIGH"``, of a single value twice; raises `InputError`."""
     key, (first, colon, last) = find_key(scene, path), body.partition(":")
-    try:
+    with mistakes_of(option):
         low, high = (float(read_value(key, end)) for end in (first, last if colon else first))
-    except InputError as error:
-        raise InputError(option, *error.complaints) from None
     if not 0.0 < low <= high:
         shown = f"{path}=LOW:HIGH" if option == "--over" else f"{option} LOW:HIGH"
         swapped = "; are the two swapped?" if low > high > 0.0 else ""
@@ -312,10 +318,8 @@ def fixed_values(scene: Scene, fixed: Fixed) -> dict[str, Value]:
         texts = [name if value is None else f"{name}={value}" for name, value in fixed.items()]
     else:
         texts = [fixed] if isinstance(fixed, str) else list(fixed)
-    try:
+    with mistakes_of("--fix"):
         return dict(_fixed_value(scene, text) for text in texts)
-    except InputError as error:
-        raise InputError("--fix", *error.complaints) from None
 
 
 def check_axes(groups: Sequence[Sequence[SweepAxis]], fixed: Mapping[str, Value]) -> None:
@@ -362,12 +366,10 @@ def with_settings(scene: Scene, settings: Iterable[str]) -> Scene:
         if not (name and body):
             accepted = "expected KEY=VALUE, such as C=12pF or lambda=0.5"
             raise InputError("--set", Complaint("setting", repr(text), accepted))
-        try:
-            if name == OPAMP:
-                changes[OPAMP] = body
-            else:
-                key = find_key(scene, name)
-                changes[key.path] = read_value(key, body)
-        except InputError as error:
-            raise InputError("--set", *error.complaints) from None
+        if name == OPAMP:
+            changes[OPAMP] = body
+            continue
+        with mistakes_of("--set"):
+            key = find_key(scene, name)
+            changes[key.path] = read_value(key, body)
     return tried(scene, changes, "--set")

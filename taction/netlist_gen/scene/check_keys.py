@@ -14,7 +14,6 @@ from pydantic import AfterValidator, Field, GetJsonSchemaHandler, ValidationInfo
 from pydantic_core import CoreSchema
 
 from taction.netlist_gen.scene import fields
-from taction.netlist_gen.scene.field_values import Unit
 from taction.system.quantities import show
 from taction.system.reading_definitions import SETTLING_BAND, TIMES
 
@@ -166,7 +165,7 @@ class Tolerances(fields.Model):
     opamp_drift: fields.Real = Field(-3e-3, description="of the gain-bandwidth product, per K")
 
 
-SecondsOrZero = Annotated[float, Unit("s", zero=True)]
+SecondsOrZero = Annotated[float, fields.Unit("s", zero=True)]
 
 
 class LevelTolerance(fields.Model):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     BeforeValidator,
@@ -16,7 +16,6 @@ from pydantic import (
 from pydantic_core import CoreSchema
 
 from taction.netlist_gen.scene import fields
-from taction.netlist_gen.scene.field_values import RANGE, TemperatureRange
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS, NAMES, OPAMPS
 from taction.spice_models.input_errors import ROOM, Surroundings
 from taction.spice_models.transistor import NOMINAL, pair_names
@@ -287,7 +286,7 @@ class Design(fields.Model):
     supply: fields.SupplyVolts = Field(
         15.0, description="both supply voltages of the op-amps, as '±15V'"
     )
-    temperature: Annotated[str, TemperatureRange()] | None = Field(
+    temperature: Annotated[str, fields.TemperatureRange()] | None = Field(
         None,
         description="at which the board must work: the drift of input errors and resistors from 25"
         " degrees C counts in the check steady_state and in the error budget",
@@ -316,16 +315,10 @@ class Design(fields.Model):
         "exact", description="of C; a stray capacitance is no part"
     )
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        for key, reason in contradictions(self.model_dump(by_alias=True, exclude_unset=True)):
-            raise ValueError(f"'{key}' {reason}")
-        return self
-
     @property
     def surroundings(self) -> Surroundings:
         """Temperatures and supply voltages at which the board must work."""
-        match = None if self.temperature is None else RANGE.fullmatch(self.temperature)
+        match = None if self.temperature is None else fields.RANGE.fullmatch(self.temperature)
         ends = (ROOM, ROOM) if match is None else tuple(map(float, match.groups()))
         volts = self.supply_tolerance * self.supply
         return Surroundings(min(ends[0] - ROOM, 0.0), max(ends[1] - ROOM, 0.0), volts)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from taction.netlist_gen.scene.array_files import read_array, read_profile
-from taction.netlist_gen.scene.field_values import LARGE, SMALL
+from taction.netlist_gen.scene.fields import LARGE, SMALL
 from taction.netlist_gen.scene.problem_keys import (
     CsvLoad,
     CylinderLoad,

@@ -16,7 +16,7 @@ from typing import Any, Literal, get_args
 
 from pydantic import BaseModel
 
-from taction.netlist_gen.scene.field_values import Unit
+from taction.netlist_gen.scene.fields import Unit
 from taction.netlist_gen.scene.mistakes import impossible
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError

@@ -200,8 +200,6 @@ def _complaints(
 ) -> Iterator[Complaint]:
     for item in error.errors(include_url=False):
         kind, context = item["type"], item.get("ctx", {})
-        if kind == "value_error" and item["loc"] == ("design",):
-            continue  # `design_mistakes` has the key
         missing = kind == "missing"
         keys = _real_path(item["loc"], data, missing=missing)
         key, above = ".".join(keys) or "scene", "".join(f"{name}." for name in keys[:-1])

@@ -8,22 +8,19 @@ A plug-in's object in the groups ``taction.checks`` and ``taction.topologies`` m
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
+
+from pydantic import ValidationError, create_model
 
 from taction.netlist_gen import topologies
-from taction.netlist_gen.scene.field_values import plain_validator
+from taction.netlist_gen.scene.fields import Checked, Model
 from taction.spice_models.amplifier import KINDS, AmplifierKind
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.presets import load_presets
 from taction.system.errors import Complaint, InputError, listed, nearest_question
 from taction.system.plugins import OpenTable, names
 
-if TYPE_CHECKING:
-    from pydantic_core import CoreSchema
-
-    from taction.netlist_gen.scene.fields import Model
-
-M = TypeVar("M", bound="Model")
+M = TypeVar("M", bound=Model)
 
 OPAMPS: Mapping[str, OpAmp] = OpenTable("taction.opamps", load_presets, OpAmp)
 """The op-amps by name: the presets, then those of other packages."""
@@ -34,7 +31,7 @@ AMPLIFIERS: Mapping[str, AmplifierKind] = OpenTable(
 """The kinds of signal amplifier by name, with those of other packages (`Amplifier`)."""
 
 
-class OneOf:
+class OneOf(Checked):
     """Annotation of a name out of `known`, or out of a `group` of plug-ins; read at each use."""
 
     def __init__(self, known: Iterable[str], group: str = "") -> None:
@@ -54,10 +51,8 @@ class OneOf:
             raise ValueError(f"{nearest_question(value, accepted)}one of {listed(accepted)}")
         raise ValueError(f"expected a name, one of {listed(accepted)}")
 
-    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
-        return plain_validator(self.check)
-
-    def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
+    def described(self) -> dict[str, Any]:
+        """Return the schema of the names."""
         return {"enum": list(self.names), "type": "string"}
 
 
@@ -76,8 +71,6 @@ def with_tables(base: type[M], group: str, module: str) -> type[M]:
     A table that the scene leaves out has its defaults in a topology, and is None in the checks: a
     check without its table is not made. `module` is where pickle finds the class, as `PluggedBase`.
     """
-    from taction.netlist_gen.scene.fields import Model
-
     offered: OpenTable[type[Model] | None] = OpenTable(group, {}, Model, "keys", optional=True)
     fields: dict[str, Any] = {}
     for name, keys in offered.items():
@@ -89,8 +82,6 @@ def with_tables(base: type[M], group: str, module: str) -> type[M]:
 
 def plugged(base: type[M], module: str, fields: dict[str, Any]) -> type[M]:
     """Return the subclass of `base` with more fields that pickle finds in `module`."""
-    from pydantic import create_model
-
     made: type[M] = create_model(
         base.__name__, __base__=base, __module__=module, __doc__=base.__doc__, **fields
     )
@@ -99,8 +90,6 @@ def plugged(base: type[M], module: str, fields: dict[str, Any]) -> type[M]:
 
 
 def _default(keys: type[Model]) -> Model | None:
-    from pydantic import ValidationError
-
     try:
         return keys()
     except ValidationError:  # it has a key that the scene must give

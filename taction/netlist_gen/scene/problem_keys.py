@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -71,8 +70,7 @@ def _words(shape: tuple[int | None, ...]) -> str:
     return " x ".join("any" if length is None else str(length) for length in shape)
 
 
-@dataclass(frozen=True, slots=True)
-class _NameOrArray:
+class _NameOrArray(fields.Checked):
     """Annotation of a field: the name of a file, or an array of real numbers."""
 
     def check(self, value: object) -> Any:
@@ -95,7 +93,8 @@ class _NameOrArray:
         )
         return core_schema.no_info_plain_validator_function(self.check, serialization=written)
 
-    def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
+    def described(self) -> dict[str, Any]:
+        """Return the schema of both."""
         numbers = {"type": "array", "items": {"type": "number"}, "minItems": 1}
         rows = {"type": "array", "items": numbers, "minItems": 1}
         return {"anyOf": [{"type": "string", "minLength": 1}, numbers, rows]}

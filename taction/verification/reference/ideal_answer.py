@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.scene.field_values import LARGE, SMALL
+from taction.netlist_gen.scene.fields import LARGE, SMALL
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from taction.system import plugins

@@ -19,12 +19,16 @@ from taction.system.raw_file import read_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.readings.readings import Reading
 from taction.verification.report.documents.verdict import verdict_document
-from taction.verification.report.output_checks import check_folder, check_separate
+from taction.verification.report.output_checks import (
+    check_export,
+    check_folder,
+    check_separate,
+    export,
+)
 from taction.verification.report.renderers.markdown import table as markdown_table
 from taction.verification.report.texts import KNOWN, value_text, with_error
 from taction.verification.report.views.answer_view import check_bar
 from taction.verification.report.views.comparison_view import allowed_cell
-from taction.verification.report.waveform_files import check_export, export
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.compare import Difference
 from taction.verification.verdict.record import Channel, finite

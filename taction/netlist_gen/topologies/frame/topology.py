@@ -17,8 +17,7 @@ import numpy as np
 from taction.netlist_gen import topologies
 from taction.netlist_gen.board.bill_of_materials import nearest
 from taction.netlist_gen.board.circuit import Circuit, Fact, Knob, common_facts, common_knobs
-from taction.netlist_gen.scene.field_values import LARGE, LEAST, MOST, SMALL
-from taction.netlist_gen.scene.fields import Model
+from taction.netlist_gen.scene.fields import LARGE, LEAST, MOST, SMALL, Model
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from taction.system.errors import Complaint, InputError

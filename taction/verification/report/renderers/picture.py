@@ -12,8 +12,7 @@ import numpy as np
 from taction.netlist_gen.kicad.sheet import GRID
 from taction.system.charts import Axis, Chart, Columns, Limit, Mark, Text
 from taction.verification.report.blocks import PICTURE, Bars, Block, Drawing, Notes, Page
-from taction.verification.report.renderers.figures import figure_file, wrapped
-from taction.verification.report.renderers.picture_chart import draw_chart
+from taction.verification.report.renderers.picture_chart import draw_chart, figure_file, wrapped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -18,9 +18,9 @@ from taction.system.charts import (
 )
 from taction.verification.report.blocks import Cell, Page, Section, Table
 from taction.verification.report.renderers import notebook, picture, picture_chart, plotly, terminal
-from taction.verification.report.renderers.figures import new_figure
 from taction.verification.report.renderers.page import FILES, page_html
 from taction.verification.report.renderers.picture import draw_page
+from taction.verification.report.renderers.picture_chart import new_figure
 from tests.support.gallery import EVERYWHERE, charts, drawn_blocks, gallery
 from tests.support.printed import words_of
 from tests.support.report_pages import STUDIES, VERDICTS, page

@@ -14,8 +14,8 @@ import taction
 from taction.netlist_gen.scene.axes import with_values
 from taction.system.charts import Cells, Chart, Columns, Limit, Text, thinned
 from taction.verification.report.blocks import PAGE, Bars, Block, Notes, Page, Table
-from taction.verification.report.renderers.figures import wrapped
 from taction.verification.report.renderers.picture import draw_page
+from taction.verification.report.renderers.picture_chart import wrapped
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout
 from taction.verification.report.renderers.terminal import shown
 from taction.verification.report.views import tolerance_view as tolerance
