@@ -34,7 +34,7 @@ from taction.system.quantities import fraction
 from taction.system.results import Result
 from taction.verification.design.scaling import Scaled, Scaling, find_scaling
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.reference.lambda_choice import RuleInputs, choose
+from taction.verification.reference.lambda_choice import choose
 from taction.verification.reference.problem import Problem, solution_difference
 from taction.verification.reference.solve import solve
 from taction.verification.studies.tolerance.corners import rest_slopes
@@ -306,7 +306,7 @@ def _lambda(
     if noise is None:
         return float(f"{DEFAULT * square:.2e}"), f"the default, {DEFAULT:g} |T|²"
     sigma = noise_of(noise, eps)
-    choice = choose(Problem(T, eps, 1.0), "discrepancy", RuleInputs(variance=sigma**2))
+    choice = choose(Problem(T, eps, 1.0), "discrepancy", variance=sigma**2)
     if choice.at_edge or choice.score > MISSED:
         raise InputError("--noise", _unexplained(T, eps, sigma))
     value = float(f"{choice.solution.lam:.2e}")

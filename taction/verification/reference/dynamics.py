@@ -16,7 +16,7 @@ from taction.system.array_types import Floats
 from taction.system.reading_definitions import SETTLING_BAND
 from taction.verification.reference.problem import Problem, Solution
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
-from taction.verification.reference.solve import solve
+from taction.verification.reference.solve import solve, solve_square
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +25,14 @@ class AtOnce:
 
     solver: Callable[[Problem], Solution]  # solves the problem of its rest
     regularised: bool = False  # whether lambda stands in it; else it is 0
+
+
+AT_ONCE = {
+    "inv": AtOnce(solve_square),
+    "pinv": AtOnce(solve),
+    "ridge": AtOnce(solve, regularised=True),
+}
+"""Networks without capacitors by the names of their topologies; they see only the problem."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

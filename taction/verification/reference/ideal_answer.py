@@ -21,6 +21,7 @@ from taction.system import plugins
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
 from taction.verification.reference.dynamics import (
+    AT_ONCE,
     AtOnce,
     IdealNetwork,
     ScaledNetwork,
@@ -28,7 +29,6 @@ from taction.verification.reference.dynamics import (
     ideal_transient,
     lambda_times_resistance,
 )
-from taction.verification.reference.networks import AT_ONCE
 from taction.verification.reference.problem import Problem, Solution
 from taction.verification.reference.regularisers import REGULARISERS
 

@@ -28,15 +28,6 @@ _PRECISION = 1e-5  # of the exponent of lam
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RuleInputs:
-    """Data beside the problem that some rules need."""
-
-    variance: float = 0.0  # of the noise in one entry of eps; 0 if unknown
-    truth: Floats | None = None  # the u (N,) that belongs to eps
-    tau: float = TAU  # factor of the discrepancy principle
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class LambdaTrial:
     """The solution for one lam, with the quantities that the scores use."""
 
@@ -73,17 +64,17 @@ class LambdaTrial:
         )
 
 
-def _discrepancy(trial: LambdaTrial, inputs: RuleInputs) -> float:
-    target = inputs.tau * len(trial.solution.problem.eps) * inputs.variance
+def _discrepancy(trial: LambdaTrial, variance: float, _: Floats) -> float:
+    target = TAU * len(trial.solution.problem.eps) * variance
     return abs(float(np.log(trial.residual / target))) if trial.residual > 0.0 else float("inf")
 
 
-def _gcv(trial: LambdaTrial, _: RuleInputs) -> float:
+def _gcv(trial: LambdaTrial, variance: float, truth: Floats) -> float:
     free = len(trial.solution.problem.eps) - trial.fitted
     return trial.residual / free**2 if free > 0.0 else float("inf")
 
 
-def _l_curve(trial: LambdaTrial, _: RuleInputs) -> float:
+def _l_curve(trial: LambdaTrial, variance: float, truth: Floats) -> float:
     """Return minus the curvature of (log residual, log penalty)."""
     rho, eta, slope = trial.residual, trial.penalty, trial.penalty_sensitivity
     lam = trial.solution.lam
@@ -95,33 +86,28 @@ def _l_curve(trial: LambdaTrial, _: RuleInputs) -> float:
     return -float(turn / (dx * dx + dy * dy) ** 1.5)
 
 
-def _quasi_optimality(trial: LambdaTrial, _: RuleInputs) -> float:
-    return float(np.linalg.norm(trial.sensitivity))
-
-
-def _squared_error(trial: LambdaTrial, inputs: RuleInputs) -> float:
-    return float(np.sum((trial.solution.u - np.asarray(inputs.truth)) ** 2))
-
-
-@dataclass(frozen=True, slots=True)
-class LambdaRule:
-    """A score to minimise over lam, and the inputs that the score needs."""
-
-    score: Callable[[LambdaTrial, RuleInputs], float]
-    needs_variance: bool = False
-    needs_truth: bool = False
-    # The score also falls towards both ends of the range, where it has no meaning: the lowest
-    # local minimum between the ends counts.
-    local_minimum: bool = False
-
-
-RULES: dict[str, LambdaRule] = {
-    "discrepancy": LambdaRule(_discrepancy, needs_variance=True),
-    "gcv": LambdaRule(_gcv),
-    "l-curve": LambdaRule(_l_curve, local_minimum=True),
-    "quasi-optimality": LambdaRule(_quasi_optimality, local_minimum=True),
-    "mse": LambdaRule(_squared_error, needs_truth=True),
+RULES: dict[str, Callable[[LambdaTrial, float, Floats], float]] = {
+    "discrepancy": _discrepancy,
+    "gcv": _gcv,
+    "l-curve": _l_curve,
+    "quasi-optimality": lambda trial, *_: float(np.linalg.norm(trial.sensitivity)),
+    "mse": lambda trial, _, truth: float(np.sum((trial.solution.u - truth) ** 2)),
 }
+"""Scores by rule: functions of a trial, of the noise's variance and of the true u."""
+# Their score also falls towards both ends of the range, where it has no meaning: the lowest local
+# minimum between the ends counts.
+LOCAL_MINIMUM = {"l-curve", "quasi-optimality"}
+
+
+def missing(rule: str, variance: float, truth: Floats | None) -> str:
+    """Return what a rule needs and does not have, or empty."""
+    if rule not in RULES:
+        return f"one of {', '.join(RULES)}"
+    if rule == "discrepancy" and not variance > 0.0:
+        return "the rule needs problem.noise.variance above zero"
+    if rule == "mse" and truth is None:
+        return "the rule needs the true stress: problem.stress"
+    return ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,7 +123,11 @@ class LambdaChoice:
 
 
 def choose(
-    problem: Problem, rule: str = "discrepancy", inputs: RuleInputs | None = None
+    problem: Problem,
+    rule: str = "discrepancy",
+    *,
+    variance: float = 0.0,
+    truth: Floats | None = None,
 ) -> LambdaChoice:
     """Choose lam for a problem by a rule.
 
@@ -147,8 +137,10 @@ def choose(
         The lam of the problem is ignored.
     rule : str
         A key of `RULES`.
-    inputs : RuleInputs, optional
-        The variance of the noise for ``discrepancy``, the true u for ``mse``.
+    variance : float
+        Of the noise in one entry of eps, for ``discrepancy``.
+    truth : ndarray (N,), optional
+        The u that belongs to eps, for ``mse``.
 
     Returns
     -------
@@ -160,14 +152,16 @@ def choose(
     InputError
         An unknown rule, an input that the rule needs is missing, or T is zero.
     """
-    inputs = RuleInputs() if inputs is None else inputs
-    complaints = _complaints(problem, rule, inputs)
-    if complaints:
-        raise InputError("choice of lambda", *complaints)
+    if text := missing(rule, variance, truth):
+        raise InputError("choice of lambda", Complaint("rule", rule, text))
+    if not np.any(problem.T):
+        text = "for a matrix of zeros lambda has no effect"
+        raise InputError("choice of lambda", Complaint("T", "0", text))
+    known = np.zeros(0) if truth is None else np.asarray(truth)
 
     def score(exponent: float) -> float:
         trial = LambdaTrial.of(replace(problem, lam=float(10.0**exponent)))
-        return RULES[rule].score(trial, inputs) if trial.solution.trusted else float("inf")
+        return RULES[rule](trial, variance, known) if trial.solution.trusted else float("inf")
 
     from scipy.optimize import minimize_scalar
 
@@ -175,7 +169,7 @@ def choose(
     count = int((DECADES[1] - DECADES[0]) * PER_DECADE) + 1
     grid = middle + np.linspace(*DECADES, count)
     scores = np.array([score(float(exponent)) for exponent in grid])
-    best = _lowest(scores, RULES[rule].local_minimum)
+    best = _lowest(scores, rule in LOCAL_MINIMUM)
     at_edge = best in (0, count - 1)
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, count - 1)]
     with np.errstate(invalid="ignore"):  # scores may be infinite
@@ -197,17 +191,3 @@ def _lowest(scores: Floats, local_minimum: bool) -> int:
     minima = 1 + np.flatnonzero((inner < scores[:-2]) & (inner <= scores[2:]))
     candidates = minima if local_minimum and len(minima) else np.arange(len(scores))
     return int(candidates[np.argmin(scores[candidates])])
-
-
-def _complaints(problem: Problem, rule: str, inputs: RuleInputs) -> list[Complaint]:
-    if rule not in RULES:
-        return [Complaint("rule", rule, f"one of {', '.join(RULES)}")]
-    complaints = []
-    if RULES[rule].needs_variance and not inputs.variance > 0.0:
-        accepted = f"{rule} needs a variance above 0"
-        complaints.append(Complaint("noise variance", repr(inputs.variance), accepted))
-    if RULES[rule].needs_truth and inputs.truth is None:
-        complaints.append(Complaint("truth", "missing", f"{rule} needs the true u"))
-    if not np.any(problem.T):
-        complaints.append(Complaint("T", "0", "for a matrix of zeros lambda has no effect"))
-    return complaints

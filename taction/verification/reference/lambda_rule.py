@@ -21,20 +21,15 @@ def resolve_lambda(scene: Scene) -> Scene:
     if not isinstance(rule, str):
         return scene
     from taction.verification.reference.ideal_answer import is_biased
-    from taction.verification.reference.lambda_choice import DECADES, RULES, RuleInputs, choose
+    from taction.verification.reference.lambda_choice import DECADES, choose, missing
     from taction.verification.reference.problem import Problem
 
-    inverse = make_problem(scene)
-    variance = scene.problem.noise.variance
-    if RULES[rule].needs_variance and variance == 0:
-        text = "the rule needs problem.noise.variance above zero"
-        raise InputError(scene.file, Complaint("design.lambda", repr(rule), text))
-    if RULES[rule].needs_truth and inverse.stress is None:
-        text = "the rule needs the true stress: problem.stress"
+    inverse, variance = make_problem(scene), scene.problem.noise.variance
+    if text := missing(rule, variance, inverse.stress):
         raise InputError(scene.file, Complaint("design.lambda", repr(rule), text))
     kind = scene.design.amplifier, is_biased(scene), scene.design.ridge_share
     problem = Problem(inverse.matrix, inverse.strain, 1.0, *kind)
-    choice = choose(problem, rule, RuleInputs(variance=variance, truth=inverse.stress))
+    choice = choose(problem, rule, variance=variance, truth=inverse.stress)
     if choice.at_edge:
         raise SolverError(
             f"lambda = {rule!r} finds no optimum from {DECADES[0]:g} to {DECADES[1]:g} decades of"

@@ -23,12 +23,14 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from math import hypot
 
 import numpy as np
 
 from taction.system.array_types import EPS, Bools, Floats, Ints
 from taction.system.errors import SolverError
 from taction.verification.reference.problem import (
+    ENOUGH,
     RELATIVE_ERROR,
     SMALLEST_SCALE,
     Problem,
@@ -39,6 +41,8 @@ from taction.verification.reference.stacked_least_squares import (
     PRODUCT_ERROR,
     SVD,
     Pair,
+    exact_sums,
+    products,
 )
 
 STEPS_PER_ENTRY = 20  # of the search, before it gives up
@@ -171,7 +175,6 @@ def _minimise(s: ScaledProblem, ridge: float, state: ActiveSet) -> None:
 
 
 REFINEMENTS = 20
-ENOUGH = 1e-17  # relative error of u at which refinement ends
 ATTEMPTS = 4  # searches: refinement may show that an entry belongs to a break
 
 
@@ -187,12 +190,6 @@ class _Answer:
     steps: int
 
 
-def _norm(x: Floats) -> float:
-    """Return the norm of x; the squares of its entries may underflow."""
-    peak = float(np.max(np.abs(x), initial=0.0))
-    return peak * float(np.linalg.norm(x / peak)) if peak > 0.0 else peak
-
-
 def _floor(s: ScaledProblem) -> float:
     """Return the least value of what errors of u are compared with."""
     if s.regulariser.pieces is not None:
@@ -200,42 +197,50 @@ def _floor(s: ScaledProblem) -> float:
     return SMALLEST_SCALE * float(np.linalg.norm(s.eps)) / s.norm if s.norm > 0.0 else 0.0
 
 
+def _misfit(s: ScaledProblem, u: Pair, r: Pair) -> Floats:
+    """Return ``eps - T u - r``, rounded once."""
+    return -exact_sums(s.T, u, -s.eps, r.hi, r.lo)
+
+
 def _gradient(s: ScaledProblem, mu: float, u: Pair, r: Pair, load: Floats) -> tuple[Floats, float]:
     """Return ``T^T r - mu u - load``, and a bound on what rounding adds to its norm."""
-    product = PRODUCT_ERROR * (s.norm * _norm(r.hi) + mu * _norm(u.hi))
-    return s.exact.transposed.sums(r, *u.times(-mu), -load), product
+    terms = *products(-mu, u.hi), -mu * u.lo, -load
+    rounding = PRODUCT_ERROR * (s.norm * hypot(*r.hi) + mu * hypot(*u.hi))
+    return exact_sums(s.T.T, r, *terms), rounding
 
 
 def _refine(s: ScaledProblem, mu: float, state: ActiveSet, factor: SVD) -> _Answer:
-    """Solve for the free entries; refine until the residual stops shrinking."""
+    """Solve for the free entries; refine until the error is small, or stops shrinking."""
     free, load, least = state.free, np.zeros(len(s.h)), factor.least
     load[free] = s.mu * (state.slope + s.beta)
-    u, r = Pair.of(np.where(free, 0.0, state.u)), Pair.of(np.zeros(len(s.eps)))
-    best = _Answer(u, r, np.inf, least, factor.condition, 0)
+    u = np.where(free, 0.0, state.u)
+    u[free] = factor.solve(s.eps - s.T @ u, -load[free])
+    u, r = Pair.of(u), Pair.of(s.eps - s.T @ u)
     before, floor = np.inf, _floor(s)
     for step in range(REFINEMENTS):
-        f1 = -s.exact.sums(u, -s.eps, r.hi, r.lo)
+        f1 = _misfit(s, u, r)
         f2, rounding = _gradient(s, mu, u, r, load)
-        rounding += PRODUCT_ERROR * s.norm * _norm(u.hi) * (least or s.norm)
-        left = _norm(f1) * (least or s.norm) + _norm(f2[free])
+        rounding += PRODUCT_ERROR * s.norm * hypot(*u.hi) * (least or s.norm)
+        left = hypot(*f1) * (least or s.norm) + hypot(*f2[free])
         error = (left * (1.0 + 4.0 * EPS) + rounding) / least / least if least > 0.0 else np.inf
-        if step == 1 or left < before:
+        if left < before or step == 0:
             best = _Answer(u, r, error, least, factor.condition, step)
         enough = error <= ENOUGH * max(float(np.abs(u.hi).max()), floor) or left <= rounding
-        if enough or (step > 1 and not left <= 0.5 * before):
+        if enough or not left <= 0.5 * before:
             break
         du = np.zeros(len(s.h))
         du[free] = factor.solve(f1, f2[free])
         u, r = u + du, r + (f1 - s.T @ du)
-        before = left if step else np.inf
+        before = left
     return best
 
 
 def _held(s: ScaledProblem, state: ActiveSet) -> _Answer:
     """Return u where no entry is free."""
-    u = Pair.of(state.u.copy())
-    r = -s.exact.sums(u, -s.eps)
-    return _Answer(u, Pair(r, -s.exact.sums(u, -s.eps, r)), 0.0, np.inf, 1.0, 0)
+    u, r = Pair.of(state.u.copy()), Pair.of(np.zeros(len(s.eps)))
+    for _ in range(2):
+        r = r + _misfit(s, u, r)
+    return _Answer(u, r, 0.0, np.inf, 1.0, 0)
 
 
 def _of_pieces(s: ScaledProblem, mu: float) -> _Answer:

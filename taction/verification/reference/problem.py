@@ -11,10 +11,11 @@ from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError, SolverError
 from taction.system.results import Result
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
-from taction.verification.reference.stacked_least_squares import ExactMatrix
 
 RELATIVE_ERROR = 1e-6
 """A solution is trusted when its error bound is below this times its largest entry."""
+ENOUGH = 1e-3 * RELATIVE_ERROR
+"""Relative error bound at which refinement ends."""
 SMALLEST_SCALE = 1e-12
 """Least value of that largest entry (times |eps| / |T| for the linear regulariser)."""
 
@@ -200,8 +201,6 @@ class ScaledProblem:
     scale: float  # the power of two
     norm: float  # Frobenius norm of T
     h: Floats  # diagonal of ``T^T T`` (N,), positive
-    gram: Floats  # ``T^T T`` (N, N)
-    exact: ExactMatrix  # T
     regulariser: Regulariser
 
     @classmethod
@@ -213,13 +212,13 @@ class ScaledProblem:
         T = problem.T / scale
         regulariser = REGULARISERS[problem.regulariser]
         mu = regulariser.weight * problem.lam / scale / scale
-        gram = T.T @ T
+        h = np.sum(T * T, axis=0)
         if not np.isfinite(mu):
             raise SolverError(f"T of norm {peak * length!r} is too small for lambda")
-        trace = float(np.trace(gram))
-        h = np.maximum(gram.diagonal(), max(1e-30 * trace, float(np.finfo(float).tiny)))
-        beta, norm, exact = float(problem.bias), float(np.sqrt(trace)), ExactMatrix(T)
-        scaled = cls(T, problem.eps, mu, beta, scale, norm, h, gram, exact, regulariser)
+        square = float(h.sum())
+        h = np.maximum(h, max(1e-30 * square, float(np.finfo(float).tiny)))
+        beta, norm = float(problem.bias), float(np.sqrt(square))
+        scaled = cls(T, problem.eps, mu, beta, scale, norm, h, regulariser)
         return scaled.with_strain(problem.eps)
 
     def with_strain(self, eps: Floats) -> ScaledProblem:

@@ -18,6 +18,7 @@ from taction.system.array_types import Floats
 from taction.system.plugins import OpenTable
 
 Function = Callable[[Floats], Floats]
+STEPS = 200  # enough for bisection alone
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,20 +51,11 @@ class Pieces:
             u = self.g(v)
             return np.asarray(u * v - self.size * np.abs(u) - 0.5 * u * u)
 
-        def v_from_q(q: Floats, mu: float, h: Floats) -> Floats:
-            size = mu * self.size
-            u = np.clip((q - np.clip(q, -size, size)) / (mu + h), self.low, self.high)
-            free = (u != 0.0) & (u > self.low) & (u < self.high)
-            return np.where(free, u + self.size * np.sign(u), (q - h * u) / mu)
-
         return Regulariser(
             g=self.g,
             slope=lambda v: inside(v).astype(np.float64),
             inverse=inverse,
             potential=potential,
-            v_from_q=v_from_q,
-            largest_slope=lambda v, _: np.ones_like(v),
-            slope_bound=np.ones_like,
             pieces=self,
         )
 
@@ -76,11 +68,10 @@ class Regulariser:
     slope: Function  # derivative of g
     inverse: Function  # of g
     potential: Function  # ``Psi``
-    v_from_q: Callable[[Floats, float, Floats], Floats]  # ``v(q, mu, h)``: inverse of q(v)
-    largest_slope: Callable[[Floats, Floats], Floats]  # ``(v, d)``: largest slope in [v - d, v + d]
-    slope_bound: (
-        Function  # ``u ->`` a bound S on the slope at u; ``S + d`` bounds the slope at u + d
-    )
+    # ``(v, d)``: largest slope in [v - d, v + d]; by default of a g whose slope is at most 1.
+    largest_slope: Callable[[Floats, Floats], Floats] = lambda v, _: np.ones_like(v)
+    # ``u ->`` a bound S on the slope at u; ``S + d`` bounds the slope at u + d.
+    slope_bound: Function = np.ones_like
     weight: float = 0.5  # ``mu = weight * lam``: 1 for linear, whose Omega is ``sum u^2``
     biased: bool = False  # whether the paper's Omega needs the bias current: eq (8) has the entropy
     pieces: Pieces | None = None  # of a g of straight pieces, whose problem is solved exactly
@@ -89,17 +80,29 @@ class Regulariser:
         """Return the integral of the inverse at ``u = g(v)``, up to a constant."""
         return self.g(v) * v - self.potential(v)
 
+    def v_from_q(self, q: Floats, mu: float, h: Floats) -> Floats:
+        """Solve ``mu v + h g(v) = q`` by Newton's method in a bracket of each root.
 
-def newton(start: Floats, q: Floats, mu: float, h: Floats, g: Function, slope: Function) -> Floats:
-    """Solve ``mu v + h g(v) = q`` from the side on which Newton's iterates are monotone."""
-    v = start
-    for _ in range(200):
-        linear, curved = mu * v, h * g(v)
-        residual = linear + curved - q
-        if np.all(np.abs(residual) <= 1e-15 * (np.abs(linear) + np.abs(curved) + np.abs(q))):
-            break
-        v = v - residual / (mu + h * slope(v))
-    return v
+        It starts from ``h g(v) = q``. A step that leaves the bracket, or that follows one that left
+        more than half of the residual, is replaced by the bracket's middle.
+        """
+        far = (q - h * self.g(np.zeros_like(q))) / mu
+        low, high, before = np.minimum(far, 0.0), np.maximum(far, 0.0), np.full_like(q, np.inf)
+        with np.errstate(all="ignore"):
+            v = np.clip(np.nan_to_num(self.inverse(q / h), nan=0.0), low, high)
+            for _ in range(STEPS):
+                linear, curved = mu * v, h * self.g(v)
+                excess = linear + curved - q
+                terms = np.abs(linear) + np.abs(curved) + np.abs(q)
+                if np.all(np.abs(excess) <= 1e-15 * terms):
+                    break
+                low, high = np.where(excess <= 0.0, v, low), np.where(excess >= 0.0, v, high)
+                step = v - excess / (mu + h * self.slope(v))
+                good = (step >= low) & (step <= high) & (np.abs(excess) <= 0.5 * before)
+                good |= np.abs(excess) <= 1e-15 * terms
+                before = np.abs(excess)
+                v = np.where(good, step, 0.5 * (low + high))
+        return v
 
 
 def _sigmoid(v: Floats) -> Floats:
@@ -123,33 +126,6 @@ def _softplus_potential(v: Floats) -> Floats:
     return np.where(v > 0.0, 0.5 * v * v + np.pi**2 / 6.0 - tail, tail)
 
 
-def _v_from_q_exponential(q: Floats, mu: float, h: Floats) -> Floats:
-    from scipy.special import wrightomega
-
-    shift = np.log(h / mu)
-    z = q / mu + shift
-    omega = wrightomega(z)
-    with np.errstate(divide="ignore"):
-        return np.where(z < 0.0, q / mu - omega, np.log(omega) - shift)
-
-
-def _v_from_q_sinh(q: Floats, mu: float, h: Floats) -> Floats:
-    size = np.abs(q)
-    start = np.minimum(size / mu, np.arcsinh(size / h))
-    return np.sign(q) * newton(start, size, mu, h, np.sinh, np.cosh)
-
-
-def _v_from_q_softplus(q: Floats, mu: float, h: Floats) -> Floats:
-    start = np.where(q > h * np.log(2.0), q / (mu + h), _v_from_q_exponential(q, mu, h))
-    return newton(start, q, mu, h, _softplus, _sigmoid)
-
-
-def _v_from_q_tanh(q: Floats, mu: float, h: Floats) -> Floats:
-    size = np.abs(q)
-    start = np.maximum(size / (mu + h), (size - h) / mu)
-    return np.sign(q) * newton(start, size, mu, h, np.tanh, _sech2)
-
-
 REGULARISERS: Mapping[str, Regulariser] = OpenTable(
     "taction.amplifiers",
     {
@@ -158,9 +134,6 @@ REGULARISERS: Mapping[str, Regulariser] = OpenTable(
             slope=np.ones_like,
             inverse=lambda u: u,
             potential=lambda v: 0.5 * v * v,
-            v_from_q=lambda q, mu, h: q / (mu + h),
-            largest_slope=lambda v, _: np.ones_like(v),
-            slope_bound=np.ones_like,
             weight=1.0,
         ),
         "exponential": Regulariser(
@@ -168,7 +141,6 @@ REGULARISERS: Mapping[str, Regulariser] = OpenTable(
             slope=np.exp,
             inverse=np.log,
             potential=np.exp,
-            v_from_q=_v_from_q_exponential,
             largest_slope=lambda v, d: np.exp(v + d),
             slope_bound=lambda u: u,
             biased=True,
@@ -178,7 +150,6 @@ REGULARISERS: Mapping[str, Regulariser] = OpenTable(
             slope=np.cosh,
             inverse=np.arcsinh,
             potential=np.cosh,
-            v_from_q=_v_from_q_sinh,
             largest_slope=lambda v, d: np.cosh(np.abs(v) + d),
             slope_bound=lambda u: 1.0 + np.abs(u),
         ),
@@ -187,7 +158,6 @@ REGULARISERS: Mapping[str, Regulariser] = OpenTable(
             slope=_sigmoid,
             inverse=lambda u: u + np.log(-np.expm1(-u)),
             potential=_softplus_potential,
-            v_from_q=_v_from_q_softplus,
             largest_slope=lambda v, d: _sigmoid(v + d),
             slope_bound=lambda u: -np.expm1(-u),
         ),
@@ -196,9 +166,7 @@ REGULARISERS: Mapping[str, Regulariser] = OpenTable(
             slope=_sech2,
             inverse=np.arctanh,
             potential=lambda v: np.abs(v) + np.log1p(np.exp(-2.0 * np.abs(v))) - np.log(2.0),
-            v_from_q=_v_from_q_tanh,
             largest_slope=lambda v, d: _sech2(np.maximum(np.abs(v) - d, 0.0)),
-            slope_bound=np.ones_like,
         ),
         "deadzone": Pieces(size=1.0).regulariser(),
         "rectifier": Pieces(low=0.0).regulariser(),

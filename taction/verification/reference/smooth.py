@@ -22,6 +22,7 @@ import numpy as np
 
 from taction.system.array_types import EPS, Floats
 from taction.verification.reference.problem import (
+    ENOUGH,
     LARGEST,
     RELATIVE_ERROR,
     SMALLEST_SCALE,
@@ -29,50 +30,37 @@ from taction.verification.reference.problem import (
     ScaledProblem,
     Solution,
 )
-from taction.verification.reference.regularisers import Regulariser
-from taction.verification.reference.stacked_least_squares import PRODUCT_ERROR, Pair, factorise
+from taction.verification.reference.stacked_least_squares import (
+    PRODUCT_ERROR,
+    Pair,
+    exact_sums,
+    factorise,
+    products,
+)
 
-STAGE, CONVERGED = 1.0, 1e-10
-"""Squares of the relative error of u at which a stage of the homotopy and the last one end."""
-MAX_STEPS = 100
-OBJECTIVE_ROUNDING = 1e-14
-"""Relative rounding error of the objective, which the line search ignores."""
+STAGE, CONVERGED = 1.0, 1e-10  # squared relative errors of u that end a stage, and the last one
+MAX_STEPS, MAX_REFINEMENTS = 100, 60
+OBJECTIVE_ROUNDING = 1e-14  # relative rounding error of the objective: the line search ignores it
 SHORTEST_STEP = 1e-10
-FACTOR = 0.03
-"""Factor between two values of mu in the homotopy."""
+FACTOR = 0.03  # between two values of mu in the homotopy
 FUNCTION_ERROR = 4.0 * EPS
 """Relative error of g in double precision."""
-LARGEST_SHIFT = 1e-3
-"""Largest shift of v that stands for the error of g: the slope falls by at most 1.25 over it."""
-NEAR = 1e-8
-"""Largest `lo` of v at which a step leaves `hi` as it is."""
-ENOUGH = 1e-12
-"""Relative error of u at which refinement ends."""
-MAX_REFINEMENTS = 60
+LARGEST_SHIFT = 1e-3  # of v that stands for the error of g: its slope falls by at most 1.25 over it
+NEAR = 1e-8  # largest `lo` of v at which a step leaves `hi` as it is
+# Refinement ends if the gap shrinks by less than `STALLED` in so many steps in turn. A step that
+# increases the gap can lead to where Newton's method converges; the best point is kept.
 STALLED, PATIENCE = 0.5, 6
-"""Refinement ends if the gap shrinks by less than `STALLED` in so many steps in turn. A step that
-increases the gap can lead to where Newton's method converges; the best point is kept."""
-
-
-def error_bound(ratio: float, slope_bound: float) -> float:
-    """Return the largest ``|u - u*|`` for a gap of mu times `ratio`.
-
-    The divergence is at least ``d^2 / 2`` over the largest slope between u and u*, and that slope
-    is at most ``slope_bound + d``.
-    """
-    ratio += float(np.finfo(float).tiny)  # the squares of tiny outputs underflow
-    return ratio + math.sqrt(ratio) * math.sqrt(ratio + 2.0 * slope_bound)
-
-
-def divergence(regulariser: Regulariser, v: Floats, size: Floats) -> float:
-    """Bound ``sum Psi(v + d) - Psi(v) - g(v) d`` for ``|d| <= size``, free of cancellation."""
-    return float(np.sum(0.5 * size * size * regulariser.largest_slope(v, size)))
 
 
 def _objective(s: ScaledProblem, v: Floats, mu: float) -> float:
     u = s.regulariser.g(v)
     residual = s.eps - s.T @ u
     return float(0.5 * residual @ residual + mu * np.sum(s.regulariser.energy(v) + s.beta * u))
+
+
+def _divergence(s: ScaledProblem, v: Floats, size: Floats) -> float:
+    """Bound ``sum Psi(v + d) - Psi(v) - g(v) d`` for ``|d| <= size``, free of cancellation."""
+    return float(np.sum(0.5 * size * size * s.regulariser.largest_slope(v, size)))
 
 
 def _newton(s: ScaledProblem, mu: float, v: Floats, share: float) -> tuple[Floats, Floats, int]:
@@ -85,11 +73,11 @@ def _newton(s: ScaledProblem, mu: float, v: Floats, share: float) -> tuple[Float
     for step in range(MAX_STEPS):
         u, D = reg.g(v), np.sqrt(reg.slope(v))
         residual = s.eps - s.T @ u
-        y = factorise(s.T, s.gram, D, mu)(residual, -mu * D * (v + s.beta))
+        y = factorise(s.T * D, mu)(residual, -mu * D * (v + s.beta))
         bend = s.T @ (D * y)
         force = (residual - bend) @ s.T - mu * (v + s.beta)  # mu times the step in v
         dq = force + s.h * D * y
-        gap = 0.5 * float(bend @ bend) + mu * divergence(reg, v, np.abs(force) / mu)
+        gap = 0.5 * float(bend @ bend) + mu * _divergence(s, v, np.abs(force) / mu)
         if gap <= mu * share * float(np.sum(reg.slope_bound(u))):
             return reg.v_from_q(mu * v + s.h * u + dq, mu, s.h), residual - bend, step
         rounding = OBJECTIVE_ROUNDING * (abs(objective) + size * float(np.linalg.norm(residual)))
@@ -137,27 +125,32 @@ class _DualPair:
 
     @classmethod
     def at(cls, s: ScaledProblem, v: Pair, r: Pair) -> _DualPair:
-        """Evaluate the gap of a pair, with bounds on the rounding of its residuals."""
+        """Evaluate the gap of a pair, with bounds on the rounding of its residuals.
+
+        The error d of u follows from ``d^2 / 2`` over the largest slope between u and the
+        minimiser, which is at most the slope bound at u plus d.
+        """
         u, slope = s.regulariser.g(v.hi), s.regulariser.slope(v.hi)
         if not np.max(np.abs(np.concatenate([u, r.hi, v.hi]))) < LARGEST:
             return cls(v, r, u, s.eps, v.hi, np.inf, np.inf)
-        f1 = -s.exact.sums(Pair(u, slope * v.lo), -s.eps, r.hi, r.lo)
-        f2 = s.exact.transposed.sums(r, *v.times(-s.mu), np.full(len(u), -s.mu * s.beta))
-        product = PRODUCT_ERROR * s.norm
+        f1 = -exact_sums(s.T, Pair(u, slope * v.lo), -s.eps, r.hi, r.lo)
+        terms = *products(-s.mu, v.hi), -s.mu * v.lo, np.full(len(u), -s.mu * s.beta)
+        f2 = exact_sums(s.T.T, r, *terms)
         off = FUNCTION_ERROR * np.abs(u) + slope * v.lo**2  # |g''| <= 2 g'
         shift = np.divide(1.25 * off, slope, out=np.full(len(u), np.inf), where=slope > 0.0)
         steep = (shift <= LARGEST_SHIFT) & (slope * s.h >= s.mu)
         misfit = float(np.linalg.norm(np.abs(f1) + np.abs(s.T) @ np.where(steep, 0.0, off)))
-        misfit = (1.0 + 4.0 * EPS) * misfit + product * float(np.linalg.norm(u))
-        rounding = product * float(np.linalg.norm(r.hi)) + PRODUCT_ERROR * s.mu * np.abs(v.hi)
+        misfit = (1.0 + 4.0 * EPS) * misfit + PRODUCT_ERROR * s.norm * float(np.linalg.norm(u))
+        rounding = PRODUCT_ERROR * (s.norm * float(np.linalg.norm(r.hi)) + s.mu * np.abs(v.hi))
         dv = (np.abs(f2) * (1.0 + 4.0 * EPS) + rounding) / s.mu + np.where(steep, shift, 0.0)
-        gap = 0.5 * misfit * misfit + s.mu * divergence(s.regulariser, v.hi, dv)
+        gap = 0.5 * misfit * misfit + s.mu * _divergence(s, v.hi, dv)
         if not np.isfinite(gap):
             return cls(v, r, u, f1, f2, np.inf, np.inf)
         u = u + slope * v.lo
-        largest, peak = float(np.max(s.regulariser.slope_bound(u))), float(np.max(np.abs(u)))
-        error = error_bound(gap / s.mu, largest) + FUNCTION_ERROR * peak
-        return cls(v, r, u, f1, f2, gap, error)
+        ratio = gap / s.mu + float(np.finfo(float).tiny)  # the squares of tiny outputs underflow
+        largest = float(np.max(s.regulariser.slope_bound(u)))
+        error = ratio + math.sqrt(ratio) * math.sqrt(ratio + 2.0 * largest)
+        return cls(v, r, u, f1, f2, gap, error + FUNCTION_ERROR * float(np.max(np.abs(u))))
 
     @property
     def peak(self) -> float:
@@ -165,25 +158,24 @@ class _DualPair:
         return max(float(np.max(np.abs(self.u))), SMALLEST_SCALE)
 
 
-def _moved(v: Pair, dv: Floats) -> Pair:
-    """Return v + dv; a small step leaves `hi`, and so the rounding of ``g(hi)``."""
-    lo, far = v.lo + dv, v + dv
-    near = np.abs(lo) <= NEAR
-    return Pair(np.where(near, v.hi, far.hi), np.where(near, lo, far.lo))
-
-
 def _corrected(s: ScaledProblem, p: _DualPair) -> _DualPair:
-    """Take one Newton step for v and r together."""
+    """Take one Newton step for v and r together.
+
+    A small step leaves the `hi` of v, and so the rounding of ``g(hi)``.
+    """
     slope = s.regulariser.slope(p.v.hi)
     D = np.sqrt(slope)
-    y = factorise(s.T, s.gram, D, s.mu)(p.f1, D * p.f2)
+    y = factorise(s.T * D, s.mu)(p.f1, D * p.f2)
     dr = p.f1 - s.T @ (D * y)
-    dq = p.f2 + dr @ s.T + s.h * D * y  # the step in ``q = mu v + h g(v)``
-    return _DualPair.at(s, _moved(p.v, dq / (s.mu + s.h * slope)), p.r + dr)
+    dv = (p.f2 + dr @ s.T + s.h * D * y) / (s.mu + s.h * slope)  # from ``q = mu v + h g(v)``
+    lo, far = p.v.lo + dv, p.v + dv
+    near = np.abs(lo) <= NEAR
+    v = Pair(np.where(near, p.v.hi, far.hi), np.where(near, lo, far.lo))
+    return _DualPair.at(s, v, p.r + dr)
 
 
 def _refine(s: ScaledProblem, v: Floats, r: Floats) -> tuple[_DualPair, int]:
-    """Improve until the gap stops shrinking or the error is that of double precision."""
+    """Improve until the error is small, or the gap stops shrinking."""
     best = point = _DualPair.at(s, Pair.of(v), Pair.of(r))
     idle = 0  # steps without progress
     for step in range(MAX_REFINEMENTS):
@@ -199,14 +191,9 @@ def _refine(s: ScaledProblem, v: Floats, r: Floats) -> tuple[_DualPair, int]:
 
 
 def solve_smooth(problem: Problem) -> Solution:
-    """Solve for a regulariser of an increasing amplifier.
+    """Solve for a regulariser of an increasing amplifier; ``lam`` is positive.
 
-    `problem`: ``lam`` positive.
-
-    Returns
-    -------
-    Solution
-        Certificate: duality gap in the units of the objective.
+    The certificate is the duality gap in the units of the objective.
     """
     start = time.perf_counter()
     s = ScaledProblem.of(problem)
@@ -220,6 +207,11 @@ def solve_smooth(problem: Problem) -> Solution:
     certificate = unscale * point.gap
     bound = unscale * s.mu * allowed * allowed / (2.0 * (slope + allowed))
     trusted = bool(point.error <= most)
+    slopes = s.regulariser.slope(point.v.hi)
+    reason = (
+        f"the duality gap {certificate:.3g} is above {bound:.3g}: double precision is not"
+        " enough; use a larger lambda or a better conditioned matrix"
+    )
     return Solution(
         problem=problem,
         u=point.u,
@@ -230,13 +222,8 @@ def solve_smooth(problem: Problem) -> Solution:
         bound=bound,
         error_bound=point.error,
         trusted=trusted,
-        condition=float(np.sqrt(1.0 + s.gram.diagonal() @ s.regulariser.slope(point.v.hi) / s.mu)),
+        condition=float(np.sqrt(1.0 + s.h @ slopes / s.mu)),
         iterations=steps + refinements,
         seconds=time.perf_counter() - start,
-        reason=""
-        if trusted
-        else (
-            f"the duality gap {certificate:.3g} is above {bound:.3g}: double precision is not"
-            " enough; use a larger lambda or a better conditioned matrix"
-        ),
+        reason="" if trusted else reason,
     )

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from taction.system.array_types import Floats
+from taction.system.errors import SolverError
 from taction.verification.reference.least_squares import solve_least_squares
 from taction.verification.reference.problem import Problem, Solution
 from taction.verification.reference.regularisers import REGULARISERS
@@ -40,3 +41,20 @@ def solve_each(problem: Problem, strains: Iterable[Floats]) -> list[Solution]:
     if problem.regulariser == "linear" or REGULARISERS[problem.regulariser].pieces is not None:
         return solve_least_squares(problem, strains)
     return [solve_smooth(replace(problem, eps=eps)) for eps in strains]
+
+
+def solve_square(problem: Problem) -> Solution:
+    """Solve ``T u = eps``; lambda of `problem` is 0, and T is square.
+
+    SolverError: T is not square, or its singular values cannot be computed.
+
+    Examples
+    --------
+    >>> found = solve_square(Problem([[2.0, 1.0], [1.0, 3.0]], [3.0, 4.0], 0.0))
+    >>> found.u.round(12).tolist(), found.trusted
+    ([1.0, 1.0], True)
+    """
+    rows, columns = problem.T.shape
+    if rows != columns:
+        raise SolverError(f"T is {rows} by {columns}; a square matrix is needed")
+    return solve(problem)
