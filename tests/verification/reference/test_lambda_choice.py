@@ -114,7 +114,11 @@ def test_noise_above_the_signal_leaves_no_lam() -> None:
 
 @pytest.mark.parametrize(
     ("rule", "message"),
-    [("discrepancy", r"noise\.variance"), ("mse", "true stress"), ("gvc", "one of discrepancy, gcv")],
+    [
+        ("discrepancy", r"noise\.variance"),
+        ("mse", "true stress"),
+        ("gvc", "one of discrepancy, gcv"),
+    ],
 )
 def test_what_a_rule_needs(rule: str, message: str) -> None:
     with pytest.raises(InputError, match=message):

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -63,6 +63,9 @@ class Coupling:
     loaded: Bools
 
 
+Device = tuple[str, int, int, float, float]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Devices:
     """Behavioural amplifiers ``z[output] = -u_scale g(z[input] / v_scale)``, m each.
@@ -81,18 +84,18 @@ class Devices:
         """Number of amplifiers."""
         return len(self.output)
 
+    @classmethod
+    def of(cls, parts: Sequence[Device]) -> Devices:
+        """Return amplifiers from their kinds, inputs, outputs and both scales."""
+        kinds, inputs, outputs, u_scale, v_scale = zip(*parts, strict=True) if parts else [()] * 5
+        places = np.array(inputs, dtype=np.int64), np.array(outputs, dtype=np.int64)
+        return cls(tuple(kinds), *places, np.array(u_scale, float), np.array(v_scale, float))
+
     def part(self, chosen: Bools) -> Devices:
         """Return some of the amplifiers."""
         kinds = tuple(k for k, keep in zip(self.kinds, chosen.tolist(), strict=True) if keep)
         places = (self.input[chosen], self.output[chosen])
         return Devices(kinds, *places, self.u_scale[chosen], self.v_scale[chosen])
-
-    def joined(self, *others: Devices) -> Devices:
-        """Return these amplifiers, then the others."""
-        parts = (self, *others)
-        kinds = tuple(kind for part in parts for kind in part.kinds)
-        fields = ("input", "output", "u_scale", "v_scale")
-        return Devices(kinds, *(np.concatenate([getattr(p, f) for p in parts]) for f in fields))
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,51 +248,40 @@ GROUND = -1
 
 
 class Entries:
-    """A growing matrix: arrays of (row, column, value), ground included.
+    """A growing matrix: rows, columns and values, ground included.
 
     A part between two nodes adds the opposite value in the same column to another row, of which
     its entry knows: `back` is that row, or ground.
     """
 
     def __init__(self) -> None:
-        self.parts: list[tuple[Ints, Ints, Floats, Ints | None]] = []
+        self.parts: list[tuple[int, int, float, int]] = []
 
-    def add(self, rows: Ints, columns: Ints, values: Floats, back: Ints | None = None) -> None:
-        """Stamp one entry in each row."""
-        self.parts.append((rows, columns, values, back))
-
-    def add_one(self, row: int, column: int, value: float, back: int = GROUND) -> None:
+    def add(self, row: int, column: int, value: float, back: int = GROUND) -> None:
         """Stamp one entry."""
-        self.add(np.array([row]), np.array([column]), np.array([value]), np.array([back]))
+        if value != 0.0:
+            self.parts.append((row, column, value, back))
 
-    def branch(self, a: Ints, b: Ints, values: Floats) -> None:
-        """Stamp two-terminal elements between places a and b."""
-        for p, q in ((a, b), (b, a)):
-            self.add(p, p, values, q)
-            self.add(p, q, -values, q)
+    def branch(self, a: int, b: int, value: float) -> None:
+        """Stamp a two-terminal element between places a and b."""
+        if value != 0.0:
+            self.parts += [(a, a, value, b), (a, b, -value, b), (b, b, value, a), (b, a, -value, a)]
 
-    def joined(self) -> tuple[Ints, Ints, Floats]:
-        """Return all rows, columns and values, (n,) each."""
-        nothing = np.zeros(0, dtype=np.int64)
-        rows, columns, values = zip(
-            (nothing, nothing, np.zeros(0)), *(part[:3] for part in self.parts), strict=True
-        )
-        return np.concatenate(rows), np.concatenate(columns), np.concatenate(values)
+    def triplets(self, rows: Bools, moved: Ints | None = None) -> Triplets:
+        """Return the entries of the chosen `rows` (size + 1, the last for ground).
 
-    def move(self, to: Ints) -> None:
-        """Put the rows `to` (size + 1,) in the place of all rows; the last one is ground's."""
-        row, column, values = self.joined()
-        backs = [np.full(len(i), GROUND) if q is None else q for i, _, _, q in self.parts]
-        row, back = to[row], to[np.concatenate([np.zeros(0, dtype=np.int64), *backs])]
+        With `moved` (size + 1,), these rows take the place of all.
+        """
+        i, j, values, back = map(np.array, zip(*self.parts, strict=True) if self.parts else NOTHING)
+        if moved is not None:
+            i, back = moved[i], moved[back]
         # A part between two nodes that have one row adds exactly nothing to it.
-        live = row != back
-        self.parts = [(row[live], column[live], values[live], None)]
-
-    def triplets(self, rows: Bools) -> Triplets:
-        """Return the entries of the chosen `rows` (size + 1, the last for ground)."""
-        i, j, values = self.joined()
-        live = np.flatnonzero(rows[i] & (j != GROUND) & (values != 0.0))
+        live = np.flatnonzero(rows[i] & (j != GROUND) & (i != back))
         return Triplets(i[live], j[live], values[live])
+
+
+NOTHING: Any = [np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int64)]
+Terms = list[tuple[int, float]]
 
 
 class Stamper:
@@ -307,15 +299,18 @@ class Stamper:
         self.currents, self.laws, self.mass = Entries(), Entries(), Entries()
         # Sinks, drivers, conductances, and whether they are among nodes of one kind.
         self.couplings: list[tuple[Ints, Ints, Floats, bool]] = []
-        self.constant_currents: list[tuple[Ints, Floats]] = []
-        self.constant_laws: list[tuple[Ints, Floats]] = []
-        self.switched: list[tuple[Ints, Floats]] = []
+        self.constant_currents, self.constant_laws, self.switched = Terms(), Terms(), Terms()
+        self.devices: list[Device] = []
 
-    def nodes(self, names: Iterable[str]) -> Ints:
-        """Return the places of nodes, `GROUND` for ground; a new name gets the next place."""
-        places = self.places
-        indices = [GROUND if n == "0" else places.setdefault(n, len(places)) for n in names]
-        return np.array(indices, dtype=np.int64)
+    def node(self, name: str) -> int:
+        """Return the place of a node, `GROUND` for ground; a new name gets the next place."""
+        return GROUND if name == "0" else self.places.setdefault(name, len(self.places))
+
+    def unknown(self, name: str) -> int:
+        """Return the place of a new unknown, whose row states a law."""
+        place = self.node(name)
+        self.fixed.add(place)
+        return place
 
     def fix(self, node: str, source: str) -> None:
         """Reserve a node's row for an ideal source."""
@@ -323,6 +318,11 @@ class Stamper:
             message = f"{source} drives a node whose voltage another ideal source determines"
             raise EngineError(message)
         self.fixed.add(self.places[node])
+
+    def device(self, kind: str, place: int, output: str, size: float, width: float) -> int:
+        """Add an amplifier whose output is a new unknown; return its place."""
+        self.devices.append((kind, place, self.unknown(output), size, width))
+        return self.devices[-1][2]
 
     def matrix(self, matrix: ResistorMatrix) -> None:
         """Stamp a resistor matrix: arrays off the diagonal, sums on the diagonal."""
@@ -334,13 +334,14 @@ class Stamper:
             G, negative = G.T, negative.T
         live = np.flatnonzero(G.any(axis=1))  # the node of an empty row may not exist
         G, negative = G[live], negative[live]
-        sinks = self.nodes(matrix.sinks[k] for k in live.tolist())
+        sinks = np.array([self.node(matrix.sinks[k]) for k in live.tolist()], dtype=np.int64)
         G = np.concatenate([np.where(negative, 0.0, G), np.where(negative, G, 0.0)], axis=1)
         used, names = np.flatnonzero(G.any(axis=0)), (*matrix.plus, *matrix.minus)
-        drivers, G = self.nodes(names[d] for d in used.tolist()), G[:, used]
+        drivers = np.array([self.node(names[d]) for d in used.tolist()], dtype=np.int64)
+        G = G[:, used]
         # Sorted, so that the sums of mirrored rows are equal to the bit.
         for places, axis in ((sinks, 1), (drivers, 0)):
-            self.currents.add(places, places, -np.sort(G, axis=axis).sum(axis=axis))
+            self._diagonal(places, -np.sort(G, axis=axis).sum(axis=axis))
         driven = drivers != GROUND
         self.couplings.append((sinks, drivers[driven], G[:, driven], False))
 
@@ -349,27 +350,32 @@ class Stamper:
         upper = np.divide(1.0, matrix.ohms)
         G = upper + upper.T
         live = np.flatnonzero(G.any(axis=1))
-        nodes, G = self.nodes(matrix.sinks[k] for k in live.tolist()), G[np.ix_(live, live)]
-        self.currents.add(nodes, nodes, -G.sum(axis=1))
+        nodes = np.array([self.node(matrix.sinks[k]) for k in live.tolist()], dtype=np.int64)
+        G = G[np.ix_(live, live)]
+        self._diagonal(nodes, -G.sum(axis=1))
         free = np.array([place not in self.fixed for place in nodes.tolist()], dtype=np.bool_)
         driven = nodes != GROUND
         if free.any():
             self.couplings.append((nodes[free], nodes[driven], G[np.ix_(free, driven)], True))
 
-    def sources(self, devices: Devices) -> tuple[Floats, Floats]:
+    def _diagonal(self, places: Ints, values: Floats) -> None:
+        for place, value in zip(places.tolist(), values.tolist(), strict=True):
+            self.currents.add(place, place, value)
+
+    def sources(self) -> tuple[Floats, Floats]:
         """Stamp the laws of ideal sources; return b: switched and constant part, (size,)."""
         c = self.circuit
-        nodes = self.nodes(v.node for v in c.voltages)
-        volts = np.array([v.volts for v in c.voltages], dtype=np.float64)
-        switched = np.array([v.switched for v in c.voltages], dtype=np.bool_)
-        self.constant_laws.append((nodes, np.where(switched, 0.0, volts)))
-        for places in (nodes, devices.output):
-            self.laws.add(places, places, -np.ones(len(places)))
-        into = self.nodes(i.node for i in c.currents)
-        amps = np.array([i.amps for i in c.currents], dtype=np.float64)
+        strains = [(self.node(i.node), i.amps) for i in c.currents]
+        for source in c.voltages:
+            place = self.node(source.node)
+            self.laws.add(place, place, -1.0)
+            terms = self.switched if source.switched else self.constant_laws
+            terms.append((place, source.volts))
+        for device in self.devices:
+            self.laws.add(device[2], device[2], -1.0)
         found = []
         for currents, laws in (
-            ([(into, amps)], [(nodes[switched], volts[switched]), *self.switched]),
+            (strains, self.switched),
             (self.constant_currents, self.constant_laws),
         ):
             b = self._sums(currents)
@@ -377,9 +383,9 @@ class Stamper:
             found.append((b + self._sums(laws))[:-1])
         return found[0], found[1]
 
-    def _sums(self, terms: Iterable[tuple[Ints, Floats]]) -> Floats:
+    def _sums(self, terms: Terms) -> Floats:
         """Return the sums of terms at each place, (size + 1,); the last place is ground."""
-        size = len(self.places) + 1
-        nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
-        at, values = map(np.concatenate, zip(nothing, *terms, strict=True))
-        return np.bincount(at % size, values, minlength=size).astype(np.float64, copy=False)
+        sums = np.zeros(len(self.places) + 1)
+        for place, value in terms:
+            sums[place] += value
+        return sums

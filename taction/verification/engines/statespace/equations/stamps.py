@@ -21,7 +21,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.linear_models import with_linear_models
 from taction.netlist_gen.board.wired_arrays import port_matrices
 from taction.spice_models.branches import Branch, Source
-from taction.system.array_types import Floats
+from taction.system.array_types import Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.cell_stamps import (
     stamp_opamps,
@@ -43,24 +43,9 @@ def _claim_rows(stamper: Stamper) -> None:
         stamper.fix(source.node, source.name)
     for amplifier in c.amplifiers:
         stamper.fix(amplifier.output, amplifier.name)
-    ideal = {name for name, model in c.models.items() if model.output_resistance == 0.0}
     for cell in c.opamps:
-        if cell.model in ideal:
+        if c.models[cell.model].output_resistance == 0.0:
             stamper.fix(cell.output, cell.name)
-
-
-def _devices(stamper: Stamper) -> Devices:
-    amplifiers = stamper.circuit.amplifiers
-    if any(a.input == "0" for a in amplifiers):
-        raise EngineError("a signal amplifier's input is grounded")
-    places = stamper.nodes(n for a in amplifiers for n in (a.input, a.output)).reshape(-1, 2)
-    return Devices(
-        kinds=tuple(a.kind for a in amplifiers),
-        input=places[:, 0],
-        output=places[:, 1],
-        u_scale=np.array([a.u_scale for a in amplifiers], dtype=np.float64),
-        v_scale=np.array([a.v_scale for a in amplifiers], dtype=np.float64),
-    )
 
 
 def stamp(circuit: Circuit) -> Descriptor:
@@ -71,32 +56,43 @@ def stamp(circuit: Circuit) -> Descriptor:
     if circuit.has_imported:
         circuit = with_linear_models(circuit)
     stamper = Stamper(circuit)
-    pins = (n for cell in circuit.opamps for n in (cell.noninverting, cell.inverting, cell.output))
-    wired = stamper.nodes(pins).reshape(-1, 3)
-    devices = _devices(stamper)
-    legs = stamper.nodes(n for q in circuit.transistors for n in (q.collector, q.base, q.emitter))
-    resistors = stamper.nodes(n for part in circuit.resistors for n in (part.a, part.b))
-    capacitors = stamper.nodes(n for part in circuit.capacitors for n in (part.a, part.b))
-    stamper.nodes(source.node for source in circuit.currents)
-    stamper.nodes(source.node for source in circuit.voltages)
-    stamper.nodes(node for part in circuit.branches for node in part.nodes)
+    for cell in circuit.opamps:
+        for pin in (cell.noninverting, cell.inverting, cell.output):
+            stamper.node(pin)
+    for part in circuit.amplifiers:
+        if part.input == "0":
+            raise EngineError("a signal amplifier's input is grounded")
+        ends = stamper.node(part.input), stamper.node(part.output)
+        stamper.devices.append((part.kind, *ends, part.u_scale, part.v_scale))
+    for cell in circuit.transistors:
+        for pin in (cell.collector, cell.base, cell.emitter):
+            stamper.node(pin)
+    for two in (*circuit.resistors, *circuit.capacitors):
+        stamper.node(two.a), stamper.node(two.b)
+    for source in (*circuit.currents, *circuit.voltages):
+        stamper.node(source.node)
+    for branch in circuit.branches:
+        for node in branch.nodes:
+            stamper.node(node)
     _claim_rows(stamper)
     for matrix in port_matrices(circuit):
         stamper.matrix(matrix)
     node_count = len(stamper.places)
-    transistors = stamp_transistors(stamper, legs.reshape(-1, 3))
-    devices = devices.joined(transistors, *stamp_opamps(stamper, wired))
-    ohms = np.array([part.ohms for part in circuit.resistors], dtype=np.float64)
-    stamper.currents.branch(resistors[0::2], resistors[1::2], -1.0 / ohms)
-    farads = np.array([part.farads for part in circuit.capacitors], dtype=np.float64)
-    stamper.mass.branch(capacitors[0::2], capacitors[1::2], farads)
+    stamp_transistors(stamper)
+    stamp_opamps(stamper)
+    for resistor in circuit.resistors:
+        ends = stamper.node(resistor.a), stamper.node(resistor.b)
+        stamper.currents.branch(*ends, -1.0 / resistor.ohms)
+    for capacitor in circuit.capacitors:
+        stamper.mass.branch(stamper.node(capacitor.a), stamper.node(capacitor.b), capacitor.farads)
+    rows = None
     if circuit.branches:
-        stamp_branches(stamper)
-    return _finish(stamper, node_count, devices)
+        rows = _Branches(stamper, circuit.branches).stamp()
+    return _finish(stamper, node_count, rows)
 
 
-def _finish(stamper: Stamper, node_count: int, devices: Devices) -> Descriptor:
-    switched, constant = stamper.sources(devices)
+def _finish(stamper: Stamper, node_count: int, moved: Ints | None) -> Descriptor:
+    switched, constant = stamper.sources()
     board = np.append(np.ones(len(stamper.places), dtype=np.bool_), False)
     determined = np.zeros(len(stamper.places), dtype=np.bool_)
     determined[list(stamper.fixed)] = True
@@ -111,13 +107,13 @@ def _finish(stamper: Stamper, node_count: int, devices: Devices) -> Descriptor:
     return Descriptor(
         names=names,
         node_count=node_count,
-        mass=stamper.mass.triplets(free),
-        local=stamper.laws.triplets(board).joined(stamper.currents.triplets(free)),
+        mass=stamper.mass.triplets(free, moved),
+        local=stamper.laws.triplets(board).joined(stamper.currents.triplets(free, moved)),
         couplings=tuple(couplings),
         switched=switched,
         constant=constant,
         determined=determined,
-        devices=devices,
+        devices=Devices.of(stamper.devices),
         places=stamper.places,
         mirror=proposed_mirror(names),
         has_branches=bool(stamper.circuit.branches),
@@ -130,17 +126,12 @@ def current_of(card: str) -> str:
     return f"i({card})"
 
 
-def stamp_branches(stamper: Stamper) -> None:
-    """Stamp every branch of the circuit; call it after all other parts.
+class _Branches:
+    """Stamps of all branches; `rows` is the row that takes the current into each place.
 
     EngineError: sources of voltage that form a loop, or a card that controls another one and is not
       there.
     """
-    _Branches(stamper, stamper.circuit.branches).stamp()
-
-
-class _Branches:
-    """Stamps of all branches; `rows` is the row that takes the current into each place."""
 
     def __init__(self, stamper: Stamper, parts: tuple[Branch, ...]) -> None:
         self.stamper, self.parts = stamper, parts
@@ -151,17 +142,20 @@ class _Branches:
                 raise EngineError(f"{by} is controlled by {card}, which is no source")
         coils = [part.card for part in parts if part.letter == "L"]
         names = [current_of(card) for card in dict.fromkeys([*self.sensed, *coils])]
-        places: list[int] = stamper.nodes(names).tolist()
-        self.currents = dict(zip(names, places, strict=True))
+        self.currents = {name: stamper.node(name) for name in names}
         self.rows = list(range(len(stamper.places)))
 
-    def stamp(self) -> None:
-        """Stamp everything, then move what flows into determined nodes to their rows."""
+    def stamp(self) -> Ints:
+        """Stamp everything; return the rows that take the currents into places, ground's last."""
         for part, child, other in self._forest():
             self._law(part, child, other)
         for part in self.parts:
             self._flow(part)
-        self._move()
+        stamper = self.stamper
+        stamper.moved = {k: row for k, row in enumerate(self.rows) if row != k}
+        rows = [*self.rows, GROUND]
+        stamper.constant_currents[:] = [(rows[i], value) for i, value in stamper.constant_currents]
+        return np.array(rows, dtype=np.int64)
 
     def _place(self, node: str) -> int:
         return GROUND if node == "0" else self.stamper.places[node]
@@ -228,9 +222,9 @@ class _Branches:
         self._state(child, child, -1.0)
         self._state(child, other, 1.0)
         if part.letter == "V":
-            row, (before, step) = np.array([child]), _steps(part)
-            stamper.constant_laws.append((row, sign * before))
-            stamper.switched.append((row, sign * step))
+            before, step = _steps(part)
+            stamper.constant_laws.append((child, sign * before))
+            stamper.switched.append((child, sign * step))
         elif part.letter == "E":
             for place, gain in self._controls(part):
                 self._state(child, place, sign * gain)
@@ -242,11 +236,11 @@ class _Branches:
             yield self._place(node), gain
 
     def _state(self, row: int, column: int, value: float) -> None:
-        self.stamper.laws.add_one(row, column, value)
+        self.stamper.laws.add(row, column, value)
 
     def _add(self, row: int, column: int, value: float, back: int) -> None:
         """Add a current out of the node `back` into `row`, or to the balance of a current."""
-        self.stamper.currents.add_one(row, column, value, back)
+        self.stamper.currents.add(row, column, value, back)
 
     def _through(self, part: Branch, column: int, value: float) -> None:
         """Add a current from `part.a` through the part to `part.b`."""
@@ -260,15 +254,15 @@ class _Branches:
         match part.letter:
             case "L":
                 current, (a, b) = self._current(part.card), self._ends(part)
-                mass.add_one(current, current, value)
+                mass.add(current, current, value)
                 self._state(current, a, 1.0)
                 self._state(current, b, -1.0)
                 self._through(part, current, 1.0)
             case "K":
                 henries = value * math.sqrt(self.values[part.a] * self.values[part.b])
                 one, other = (self._current(card) for card in (part.a, part.b))
-                mass.add_one(one, other, henries)
-                mass.add_one(other, one, henries)
+                mass.add(one, other, henries)
+                mass.add(other, one, henries)
             case "I":
                 self._source(part)
             case "G":
@@ -277,8 +271,8 @@ class _Branches:
             case "Y":  # what flows out of `part.a` is on the left of ``M z' = K z``
                 a, b = self._ends(part)
                 for place, gain in self._controls(part):
-                    mass.add_one(a, place, gain, b)
-                    mass.add_one(b, place, -gain, a)
+                    mass.add(a, place, gain, b)
+                    mass.add(b, place, -gain, a)
             case "F":
                 self._through(part, self._current(part.control[0]), value)
 
@@ -286,22 +280,10 @@ class _Branches:
         rows = [*self.rows, GROUND]  # which take the currents into places; ground stays ground
         (a, b), (before, step) = self._ends(part), _steps(part)
         for place, sign in ((a, -1.0), (b, 1.0)):
-            row, taken = np.array([place]), np.array([rows[place]])
-            self.stamper.constant_currents.append((row, sign * before))
-            self.stamper.switched.append((taken, sign * step))
-
-    def _move(self) -> None:
-        stamper = self.stamper
-        stamper.moved = {k: row for k, row in enumerate(self.rows) if row != k}
-        rows = np.array([*self.rows, GROUND], dtype=np.int64)
-        stamper.currents.move(rows)
-        stamper.mass.move(rows)
-        stamper.constant_currents[:] = [
-            (rows[i], values) for i, values in stamper.constant_currents
-        ]
+            self.stamper.constant_currents.append((place, sign * before))
+            self.stamper.switched.append((rows[place], sign * step))
 
 
-def _steps(part: Branch) -> tuple[Floats, Floats]:
-    """Return what a source has before t = 0, and what is switched on then, (1,) each."""
-    found = (part.before, part.step) if isinstance(part, Source) else (part.value, 0.0)
-    return np.array([found[0]]), np.array([found[1]])
+def _steps(part: Branch) -> tuple[float, float]:
+    """Return what a source has before t = 0, and what is switched on then."""
+    return (part.before, part.step) if isinstance(part, Source) else (part.value, 0.0)
