@@ -200,20 +200,20 @@ def certify(
     rounding = ROUNDED * (rounding + pencil.pull @ sizes)
     F, E = W @ R, weights @ rounding
     unseen = np.zeros_like(sizes)
-    if reduced.steps and reduced.steps[0].turn is None:
-        step = reduced.steps[0]
-        unseen[step.p] = np.abs(step.inverse) @ (np.abs(R[step.a]) + rounding[step.a])
-        size, charged = np.abs(T), bool(pencil.mass[:, step.p].any())
-        coupled = _product(K[:, step.p].T, W.T).T
-        doubt = weights @ pencil.pull[:, step.p]
+    if reduced.first is not None:
+        a, p, inverse = reduced.first
+        unseen[p] = np.abs(inverse) @ (np.abs(R[a]) + rounding[a])
+        size, charged = np.abs(T), bool(pencil.mass[:, p].any())
+        coupled = _product(K[:, p].T, W.T).T
+        doubt = weights @ pencil.pull[:, p]
         if charged:
-            WM = _product(M[:, step.p].T, W.T).T
+            WM = _product(M[:, p].T, W.T).T
             coupled = (np.diag(T)[:, None] * WM if single else T @ WM) - coupled
-            doubt += size @ (weights @ pencil.mass[:, step.p])
+            doubt += size @ (weights @ pencil.mass[:, p])
         lost = np.abs(coupled) + ROUNDED * doubt
-        E = E + lost @ unseen[step.p]
+        E = E + lost @ unseen[p]
         if charged:
-            moved = np.abs(WM) @ unseen[step.p]
+            moved = np.abs(WM) @ unseen[p]
             far = np.abs(np.diag(T)[:, None] - np.diag(T))
             E = E + (far + np.where(group[:, None] == group, size, 0.0)) * moved
             mixed = mixed + moved

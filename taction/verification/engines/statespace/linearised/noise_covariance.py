@@ -45,7 +45,7 @@ from taction.verification.engines.statespace.equations.descriptor import Descrip
 from taction.verification.engines.statespace.equations.mirror_symmetry import block_diagonal
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.reduction import ROUNDED
-from taction.verification.engines.statespace.linearised.state_space import StateSpace, driven
+from taction.verification.engines.statespace.linearised.state_space import StateSpace, linearise
 
 
 def noise_intensities(
@@ -168,7 +168,7 @@ def output_noise(board: LinearBoard, lowest: float = 0.0) -> tuple[Floats, Float
     live = np.flatnonzero(density.diagonal())
     inputs = np.zeros((descriptor.size, SOURCES + len(live)))
     inputs[live, SOURCES + np.arange(len(live))] = 1.0
-    space = driven(descriptor, board.operating_point, inputs)
+    space = linearise(descriptor, board.operating_point, inputs)
     poles = board.state_space.modes.poles
     if not len(poles):
         raise EngineError("a board without poles does not limit the bandwidth of its noise")

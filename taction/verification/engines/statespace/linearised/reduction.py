@@ -100,35 +100,22 @@ def graded(pencil: Pencil, exact: NDArray[np.longdouble]) -> Pencil:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Elimination:
-    """One step: the equations `a`, which have no charge, determine the unknowns `p`.
-
-    The rows were multiplied with `turn` before; `d` are the other equations. `inverse` is that of
-    K[a, p]; `mass` and `pull` are M[d, p] and K[d, p].
-    """
-
-    turn: Floats | None
-    a: Ints
-    d: Ints
-    p: Ints
-    inverse: Floats
-    mass: Floats
-    pull: Floats
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Reduced:
     """``x' = A x + B u``, ``z = C x + D u``, ``x = charge z`` of one pencil.
 
     `seen` (k, n) are the unknowns y of the states, `left` (n, k) what multiplies the equations to
-    those of the states, `inverse_mass` the inverse of the last M, `places` the
-    places of the states among the unknowns y (None where the states are combinations), and
-    `decided` tells whether condition numbers leave no doubt about the number n of the states.
+    those of the states, `places` the places of the states among the unknowns y (None where the
+    states are combinations), and `decided` tells whether condition numbers leave no doubt about the
+    number n of the states.
     """
 
     pencil: Pencil
-    steps: tuple[Elimination, ...]
-    inverse_mass: Floats
+    # Coefficients L_k (n, k) of ``w (L_0 + s L_1 + ...)``, which extends left vectors w of A to the
+    # pencil: an equation without charge that determines an unknown with charge adds a power of s.
+    powers: tuple[Floats, ...]
+    # The first step: its equations, the unknowns that these determine, and the inverse of K there;
+    # None without a step, or where equations were combined before it.
+    first: tuple[Ints, Ints, Floats] | None
     A: Floats
     B: Floats
     C: Floats
@@ -140,26 +127,16 @@ class Reduced:
     decided: bool
 
     def lefts(self, s: NDArray[Any], w: NDArray[Any]) -> NDArray[Any]:
-        """Return left vectors (m, k) of the pencil from those of A: ``w A = s w``, (m, n).
-
-        `s` (m, m): an equation without charge that determines an unknown with charge has a part
-        that is linear in it.
-        """
-        return lefts(self.steps, self.inverse_mass, s, w)
+        """Return left vectors (m, k) of the pencil from those of A: ``w A = s w``, (m, n)."""
+        return extended(self.powers, s, w)
 
 
-def lefts(
-    steps: Sequence[Elimination], inverse_mass: Floats, s: NDArray[Any], w: NDArray[Any]
-) -> NDArray[Any]:
-    """See `Reduced`."""
-    w = w @ inverse_mass
-    for step in reversed(steps):
-        full = np.zeros((len(w), len(step.a) + len(step.d)), dtype=w.dtype)
-        full[:, step.d] = w
-        moved = s @ (w @ step.mass) if step.mass.any() else 0.0
-        full[:, step.a] = (moved - w @ step.pull) @ step.inverse
-        w = full if step.turn is None else full @ step.turn
-    return w
+def extended(powers: Sequence[Floats], s: NDArray[Any], w: NDArray[Any]) -> NDArray[Any]:
+    """Return ``w L_0 + s w L_1 + s s w L_2 + ...`` for matrices s (m, m) and w (m, n)."""
+    found = w @ powers[-1]
+    for L in powers[-2::-1]:
+        found = w @ L + s @ found
+    return found
 
 
 class _Reduction:
@@ -170,8 +147,9 @@ class _Reduction:
         size = len(self.M)
         self.C, self.D = np.eye(size), np.zeros_like(self.b)
         self.jump = np.zeros((2, *self.b.shape))  # charges by each input's rate, with sizes
-        self.steps = list[Elimination]()
+        self.powers, self.first = [np.eye(size)], None
         self.left = np.arange(size)  # unknowns that stay
+        self.charges_jump = False  # whether a step determined unknowns with charge
         self.worst = 1.0  # condition number of what was inverted
         self.turned = self.graded = False
 
@@ -202,6 +180,7 @@ class _Reduction:
         self.M = np.zeros((size, size))
         self.M[:rank, q] = U[:rank]
         self.K, self.b = turn @ self.K, turn @ self.b
+        self.powers = [turn @ L for L in self.powers]
         self.jump = np.stack([turn @ self.jump[0], np.abs(turn) @ self.jump[1]])
         self.worst, self.turned = math.inf, True
         return turn, np.arange(size) < rank
@@ -239,11 +218,23 @@ class _Reduction:
                 self.worst = math.inf
             self.M[np.abs(self.M) < 4.0 * ROUNDED * sizes] = 0.0
             self.turned = True
+        if self.left.size == len(self.C) and turn is None:
+            self.first = a, p, inverse
+        self._extend(a, d, pull @ inverse, mass @ inverse)
         own = self.C[:, p]
         self.D = self.D + own @ given
         self.C = self.C[:, q] + own @ P
         self.left = self.left[q]
-        self.steps.append(Elimination(turn, a, d, p, inverse, mass, pull))
+
+    def _extend(self, a: Ints, d: Ints, pull: Floats, mass: Floats) -> None:
+        """Put the equations `a` into the others; those with `mass` as rates."""
+        powers = [L[d] - pull @ L[a] for L in self.powers]
+        if mass.any():
+            self.charges_jump = True
+            powers.append(np.zeros_like(powers[0]))
+            for k, L in enumerate(self.powers):
+                powers[k + 1] += mass @ L[a]
+        self.powers = powers
 
 
 def reduce_pencil(
@@ -265,14 +256,15 @@ def reduce_pencil(
     rates += inverse_mass @ (right - work.M @ rates)
     n = len(work.M)
     A, B, C, D = rates[:, :n], rates[:, n:], work.C, work.D
-    L = lefts(work.steps, inverse_mass, A, np.eye(n))
-    if any(step.mass.any() for step in work.steps):  # the step itself charges what it reaches
+    powers = tuple(inverse_mass @ L for L in work.powers)
+    L = extended(powers, A, np.eye(n))
+    if work.charges_jump:  # the step itself charges what it reaches
         D = D - C @ (L @ (pencil.M @ D))
         B = L @ pencil.b
     return Reduced(
         pencil=pencil,
-        steps=tuple(work.steps),
-        inverse_mass=inverse_mass,
+        powers=powers,
+        first=work.first,
         A=A,
         B=B,
         C=pencil.basis @ C,

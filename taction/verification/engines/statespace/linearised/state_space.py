@@ -7,6 +7,7 @@ descriptor equations are eliminated, and recovered with all others in z.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -119,11 +120,14 @@ class StateSpace:
         return C, D
 
 
-def linearise(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
+def linearise(
+    descriptor: Descriptor, point: Equilibrium | None, inputs: Floats | None = None
+) -> StateSpace:
     """Linearise a board at a point, which only boards with behavioural amplifiers need.
 
     For other boards the result is exact. The matrices are dense, and x is a vector of voltages, not
-    of deviations. Costs a few dense factorisations of all unknowns.
+    of deviations. With `inputs`, currents (or voltages) into rows, (size, k), these take the place
+    of the two inputs. Costs a few dense factorisations of all unknowns.
 
     EngineError: the equations have no state-space form (a node without any path, or charges that
       are not free, such as a loop of capacitors and voltage sources).
@@ -135,7 +139,7 @@ def linearise(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
         value = gain_of(devices.kinds).value(v / devices.v_scale)
         slopes = board.stiffness[devices.output, devices.input]
         b[devices.output, 1] += -devices.u_scale * value - slopes * v
-    return _state_space(LinearEquations(descriptor, board, b))
+    return _state_space(descriptor, board, b if inputs is None else inputs)
 
 
 def linear_matrices(descriptor: Descriptor, point: Equilibrium | None) -> DenseMatrix:
@@ -145,15 +149,6 @@ def linear_matrices(descriptor: Descriptor, point: Equilibrium | None) -> DenseM
     devices, K = descriptor.devices, descriptor.dense.stiffness.copy()
     K[devices.output, devices.input] += evened(point.slopes, devices.output, descriptor.mirror)
     return descriptor.dense.with_stiffness(K)
-
-
-def driven(descriptor: Descriptor, point: Equilibrium | None, inputs: Floats) -> StateSpace:
-    """Return the state space with other inputs: currents (or voltages) into rows, (size, k).
-
-    EngineError: as `linearise`.
-    """
-    board = linear_matrices(descriptor, point)
-    return _state_space(LinearEquations(descriptor, board, inputs))
 
 
 def open_loop(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
@@ -170,35 +165,24 @@ def open_loop(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
     b[:, 0], b[:, 1] = descriptor.switched, descriptor.constant
     b[devices.output, 2 + np.arange(devices.count)] = 1.0
     image = linear_matrices(descriptor, point).image
-    board = replace(descriptor.dense, image=image)
-    return _state_space(LinearEquations(descriptor, board, b))
+    return _state_space(descriptor, replace(descriptor.dense, image=image), b)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LinearEquations:
-    """Linear equations of a board, with the inputs b (size, k) of their state space."""
-
-    descriptor: Descriptor
-    board: DenseMatrix
-    b: Floats
-
-
-def _state_space(system: LinearEquations) -> StateSpace:
-    """Eliminate unknowns without charge, and count the states again where rounding has a say."""
-    return _with_sure_poles(system, _eliminated(system))
-
-
-def _with_sure_poles(system: LinearEquations, found: StateSpace) -> StateSpace:
-    """Return a state space whose poles are counted, or raise EngineError.
+def _state_space(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> StateSpace:
+    """Eliminate unknowns without charge, and count the states again where rounding has a say.
 
     A topology's board is known to have the states that its design gives it.
     """
-    descriptor = system.descriptor
+    found = None
+    if board.image is not None:
+        with contextlib.suppress(EngineError):  # the message must name unknowns of the whole board
+            found = _of_halves(descriptor, board, b)
+    found = found or _of_whole(descriptor, board, b)
     if not descriptor.has_branches or all(block.decided for block in found.blocks):
         return found
     if len(found.blocks) > 1:
-        found = _whole(system)
-    count = finite_poles(descriptor, _slopes(system))
+        found = _of_whole(descriptor, board, b)
+    count = finite_poles(descriptor, _slopes(descriptor, board))
     if count > found.n:
         found = replace(found, lost=count - found.n)
     elif count < found.n:
@@ -212,59 +196,53 @@ def _with_sure_poles(system: LinearEquations, found: StateSpace) -> StateSpace:
     return found
 
 
-def _slopes(system: LinearEquations) -> Floats:
+def _slopes(descriptor: Descriptor, board: DenseMatrix) -> Floats:
     """Return the slopes of the amplifiers that its matrices have, (m,)."""
-    devices = system.descriptor.devices
-    change = system.board.stiffness - system.descriptor.dense.stiffness
+    devices = descriptor.devices
+    change = board.stiffness - descriptor.dense.stiffness
     return np.asarray(change[devices.output, devices.input])
 
 
-def _eliminated(system: LinearEquations) -> StateSpace:
-    """Eliminate unknowns without charge in each block."""
-    if system.board.image is None:
-        return _whole(system)
-    try:
-        even, odd = _blocks(system)
-    except EngineError:  # the message must name unknowns of the whole board
-        return _whole(system)
-    pairs, places, own = len(odd.A), _places(system, 0, even), _places(system, 1, odd)
-    if places is None or own is None or not (pairs and np.array_equal(places[:pairs], own)):
-        return _whole(system)
-    names, image = system.descriptor.names, system.board.image
-    first = [names[place] for place in places.tolist()]
-    second = [names[place] for place in image[places].tolist()]
+def _of_halves(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> StateSpace | None:
+    """Return the state space by the even and the odd part; None if they are not those of pairs."""
+    even, odd = _reduced(descriptor, board, b)
+    if even.places is None or odd.places is None or board.image is None:
+        return None
+    pairs, names = len(odd.A), descriptor.names
+    if not (pairs and np.array_equal(even.places[:pairs], odd.places)):
+        return None
+    first = [names[place] for place in even.places.tolist()]
+    second = [names[place] for place in board.image[even.places].tolist()]
     states = [a if a == b else f"{a}+{b}" for a, b in zip(first, second, strict=True)]
     states += [f"{a}-{b}" for a, b in zip(first[:pairs], second, strict=False)]
-    return StateSpace(system.descriptor, tuple(states), (even, odd))
+    return StateSpace(descriptor, tuple(states), (even, odd))
 
 
-def _whole(system: LinearEquations) -> StateSpace:
-    """Eliminate unknowns without charge from all equations at once."""
-    system = replace(system, board=replace(system.board, image=None))
-    (found,) = _blocks(system)
-    places, names = _places(system, 0, found), system.descriptor.names
-    if places is None:
-        charged = tuple(f"charge{k + 1}" for k in range(len(found.A)))
+def _of_whole(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> StateSpace:
+    """Return the state space by all equations at once."""
+    (found,) = _reduced(descriptor, replace(board, image=None), b)
+    if found.places is None:
+        states = tuple(f"charge{k + 1}" for k in range(len(found.A)))
     else:
-        charged = tuple(names[place] for place in places.tolist())
-    return StateSpace(system.descriptor, charged, (found,))
+        states = tuple(descriptor.names[place] for place in found.places.tolist())
+    return StateSpace(descriptor, states, (found,))
 
 
-def _places(system: LinearEquations, part: int, found: Reduced) -> Ints | None:
-    """Return the places of the states among all unknowns."""
-    return None if found.places is None else system.board.blocks[part].places[found.places]
+def _reduced(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> list[Reduced]:
+    """Eliminate in each block of the equations; rounding is relative to the terms of M and K.
 
-
-def _blocks(system: LinearEquations) -> list[Reduced]:
-    """Eliminate in each block of the equations."""
-    descriptor, found = system.descriptor, list[Reduced]()
-    masses, pulls = _sizes(system)
-    for part in system.board.blocks:
+    In a circuit of any parts they may cancel.
+    """
+    found, slopes = list[Reduced](), _slopes(descriptor, board)
+    masses, pulls = np.abs(board.mass), np.abs(board.stiffness)
+    if descriptor.has_branches:
+        masses, pulls = descriptor.summed(np.abs, slopes)
+    for part in board.blocks:
         places, basis = part.places, part.basis
         pencil = Pencil(
             M=part.mass,
             K=part.stiffness,
-            b=part.left @ system.b,
+            b=part.left @ b,
             mass=masses[places] @ np.abs(basis),
             pull=pulls[places] @ np.abs(basis),
             basis=basis,
@@ -272,16 +250,11 @@ def _blocks(system: LinearEquations) -> list[Reduced]:
         )
 
         def exact(places: Ints = places, basis: Floats = basis) -> NDArray[np.longdouble]:
-            M, _ = descriptor.summed(lambda x: x.astype(np.longdouble), _slopes(system))
+            M, _ = descriptor.summed(lambda x: x.astype(np.longdouble), slopes)
             return np.asarray(M[places] @ basis)
 
         names = [descriptor.names[place] for place in places.tolist()]
-        found.append(reduce_pencil(pencil, names, exact))
+        reduced = reduce_pencil(pencil, names, exact)
+        states = None if reduced.places is None else places[reduced.places]
+        found.append(replace(reduced, places=states))
     return found
-
-
-def _sizes(system: LinearEquations) -> tuple[Floats, Floats]:
-    """Return the sizes of the terms of M and K: in a circuit of any parts they may cancel."""
-    if system.descriptor.has_branches:
-        return system.descriptor.summed(np.abs, _slopes(system))
-    return np.abs(system.board.mass), np.abs(system.board.stiffness)
