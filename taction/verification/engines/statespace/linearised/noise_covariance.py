@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -44,6 +44,7 @@ from taction.verification.engines.statespace.equations.cell_stamps import (
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.equations.mirror_symmetry import block_diagonal
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.linearised.modes import Modes
 from taction.verification.engines.statespace.linearised.reduction import ROUNDED
 from taction.verification.engines.statespace.linearised.state_space import StateSpace, linearise
 
@@ -132,7 +133,6 @@ def _places(descriptor: Descriptor, names: Iterable[str]) -> Ints:
 HIDDEN = "rounding hides the noise: the poles of the board are too far apart"
 DIRECT = 1e-9  # of the variance: direct noise in the band of the board that counts as rounding
 MOST = 1200  # unknowns: some seconds, in which the dense matrices are decomposed
-FEW = 12  # states of which a linear system of all elements of P is inverted
 REFINED = 3  # solutions: the first, and its refinements
 BALANCING = 8  # sweeps
 SOURCES = 2  # columns of the equations of a board before those of the noise
@@ -169,7 +169,8 @@ def output_noise(board: LinearBoard, lowest: float = 0.0) -> tuple[Floats, Float
     inputs = np.zeros((descriptor.size, SOURCES + len(live)))
     inputs[live, SOURCES + np.arange(len(live))] = 1.0
     space = linearise(descriptor, board.operating_point, inputs)
-    poles = board.state_space.modes.poles
+    modes = board.state_space.modes
+    poles = modes.poles
     if not len(poles):
         raise EngineError("a board without poles does not limit the bandwidth of its noise")
     lead = float(poles.real.max(initial=-1.0))
@@ -181,12 +182,12 @@ def output_noise(board: LinearBoard, lowest: float = 0.0) -> tuple[Floats, Float
     C, D = space.rows([out.node for out in outputs])
     B, D = space.B[:, SOURCES:], D[:, SOURCES:]
     w, fastest = math.tau * lowest, float(np.abs(poles).max(initial=0.0))
-    sizes = _sizes(space)
-    variance, error = _variance(space.A, B @ W @ B.T, C, _white(w) if w else None, sizes)
+    equation = Covariance.of(space.A, modes, _sizes(space))
+    variance, error = equation.variance(B @ W @ B.T, C, _white(w) if w else None)
     direct = np.einsum("ki,ij,kj->k", D, W, D) * fastest
     if flicker.any():
         V = flicker[live]
-        more, doubt = _variance(space.A, (B * V) @ B.T, C, _flicker(w), sizes)
+        more, doubt = equation.variance((B * V) @ B.T, C, _flicker(w))
         variance, error = variance + more, error + doubt
         direct += 2.0 * math.log1p(fastest / w) * (D**2 @ V)
     if (endless := np.flatnonzero(direct > DIRECT * np.abs(variance))).size:
@@ -215,36 +216,73 @@ def _flicker(w: float) -> Weight:
     return lambda poles: -4.0 / poles * np.log1p(1j * poles / w)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Covariance:
+    """Solver of ``A P + P A^T = -Q`` by the modes of A, in the units of `balance`."""
+
+    A: Floats
+    scale: Floats  # the units, (n,)
+    sizes: Floats  # (2, n, n): those to which the rounding of A is relative
+    poles: Complexes
+    right: Complexes
+    left: Complexes
+
+    @classmethod
+    def of(cls, A: Floats, modes: Modes, sizes: Floats) -> Covariance:
+        """Prepare A with its modes; groups of them are taken apart again."""
+        scale = balance(A)
+        A = A * scale / scale[:, None]
+        poles, right, left = modes.poles, modes.right / scale[:, None], modes.left * scale
+        if not modes.alone.all():
+            poles, right = np.linalg.eig(A)
+            left = np.linalg.inv(right)
+        return cls(A, scale, sizes * scale / scale[:, None], poles, right, left)
+
+    def solve(self, Q: Floats, *, adjoint: bool = False) -> Floats:
+        """Return P; with `adjoint` that of ``A^T P + P A = -Q``. The solution is refined."""
+        A, V, W = self.A, self.right, self.left
+        if adjoint:
+            A, V, W = A.T, W.T, V.T
+        P, remainder = np.zeros_like(Q), Q
+        for _ in range(REFINED):
+            X = (W @ remainder @ W.conj().T) / -(self.poles[:, None] + self.poles.conj())
+            step = (V @ X @ V.conj().T).real
+            P = P + 0.5 * (step + step.T)
+            product = A @ P
+            remainder = product + product.T + Q
+        return P
+
+    def variance(self, Q: Floats, C: Floats, weight: Weight | None = None) -> tuple[Floats, float]:
+        """Return ``C P C^T`` by rows of C, and a bound on each error.
+
+        With a `weight`, P is weighted with this function of A.
+        """
+        Q, C, doubt = Q / np.outer(self.scale, self.scale), C * self.scale, 0.0
+        P, Y = self.solve(Q), self.solve(C.T @ C, adjoint=True)
+        remainder = self.remainder(P, Q)
+        if weight is not None:
+            first, second = _weights(self.A, weight), _weights(self.A.T.copy(), weight).T
+            off = np.einsum("ki,ij,kj->k", C, (first - second) @ P, C)
+            doubt = float(np.abs(off).max(initial=0.0))
+            P, Y = first @ P, Y @ first
+        variance = np.einsum("ki,ij,kj->k", C, P, C)
+        reach = np.sqrt(np.maximum(Y.diagonal(), 0.0))
+        doubt += abs(float(variance.sum() - np.sum(Q * Y)))
+        return variance, float(reach @ remainder @ reach + doubt)
+
+    def remainder(self, P: Floats, Q: Floats) -> Floats:
+        """Bound the elements of ``A P + P A^T + Q``, with the rounding of A, P and Q."""
+        A, product, size = self.A, self.A @ P, np.abs(self.A) @ np.abs(P)
+        rounding = len(A) * EPS * (size + size.T + np.abs(Q))
+        stamped = ROUNDED * (self.sizes[0] @ np.abs(P) + self.sizes[1] @ np.abs(product))
+        return np.asarray(np.abs(product + product.T + Q) + rounding + stamped + stamped.T)
+
+
 def _weights(A: Floats, weight: Weight) -> Floats:
     """Return the real part of a function of A, by its modes."""
     poles, right = np.linalg.eig(A)
     weighted = np.linalg.solve(right.T, (right * weight(poles)).T).T
     return np.asarray(weighted.real)
-
-
-def _variance(
-    A: Floats, Q: Floats, C: Floats, weight: Weight | None = None, sizes: Floats | None = None
-) -> tuple[Floats, float]:
-    """Return ``C P C^T`` of ``A P + P A^T = -Q``, by rows of C, and a bound on each error.
-
-    `sizes` (2, n, n) are those to which the rounding of A is relative (0 if it has none). With a
-    `weight`, P is weighted with this function of A.
-    """
-    scale = balance(A)
-    sizes = np.zeros((2, *A.shape)) if sizes is None else sizes
-    A = A * scale / scale[:, None]
-    equation = _Lyapunov(A)
-    Q, C = Q / np.outer(scale, scale), C * scale
-    P = equation.solve(Q)
-    Y = equation.solve(C.T @ C, adjoint=True)
-    remainder, doubt = _remainder(A, P, Q, sizes * scale / scale[:, None]), 0.0
-    if weight is not None:
-        first, second = _weights(A, weight), _weights(A.T.copy(), weight).T
-        doubt = float(np.abs(np.einsum("ki,ij,kj->k", C, (first - second) @ P, C)).max(initial=0.0))
-        P, Y = first @ P, Y @ first
-    variance = np.einsum("ki,ij,kj->k", C, P, C)
-    reach = np.sqrt(np.maximum(Y.diagonal(), 0.0))
-    return variance, float(reach @ remainder @ reach + abs(variance.sum() - np.sum(Q * Y)) + doubt)
 
 
 def balance(A: Floats) -> Floats:
@@ -259,46 +297,6 @@ def balance(A: Floats) -> Floats:
     return np.asarray(np.exp2(np.round(np.log2(scale))))
 
 
-class _Lyapunov:
-    """Solver of ``A P + P A^T = -Q``, with refinement.
-
-    Of up to `FEW` states it inverts the linear map of all elements of P, which is as stable as the
-    method of Bartels and Stewart for more of them, and needs no `scipy.linalg`.
-    """
-
-    def __init__(self, A: Floats) -> None:
-        self.A = A
-        if len(A) <= FEW:
-            one = np.eye(len(A))
-            self.inverse = np.linalg.inv(np.kron(A, one) + np.kron(one, A))
-            return
-        from scipy.linalg import get_lapack_funcs, schur
-
-        decomposed: Any = schur(A, output="real")
-        self.T, self.U = decomposed
-        self.trsyl: Any = get_lapack_funcs("trsyl", (self.T,))
-
-    def solve(self, Q: Floats, *, adjoint: bool = False) -> Floats:
-        """Return P; with `adjoint` that of ``A^T P + P A = -Q``."""
-        A = self.A.T if adjoint else self.A
-        P, left = np.zeros_like(Q), Q
-        for _ in range(REFINED):
-            step = self._step(left, adjoint)
-            P = P + 0.5 * (step + step.T)
-            product = A @ P
-            left = product + product.T + Q
-        return P
-
-    def _step(self, Q: Floats, adjoint: bool) -> Floats:
-        """Return P without refinement."""
-        if len(Q) <= FEW:
-            inverse = self.inverse.T if adjoint else self.inverse
-            return np.asarray(-(inverse @ Q.ravel()).reshape(Q.shape))
-        kinds = {"trana": "T"} if adjoint else {"tranb": "T"}
-        Y, scale, _ = self.trsyl(self.T, self.T, -self.U.T @ Q @ self.U, **kinds)
-        return np.asarray(self.U @ (Y * scale) @ self.U.T)
-
-
 def _sizes(space: StateSpace) -> Floats:
     """Return the sizes of the terms of A, and of the charges that a unit of ``x'`` moves."""
     parts = []
@@ -306,11 +304,3 @@ def _sizes(space: StateSpace) -> Floats:
         pencil, L, seen = block.pencil, np.abs(block.left), np.abs(block.seen)
         parts.append((L @ pencil.pull @ seen, L @ pencil.mass @ seen))
     return np.stack([block_diagonal(each) for each in zip(*parts, strict=True)])
-
-
-def _remainder(A: Floats, P: Floats, Q: Floats, sizes: Floats) -> Floats:
-    """Return bounds on the elements of ``A P + P A^T + Q``, with the rounding of A, P and Q."""
-    product, size = A @ P, np.abs(A) @ np.abs(P)
-    rounding = len(A) * EPS * (size + size.T + np.abs(Q))
-    stamped = ROUNDED * (sizes[0] @ np.abs(P) + sizes[1] @ np.abs(product))
-    return np.asarray(np.abs(product + product.T + Q) + rounding + stamped + stamped.T)
