@@ -29,8 +29,8 @@ from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import LONGEST_LOG
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients import stepped
+from taction.verification.engines.statespace.transients.dense import record_times
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.engines.statespace.transients.record_times import record_times
 from taction.verification.reference.dynamics import IdealNetwork, ScaledNetwork, ideal_linear
 from taction.verification.verdict.companion import outputs
 from taction.verification.verdict.transient_plan import coarser

@@ -167,7 +167,7 @@ def solve_equilibrium(
         z -= columns @ (devices.u_scale * gain.value(y))
         z[devices.input] = devices.v_scale * y
         z[devices.output] = -devices.u_scale * gain.value(y)
-        if _residual(descriptor, z, drive) > POLISHED:
+        if _found(descriptor, z, drive, 0).residual > POLISHED:
             z = _polish(descriptor, z, drive)
     found = _found(descriptor, z, drive, steps)
     if devices.count and not found.residual <= CERTIFICATE:
@@ -178,42 +178,32 @@ def solve_equilibrium(
 
 
 def _found(descriptor: Descriptor, z: Floats, drive: Floats, steps: int) -> Equilibrium:
-    slopes, _ = _linearised(descriptor, z, drive)
-    return Equilibrium(descriptor, z, slopes, _residual(descriptor, z, drive), steps)
-
-
-def limited_equilibrium(
-    descriptor: Descriptor, z: Floats, *, sources_on: bool
-) -> Equilibrium | None:
-    """Return the equilibrium with limits of op-amps near that without them, or None.
-
-    A small board that rests beyond a limit is followed in time from zero.
-    """
-    near = equilibrium_near(descriptor, z, sources_on=sources_on)
-    if near is None and not descriptor.is_large:
-        there = _settled(descriptor, descriptor.drive(sources_on=sources_on))
-        near = equilibrium_near(descriptor, there, sources_on=sources_on)
-    return near
+    slopes, F, terms = _balance(descriptor, z, drive)
+    residual = np.max(np.abs(F) / np.where(terms > 0.0, terms, 1.0), initial=0.0)
+    return Equilibrium(descriptor, z, slopes, float(residual), steps)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # the residual judges what comes out
-def equilibrium_near(
+def limited_equilibrium(
     descriptor: Descriptor, z: Floats, *, sources_on: bool = True
 ) -> Equilibrium | None:
     """Return the equilibrium that Newton steps on all unknowns find from z, or None.
 
-    From the equilibrium without the limits of the op-amps it takes one or two steps, unless the
-    board rests beyond a limit.
+    From the equilibrium without the limits of the op-amps it takes one or two steps. A small board
+    that rests beyond a limit is followed in time from zero.
     """
-    drive = descriptor.drive(sources_on=sources_on)
-    z = _polish(descriptor, z, drive)
-    if not np.all(np.isfinite(z)):
-        return None
-    found = _found(descriptor, z, drive, POLISHING)
-    return found if found.residual <= CERTIFICATE else None
+    drive, starts = descriptor.drive(sources_on=sources_on), [lambda: z]
+    if not descriptor.is_large:
+        starts.append(lambda: _settled(descriptor, drive))
+    for start in starts:
+        there = _polish(descriptor, start(), drive)
+        if np.all(np.isfinite(there)):
+            found = _found(descriptor, there, drive, POLISHING)
+            if found.residual <= CERTIFICATE:
+                return found
+    return None
 
 
-@np.errstate(over="ignore", invalid="ignore")  # the residual judges what comes out
 def _settled(descriptor: Descriptor, drive: Floats) -> Floats:
     """Return the unknowns, (size,), after implicit Euler steps from zero with growing lengths.
 
@@ -241,7 +231,7 @@ def _euler(descriptor: Descriptor, drive: Floats, z: Floats, step: float) -> Flo
     """Return the unknowns one step later; None if Newton's method does not converge."""
     mass, x, before = descriptor.dense.mass / step, z, np.inf
     for _ in range(CORRECTIONS):
-        slopes, F = _linearised(descriptor, x, drive)
+        slopes, F, _ = _balance(descriptor, x, drive)
         F -= mass @ (x - z)
         if not np.all(np.isfinite(F)):
             return None
@@ -261,22 +251,12 @@ def tangent(descriptor: Descriptor, z: Floats, *, sources_on: bool = True) -> Eq
 
     EngineError: that linear board has no equilibrium.
     """
-    slopes, F = _linearised(descriptor, z, descriptor.drive(sources_on=sources_on))
+    slopes, F, _ = _balance(descriptor, z, descriptor.drive(sources_on=sources_on))
     try:
         step = _newton_step(descriptor, slopes, F[:, None], np.abs(z))[:, 0]
     except np.linalg.LinAlgError as error:
         raise EngineError("the board with the slopes of its start has no equilibrium") from error
     return Equilibrium(descriptor, z + step, slopes, 0.0, 1)
-
-
-def _linearised(descriptor: Descriptor, z: Floats, drive: Floats) -> tuple[Floats, Floats]:
-    """Return the amplifiers' slopes at z, V/V, and what the equations lack there, (size,)."""
-    devices = descriptor.devices
-    gain = gain_of(devices.kinds)
-    y = np.minimum(z[devices.input] / devices.v_scale, gain.upper)
-    F = descriptor.stiffness_times(z) + drive
-    F[devices.output] -= devices.u_scale * gain.value(y)
-    return -devices.u_scale / devices.v_scale * gain.slope(y), F
 
 
 def _polish(descriptor: Descriptor, z: Floats, drive: Floats) -> Floats:
@@ -285,7 +265,7 @@ def _polish(descriptor: Descriptor, z: Floats, drive: Floats) -> Floats:
     Successive corrections of z reduce every row's residual to the rounding of its terms.
     """
     for _ in range(POLISHING):
-        slopes, F = _linearised(descriptor, z, drive)
+        slopes, F, _ = _balance(descriptor, z, drive)
         z = z + _newton_step(descriptor, slopes, F[:, None], np.abs(z))[:, 0]
     return z
 
@@ -295,8 +275,7 @@ def _newton_step(
 ) -> Floats:
     """Solve ``(K + slopes - mass) dz = -F``, F (size, Q), the unknowns counted in their `size`."""
     if descriptor.is_large:
-        solve = Structure(descriptor, slopes).factor(0.0).solve
-        return np.stack([np.asarray(solve(column)) for column in F.T], axis=1)
+        return np.asarray(Structure(descriptor, slopes).factor(0.0).solve(F))
     J, row, column = scaled_jacobian(descriptor, slopes, size, mass)
     return np.asarray(column * np.linalg.solve(J, -F / row))
 
@@ -317,44 +296,32 @@ def scaled_jacobian(
     return K / row, row, column[:, None]
 
 
-def _residual(descriptor: Descriptor, z: Floats, drive: Floats) -> float:
-    """Largest ``|K z + b + f|`` relative to the terms of its row, z at least `QUIET`."""
-    kept, terms = _cancelling(descriptor, z, drive)
-    return float(np.max(np.abs(kept) / np.where(terms > 0.0, terms, 1.0), initial=0.0))
-
-
 def rounding(rest: Equilibrium) -> Floats:
-    """Return how far rounding of the stamped values moves each unknown, V; shape (size,)."""
-    descriptor, z = rest.descriptor, rest.values
-    terms = _cancelling(descriptor, z, descriptor.drive(sources_on=True))[1]
-    return moved_by_rounding(rest, terms)
+    """Return how far rounding of the stamped values moves each unknown, V; shape (size,).
 
-
-def moved_by_rounding(rest: Equilibrium, terms: Floats) -> Floats:
-    """Return how far rounding of the `terms` that cancel in each row moves the unknowns, V.
-
-    Both have the shape (size,).
+    The rounding of every row, with signs drawn at random, through the linearised equations.
     """
     descriptor, z = rest.descriptor, rest.values
-    # The rounding of every row, with signs drawn at random, through the linearised equations.
+    terms = _balance(descriptor, z, descriptor.drive(sources_on=True))[2]
     draws = np.random.default_rng(1992).standard_normal((descriptor.size, PROBES))
-    noise = EPS * terms[:, None] * draws
-    moved = _newton_step(descriptor, rest.slopes, noise, np.abs(z))
+    moved = _newton_step(descriptor, rest.slopes, EPS * terms[:, None] * draws, np.abs(z))
     return np.asarray(SPREAD * np.abs(moved).max(axis=1))
 
 
 def balance(descriptor: Descriptor, z: Floats) -> Floats:
     """Return ``K z + b + f(z)`` with the sources on, (size,): zero at the equilibrium."""
-    return _cancelling(descriptor, z, descriptor.drive(sources_on=True))[0]
+    return _balance(descriptor, z, descriptor.drive(sources_on=True))[1]
 
 
-def _cancelling(descriptor: Descriptor, z: Floats, drive: Floats) -> tuple[Floats, Floats]:
-    """Return ``K z + b + f`` and the magnitudes that cancel in its rows, z at least `QUIET`."""
-    f = np.zeros(descriptor.size)
-    devices = descriptor.devices
-    if devices.count:
-        value = gain_of(devices.kinds).value(z[devices.input] / devices.v_scale)
-        f[devices.output] = -devices.u_scale * value
+def _balance(descriptor: Descriptor, z: Floats, drive: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the amplifiers' slopes at z, V/V, ``K z + b + f``, and the sizes of its terms.
+
+    In these, z is at least `QUIET`.
+    """
+    devices, f = descriptor.devices, np.zeros(descriptor.size)
+    gain = gain_of(devices.kinds)
+    y = np.minimum(z[devices.input] / devices.v_scale, gain.upper)
+    f[devices.output] = -devices.u_scale * gain.value(y)
     least = np.maximum(np.abs(z), QUIET * np.abs(z).max(initial=0.0))
     if descriptor.is_large:
         kept = descriptor.stiffness_times(z)
@@ -362,4 +329,5 @@ def _cancelling(descriptor: Descriptor, z: Floats, drive: Floats) -> tuple[Float
     else:
         K = descriptor.dense.stiffness
         kept, size = K @ z, np.abs(K) @ least
-    return kept + drive + f, size + np.abs(drive) + np.abs(f)
+    slopes = -devices.u_scale / devices.v_scale * gain.slope(y)
+    return slopes, kept + drive + f, size + np.abs(drive) + np.abs(f)

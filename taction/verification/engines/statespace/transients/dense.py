@@ -1,18 +1,21 @@
-"""Dense output of an integration: its solution between the ends of its steps."""
+"""Instants of a record, and the dense output of an integration between the ends of its steps."""
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
+from taction.netlist_gen.analysis import Transient
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.transients.radau import STAGES
 from taction.verification.engines.statespace.transients.straight_pieces import Switch
 
+ESCAPED = 1e8  # of the board's largest voltage: a board above it has diverged, and the record ends
 # Error over last Legendre coefficient of a mode much faster than a step: the stages are all at its
 # end, so that the coefficient is half of its change; a mode that rings may be off by twice that.
 LAYER = 4.0
@@ -78,3 +81,13 @@ class Dense:
         theta = (times - ends[which]) / (ends[which + 1] - ends[which])
         basis = legvander(2.0 * theta - 1.0, STAGES)
         return np.asarray((pieces[which] @ basis[:, :, None])[:, :, 0])
+
+
+def record_times(analysis: Transient, end: float, times: Floats | None = None) -> Floats:
+    """Return the instants `times` (P,) up to `end`, s; by default a step of at most `max_step`."""
+    if times is None:
+        count = math.ceil(analysis.stop / analysis.max_step * (1.0 - 1e-12)) + 1
+        times = np.linspace(0.0, analysis.stop, count)
+    if end >= times[-1] * (1.0 - 1e-9):
+        return times
+    return np.append(times[times < end], end)

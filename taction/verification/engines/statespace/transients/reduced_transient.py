@@ -40,8 +40,8 @@ from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     initial_unknowns,
 )
+from taction.verification.engines.statespace.transients.dense import record_times
 from taction.verification.engines.statespace.transients.exact import ModalFlow
-from taction.verification.engines.statespace.transients.record_times import record_times
 
 
 @dataclass(frozen=True, slots=True, eq=False)

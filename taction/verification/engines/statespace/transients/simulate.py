@@ -13,8 +13,8 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.transients.dense import record_times
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.engines.statespace.transients.record_times import record_times
 
 ENGINE, METHOD = "statespace", "exact"
 LARGE_TOLERANCE = 1e-5  # of the outputs of a large linear board, in step amplitudes

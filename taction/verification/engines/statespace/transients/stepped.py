@@ -25,7 +25,7 @@ from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     initial_unknowns,
 )
-from taction.verification.engines.statespace.transients.dense import Dense
+from taction.verification.engines.statespace.transients.dense import ESCAPED, Dense, record_times
 from taction.verification.engines.statespace.transients.modal_steps import (
     ModalBoards,
     StateBoard,
@@ -33,7 +33,6 @@ from taction.verification.engines.statespace.transients.modal_steps import (
 )
 from taction.verification.engines.statespace.transients.radau import NODES, STAGES, TABLE
 from taction.verification.engines.statespace.transients.radau_integrator import Integration
-from taction.verification.engines.statespace.transients.record_times import ESCAPED, record_times
 from taction.verification.engines.statespace.transients.straight_pieces import (
     Amplifiers,
     Batch,
