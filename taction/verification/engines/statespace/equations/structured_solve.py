@@ -253,14 +253,6 @@ class Structure:
         """Return the voltages for charges ``M z``, at a `rate` (1/s) far above all poles."""
         return np.asarray(rate * self.factor(rate).solve(charge))
 
-    def stiffness_times(self, z: Floats) -> Floats:
-        """Return ``K z`` with the amplifiers' slopes, (size,)."""
-        product = self.local @ z
-        for part in self.descriptor.couplings:
-            product[part.sinks] += part.conductance @ z[part.drivers]
-            product[part.drivers] += (part.conductance.T @ z[part.sinks]) * part.loaded
-        return np.asarray(product)
-
     def solver(self, shift: complex) -> Callable[[Any], Any]:
         """Return ``r -> x`` at a shift; a second transient of the board finds it ready.
 
@@ -423,9 +415,27 @@ def dense_response(descriptor: Descriptor) -> Response:
     def unrefined(r: Floats) -> Floats:
         return np.asarray(sum(one.basis @ (inverse @ (one.left @ r)) for one, inverse in parts))
 
+    return _refined(descriptor, unrefined, lambda z: K @ z)
+
+
+def structured_response(structure: Structure) -> Response:
+    """Prepare the same by structured solves."""
+    solve, times = structure.factor(0.0).solve, structure.descriptor.stiffness_times
+
+    def product(z: Floats) -> Floats:
+        return times(z) if z.ndim == 1 else np.stack([times(each) for each in z.T], axis=1)
+
+    return _refined(structure.descriptor, lambda r: np.asarray(-solve(r)), product)
+
+
+def _refined(
+    descriptor: Descriptor, unrefined: Callable[[Floats], Floats], K: Callable[[Floats], Floats]
+) -> Response:
+    """Return solutions with one refinement."""
+
     def solve(r: Floats) -> Floats:
         z = unrefined(r)
-        return z + unrefined(r - K @ z)
+        return z + unrefined(r - K(z))
 
     # -v_out + a = 0 in a device's row: a unit output is a right-hand side of -1.
     unit = np.zeros((descriptor.size, descriptor.devices.count))
@@ -455,19 +465,3 @@ def _undetermined(K: Floats, names: tuple[str, ...]) -> EngineError:
     worst = names[int(np.argmax(np.abs(null_vector)))]
     message = f"the DC equations do not determine node {worst!r} (no DC path, or no feedback)"
     return EngineError(message)
-
-
-def structured_response(structure: Structure) -> Response:
-    """Prepare the same by structured solves, one for each amplifier."""
-    descriptor, solve_shifted = structure.descriptor, structure.factor(0.0).solve
-
-    def solve(r: Floats) -> Floats:
-        z = -solve_shifted(r)
-        return np.asarray(z - solve_shifted(r - descriptor.stiffness_times(z)))
-
-    columns = np.zeros((descriptor.size, descriptor.devices.count))
-    for k, place in enumerate(descriptor.devices.output.tolist()):
-        unit = np.zeros(descriptor.size)
-        unit[place] = -1.0
-        columns[:, k] = -solve_shifted(unit)
-    return solve, columns

@@ -87,20 +87,20 @@ class Integration(Batch):
         self.noise = np.zeros(self.now.shape)  # what rounding makes of the watched voltages, V
         self.far = self.reported.distance(self.now)  # a reported voltage from rest, V
 
-    def run(self, max_steps: int = MAX_STEPS, most_switches: int = MOST_SWITCHES) -> None:
+    def run(self, max_steps: int = MAX_STEPS) -> None:
         """Integrate to `stop` or beyond it, or until a voltage passes the limit.
 
         An output has a `failure` where the solution leaves the range of floats, the step
-        underflows, or there are more than `max_steps` or `most_switches`.
+        underflows, or there are more than `max_steps` or `MOST_SWITCHES`.
         """
         self._find_pieces()
-        work = self._left(max_steps, most_switches)
+        work = self._left(max_steps)
         while len(work.t):
             work._attempt()
             reached(float((work.t / work.stop).min()))
-            work = work._left(max_steps, most_switches)
+            work = work._left(max_steps)
 
-    def _left(self, max_steps: int, most_switches: int) -> Integration:
+    def _left(self, max_steps: int) -> Integration:
         """Return the boards that have not ended."""
         kept = []
         for row, out in enumerate(self.out):
@@ -110,9 +110,9 @@ class Integration(Batch):
                 continue
             if out.steps > max_steps:
                 out.failure = f"{max_steps} steps did not reach {stop!r} s (now {t!r} s)"
-            elif len(out.switches) > most_switches:
+            elif len(out.switches) > MOST_SWITCHES:
                 out.failure = (
-                    f"the amplifiers switch more than {most_switches} times before {t:.3g} s; a"
+                    f"the amplifiers switch more than {MOST_SWITCHES} times before {t:.3g} s; a"
                     " shorter analysis.stop ends the record earlier"
                 )
             else:
@@ -137,7 +137,7 @@ class Integration(Batch):
         jumping = self.board.jumping(self.slopes)
         for row in np.flatnonzero(rows).tolist():
             out, segments = self.out[row], tuple(self.segments[row].tolist())
-            out.switches.append(Switch(float(self.t[row]), segments, self.state[row].copy()))
+            out.switches.append(Switch(float(self.t[row]), segments))
             if jumping[row]:
                 out.failure = JUMPS
 

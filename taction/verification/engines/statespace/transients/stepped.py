@@ -36,8 +36,6 @@ from taction.verification.engines.statespace.transients.radau_integrator import 
 from taction.verification.engines.statespace.transients.straight_pieces import (
     Amplifiers,
     Batch,
-    LimitCycle,
-    limit_cycle,
 )
 from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
 
@@ -45,7 +43,6 @@ METHOD = "Radau IIA"
 TOLERANCE = 1e-9  # of a step, in step amplitudes
 FLOOR = 1e-3  # of the board's largest voltage: the least voltage to which errors are relative
 REPEATED = 1.0 / 16.0  # of the tolerance: what a run with half the steps leaves of its iterations
-FOLLOWED, LATER = 100, 30.0  # switches, times the record: how far a limit cycle is looked for
 # Of the coefficients of a board, relative. Between straight pieces no amplifier makes a slow mode
 # faster, so the rounding of all its life adds up.
 ROUNDED = {False: EPS, True: 4.0 * EPS}
@@ -392,23 +389,10 @@ def _record(task: Task, curve: SteppedCurve) -> Waveforms:
     if task.resolved:
         instants = curve.points()
     flags = (diverges,) * dense.escaped
-    cycle = None if dense.escaped else _cycle(task, dense)
-    waveforms = _waveforms(curve, instants, flags if cycle is None else (*flags, str(cycle)))
+    waveforms = _waveforms(curve, instants, flags)
     if task.times is not None and dense.escaped:
         raise DivergesError(diverges, waveforms)
     return waveforms
-
-
-def _cycle(task: Task, dense: Dense) -> LimitCycle | None:
-    """Return the cycle in which straight pieces end; an unstable board may reach it later."""
-    found = limit_cycle(dense.switches) if dense.switches else None
-    if found or not dense.switches or task.board.state_space.modes.poles[0].real <= 0.0:
-        return found
-    later = SteppedCurve.of(task).work
-    later.stop = LATER * later.stop
-    later.run(most_switches=FOLLOWED)
-    out: Dense = later.out[0]
-    return None if out.escaped else limit_cycle(out.switches)
 
 
 def _waveforms(curve: SteppedCurve, instants: Floats, flags: tuple[str, ...]) -> Waveforms:

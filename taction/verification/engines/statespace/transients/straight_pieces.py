@@ -21,7 +21,6 @@ import numpy as np
 from numpy.polynomial.legendre import legroots, legval, legvander
 
 from taction.system.array_types import EPS, Complexes, Floats, Ints
-from taction.system.quantities import show
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, Gain, gain_of
 from taction.verification.engines.statespace.equations.descriptor import Devices
 from taction.verification.engines.statespace.transients.radau import NODES, STAGES, TABLE
@@ -172,8 +171,6 @@ JUMPS = (
     " several voltages for one state, and jumps. Give the op-amps a bandwidth, or the signal nodes"
     " a capacitance"
 )
-RETURNED = 1e-5  # of the largest state: two switches at the same point of a cycle
-ROOM = 1e-3  # of the largest state: the least extent of a cycle
 
 
 def first_passage(excess: Floats) -> float:
@@ -211,38 +208,9 @@ def shortened(piece: Floats, theta: float) -> tuple[Floats, Floats, Complexes]:
     return values @ TABLE.legendre.T, values[:, -1], basis[1:] @ TABLE.right
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Switch:
-    """The start of a stretch on straight pieces `segments` (m,), at `time`, s, in a `state`."""
+    """The start of a stretch on straight pieces `segments` (m,), at `time`, s."""
 
     time: float
     segments: tuple[int, ...]
-    state: Complexes
-
-
-@dataclass(frozen=True, slots=True)
-class LimitCycle:
-    """A transient that repeats itself: from `begin`, s, with a `period`, s, of some `switches`."""
-
-    begin: float
-    period: float
-    switches: int
-
-    def __str__(self) -> str:
-        begin, period = show(self.begin, "s"), show(self.period, "s")
-        return f"a limit cycle from {begin} on: period {period}, {self.switches} switches a period"
-
-
-def limit_cycle(switches: Sequence[Switch]) -> LimitCycle | None:
-    """Return the cycle in which a transient ends, or None."""
-    last = switches[-1]
-    size = max(float(np.abs(switch.state).max(initial=0.0)) for switch in switches)
-    for k in range(len(switches) - 2, -1, -1):
-        begin = switches[k]
-        away = np.abs(begin.state - last.state).max(initial=0.0)
-        if begin.segments == last.segments and away <= RETURNED * size:
-            inner = [np.abs(each.state - last.state).max(initial=0.0) for each in switches[k:-1]]
-            if max(inner) < ROOM * size:
-                return None
-            return LimitCycle(begin.time, last.time - begin.time, len(inner))
-    return None

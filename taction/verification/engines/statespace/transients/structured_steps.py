@@ -33,7 +33,6 @@ class StructuredBoard(Batch):
     def __init__(self, board: LinearBoard, nodes: tuple[str, ...]) -> None:
         self.descriptor, devices = board.descriptor, board.descriptor.devices
         self.count, self.structure = devices.count, board.structure
-        self.bare = Structure(self.descriptor)
         outputs, others = devices.output.tolist(), map(self.descriptor.place, nodes)
         self.outputs, self.places = outputs, [*devices.input.tolist(), *others]
         self.drive = self.descriptor.drive(sources_on=True)[None]
@@ -54,7 +53,7 @@ class StructuredBoard(Batch):
         return self._rate(state[0], outputs[0])[None]
 
     def _rate(self, state: Floats, outputs: Floats) -> Floats:
-        rate = self.bare.stiffness_times(state) + self.drive[0]
+        rate = self.descriptor.stiffness_times(state) + self.drive[0]
         rate[self.outputs] += outputs
         return np.asarray(rate)
 
