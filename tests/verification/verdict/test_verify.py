@@ -114,7 +114,7 @@ def assert_budget_adds_up(verdict: Verdict) -> None:
     off = final - verdict.ideal.target
     assert sum(errors) == pytest.approx(off, rel=0.01, abs=1e-9)
     assert parts["resistors"] is not None
-    assert parts["resistors"] < 1e-12  # exact ones
+    assert parts["resistors"] < 1e-9  # exact ones
 
 
 def assert_tikhonov(verdict: Verdict) -> None:
