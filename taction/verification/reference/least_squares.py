@@ -213,9 +213,9 @@ def _refine(s: ScaledProblem, mu: float, state: ActiveSet, factor: SVD) -> _Answ
     """Solve for the free entries; refine until the error is small, or stops shrinking."""
     free, load, least = state.free, np.zeros(len(s.h)), factor.least
     load[free] = s.mu * (state.slope + s.beta)
-    u = np.where(free, 0.0, state.u)
-    u[free] = factor.solve(s.eps - s.T @ u, -load[free])
-    u, r = Pair.of(u), Pair.of(s.eps - s.T @ u)
+    start = np.where(free, 0.0, state.u)
+    start[free] = factor.solve(s.eps - s.T @ start, -load[free])
+    u, r = Pair.of(start), Pair.of(s.eps - s.T @ start)
     before, floor = np.inf, _floor(s)
     for step in range(REFINEMENTS):
         f1 = _misfit(s, u, r)

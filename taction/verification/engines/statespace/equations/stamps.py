@@ -55,25 +55,23 @@ def stamp(circuit: Circuit) -> Descriptor:
     """
     if circuit.has_imported:
         circuit = with_linear_models(circuit)
-    stamper = Stamper(circuit)
-    for cell in circuit.opamps:
-        for pin in (cell.noninverting, cell.inverting, cell.output):
-            stamper.node(pin)
-    for part in circuit.amplifiers:
-        if part.input == "0":
-            raise EngineError("a signal amplifier's input is grounded")
-        ends = stamper.node(part.input), stamper.node(part.output)
-        stamper.devices.append((part.kind, *ends, part.u_scale, part.v_scale))
-    for cell in circuit.transistors:
-        for pin in (cell.collector, cell.base, cell.emitter):
-            stamper.node(pin)
-    for two in (*circuit.resistors, *circuit.capacitors):
-        stamper.node(two.a), stamper.node(two.b)
-    for source in (*circuit.currents, *circuit.voltages):
-        stamper.node(source.node)
-    for branch in circuit.branches:
-        for node in branch.nodes:
-            stamper.node(node)
+    stamper, c = Stamper(circuit), circuit
+    if any(part.input == "0" for part in c.amplifiers):
+        raise EngineError("a signal amplifier's input is grounded")
+    for name in (
+        *(pin for cell in c.opamps for pin in (cell.noninverting, cell.inverting, cell.output)),
+        *(pin for part in c.amplifiers for pin in (part.input, part.output)),
+        *(pin for cell in c.transistors for pin in (cell.collector, cell.base, cell.emitter)),
+        *(end for part in c.resistors for end in (part.a, part.b)),
+        *(end for part in c.capacitors for end in (part.a, part.b)),
+        *(source.node for source in c.currents),
+        *(source.node for source in c.voltages),
+        *(node for part in c.branches for node in part.nodes),
+    ):
+        stamper.node(name)
+    for amplifier in c.amplifiers:
+        places = stamper.node(amplifier.input), stamper.node(amplifier.output)
+        stamper.devices.append((amplifier.kind, *places, amplifier.u_scale, amplifier.v_scale))
     _claim_rows(stamper)
     for matrix in port_matrices(circuit):
         stamper.matrix(matrix)

@@ -192,11 +192,10 @@ def limited_equilibrium(
     From the equilibrium without the limits of the op-amps it takes one or two steps. A small board
     that rests beyond a limit is followed in time from zero.
     """
-    drive, starts = descriptor.drive(sources_on=sources_on), [lambda: z]
-    if not descriptor.is_large:
-        starts.append(lambda: _settled(descriptor, drive))
-    for start in starts:
-        there = _polish(descriptor, start(), drive)
+    drive = descriptor.drive(sources_on=sources_on)
+    for attempt in range(1 if descriptor.is_large else 2):
+        start = _settled(descriptor, drive) if attempt else z
+        there = _polish(descriptor, start, drive)
         if np.all(np.isfinite(there)):
             found = _found(descriptor, there, drive, POLISHING)
             if found.residual <= CERTIFICATE:

@@ -234,7 +234,7 @@ class Covariance:
         A = A * scale / scale[:, None]
         poles, right, left = modes.poles, modes.right / scale[:, None], modes.left * scale
         if not modes.alone.all():
-            poles, right = np.linalg.eig(A)
+            poles, right = (each.astype(np.complex128) for each in np.linalg.eig(A))
             left = np.linalg.inv(right)
         return cls(A, scale, sizes * scale / scale[:, None], poles, right, left)
 

@@ -144,7 +144,8 @@ class _Reduction:
         size = len(self.M)
         self.C, self.D = np.eye(size), np.zeros_like(self.b)
         self.jump = np.zeros((2, *self.b.shape))  # charges by each input's rate, with sizes
-        self.powers, self.first = [np.eye(size)], None
+        self.powers = [np.eye(size)]
+        self.first: tuple[Ints, Ints, Floats] | None = None
         self.left = np.arange(size)  # unknowns that stay
         self.charges_jump = False  # whether a step determined unknowns with charge
         self.worst = 1.0  # condition number of what was inverted
