@@ -40,10 +40,7 @@ def mantissas(series: str) -> Floats:
 
 
 def nearest(values: Floats, series: str) -> Floats:
-    """Return the nearest preferred values by ratio (any shape, infinite stays infinite).
-
-    ``"exact"`` returns `values`, ohm or F, unchanged.
-    """
+    """Return the nearest preferred values by ratio, ohm or F; infinite ones stay."""
     if series == "exact":
         return values
     steps = np.append(mantissas(series), 10.0)
@@ -61,10 +58,7 @@ def nearest(values: Floats, series: str) -> Floats:
 
 @lru_cache(maxsize=4096)
 def preferred(ohms: float, series: str) -> float:
-    """Return the value of a series that is nearest to `ohms`; see `nearest`.
-
-    The boards of a study have most of their resistors in common.
-    """
+    """Return the value of a series that is nearest to `ohms`; see `nearest`."""
     return ohms if series == "exact" else float(nearest(np.array([ohms]), series)[0])
 
 
@@ -79,10 +73,7 @@ RESISTORS = ("design.resistance", "design.gain", "design.inverter_resistance")
 
 
 def values_between(low: float, high: float, series: str) -> Floats:
-    """Return the values of a series from `low` to `high`, increasing, (P,).
-
-    ``"exact"`` stands for all numbers of three digits.
-    """
+    """Return the values of a series, or of three digits, from `low` to `high`, (P,)."""
     first, last = math.floor(math.log10(low)), math.floor(math.log10(high))
     if series == "exact":
         steps = np.arange(10 ** (DIGITS - 1), 10**DIGITS) / 10.0 ** (DIGITS - 1)

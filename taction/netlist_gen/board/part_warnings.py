@@ -87,15 +87,7 @@ _Values = tuple[Floats, Callable[[int], str]]  # 0 where there is no part; names
 
 
 def part_warnings(circuit: Circuit, rest: Rest | None = None) -> tuple[str, ...]:
-    """Return one warning for each kind of part and limit that parts of `circuit` break.
-
-    Each has the number of parts, the extreme value with the name of its part, and a remedy.
-
-    Parameters
-    ----------
-    rest : callable, optional
-        The voltages of the nodes at rest, V; without it currents and common modes are not judged.
-    """
+    """Return a warning for each limit that parts break; `rest`: voltages of nodes, V."""
     return tuple(broken.text for broken in broken_limits(circuit, rest).values())
 
 

@@ -88,10 +88,7 @@ def varying_parts(circuit: Circuit) -> Iterator[tuple[str, str]]:
 
 
 def device_spreads(circuit: Circuit) -> dict[str, dict[str, float]]:
-    """Return the standard deviations of every device, over its conductance, by name and kind.
-
-    The kinds are those of `devices.KINDS`; a device that may only be stuck has none.
-    """
+    """Return the standard deviations of every device, over its conductance, by kind."""
     found = dict[str, dict[str, float]]()
     for matrix in circuit.matrices:
         if matrix.device is not None:
@@ -206,10 +203,7 @@ def _programmed(matrix: ResistorMatrix, deviations: Mapping[str, float]) -> Resi
 
 
 def with_resistors_at(circuit: Circuit, scale: Mapping[str, float], every: float = 1.0) -> Circuit:
-    """Return `circuit` with resistors times `every`, and those of `scale` times their factors.
-
-    The names are those of `parameters`.
-    """
+    """Return `circuit` with resistors times `every`, and those of `scale` as it says."""
     return replace(
         circuit,
         matrices=tuple(_matrix(matrix, scale, every) for matrix in circuit.matrices),

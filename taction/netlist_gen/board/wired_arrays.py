@@ -38,11 +38,7 @@ def signed_arrays(matrix: ResistorMatrix) -> Iterator[SignedArray]:
 
 
 def at_ports(matrix: ResistorMatrix) -> tuple[ResistorMatrix, ...]:
-    """Return the matrices of resistors between the ports of an array that draw the same currents.
-
-    A matrix without wires is its own. Resistors between two lines of a kind are in a matrix whose
-    driving and summing nodes are the same ones.
-    """
+    """Return the matrices of resistors between the ports of an array, without wires."""
     if matrix.wires is None:
         return (matrix,)
     found = []
@@ -80,11 +76,7 @@ def port_matrices(circuit: Circuit) -> tuple[ResistorMatrix, ...]:
 
 
 def joined_resistors(circuit: Circuit) -> Iterator[tuple[str, str, float]]:
-    """Yield both nodes and ohms of every resistor, those of the matrices last.
-
-    A matrix with wires stands there by the resistors between its ports that draw the same currents:
-    power, noise and loads at the ports are those of the wired array.
-    """
+    """Yield both nodes and ohms of every resistor, of wired arrays those between ports."""
     for part in circuit.resistors:
         yield part.a, part.b, part.ohms
     for matrix in port_matrices(circuit):
@@ -133,10 +125,7 @@ def wire_branches(matrix: ResistorMatrix) -> Iterator[tuple[str, str, str, float
 
 
 def entry_voltages(matrix: ResistorMatrix, volts: Mapping[str, Floats]) -> Floats:
-    """Return the voltages of all entries, from the driving to the summing line, (M, N, k).
-
-    `volts` has those of the nodes at the ports, (k,) each; places without an entry have zeros.
-    """
+    """Return the voltages of all entries, driving to summing line, (M, N, k)."""
     width = next(iter(volts.values())).shape
     found, wires = np.zeros((*matrix.ohms.shape, *width)), matrix.wires or Wires()
     terminals = wires.terminals(matrix.by_column)

@@ -167,10 +167,7 @@ class Crossbar:
         )
 
     def entry_voltages(self, words: Floats, bits: Floats) -> Floats:
-        """Return the voltages of all entries, from word to bit line, (M, N, ...).
-
-        `words` (M, ...) and `bits` (N, ...) are the voltages at the ends of the lines.
-        """
+        """Return the voltages of all entries, word to bit line, (M, N, ...), from the ends'."""
         found = np.zeros((*self.siemens.shape, *words.shape[1:]))
         ordered, nodes = words[self.rows], bits
         for row, before, F, P in reversed(list(self._stages())):

@@ -231,10 +231,7 @@ class BranchDrawing:
 
 
 def channel_sheet(circuit: Circuit, n: int, k: int) -> SchematicSheet:
-    """Draw channel `n` with row `k`, counted from 1, for a picture.
-
-    It has one resistor of each matrix, that between channel and row, and no supplies.
-    """
+    """Draw channel `n` with row `k`, from 1, with one resistor of each matrix."""
     parts = BoardParts(circuit, None, {f"{matrix.name}_{k}_{n}" for matrix in circuit.matrices})
     drawing, y = BranchDrawing(parts, SchematicSheet(circuit.name)), TOP
     for branch in branches(parts):

@@ -160,10 +160,7 @@ class BoardParts:
 
     @cached_property
     def _package(self) -> tuple[Symbol, str, dict[str, str]]:
-        """The symbol of a package of op-amps, their name, and their fields.
-
-        Op-amps with figures that no part of this name has are no parts that can be bought.
-        """
+        """The symbol of a package of op-amps, their name, and their fields."""
         count = next(iter(self.circuit.models.values())).channels_per_package
         name, preset, changed = next(iter(self.circuit.models)), "", True
         if self.scene is not None:

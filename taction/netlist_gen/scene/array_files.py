@@ -72,10 +72,7 @@ def read_profile(scene: StatedProblem, key: str, name: str) -> tuple[Floats, Flo
 
 
 def read_table(path: Path, key: str) -> tuple[Floats, bool]:
-    """Return the numbers of a .csv or .npy file, and whether its first row is a header.
-
-    A first row without any number is a header.
-    """
+    """Return the numbers of a .csv or .npy file, and whether its first row is a header."""
     if path.suffix == ".npy":
         return _read_npy(path, key), False
     rows = _rows(path, key)

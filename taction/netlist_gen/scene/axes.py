@@ -72,11 +72,7 @@ class SweepAxis:
 def parse_axes(
     scene: Scene, over: Over, *, points: int = POINTS, around: float | None = None
 ) -> list[list[SweepAxis]]:
-    """Return the axes of a study: each item spans the grid and is a list of zipped axes.
-
-    `over` is text or a mapping (see the head of this file); `points` and `around` are those of
-    `parse_axis`.
-    """
+    """Return the axes of a study: each item spans the grid and is a list of zipped axes."""
     if isinstance(over, Mapping):
         texts: Iterable[str] = [_as_text(name, values) for name, values in over.items()]
     else:

@@ -69,10 +69,7 @@ def _check_range(scene: StatedProblem, problem: InverseProblem) -> None:
 
 
 def with_strains(scene: StatedProblem, strains: ArrayLike) -> list[InverseProblem]:
-    """Return the problem of `scene` with each row of `strains` (K, M) instead of its strain.
-
-    The scene's noise is not added to the rows, and the true stress is unknown.
-    """
+    """Return the problem of `scene` with each row of `strains` (K, M) as its strain."""
     problem = make_problem(scene)
     try:
         rows = fitted(np.asarray(strains, dtype=np.float64), (None, len(problem.strain)))

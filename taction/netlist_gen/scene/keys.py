@@ -51,10 +51,7 @@ class Key:
 
 
 def find_key(scene: Scene, name: str) -> Key:
-    """Return the key of `scene` with the path, the end of a path, or the symbol `name`.
-
-    It refuses an unknown name with the nearest one.
-    """
+    """Return the key with the path, end of a path, or symbol `name`, or refuse it."""
     keys = dict(_keys(scene, "", ""))
     if (key := _search(keys, name)) is not None:
         return key
@@ -190,11 +187,7 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")  # a key of TOML without quotes
 
 
 def scene_text(scene: Scene, folder: str | Path | None = None) -> str:
-    r"""Return a scene file that reads as `scene`; its name and regression are those of `scene`.
-
-    `folder`: where the text will stand, by default beside the scene's own file: names of files are
-      relative to it.
-    """
+    """Return a file that reads as `scene`, its files relative to `folder` or its own."""
     units = {key.path: key.unit for key in all_keys(scene) if key.unit}
     data = scene.model_dump(by_alias=True, exclude_unset=True)
     if folder is not None:

@@ -138,10 +138,7 @@ PLAIN = re.compile(r"[0-9]{1,9}(\.[0-9]{1,9})?")
 def validated(
     root: type[Root], data: Mapping[str, Any], file: str | Path, *, written: bool = True
 ) -> Root:
-    """Return the `data` of `file` as a `root`; InputError lists all mistakes.
-
-    `written` tells that `data` is what the user wrote, with the units that were given.
-    """
+    """Return the `data` of `file` as a `root`; InputError lists all mistakes."""
     complaints = [*design_mistakes(data), *(impossible(data) if written else ())]
     try:
         model = root.model_validate(dict(data))
@@ -155,10 +152,7 @@ def validated(
 def placed(
     root: type[BaseModel], data: dict[str, Any], values: Mapping[str, Any]
 ) -> list[Complaint]:
-    """Put `values` into the tables of `data`; return the complaints about unknown names.
-
-    A name is a key or a table at any depth (``capacitance``, ``settling_time``), or a dotted path.
-    """
+    """Put `values` by name or path into the tables of `data`; return what is unknown."""
     paths: dict[str, list[str]] = {}
     for above, name, field in _keys(root, data):
         key = field.alias or name
@@ -183,10 +177,7 @@ def placed(
 def _keys(
     model: type[BaseModel], data: Any, table: str = ""
 ) -> Iterator[tuple[str, str, FieldInfo]]:
-    """Yield every key and table below `model`: its table with a dot, its name in Python, its field.
-
-    The kinds in `data` select the models.
-    """
+    """Yield every key below `model`: its table with a dot, its name, its field."""
     for name, field in model.model_fields.items():
         yield table, name, field
         key = field.alias or name

@@ -66,11 +66,7 @@ NAMES = {
 
 
 def with_tables(base: type[M], group: str, module: str) -> type[M]:
-    """Return `base` with a table for each plug-in of `group` that has keys; else `base` itself.
-
-    A table that the scene leaves out has its defaults in a topology, and is None in the checks: a
-    check without its table is not made. `module` is where pickle finds the class, as `PluggedBase`.
-    """
+    """Return `base` with a table for each plug-in of `group` that has keys, if any."""
     offered: OpenTable[type[Model] | None] = OpenTable(group, {}, Model, "keys", optional=True)
     fields: dict[str, Any] = {}
     for name, keys in offered.items():

@@ -240,10 +240,7 @@ def __getattr__(name: str) -> type[Model]:
 def parse_scene(
     data: Mapping[str, Any], file: str | Path, *, asked: tuple[str, ...] | None = None
 ) -> Scene:
-    """Return the `data` of `file` as a scene; InputError lists all mistakes.
-
-    `asked` are the scene's `written_questions` where `data` is not what the user wrote.
-    """
+    """Return the `data` of `file` as a scene; `asked`: its questions, if not as written."""
     scene = validated(scene_type(), data, file, written=asked is None)
     scene._file = Path(file)
     scene._questions = tuple(unitless_times(data)) if asked is None else asked

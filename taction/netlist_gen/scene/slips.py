@@ -70,10 +70,7 @@ def value_questions(scene: Scene) -> Iterator[str]:
 
 
 def axis_questions(scene: Scene, groups: Sequence[Sequence[SweepAxis]]) -> Iterator[str]:
-    """Yield what may be a slip in the axes of a study: falling ranges, values that no board has.
-
-    And which figures every op-amp of an axis keeps.
-    """
+    """Yield what may be a slip in axes: falling ranges, odd values, figures that stay."""
     own = set(value_questions(scene))
     yield from kept_figures(scene, [axis.key.path for group in groups for axis in group])
     for axis in (axis for group in groups for axis in group):

@@ -26,10 +26,7 @@ ENDINGS = (".html", ".htm")
 
 
 def check_report_file(path: str) -> None:
-    """Refuse with InputError a report that could not be written, before any work is done.
-
-    Its ending is not in `ENDINGS`, its folder is missing, or a package is not installed.
-    """
+    """Refuse with InputError a report that could not be written, before any work is done."""
     check_file(path, "--report", ENDINGS, {})
     check_packages("--report", path)
 
@@ -43,11 +40,7 @@ def check_packages(option: str, path: str) -> None:
 
 
 def check_separate(inputs: Iterable[str | None], outputs: Mapping[str, str]) -> None:
-    """Refuse with InputError an output, by option, that would overwrite an input or another output.
-
-    `inputs` are files that are read: a scene, whose files count, too, a folder of scenes, a
-    baseline. A file may have several names.
-    """
+    """Refuse with InputError an output, by option, that would overwrite an input or another."""
     taken = {os.path.realpath(file): "an input" for name in inputs if name for file in _read(name)}
     for option, name in outputs.items():
         if is_special(name):
@@ -83,18 +76,12 @@ FORMATS = {".parquet": ("pyarrow", PARQUET)}
 
 
 def check_export(path: str) -> None:
-    """Refuse with InputError a file that could not be written, before any work is done.
-
-    An unknown ending, a folder that does not exist, or Parquet without pyarrow.
-    """
+    """Refuse with InputError waveforms that could not be written, before any work is done."""
     check_file(path, "-o", WRITERS, FORMATS)
 
 
 def export(circuit: Circuit, waveforms: Waveforms, path: str) -> None:
-    """Write `waveforms`: node voltages to ``.raw``, time and u_1, u_2, ... to the others.
-
-    InputError: see `check_export`, or the file cannot be written.
-    """
+    """Write node voltages to ``.raw``, time and u_1, u_2, ... to the others."""
     check_export(path)
     with replacing(path) as file:
         WRITERS[Path(path).suffix.lower()](circuit, waveforms, file)

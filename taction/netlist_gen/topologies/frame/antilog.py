@@ -47,11 +47,7 @@ class AntilogStage:
 
     @classmethod
     def of(cls, scene: Scene, opamp: OpAmp) -> AntilogStage:
-        """Choose the parts for a scene.
-
-        InputError: the slope is not above the thermal voltage, so no divider gives it, or the board
-          does not start at rest.
-        """
+        """Choose the parts for a scene; InputError for a slope below the thermal voltage."""
         if scene.analysis.initial != "rest":
             text = (
                 "transistors start at their operating point; expected 'rest' with antilog 'device'"
@@ -138,11 +134,7 @@ def compensation(ohms: float, gbw: float, node: float) -> float:
 
 
 def with_ideal_stages(circuit: Circuit) -> Circuit:
-    """Return `circuit` with the function ``U0 exp(v/Ve)`` itself as its stages, for comparisons.
-
-    All other parts stay as they are; a board without transistors is returned unchanged. An ideal
-    stage in the place of NPN transistors does not invert, so it has a negative `u_scale`.
-    """
+    """Return `circuit` with the function ``U0 exp(v/Ve)`` itself as its stages."""
     if not circuit.transistors:
         return circuit
     stage, scales = circuit.named(Role.STAGE), (circuit.value("U0"), circuit.value("Ve"))

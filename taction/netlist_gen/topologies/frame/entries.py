@@ -148,10 +148,7 @@ def matrix_resistors(matrix: Floats, scene: Scene) -> tuple[Floats, Bools]:
 
 
 def pruned(matrix: Floats, fraction: float) -> Floats:
-    """Return T (M, N) with zeros for the entries below `fraction` of the largest ``|T|``.
-
-    `fraction` is below 1, so the largest entry stays; 0 returns `matrix` itself.
-    """
+    """Return T (M, N) with zeros for entries below a `fraction` of the largest ``|T|``."""
     if fraction == 0.0:
         return matrix
     size = np.abs(matrix)

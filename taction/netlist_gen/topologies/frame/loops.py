@@ -227,10 +227,7 @@ class LoopBoard(Numbered):
         return stage
 
     def first_stage(self, name: str, stage: Inputs, output: str) -> None:
-        """Place an op-amp that turns the current into its input into ``-current / gf``.
-
-        gf loads the other input, too, if that is no ground: so both loads follow gf.
-        """
+        """Place an op-amp that turns the current into its input into ``-current / gf``."""
         self.parts.stage(name, stage.other, stage.first, output)
         role, ohms = Role.OUTPUT_CONDUCTANCE, 1.0 / self.facts["gf"].value
         self.parts.resistor(role, f"g_{output}", (output, stage.first), ohms)
@@ -361,10 +358,7 @@ class Loop(Topology):
     def array(
         self, board: LoopBoard, role: str, drives: Mapping[int, str], stages: Mapping[int, Inputs]
     ) -> None:
-        """Place an array: the matrix of the role between `drives` and the inputs of `stages`.
-
-        Both by the numbers of channels or sensors; a sensor without an entry has neither.
-        """
+        """Place an array: the matrix of the role between `drives` and the inputs of `stages`."""
         by_column = role == Role.FORWARD
         M, N = board.T.shape
         across, down = (N, M) if by_column else (M, N)

@@ -307,10 +307,7 @@ def _two_chips() -> Finding:
 
 
 def _with_matrix_of(board: Circuit, other: Circuit) -> Deck:
-    """Return the deck of `board` with the matrix file of `other`, its pads in the board's order.
-
-    Raises EngineError where the other matrix needs a pad that the amplifier chip does not have.
-    """
+    """Return the deck of `board` with the matrix of `other`; EngineError without a pad."""
     solver = find_simulator().solver_option
     deck = write_deck(board, OperatingPoint(), solver=solver, matrix_file=MATRIX_FILE)
     matrix = write_deck(other, OperatingPoint(), matrix_file=MATRIX_FILE).files[MATRIX_FILE]

@@ -111,11 +111,7 @@ def finding(id_: str, outcome: ClaimOutcome, **found: Any) -> Finding:
 
 
 def weigh(always: object, condition: object = False, *, fitted: bool = False) -> ClaimOutcome:
-    """Return the verdict on a claim that holds `always`, or only under its `condition`.
-
-    A claim on a board whose parts were chosen so that the claim holds is `fitted`: the run shows
-    that such a board exists, not that the paper's board was like that.
-    """
+    """Return the verdict on a claim that holds `always`, or only under its `condition`."""
     if always:
         return ClaimOutcome.FITTED if fitted else ClaimOutcome.HOLDS
     return ClaimOutcome.CONDITION if condition else ClaimOutcome.FAILS

@@ -154,10 +154,7 @@ def energy(quick: bool) -> Chapter:
 
 
 def _descent(network: IdealNetwork, scaled: ScaledNetwork) -> Finding:
-    """Compare the energy that is lost with the integral of the power ``sum C g' v'^2``.
-
-    The integral is one more unknown of the integrator, beside the x of the network.
-    """
+    """Compare the energy that is lost with the integral of the power ``sum C g' v'^2``."""
     from scipy.integrate import solve_ivp
 
     def slopes(_: float, state: Floats) -> Floats:
@@ -198,10 +195,7 @@ def _final(network: IdealNetwork, start: Floats) -> Floats:
 
 
 def _minima(quick: bool) -> Finding:
-    """Search for a direction in which an energy of the class (17) curves down.
-
-    `quick` leaves out every second amplifier: smooth ones and ones of straight pieces remain.
-    """
+    """Search for a direction in which an energy of the class (17) curves down."""
     rng, T = np.random.default_rng(5), SMALL.matrix
     least, apart = np.inf, 0.0
     kinds = [name for name in REGULARISERS if name != "linear"][:: 2 if quick else 1]

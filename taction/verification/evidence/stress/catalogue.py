@@ -204,10 +204,7 @@ def stored_values() -> dict[str, dict[str, Any]]:
 
 
 def select(cases: tuple[Case, ...], names: tuple[str, ...]) -> tuple[Case, ...]:
-    """Return the cases with one of `names`, of cases or families; all for none.
-
-    InputError for a name that is neither has the nearest.
-    """
+    """Return the cases with one of `names`, of cases or families; all for none."""
     known = {case.name for case in cases} | {case.family for case in cases}
     for name in names:
         if name not in known:

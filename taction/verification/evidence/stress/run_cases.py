@@ -181,10 +181,7 @@ def _as_run(case: Case, engine: str, found: CaseRun | BaseException | None) -> C
 
 
 def run_case(case: Case, engine: str) -> CaseRun:
-    """Verify one case with one engine and judge the verdict, or the exception.
-
-    The outcomes are judged by those of the case, the numbers by its true values where known.
-    """
+    """Verify one case with one engine and judge the verdict, or the exception."""
     began = time.perf_counter()
     try:
         verdict = verify(case.scene(engine))

@@ -177,10 +177,7 @@ class VerdictBody:
         return (*self.verdict.parts.simulated, *self.verdict.parts.loads)
 
     def with_margins(self) -> VerdictBody:
-        """Return the document with the stability margins, which cost a search of their own.
-
-        An unstable board has the nearest stable range of each key, too.
-        """
+        """Return the document with the stability margins, which cost a search of their own."""
         from taction.verification.design.trials import Trials
         from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
         from taction.verification.stability.margin import margins

@@ -284,10 +284,7 @@ class SliderLook:
         return look, poles_part(found) | look.outputs_part(window)
 
     def curves(self, window: str) -> ExplorerCurves | None:
-        """Return the best curves that are known.
-
-        Those of the verdict where the linear board has no closed form, or is not the board.
-        """
+        """Return the best curves that are known: of the verdict where no closed form holds."""
         response = None if self.poles is None else self.poles.response
         if response is None or self.limits:
             judged = None if self.verdict is None else self.verdict.curves
@@ -310,10 +307,7 @@ class SliderLook:
 
 
 def look_at(start: Start, settings: Settings, window: str) -> SliderLook:
-    """Return what is fast: the board at rest and, of a small linear board, poles and curves.
-
-    Raises as `view_rest` and `view_poles` do.
-    """
+    """Return what is fast: the board at rest and, of a small one, poles and curves."""
     scene = settings.scene(start)
     rest = view_rest(scene, settings.problem(start, scene))
     look, part = SliderLook(settings, scene, rest), rest_part(rest)

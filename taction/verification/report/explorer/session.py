@@ -122,10 +122,7 @@ class Session:
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
 
     async def move(self, wanted: Mapping[str, Any]) -> None:
-        """Take new values from the page, and answer with what is fast.
-
-        `wanted` has places of sliders (0 to `STEPS`), typed texts, or an op-amp.
-        """
+        """Take new values from the page, and answer with what is fast."""
         try:
             self.settings = self._taken(wanted)
         except (InputError, ValueError) as error:

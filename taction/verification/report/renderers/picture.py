@@ -29,11 +29,7 @@ MOST_SHARE = 1.2  # of a limit: where a bar ends
 
 
 def draw_page(page: Page, path: str | Path | None = None) -> Figure:
-    """Draw what a page has for a picture, and write the figure to `path`, if there is one.
-
-    The first charts stand on a grid, row by row; other blocks follow them. InputError as
-    `figure_file`.
-    """
+    """Draw the first charts of a page on a grid, other blocks below, to `path` if any."""
     found = list(page.blocks(PICTURE))
     drawn = [each for each in found if not isinstance(each, Notes)] or found
     drawn = sorted(drawn or [Notes("", (page.summary,))], key=lambda each: each.kind == "bars")

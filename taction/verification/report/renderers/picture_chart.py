@@ -62,11 +62,7 @@ def wrapped(text: str, letters: float) -> str:
 
 @contextmanager
 def new_figure(width: float, height: float) -> Iterator[Figure]:
-    """Give a figure of `width` by `height` inches in the style of all pictures.
-
-    A notebook shows it, though pyplot does not know it, so nothing needs to be closed. InputError:
-    matplotlib is not installed.
-    """
+    """Give a figure of `width` by `height` inches in the style of all pictures."""
     check_package(*MATPLOTLIB, "plot")
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -90,11 +86,7 @@ def new_figure(width: float, height: float) -> Iterator[Figure]:
 def figure_file(
     path: str | Path | None, width: float, height: float, title: str = ""
 ) -> Iterator[Figure]:
-    """Give a `new_figure` and write the finished picture to `path`, always with the same bytes.
-
-    Without a `path` nothing is written. InputError: as `check_plot_file`, or the file cannot be
-    written.
-    """
+    """Give a `new_figure` and write it to `path`, if any, always with the same bytes."""
     if path is not None:
         check_plot_file(path)
     with new_figure(width, height) as figure:

@@ -44,10 +44,7 @@ def answer_text(answer: AnswerError) -> str:
 
 
 def yield_text(answer: AnswerError) -> str:
-    """Return what a board that passes as drawn says of built ones; empty where most of them pass.
-
-    The bound is that of the place of rest alone, to first order in the deviations.
-    """
+    """Return what a board that passes as drawn says of built ones; empty if most pass."""
     built = answer.built
     if built is None or (built.known and built.most >= SHARE):
         return ""

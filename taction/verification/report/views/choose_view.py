@@ -57,10 +57,7 @@ UNITS = {CAPACITANCE: "F", GAIN: "ohm", G0: "S", U0: "V", FEEDBACK: "S"}
 
 
 def full_view(choice: Choice) -> Page:
-    """Return the page with the verdict of the proposed design in full, if there is one.
-
-    The design is verified anew where ngspice is missing.
-    """
+    """Return the page with the proposed design in full, verified anew without ngspice."""
     if not choice.best:
         return view(choice)
     from taction.verification.verdict.verify import verify

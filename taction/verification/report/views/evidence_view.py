@@ -125,11 +125,7 @@ def headline(report: StressReport) -> str:
 
 
 def _results(runs: Iterable[CaseRun]) -> Table:
-    """Return a row for each run.
-
-    The worst quantity is the stated number whose true error is largest in its stated error;
-    "outside" counts the numbers whose true error is larger than the stated one.
-    """
+    """Return a row for each run, with the number that is worst in its stated error."""
     columns = {
         **fields("case = case.name; engine"),
         "outcome": lambda run: outcome_cell(run.outcome, OUTCOMES[run.judgement]),

@@ -44,10 +44,7 @@ LARGE = "not computed for a board of this size; `taction onset SCENE --over {}` 
 
 
 def stability_blocks(circuit: Circuit, poles: Poles) -> tuple[Content, ...]:
-    """Return the pole map, the numbers of the rightmost pole, and the stable values of a knob.
-
-    The knob is the first one with a margin: C, say. A board may have none.
-    """
+    """Return the pole map, the rightmost pole, and the stable values of the first knob."""
     lead, name = poles.rightmost, first_knob(circuit)
     rows = {
         "rightmost pole, real part": figure(lead.real, "1/s"),
@@ -117,10 +114,7 @@ def ranges_words(ranges: Sequence[Range], low: float, high: float, unit: str) ->
 
 
 def pole_map(poles: Poles, ranges: str = "") -> charts.Chart:
-    """Return the upper half plane with the poles and lines of equal damping.
-
-    `ranges` is a sentence about the stable values.
-    """
+    """Return the upper half plane with poles and lines of equal damping; `ranges` in words."""
     values = poles.poles[poles.poles.imag >= 0.0][:SHOWN]
     views = _views(values)
     marks: list[charts.Mark] = [*mode_marks(values.real, values.imag / math.tau, values.real)]
@@ -169,10 +163,7 @@ def upper_half_plane(
 def mode_marks(
     x: Floats, y: Floats, real: Floats, texts: Sequence[str] = (), size: float = 6.0
 ) -> tuple[charts.Curve, charts.Curve]:
-    """Return the modes (P,) that decay, as circles, and those that grow, as crosses.
-
-    `real` are the real parts of the poles, 1/s, and `texts` are for the pointer, one for each.
-    """
+    """Return the modes (P,) that decay, as circles, and that grow, as crosses; `real`, 1/s."""
 
     def marks(name: str, outcome: str, mark: str, chosen: np.ndarray) -> charts.Curve:
         hover = tuple(itertools.compress(texts, chosen))
@@ -190,10 +181,7 @@ def _result(poles: Poles) -> str:
 
 
 def _views(values: Complexes) -> list[tuple[str, Window]]:
-    """Return the parts of the pole map: the pairs that are not far away, then all poles.
-
-    Without pairs the first part has the real poles that are not far away.
-    """
+    """Return the parts of the pole map: pairs, or slow real poles, and then all poles."""
     views = [("all poles", _around(values, values.real.min(initial=0.0)))]
     pairs = values[values.imag > 0.0]
     shown = pairs if len(pairs) else values

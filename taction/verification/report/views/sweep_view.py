@@ -15,21 +15,8 @@ import numpy as np
 from taction.netlist_gen.scene import axes
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
+from taction.system import charts
 from taction.system.array_types import Floats
-from taction.system.charts import (
-    OUTCOMES,
-    Axis,
-    Band,
-    Cells,
-    Chart,
-    Curve,
-    Grid,
-    Look,
-    Mark,
-    looks_of,
-    segments,
-    zero_lines,
-)
 from taction.system.errors import Complaint, InputError
 from taction.system.plugins import OpenTable
 from taction.system.quantities import readable
@@ -75,14 +62,14 @@ def place_text(where: axes.SweepAxis, value: Any) -> str:
     return quantity(value, where.key.unit) if isinstance(value, float) else str(value)
 
 
-def axis_of(where: axes.SweepAxis) -> tuple[Axis, Floats]:
+def axis_of(where: axes.SweepAxis) -> tuple[charts.Axis, Floats]:
     """Return an axis of a chart and the places of its values; words stand one after the other."""
     if where.key.kind == "choice" or where.scale == "list":
         names = tuple(place_text(where, value) for value in where.values)
-        return Axis(where.name, scale="names", names=names), np.arange(float(len(names)))
+        return charts.Axis(where.name, scale="names", names=names), np.arange(float(len(names)))
     places = np.array([float(value) for value in where.values])
     log = where.scale == "log" and places.min() > 0.0
-    return Axis(where.name, where.key.unit, "log" if log else "linear"), places
+    return charts.Axis(where.name, where.key.unit, "log" if log else "linear"), places
 
 
 class Plane:
@@ -97,12 +84,14 @@ class Plane:
         self.growth, self.where, self.band = growth, where, band_of(plan)
 
     @property
-    def edge(self) -> Curve | None:
+    def edge(self) -> charts.Curve | None:
         """The boundary; nothing lies between two values of a list."""
         if "names" in (self.x.scale, self.y.scale):
             return None
-        ends: list[Any] = list(zero_lines(self.across, self.down, self.growth.T))
-        return Curve(*segments(ends), "", "ink", width=2.5, label="") if ends else None
+        ends: list[Any] = list(charts.zero_lines(self.across, self.down, self.growth.T))
+        return (
+            charts.Curve(*charts.segments(ends), "", "ink", width=2.5, label="") if ends else None
+        )
 
     @property
     def note(self) -> str:
@@ -114,26 +103,28 @@ class Plane:
         where = "at every point" if np.isfinite(self.growth).all() else "where it is known"
         return f" Stability is the same {where}."
 
-    def chart(self, title: str, mark: Mark, message: str, summary: str) -> Chart:
+    def chart(self, title: str, mark: charts.Mark, message: str, summary: str) -> charts.Chart:
         """Return a chart of the plane with its boundary."""
         marks = (mark,) if self.edge is None else (mark, self.edge)
         message = f"{message}{self.where}"
-        return Chart(title, self.x, self.y, marks, message, summary, legend="below", height=420)
+        return charts.Chart(
+            title, self.x, self.y, marks, message, summary, legend="below", height=420
+        )
 
-    def outcomes(self, names: Names, looks: dict[str, Look]) -> Chart:
+    def outcomes(self, names: Names, looks: dict[str, charts.Look]) -> charts.Chart:
         """Return what each point says."""
         passing, total = int((names == "pass").sum()), int((names != "").sum())
         text = f"{passing} of {total} points {'passes' if passing == 1 else 'pass'}"
-        cells = Cells(self.across, self.down, names.T, looks)
+        cells = charts.Cells(self.across, self.down, names.T, looks)
         return self.chart("Outcome", cells, text, OUTCOME.format(self.note))
 
     def quantity(
         self, name: str, values: Floats, limits: tuple[float, float] | None = None
-    ) -> Chart:
+    ) -> charts.Chart:
         """Return the values (n, m) of a quantity as colours."""
         unit, title, signed = FIGURES[name].unit, titled(name, self.band), name == "growth_rate"
         scale: Any = "signed" if signed else "log" if name in LOGARITHMIC else "linear"
-        heat = Grid(self.across, self.down, values.T, unit, scale, limits=limits)
+        heat = charts.Grid(self.across, self.down, values.T, unit, scale, limits=limits)
         colours = " The strongest colour is the largest value."
         if signed:
             colours = " Blue decays, orange grows."
@@ -156,40 +147,40 @@ def extent(values: Floats, unit: str) -> str:
 
 
 def curve_of(
-    plan: Plan, name: str, data: dict[str, Any], names: Names, looks: dict[str, Look]
-) -> Chart:
+    plan: Plan, name: str, data: dict[str, Any], names: Names, looks: dict[str, charts.Look]
+) -> charts.Chart:
     """Return a quantity over one axis; the mark is the result of the point."""
     unit, values, band = FIGURES[name].unit, data[name], band_of(plan)
     x, places = axis_of(plan.groups[0][0])
-    marks: list[Mark] = list(_unstable(data["growth_rate"], places))
+    marks: list[charts.Mark] = list(_unstable(data["growth_rate"], places))
     if x.scale != "names":
-        marks.append(Curve(places, values, "", "muted", width=0.8, behind=True))
+        marks.append(charts.Curve(places, values, "", "muted", width=0.8, behind=True))
     for kind, look in looks.items():
         there, shade = names == kind, look.colour
         if there.any():
             hover = tuple(figure(v, unit) for v in values[there].tolist())
             own = places[there], values[there], kind, shade
-            marks.append(Curve(*own, line="", mark=look.mark, size=7.0, hover=hover))
+            marks.append(charts.Curve(*own, line="", mark=look.mark, size=7.0, hover=hover))
     known = np.abs(values[np.isfinite(values)])
     low, high = float(known.min(initial=np.inf)), float(known.max(initial=0.0))
     log = name != "growth_rate" and 0.0 < 10.0 * low < high
     limits = None
     if log and unit == "step":  # below `LEAST_SHARE` lies rounding
         limits = (max(low, LEAST_SHARE) * 0.8, high * 1.25)
-    y = Axis(banded(name, band), unit, "log" if log else "linear", limits)
+    y = charts.Axis(banded(name, band), unit, "log" if log else "linear", limits)
     title, said = titled(name, band), extent(values, unit)
     summary = f"{title} over {x.title}; the mark is the result of the point."
-    return Chart(title, x, y, tuple(marks), said, summary, legend="beside")
+    return charts.Chart(title, x, y, tuple(marks), said, summary, legend="beside")
 
 
-def _unstable(growth: Floats, places: Floats) -> Iterator[Band]:
+def _unstable(growth: Floats, places: Floats) -> Iterator[charts.Band]:
     """Yield the parts of an axis whose points are unstable by their poles."""
     edges = [places[0], *0.5 * (places[1:] + places[:-1]), places[-1]]
     for grows, run in itertools.groupby(range(len(places)), key=(growth > 0.0).__getitem__):
         own = list(run)
         if grows:
             ends = float(edges[own[0]]), float(edges[own[-1] + 1])
-            yield Band(*ends, "x", UNSTABLE, "fail")
+            yield charts.Band(*ends, "x", UNSTABLE, "fail")
 
 
 LISTED, LINES = 500, 40  # points in the table of a page, and of a terminal
@@ -209,7 +200,7 @@ def view(result: SweepResult) -> Page:
     """Return what a sweep shows: the stored points of its plan."""
     plan, count, path = result.plan, result.count, result.store.path
     names = " x ".join(f"{each.name} ({len(each)})" for each in plan.axes)
-    known = [name for name in OUTCOMES if count.outcomes.get(name)]
+    known = [name for name in charts.OUTCOMES if count.outcomes.get(name)]
     outcomes = ", ".join(f"{count.outcomes[name]} {name}" for name in known)
     many = plan.points > MAPPED
     text = f"{plan.points} points are too many for this page; see --plot." * many
@@ -288,21 +279,21 @@ def _charts(result: SweepResult) -> Iterator[Content]:
     data, names = grids(result), result_names(result)
     lines: tuple[str, ...] = ()
     if len(plan.groups) == MOST_AXES:
-        charts = _multiples(plan, data, names)
+        drawn = _multiples(plan, data, names)
     else:
         shown, lines = _worth(data)
-        charts = _one_or_two(plan, data, names, shown)
-    for first in itertools.islice(charts, 1):
+        drawn = _one_or_two(plan, data, names, shown)
+    for first in itertools.islice(drawn, 1):
         yield replace(first, summary=f"{first.summary} Engine: {ENGINES[plan.engine]}.".strip())
-    yield from charts
+    yield from drawn
     yield from lines
 
 
 def _one_or_two(
     plan: Plan, data: dict[str, Any], names: Names, shown: Sequence[str]
-) -> Iterator[Chart]:
+) -> Iterator[charts.Chart]:
     """Yield the outcome and the quantities over one or two axes."""
-    looks = looks_of(names.ravel().tolist())
+    looks = charts.looks_of(names.ravel().tolist())
     if len(plan.groups) == 1:
         for name in shown:
             yield curve_of(plan, name, data, names, looks)
@@ -313,9 +304,9 @@ def _one_or_two(
         yield plane.quantity(name, data[name])
 
 
-def _multiples(plan: Plan, data: dict[str, Any], names: Names) -> Iterator[Chart]:
+def _multiples(plan: Plan, data: dict[str, Any], names: Names) -> Iterator[charts.Chart]:
     """Yield what fails and the settling time over two axes, for values of the third."""
-    third, looks = plan.groups[2][0], looks_of(names.ravel().tolist())
+    third, looks = plan.groups[2][0], charts.looks_of(names.ravel().tolist())
     places = chosen_places(len(third))
     shared = data[SHOWN[0]][:, :, places]
     known = shared[np.isfinite(shared)]
@@ -347,11 +338,7 @@ def _listed(result: SweepResult) -> Iterator[Content]:
 
 
 def _reasons(plan: Plan, shown: Iterable[dict[str, Any]]) -> Iterator[str]:
-    """Yield a line for each thing that is wrong at some points: how many, and the first of them.
-
-    The values of all of them stand in the table; the reasons of points without a verdict do not,
-    so each of these has its line.
-    """
+    """Yield a line for each thing that is wrong at some points: how many, and the first."""
     alike: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for record in shown:
         reason = record["reason"].split("\n")[0][:160]

@@ -191,10 +191,7 @@ def histograms(result: YieldReport) -> Iterator[Content]:
 
 
 def _histogram(title: str, spread: QuantitySpread, values: Floats, text: str) -> Chart:
-    """Return the histogram of values, where a limit far away is an arrow.
-
-    `text` says what has no value.
-    """
+    """Return the histogram of values; a limit far away is an arrow, `text` what has none."""
     unit, limits = spread.unit, [x for x in (spread.at_least, spread.at_most) if x is not None]
     beyond, edges = _beyond(values, (spread.at_least, spread.at_most)), _edges(values, limits)
     width = float(edges[1] - edges[0])

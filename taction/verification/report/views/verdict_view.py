@@ -155,10 +155,7 @@ def _channels(verdict: Verdict) -> Table:
 
 
 def channel_table(channels: Sequence[Channel], band: float, noise: Sequence[float] = ()) -> Table:
-    """Return target, end, times and excursions of every channel, numbered from 1.
-
-    What is known at rest, and `noise` (N,), V, have a column; `band` is that of the settling.
-    """
+    """Return every channel from 1, settled to `band`; `noise` (N,), V, has a column."""
 
     def volts(name: str) -> Callable[[Channel], Cell]:
         return lambda each: number_cell(each.figures.get(name), "V")
@@ -207,11 +204,7 @@ def _headroom(verdict: Verdict) -> Content:
 
 
 def load_bars(loads: Iterable[Load], note: str = "", *, limited: bool = False) -> Bars:
-    """Return loads of op-amps, the largest share first.
-
-    `limited` says whether the simulated op-amps have the limits, so that a load above them decides
-    nothing.
-    """
+    """Return loads of op-amps, the largest share first; `limited` ones decide nothing."""
 
     def value(load: Load) -> str:
         at = "at rest" if math.isinf(load.at) else f"at {figure(load.at, 's', 3)}"

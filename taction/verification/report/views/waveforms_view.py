@@ -276,10 +276,7 @@ def recovered_stress(
     rest: Floats,
     final: Floats | None = None,
 ) -> charts.Chart:
-    """Return stresses (N,) over the places of the channels: of an answer, a board, and the truth.
-
-    As the problem's, they have no unit: an output of U0 is a stress of 1.
-    """
+    """Return stresses (N,) by channel, without unit: of an answer, a board, and the truth."""
     if problem.positions is None:
         where, x = np.arange(1.0, len(rest) + 1), charts.Axis("channel", whole=True)
     else:
