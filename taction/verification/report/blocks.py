@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from taction.netlist_gen.kicad.drawing import Strokes
 
 
-ALIKE = 3  # rows with the same value, which `Table.folded` says once
-
-
 @dataclass(frozen=True, slots=True)
 class Table:
     """A table; the first cell of a row is its header."""
@@ -53,30 +50,6 @@ class Table:
         shown = [shown_by(column) for column in columns.values()]
         rows = tuple(tuple(cell(show(each)) for show in shown) for each in records)
         return cls(title, tuple(columns), rows, note, most or {}, more)
-
-    def folded(self) -> Table:
-        """Return the table with a note in the place of columns that have one value in all rows.
-
-        Examples
-        --------
-        >>> rows = [("1 pF", "fail"), ("2 pF", "fail"), ("3 pF", "fail")]
-        >>> table = Table.of("", rows, {"C": lambda row: row[0], "outcome": lambda row: row[1]})
-        >>> table.folded().columns, table.folded().note
-        (('C',), 'In each row: outcome fail.')
-        """
-        columns = tuple(zip(*self.rows, strict=True))
-        if len(self.rows) < ALIKE:
-            return self
-        same = [len({each.text for each in column}) == 1 for column in columns]
-        kept = [place for place, one in enumerate(same) if place < self.heads or not one]
-        moved = [place for place in range(len(same)) if place not in kept]
-        texts = ", ".join(f"{self.columns[k]} {columns[k][0].text}" for k in moved)
-        return replace(
-            self,
-            columns=tuple(self.columns[place] for place in kept),
-            rows=tuple(tuple(row[place] for place in kept) for row in self.rows),
-            note=f"{self.note} In each row: {texts}.".strip() if moved else self.note,
-        )
 
     def shortened(self, medium: str) -> Table:
         """Return the first rows of the table, as many as the medium shows."""

@@ -333,7 +333,7 @@ def _listed(result: SweepResult) -> Iterator[Content]:
     whole = result.count.total <= LINES
     wanted = (r for r in result.records() if whole or r["outcome"] == "error")
     shown = list(itertools.islice(wanted, LINES))
-    yield _table(result.plan, "", shown).folded()
+    yield _table(result.plan, "", shown)
     yield from _reasons(result.plan, shown)
 
 
