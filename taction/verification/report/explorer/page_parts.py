@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from taction.verification.design.exploration import (
     Judgement,
     PoleView,
     RestView,
+    view_limits,
     view_poles,
     view_rest,
 )
@@ -264,54 +265,54 @@ def stress_chart(view: RestView) -> charts.Chart:
     return replace(recovered_stress(view.problem, view.scene, targets, rest), summary=note)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class SliderLook:
-    """Everything that is known so far of one set of values."""
+    """Everything that is known so far of one set of values; what finds more returns its part."""
 
     settings: Settings
     scene: Scene
     rest: RestView
-    part: Part = field(default_factory=dict)  # what the page is told first
     poles: PoleView | None = None  # None as long as they are not known
     limits: tuple[str, ...] = ()  # what the op-amps cannot do
     verdict: Judgement | None = None  # of the state-space engine
     other: Judgement | None = None  # of ngspice
 
-    def with_poles(self, window: str) -> tuple[SliderLook, Part]:
-        """Add the poles and, of a small linear board, the curves."""
-        found = view_poles(self.rest)
-        look = replace(self, poles=found)
-        return look, poles_part(found) | look.outputs_part(window)
+    def find_poles(self, window: str) -> Part:
+        """Find the poles and, of a small linear board, the curves."""
+        self.poles = view_poles(self.rest)
+        return poles_part(self.poles) | self.outputs_part(window)
 
-    def curves(self, window: str) -> ExplorerCurves | None:
-        """Return the best curves that are known: of the verdict where no closed form holds."""
-        response = None if self.poles is None else self.poles.response
-        if response is None or self.limits:
-            judged = None if self.verdict is None else self.verdict.curves
-            if judged is not None or response is None:
-                return judged
-        return response.curves(response.rise if window == "rise" else response.stop)
+    def find_limits(self) -> Part:
+        """Find what the op-amps cannot do."""
+        if self.poles is None:
+            return {}
+        self.limits = view_limits(self.rest, self.poles)
+        return {"limits": [readable(text) for text in self.limits]}
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the closed form of a linear board has the curves."""
+        known = self.poles is not None and self.poles.response is not None
+        return known and not self.limits
 
     def outputs_part(self, window: str) -> Part:
-        """Return the part of the page with the outputs, as far as they are known."""
-        curves = self.curves(window)
+        """Return the part of the page with the outputs, as far as they are known.
+
+        The curves are those of the verdict where no closed form is the board.
+        """
+        curves = None if self.verdict is None else self.verdict.curves
+        response = None if self.poles is None else self.poles.response
+        if response is not None and (self.is_exact or curves is None):
+            curves = response.curves(response.rise if window == "rise" else response.stop)
         if curves is None:
             return {}
         other = None if self.other is None else self.other.curves
         return {"outputs": chart_part(outputs_chart(curves, other, self.rest, window))}
 
-    def later_outputs(self, window: str) -> Part:
-        """Return the curves that came with the verdict, if they are better than the first."""
-        has_first = self.poles is not None and self.poles.response is not None
-        return {} if has_first and not self.limits else self.outputs_part(window)
 
-
-def look_at(start: Start, settings: Settings, window: str) -> SliderLook:
+def look_at(start: Start, settings: Settings, window: str) -> tuple[SliderLook, Part]:
     """Return what is fast: the board at rest and, of a small one, poles and curves."""
     scene = settings.scene(start)
-    rest = view_rest(scene, settings.problem(start, scene))
-    look, part = SliderLook(settings, scene, rest), rest_part(rest)
-    if not rest.is_large:  # the poles of a large board take longer than a movement of the hand
-        look, more = look.with_poles(window)
-        part |= more
-    return replace(look, part=part)
+    look = SliderLook(settings, scene, view_rest(scene, settings.problem(start, scene)))
+    # The poles of a large board take longer than a movement of the hand.
+    return look, rest_part(look.rest) | ({} if look.rest.is_large else look.find_poles(window))

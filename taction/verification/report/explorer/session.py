@@ -9,7 +9,8 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, TypeVar
 
 from taction.system.documents import read
@@ -22,7 +23,6 @@ from taction.verification.design.exploration import (
     outcome_of,
     spots,
     view_boundary,
-    view_limits,
 )
 from taction.verification.design.explorer_settings import STEPS, Settings, Start, read_value
 from taction.verification.report.explorer.page_parts import (
@@ -41,7 +41,7 @@ from taction.verification.verdict.record import ERROR
 
 T = TypeVar("T")
 Send = Callable[[Part], None]
-Stage = Callable[[SliderLook], tuple[SliderLook, Part]]
+Stage = Callable[[], Part]
 REST = 0.12  # s without new values, after which the hand rests
 WINDOWS = ("rise", "whole")
 SLOW = 2.0  # s of a verdict, above which the sliders show no checks
@@ -138,18 +138,18 @@ class Session:
         async with self._turn:
             shown, began = settings_part(self.start, settings), time.perf_counter()
             try:
-                self._look = await asyncio.to_thread(look_at, self.start, settings, self.window)
+                look, part = await asyncio.to_thread(look_at, self.start, settings, self.window)
             except TactionError as error:
                 self._look = None
                 self._tell(**shown, refused=readable(str(error)))
                 return
-            cost = time.perf_counter() - began
+            self._look, cost = look, time.perf_counter() - began
             shown |= along_part(self.start, self._known_along(settings))
-            self._tell(**shown, **self._look.part, stamp=wanted.get("stamp"), cost=cost)
-            if not self._look.rest.is_large:
-                await self._step(self._with_boundary, number)
+            self._tell(**shown, **part, stamp=wanted.get("stamp"), cost=cost)
+            if not look.rest.is_large:
+                await self._step(partial(self._boundary_of, look), number)
         if number == self._number:
-            self._begin(self._follow(self._look, number))
+            self._begin(self._follow(look, number))
 
     def _taken(self, wanted: Mapping[str, Any]) -> Settings:
         """Return the settings that the page asks for; raises `InputError`."""
@@ -176,9 +176,10 @@ class Session:
     async def _follow(self, look: SliderLook, number: int) -> None:
         """Find what is slower than a hand, in turn, once the hand rests and as long as it does."""
         await asyncio.sleep(REST)
-        stages: tuple[Stage, ...] = (self._with_limits,)
+        stages: tuple[Stage, ...] = (look.find_limits,)
         if look.rest.is_large:
-            stages = (self._with_poles, self._with_limits, self._with_boundary)
+            boundary = partial(self._boundary_of, look)
+            stages = (partial(look.find_poles, self.window), look.find_limits, boundary)
         for stage in stages:
             if not await self._step(stage, number):
                 return
@@ -188,10 +189,11 @@ class Session:
             )
         except WorkerDiedError as error:
             found = Judgement.without_verdict(error)
-        if found is None or number != self._number or self._look is None:
+        if found is None or number != self._number:
             return
-        self._look = replace(self._look, verdict=found)
-        self._tell(**verdict_part(found), **self._look.later_outputs(self.window))
+        look.verdict = found
+        better = {} if look.is_exact else look.outputs_part(self.window)
+        self._tell(**verdict_part(found), **better)
         if found.record.outcome != ERROR:
             await self._judge_along(look.settings, number)
 
@@ -225,36 +227,24 @@ class Session:
                 return
 
     async def _step(self, stage: Stage, number: int) -> bool:
-        """Add what `stage` finds; return whether the values are still the newest."""
-        look = self._look
-        if look is None or number != self._number:
-            return False
-        try:
-            found, part = await asyncio.to_thread(stage, look)
-        except TactionError as error:
-            found, part = look, {"doubts": [readable(str(error))]}
+        """Tell what `stage` finds; return whether the values are still the newest."""
         if number != self._number:
             return False
-        self._look = found
+        try:
+            part = await asyncio.to_thread(stage)
+        except TactionError as error:
+            part = {"doubts": [readable(str(error))]}
+        if number != self._number:
+            return False
         self._tell(**part)
         return True
 
-    def _with_poles(self, look: SliderLook) -> tuple[SliderLook, Part]:
-        return look.with_poles(self.window)
-
-    def _with_limits(self, look: SliderLook) -> tuple[SliderLook, Part]:
-        if look.poles is None:
-            return look, {}
-        limits = view_limits(look.rest, look.poles)
-        return replace(look, limits=limits), {"limits": [readable(text) for text in limits]}
-
-    def _with_boundary(self, look: SliderLook) -> tuple[SliderLook, Part]:
+    def _boundary_of(self, look: SliderLook) -> Part:
         """Find the stable values of the first knob, which do not depend on its own value."""
         if look.poles is None:
-            return look, {}
+            return {}
         control = self.start.controls[0]
-        others = {k: v for k, v in look.settings.values.items() if k != control.path}
-        key = (others, look.settings.opamp)
+        key = others(control, look.settings)
         if self._boundary is None or self._boundary[0] != key:
             name = look.rest.board.circuit.knob(control.path).name
             found: Edges | EngineError
@@ -263,7 +253,7 @@ class Session:
             except EngineError as error:
                 found = error
             self._boundary = (key, found)
-        return look, boundary_part(self._boundary[1], control)
+        return boundary_part(self._boundary[1], control)
 
     def show(self, window: str) -> None:
         """Draw another window of time."""
@@ -293,8 +283,7 @@ class Session:
         if found is None:
             self._tell(simulating=False)
             return
-        if self._look is not None:
-            self._look = look = replace(self._look, other=found)
+        look.other = found
         self._tell(simulating=False, **simulation_part(found), **look.outputs_part(self.window))
 
     def cancel(self) -> None:
