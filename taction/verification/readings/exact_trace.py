@@ -1,380 +1,179 @@
-"""Errors of exact transients on grids of instants that resolve what a search asks for.
+"""The errors of an exact transient as a trace.
 
-The grid is logarithmic in time where a ringing persists: with a point in every period it could have
-any number of points. Between two points a bound holds: the cubic through values and slopes, and
-what each mode may add to it, by its fourth derivative or its envelope. The time after the last
-point is an interval like any other, bounded by what is left of all modes. A search divides only the
-intervals that may hold what it looks for, so the memory is bounded.
-
-The numbers of many boards stand in the same arrays, so that each step of a search is some array
-operations over all boards. Sums over modes are products of each board's own matrices.
+The grid has segments of equal cells. In each of them the fastest mode above `DETAIL` sets the
+width; slower ones outlive it. Between two instants a mode ``share e^(p t)`` differs from the cubic
+through its values and slopes by at most ``|share| e^(Re p t)`` times the lesser of
+``|p h|^4 / 384`` and ``2 + 0.3 |p h|``.
 """
 
 from __future__ import annotations
 
-import functools
+import bisect
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
 from taction.verification.engines.statespace.transients.exact import Exact
-from taction.verification.readings.trace import PIECES, Trace, cubic_ranges, each_board
+from taction.verification.readings.trace import BLOCKS, CELLS, PARTS, Cells, Trace
 
-FINENESS = 0.25  # step times |p| of the fastest mode of a resolved interval: 25 points a period
-PER_OCTAVE = 32  # over ln 2: the step is at most this part of the time
-SEEN = 2.0  # width times |p| up to which a chord bounds a mode better than its envelope
-LONGER = 1.1  # times the end of the grid: the least next end
-EARLY = 4.0 ** -np.arange(13, 1, -1)  # of the fastest mode's time constant: the first instants
-NOISE = 0.1  # of the error bound: smaller amplitudes are not followed
-BLOCK = 1 << 18  # modes times instants that are evaluated together
-MOST = 2_000_000  # points times channels of a board: no refinement above it
-SLACK = 0.05  # of the smaller slope times the width, where an interval rises and then falls: the
-# tangents meet at most so far above the ends, and a resolved cubic's top errs by 0.0013 of that
+FINENESS = 0.5  # width times |p| of the fastest mode of a segment: 13 points a period
+NOISE = 0.1  # of the error bound: a rise by less does not matter to a maximum
+DEAD = 3.0  # a cubic misses at most so many times the amplitude of a mode that has no points
 
+STRIDE = 4  # cells that have the same bounds
 
-@dataclass(frozen=True, eq=False)
-class Course:
-    """The way of one board's channels ``u = sign V`` to their targets, ``e = u - target``."""
-
-    solution: Exact  # solution of a stable board, whose nodes are the channels
-    # `signs`, `target`: (N,): signs of the channels, and their reference steady state, V.
-    signs: Floats
-    target: Floats
-    target_error: float  # error of the target, V, which adds to the bounds of the solution
-    detail: float  # amplitude of a mode below which the first grid does not resolve it, V
-    # Error that a maximum may have where several intervals may hold it, V; rounding if smaller.
-    level: float = 0.0
-
-    @functools.cached_property
-    def ends(self) -> Floats:
-        """Errors at the end of time, V, (N,)."""
-        return np.asarray(self.solution.final * self.signs - self.target)
-
-    @functools.cached_property
-    def noise(self) -> float:
-        """Amplitude that is not followed, V."""
-        largest = float(np.abs([self.solution.start, self.solution.final]).max(initial=0.0))
-        return NOISE * (self.solution.error + self.target_error + EPS * largest)
+Piece = tuple[float, float, int]
+"""Begin of equal cells, their width, s, and their number."""
 
 
 class ExactTrace(Trace):
-    """The channels of boards with exact solutions; the boards have equally many channels, N.
+    """The channels ``u = sign V`` of a stable linear board as distances from their targets.
 
-    `slopes` (P, N) are those of the errors, V/s. Instants (Q,) belong each to a board; where a
-    function divides them by boards, the boards rise.
+    `solution`: of the board; its nodes are the channels.
+    `signs`, `target`: (K,): signs of the channels, and their reference steady state, V.
+    `target_error`: error of the target, V, which adds to the bounds of the solution.
+    `detail`: amplitude of a mode below which the grid does not resolve it, V.
+    `level`: error that a maximum may have, V.
     """
 
-    slopes: Floats
+    most = BLOCKS
 
-    def __init__(self, *courses: Course) -> None:
-        flows = [course.solution.flow for course in courses]
-        self.count, self.channels = len(courses), len(courses[0].signs)
-        self.rest = np.array([course.ends for course in courses])  # (boards, N)
-        bounds = [course.solution.rest_error + course.target_error for course in courses]
-        self.ends, self.end_bounds = self.rest.ravel(), np.array(bounds).ravel()
-        self.noise = np.array([course.noise for course in courses])
-        self.level = np.maximum([course.level for course in courses], self.noise)
-        self.wanted = np.ones((self.count, self.channels), dtype=np.bool_)
-        # Of the modes, (m, boards), and their shares of the channels, (boards, N, m).
-        self._poles = _stacked([flow.poles for flow in flows])
-        self._powers = _stacked([flow.powers for flow in flows])
-        self._scales = _stacked([flow.scales for flow in flows])
-        self._rates = _stacked([flow.rates for flow in flows])
-        self._speeds = _stacked([flow.speeds for flow in flows])
-        parts = [flow.share * c.signs for flow, c in zip(flows, courses, strict=True)]
-        self._shares = self._with_derivatives(_stacked(parts))
-        self._weight = np.abs(self._shares[0])
-        self._largest = np.ascontiguousarray(self._weight.max(axis=1, initial=0.0).T)
-        self._lost = self._lives(self.noise)
-        rates, lag, vague, omitted = zip(*(flow.bound_terms for flow in flows), strict=True)
-        self._bound_rates, self._lag, self._vague = map(_stacked, (rates, lag, vague))
-        self._omitted = np.array(omitted) + np.array(bounds)
-        detail = np.array([course.detail for course in courses])
-        self.time, self.board = self._first_grid(self._lives(detail).T)
-        self.resolved = np.zeros(len(self.time), dtype=np.bool_)
-        self._place(self._columns_at(self.time, self.board))
-        self._bound(np.arange(len(self.time)))
+    def __init__(
+        self,
+        solution: Exact,
+        signs: Floats,
+        target: Floats,
+        target_error: float,
+        detail: float,
+        level: float = 0.0,
+    ) -> None:
+        flow = self.flow = solution.flow
+        share, after = flow.share * signs, np.zeros_like(flow.share)
+        lower = np.flatnonzero(flow.powers[1:])  # terms that a power of the time follows
+        after[lower] = share[lower + 1]
+        slopes = share * flow.poles[:, None] + flow.scales[:, None] * after
+        self.both: Complexes = np.stack([share, slopes])  # of values and of slopes, (2, m, K)
+        self.size, self.channels = np.abs(share), len(signs)
+        self.largest = self.size.max(axis=1, initial=0.0)
+        self.ends = np.asarray(solution.final * signs - target)
+        self.end_bounds = solution.rest_error + target_error
+        largest = float(np.abs([solution.start, solution.final]).max(initial=0.0))
+        self.level = max(level, NOISE * (solution.error + target_error + EPS * largest))
+        self.detail, self._caps = detail, dict[int, tuple[Floats, Floats]]()
+        self._plan()
 
-    def _with_derivatives(self, share: Complexes) -> list[Complexes]:
-        """Return the shares of the values and of two time derivatives, (boards, N, m) each."""
-        found, poles, scales = [share], self._poles.T[:, None], self._scales.T[:, None]
-        for _ in range(2):
-            after = np.zeros_like(share)
-            after[:, :, :-1] = np.where(self._powers.T[:, None, 1:] > 0, found[-1][:, :, 1:], 0.0)
-            found.append(found[-1] * poles + scales * after)
-        return found
+    def _plan(self) -> None:
+        """Lay out the segments in blocks; a long segment has blocks of its own."""
+        rates, speeds = self.flow.rates, self.flow.speeds
+        loud = self.largest > self.detail
+        death = np.log(self.largest[loud] / self.detail) / np.abs(rates[loud])
+        order, begin, cells = np.argsort(death), 0.0, max(CELLS // max(self.channels, 1), PARTS)
+        death, fastest = death[order], np.maximum.accumulate(speeds[loud][order][::-1])[::-1]
+        # First block, number of blocks, and their pieces.
+        self.runs: list[tuple[int, int, list[Piece]]] = []
+        self.blocks, k, room = 0, 0, 0
+        while k < len(death):
+            last = max(k, int(np.searchsorted(-fastest, -0.5 * fastest[k])) - 1)
+            length, k, speed = float(death[last]) - begin, last + 1, float(fastest[k])
+            count = math.ceil(length * speed / FINENESS)
+            if not count:
+                continue
+            piece = begin, length / count, count
+            begin += length
+            if count <= room:
+                self.runs[-1][2].append(piece)
+                room -= count
+                continue
+            number = -(-count // cells)
+            self.runs.append((self.blocks, number, [piece]))
+            self.blocks, room = self.blocks + number, cells - count
+        self.stop, self._cells = begin, cells
 
-    def _lives(self, level: Floats) -> Floats:
-        """Return instants at which modes fall below a `level` (boards,), s, (m, boards)."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            lives = np.log(level / self._largest) / self._rates
-        return np.where(self._largest > 0.0, np.maximum(lives, 0.0), 0.0)
+    def _pieces(self, number: int) -> list[Piece]:
+        """Return the pieces of a block."""
+        nth = bisect.bisect_right(self.runs, number, key=lambda run: run[0]) - 1
+        first, blocks, pieces = self.runs[nth]
+        if blocks == 1:
+            return pieces
+        ((begin, width, count),), done = pieces, (number - first) * self._cells
+        return [(begin + width * done, width, min(self._cells, count - done))]
 
-    def _first_grid(self, lives: Floats) -> tuple[Floats, Ints]:
-        """Return instants that resolve modes which end after `lives` (boards, m), and their boards.
+    def block(self, number: int) -> Cells:
+        """See `Trace`."""
+        parts = [self._segment(*piece) for piece in self._pieces(number)]
+        return Cells(*map(np.concatenate, zip(*parts, strict=True)))
 
-        There are at least `PER_OCTAVE` to an octave. From rest on all modes nearly cancel, and what
-        is left may turn well before any of them.
-        """
-        every, order = np.arange(self.count), np.argsort(lives, axis=1)
-        lives = np.take_along_axis(lives, order, axis=1)
-        rates = np.take_along_axis(self._speeds.T, order, axis=1)
-        rates = np.maximum.accumulate(rates[:, ::-1], axis=1)[:, ::-1]  # of modes that live on
-        before = np.concatenate([np.zeros((self.count, 1)), lives], axis=1)[:, :-1]
-        board, mode = np.nonzero(lives > before)
-        begin, end, step = before[board, mode], lives[board, mode], FINENESS / rates[board, mode]
-        even = np.minimum(np.maximum(PER_OCTAVE * step, begin), end)
-        counts = np.ceil([(even - begin) / step, PER_OCTAVE * np.log(end / even)]).T
-        counts = counts.astype(np.int64)
-        grid = _between(np.stack([begin, even, end], axis=1), counts)
-        shortest = 1.0 / self._speeds.max(axis=0, initial=1.0)
-        empty = np.setdiff1d(every, board)
-        parts = [np.zeros(self.count), np.outer(shortest, EARLY).ravel(), shortest[empty], grid]
-        owners = [every, np.repeat(every, len(EARLY)), empty, np.repeat(board, counts.sum(axis=1))]
-        time, owner = np.concatenate(parts), np.concatenate(owners)
-        order = np.lexsort((time, owner))
-        time, owner = time[order], owner[order]
-        new = np.append(True, (time[1:] != time[:-1]) | (owner[1:] != owner[:-1]))
-        return time[new], owner[new]
+    def _segment(self, begin: float, width: float, count: int) -> Cells:
+        """Return equal cells, from the modes that are above `detail` at their begin."""
+        flow, times = self.flow, begin + width * np.arange(count + 1.0)
+        weight = self.largest * np.exp(flow.rates * begin)
+        live = weight > self.detail
+        dead = DEAD * (np.exp(flow.rates[~live] * begin) @ self.size[~live])
+        basis = self._basis(times, live)
+        values, slopes = (basis.real @ x.real - basis.imag @ x.imag for x in self.both[:, live])
+        missed = _missed(width * flow.speeds[live])
+        some = times[:-1:STRIDE]  # what bounds the cells there bounds those up to the next, too
+        room = np.exp(np.outer(some, flow.rates[live])) @ (missed[:, None] * self.size[live]) + dead
+        doubt = self._doubt(some, some + STRIDE * width)
+        room, doubt = (np.repeat(each, STRIDE, axis=0)[:count] for each in (room, doubt))
+        values, slopes = values + self.ends, slopes * width
+        sides = values[:-1], values[1:], slopes[:-1], slopes[1:]
+        return Cells(times[:-1, None], np.full((count, 1), width), *sides, room, doubt)
 
-    def _basis(self, times: Floats, board: Ints) -> Complexes:
-        """Return the terms with shares of 1 at `times` (Q,), (m, Q)."""
-        basis: Complexes = np.exp(self._poles[:, board] * times)
-        for k in range(1, int(self._powers.max(initial=0)) + 1):
-            rows = np.flatnonzero((self._powers >= k).any(axis=1))
-            grown = self._scales[np.ix_(rows, board)] * times / k
-            basis[rows] *= np.where(self._powers[np.ix_(rows, board)] >= k, grown, 1.0)
+    def _basis(self, times: Floats, live: Bools | slice) -> Complexes:
+        """Return the terms with shares of 1 at `times` (P,), (P, m)."""
+        flow = self.flow
+        poles, powers, scales = flow.poles[live], flow.powers[live], flow.scales[live]
+        basis: Complexes = np.exp(np.multiply.outer(times, poles))
+        for k in range(1, int(powers.max(initial=0)) + 1):
+            some = np.flatnonzero(powers >= k)
+            basis[..., some] *= np.multiply.outer(times, scales[some]) / k
         return basis
 
-    def _sums(
-        self,
-        board: Ints,
-        terms: Callable[[slice], Complexes | Floats],
-        *weights: Complexes | Floats,
-    ) -> Floats:
-        """Return the real parts of sums over terms with each of `weights` (boards, N, m).
+    def _doubt(self, begin: Floats, end: Floats) -> Floats:
+        """Bound the error of the values between instants (P,), V, (P, K)."""
+        rates, lag, vague, omitted = self.flow.bound_terms
+        left = np.exp(np.outer(begin, rates))
+        return np.asarray(end[:, None] * (left @ lag) + left @ vague + omitted + self.end_bounds)
 
-        `terms` returns those of a part of the instants, (m, Q). Shape (weights, Q, N).
-        """
-        found = np.empty((len(weights), len(board), self.channels))
-        length = max(BLOCK // max(len(self._rates), 1), 1)
-        for first in range(0, len(board), length):
-            part = slice(first, first + length)
-            values = terms(part)
-            for k, some in each_board(board[part], self.count):
-                a = values[:, some].T
-                for sums, weight in zip(found[:, part], weights, strict=True):
-                    b = weight[k].T
-                    sums[some] = a.real @ b.real
-                    if np.iscomplexobj(a) and np.iscomplexobj(b):
-                        sums[some] -= a.imag @ b.imag
-        return found
+    def cap(self, number: int) -> tuple[Floats, Floats]:
+        """See `Trace`; the bounds hold from the block on."""
+        if number not in self._caps:
+            begin = self.stop if number >= self.blocks else self._pieces(number)[0][0]
+            left = np.exp(self.flow.rates * begin) @ self.size
+            rates, lag, vague, omitted = self.flow.bound_terms
+            latest = np.maximum(begin, 1.0 / np.abs(rates))  # where ``t e^(r t)`` is largest
+            doubt = (latest * np.exp(rates * latest)) @ lag + np.exp(rates * begin) @ vague
+            caps = np.stack([left + self.ends, left - self.ends])
+            self._caps[number] = caps, doubt + omitted + self.end_bounds
+        return self._caps[number]
 
-    def evaluate(self, times: Floats, board: Ints) -> tuple[Floats, Floats]:
-        """Return errors and slopes at `times`, (Q, N) each."""
+    def last_block(self, side: int, channel: int, shift: float, level: float) -> int:
+        """See `Trace`: the caps fall."""
+        low, high = 0, self.blocks
+        while low < high:
+            middle = (low + high) // 2
+            later = self.reached(middle, side, channel, shift) > level
+            low, high = (middle + 1, high) if later else (low, middle)
+        return low - 1
 
-        def basis(some: slice) -> Complexes:
-            return self._basis(times[some], board[some])
-
-        values, slopes = self._sums(board, basis, *self._shares[:2])
-        return values + self.rest[board], slopes
-
-    def error_bounds(self, times: Floats, board: Ints) -> Floats:
-        """Return bounds on the error of the errors at `times`, V, (Q, N)."""
-
-        def left(some: slice) -> Floats:
-            return np.asarray(np.exp(self._bound_rates[:, board[some]] * times[some]))
-
-        late, vague = self._sums(board, left, self._lag, self._vague)
-        return np.asarray(self._omitted[board] + times[:, None] * late + vague)
-
-    def sums(self, times: Floats, board: Ints, channel: Ints, order: int) -> tuple[Floats, Floats]:
+    def divide(self, begin: Floats, width: Floats, channel: Ints) -> Cells:
         """See `Trace`."""
-        basis = self._basis(times, board)
-        first, second = (
-            np.einsum("mq,qm->q", basis, self._shares[order + k][board, channel]).real
-            for k in range(2)
-        )
-        return (first, second) if order else (first + self.rest[board, channel], second)
-
-    def _rate(self, times: Floats, board: Ints) -> Floats:
-        """Return |p| of the fastest mode above the noise at `times` (Q,), 1/s."""
-        heard = self._lost[:, board] > times
-        return np.asarray(np.where(heard, self._speeds[:, board], 0.0).max(axis=0, initial=0.0))
-
-    def remainder(self, times: Floats, board: Ints) -> Floats:
-        """Return bounds on what the modes have left after `times`, V, (Q, N)."""
-
-        def left(some: slice) -> Floats:
-            return np.asarray(np.exp(self._rates[:, board[some]] * times[some]))
-
-        return np.asarray(self._sums(board, left, self._weight)[0])
-
-    def room(self, begin: Floats, width: Floats, board: Ints) -> Floats:
-        """Bound what lies between the channels and the cubics through values and slopes, V, (Q, N).
-
-        The intervals (Q,) have a `width` each, s. Of a mode slower than the width the fourth
-        derivative counts, of a faster one its envelope and the cubic through it.
-        """
-
-        def bent(some: slice) -> Floats:
-            of = board[some]
-            angle, size = self._speeds[:, of] * width[some], self._rates[:, of] * begin[some]
-            return np.asarray(np.exp(size) * np.minimum(angle**4 / 384.0, 2.0 + 0.3 * angle))
-
-        return np.asarray(self._sums(board, bent, self._weight)[0])
-
-    def envelopes(self, begin: Floats, width: Floats, board: Ints) -> Floats:
-        """Bound ``e`` and ``-e`` in intervals (Q,) by chords of slow modes and envelopes of others.
-
-        Returns the bounds, V, (Q, 2, N).
-        """
-
-        def angle(some: slice) -> Floats:
-            return np.asarray(self._speeds[:, board[some]] * width[some])
-
-        def bent(some: slice) -> Floats:
-            size = np.exp(self._rates[:, board[some]] * begin[some])
-            return np.asarray(size * np.where(angle(some) <= SEEN, angle(some) ** 2 / 8.0, 1.0))
-
-        def slow_modes(times: Floats) -> Floats:
-            def slow(some: slice) -> Complexes:
-                return np.asarray(self._basis(times[some], board[some]) * (angle(some) <= SEEN))
-
-            return np.asarray(self._sums(board, slow, self._shares[0])[0] + self.rest[board])
-
-        ends = slow_modes(begin), slow_modes(begin + width)
-        (room,) = self._sums(board, bent, self._weight)
-        return np.stack([np.maximum(*ends) + room, room - np.minimum(*ends)], axis=1)
-
-    def _place(self, columns: Floats) -> None:
-        """Set the values of all points and intervals, (P, 8, N); find where each board is."""
-        self._columns = columns
-        self.errors, self.slopes, self.bounds, self.reach = (columns[:, k] for k in range(4))
-        self.caps, self.peaks = columns[:, 4:6], columns[:, 6:8]
-        self.locate()
-
-    def _columns_at(self, times: Floats, board: Ints) -> Floats:
-        """Return errors, slopes and bounds at `times` of rising boards, then room: (Q, 8, N)."""
-        columns = np.empty((len(times), 8, self.channels))
-        columns[:, 0], columns[:, 1] = self.evaluate(times, board)
-        columns[:, 2] = self.error_bounds(times, board)
-        return columns
-
-    def _bound(self, places: Ints) -> None:
-        """Bound the intervals at `places`."""
-        self.peaks[places] = np.nan
-        last = self.tail[places]
-        self.reach[places] = np.maximum(self.bounds[places], self.bounds[places + ~last])
-        if last.any():
-            at = places[last]
-            left, end = self.remainder(self.time[at], self.board[at]), self.rest[self.board[at]]
-            self.caps[at] = np.stack([end + left, left - end], axis=1)
-        places = places[~last]
-        width = self.time[places + 1] - self.time[places]
-        angle = self._rate(self.time[places], self.board[places]) * width
-        fine = self.resolved[places] = angle <= FINENESS
-        rise, fall = self.slopes[places], self.slopes[places + 1]
-        ends = self.errors[places], self.errors[places + 1], rise, fall
-        self.caps[places] = np.stack(cubic_ranges(*ends, width[:, None]), axis=1)
-        turn = np.stack([np.minimum(rise, -fall), np.minimum(-rise, fall)], axis=1)[fine]
-        self.caps[places[fine]] += SLACK * np.maximum(turn, 0.0) * width[fine, None, None]
-        coarse, fast = ~fine, angle > SEEN
-        at, loud = places[coarse], places[fast]
-        self.caps[at] += self.room(self.time[at], width[coarse], self.board[at])[:, None]
-        envelopes = self.envelopes(self.time[loud], width[fast], self.board[loud])
-        self.caps[loud] = np.minimum(self.caps[loud], envelopes)
-
-    def refine(self, places: Ints, most: int = PIECES) -> Bools:
-        """See `Trace`.
-
-        The last interval of a board is divided where a mode is above the noise. A board has no new
-        points if its grid would be too large, or if there is nothing left to find.
-        """
-        places = np.unique(places)
-        last, board = self.tail[places], self.board[places]
-        left = np.full((len(places), self.channels), np.inf)
-        left[last] = self.remainder(self.time[places[last]], board[last])
-        places = places[left.max(axis=1, initial=0.0) > self.noise[board]]
-        last = self.tail[places]
-        inner, ends = places[~last], places[last].tolist()
-        width = self.time[inner + 1] - self.time[inner]
-        pieces = self._rate(self.time[inner], self.board[inner])
-        pieces = np.ceil(pieces * width / FINENESS)
-        pieces = np.clip(pieces, 2, most).astype(np.int64)
-        number = pieces - 1
-        which = np.repeat(np.arange(len(inner)), number)
-        nth = np.arange(len(which)) - np.repeat(np.cumsum(number) - number, number) + 1
-        beyond = [self._later(int(self.board[k]), float(self.time[k])) for k in ends]
-        new = np.concatenate([self.time[inner][which] + (width / pieces)[which] * nth, *beyond])
-        into = np.concatenate([inner[which], np.repeat(places[last], list(map(len, beyond)))])
-        added = np.bincount(self.board[into], minlength=self.count)
-        size = added + np.bincount(self.board, minlength=self.count)
-        divided: Bools = (added > 0) & (size * self.channels <= MOST)
-        if divided.any():
-            kept = np.flatnonzero(divided[self.board[into]])
-            kept = kept[np.argsort(into[kept], kind="stable")]
-            self._insert(places[divided[self.board[places]]], new[kept], into[kept])
-        return divided
-
-    def _later(self, k: int, begin: float) -> Floats:
-        """Return instants after the last of a grid of board k, until all its modes are noise, s."""
-        left = float(self.remainder(np.array([begin]), np.array([k])).max(initial=0.0))
-        slowest = float(self._rates[0, k])
-        end = begin + math.log(max(left / float(self.noise[k]), 1.0)) / -slowest
-        end = LONGER * max(begin, end)
-        count = math.ceil(PER_OCTAVE * math.log(end / begin))
-        return _between(np.array([[begin, begin, end]]), np.array([[0, count]]))
-
-    def _insert(self, places: Ints, new: Floats, into: Ints) -> None:
-        """Insert points `new` (Q,) that divide the intervals at `places`; `into` is that of each.
-
-        Only the points between the first and the last of them are copied one by one.
-        """
-        owner, begin, end = self.board[into], int(into[0]) + 1, int(into[-1]) + 1
-
-        def with_new(old: NDArray[Any], values: NDArray[Any]) -> NDArray[Any]:
-            moved = np.insert(old[begin:end], into + 1 - begin, values, axis=0)
-            return np.concatenate([old[:begin], moved, old[end:]])
-
-        self.time, self.board = with_new(self.time, new), with_new(self.board, owner)
-        self.resolved = with_new(self.resolved, np.zeros(len(new), dtype=np.bool_))
-        self._place(with_new(self._columns, self._columns_at(new, owner)))
-        before = np.searchsorted(into, places)  # points that stand before each of the places
-        self._bound(np.sort(np.concatenate([places + before, into + 1 + np.arange(len(new))])))
+        flow, part = self.flow, width / PARTS
+        times = begin + np.multiply.outer(np.arange(PARTS + 1), part)
+        basis = self._basis(times, slice(None))
+        values, slopes = (np.einsum("pqm,mq->pq", basis, x[:, channel]).real for x in self.both)
+        values, slopes = values + self.ends[channel], slopes * part
+        size = np.exp(np.outer(begin, flow.rates)) * self.size[:, channel].T
+        missed = _missed(np.outer(part, flow.speeds))
+        room = np.broadcast_to((size * missed).sum(axis=1), (PARTS, len(begin)))
+        doubt = self._doubt(begin, begin + width)[np.arange(len(begin)), channel]
+        doubt = np.broadcast_to(doubt, room.shape)
+        sides = values[:-1], values[1:], slopes[:-1], slopes[1:]
+        return Cells(times[:-1], np.broadcast_to(part, room.shape), *sides, room, doubt)
 
 
-def _stacked(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Return arrays of the boards as one, with zeros behind each.
-
-    Of arrays (m_k,) that is (m, boards), of arrays (m_k, N) it is (boards, N, m).
-    """
-    counts = np.array([len(part) for part in parts])
-    inside = np.arange(counts.max()) < counts[:, None]
-    found = np.zeros((*inside.shape, *parts[0].shape[1:]), parts[0].dtype)
-    found[inside] = np.concatenate(parts)
-    return np.ascontiguousarray(found.T if found.ndim == 2 else found.swapaxes(1, 2))
-
-
-def _between(ends: Floats, counts: Ints) -> Floats:
-    """Return instants of pieces of time, s, one after the other, each without its begin.
-
-    From the first of its `ends` (Q, 3) to the second a piece has so many even steps as the first of
-    its `counts` (Q, 2), from there to the third so many steps in geometric progression as the
-    second.
-    """
-    count = counts.ravel()
-    which = np.repeat(np.arange(len(count)), count)
-    last = np.cumsum(count)
-    share = (np.arange(len(which)) + 1 - (last - count)[which]) / count[which]
-    begin, end = ends[:, :2].ravel()[which], ends[:, 1:].ravel()[which]
-    curved = which % 2 == 1
-    found = begin + (end - begin) * share
-    found[curved] = begin[curved] * (end[curved] / begin[curved]) ** share[curved]
-    found[last[count > 0] - 1] = ends[:, 1:].ravel()[count > 0]
-    return found
+def _missed(angle: Floats) -> Floats:
+    """Bound what the cubic of a mode of size 1 misses; `angle` is its |p| times the width."""
+    return np.minimum(angle**4 / 384.0, 2.0 + 0.3 * angle)

@@ -54,11 +54,10 @@ None for a channel that ends outside its settling band, or does not reach both l
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """Values before the step and targets, (N,) each, of the channels of one or more `boards`."""
+    """Values before the step and targets of the channels, (N,) each."""
 
     start: Floats
     target: Floats
-    boards: int = 1
 
     @cached_property
     def sizes(self) -> Floats:
@@ -71,26 +70,18 @@ class Step:
         return float(np.abs(self.sizes).max(initial=0.0))
 
     @cached_property
-    def amplitudes(self) -> Floats:
-        """Step amplitude A of the network of each channel, (N,)."""
-        sizes = np.abs(self.sizes).reshape(self.boards, -1)
-        return np.repeat(sizes.max(axis=1, initial=0.0), sizes.shape[1])
-
-    @cached_property
     def rising(self) -> Bools:
         """Marks of the channels whose step is large enough for a rise time, (N,)."""
         sizes = np.abs(self.sizes)
-        return np.asarray((sizes >= SMALL_STEP * self.amplitudes) & (sizes > 0))
+        return np.asarray((sizes >= SMALL_STEP * self.amplitude) & (sizes > 0))
 
 
-def read(trace: Trace, step: Step, tolerance: float | Floats, lost: Bools) -> Readings:
+def read(trace: Trace, step: Step, tolerance: float, lost: Bools) -> Readings:
     """Read a trace.
 
-    `tolerance` is half the width of the settling band, in the unit of the trace: one of all
-    channels, or (N,) of the channels of several boards. `lost` (N,) marks channels whose rise time
-    has no meaning.
+    `tolerance` is half the width of the settling band, in the unit of the trace. `lost` (N,) marks
+    channels whose rise time has no meaning.
     """
-    # Each search refines an exact trace for the next ones, so their order decides last digits.
     shares, rises = excursions(trace, step), rise_times(trace, step.sizes, step.rising & ~lost)
     times = {"rise_time": rises, "settling_time": settling_times(trace, tolerance)}
     return {**times, **shares}
@@ -102,16 +93,16 @@ def unread(channels: int) -> Readings:
     return nothing | dict.fromkeys(EXCURSIONS, (Reading(0.0, math.inf),) * channels)
 
 
-def settling_times(trace: Trace, tolerance: float | Floats) -> tuple[Reading | None, ...]:
+def settling_times(trace: Trace, tolerance: float) -> tuple[Reading | None, ...]:
     """Return when each channel was last outside ``±tolerance``; None if it ends outside."""
     ends = np.abs(trace.ends)
     if np.all(ends > tolerance):
         return (None,) * len(ends)
     # The last two shift the trace by its bound.
-    levels = np.multiply.outer([1.0, 1.0 - BAND_SHIFT, 1.0 + BAND_SHIFT, 1.0, 1.0], tolerance)
+    levels = tolerance * np.array([1.0, 1.0 - BAND_SHIFT, 1.0 + BAND_SHIFT, 1.0, 1.0])
     at, doubt = trace.last_outside(levels, np.array([0.0, 0.0, 0.0, -1.0, 1.0]))
     at = np.where(np.isnan(at), 0.0, at)
-    at[:3][ends > levels.reshape(5, -1)[:3]] = np.nan
+    at[:3][ends > levels[:3, None]] = np.nan
     at[4, ends + trace.end_bounds > tolerance] = np.inf
     # A crossing of the true trace lies between those of the shifted traces.
     late, early = at[4] + doubt[4] - at[0], at[0] - at[3] + doubt[3]
@@ -152,29 +143,24 @@ def rise_times(trace: Trace, steps: Floats, selected: Bools) -> tuple[Reading | 
 
 def excursions(trace: Trace, step: Step) -> Readings:
     """Return how far the channels go beyond target and start, fractions of A; 0 without a step."""
-    amplitudes, sizes = step.amplitudes, step.sizes
-    moves = amplitudes > 0
-    if not moves.any():
+    A, sizes = step.amplitude, step.sizes
+    if not A:
         return dict.fromkeys(EXCURSIONS, (Reading(0.0, 0.0),) * len(sizes))
     up, down = np.array(trace.highest(1.0)), np.array(trace.highest(-1.0))
     ahead, away = np.where(sizes < 0, (down, up), (up, down))  # heights and their doubts each
     away[0] -= np.abs(sizes)  # beyond the start
     either = np.maximum(ahead, away)
     over = np.where(step.rising, ahead, either)
-    under = np.where(np.abs(sizes) > STILL * amplitudes, away, either)
-    shares = (part / np.where(moves, amplitudes, np.inf) for part in (over, under))
-    readings = (_from_zero(values, doubts, moves) for values, doubts in shares)
+    under = np.where(np.abs(sizes) > STILL * A, away, either)
+    readings = (_from_zero(*(part / A)) for part in (over, under))
     return dict(zip(EXCURSIONS, readings, strict=True))
 
 
-def _from_zero(values: Floats, doubts: Floats, moves: Bools) -> tuple[Reading, ...]:
-    """Return values of at least 0, with bounds of their errors of at least rounding.
-
-    Both are 0 of the channels of a board that has no step.
-    """
+def _from_zero(values: Floats, doubts: Floats) -> tuple[Reading, ...]:
+    """Return values of at least 0, with bounds of their errors of at least rounding."""
     low, value, high = (np.maximum(x, 0.0) for x in (values - doubts, values, values + doubts))
     errors = np.maximum(np.maximum(high - value, value - low), np.spacing(1.0 + value))
-    return tuple(map(Reading, value.tolist(), (errors * moves).tolist()))
+    return tuple(map(Reading, value.tolist(), errors.tolist()))
 
 
 def largest(readings: Sequence[Reading]) -> Reading:

@@ -3,9 +3,8 @@
 Between two points of a record is the cubic through the four nearest ones. Its distance from the two
 parabolas that leave out one outer point shows the third derivative, and a quarter of that from the
 chord the second; for a sinusoid of six points a period or more, one of the two is large wherever
-the error of the cubic is large. So the larger of both bounds it, and is an uncertainty like the
-error of the samples. Where the waveform is known between the points, the cubic only shows where a
-crossing or a peak is, and no interpolation adds uncertainty.
+the error of the cubic is large. So the larger of both bounds it. Where the waveform is known
+between the points, a cell is divided by its values, and no interpolation adds uncertainty.
 """
 
 from __future__ import annotations
@@ -17,14 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from taction.system.array_types import Bools, Floats, Indices, Ints
-from taction.verification.readings.trace import PIECES, Trace, cubic_ranges
+from taction.verification.readings.trace import CELLS, PARTS, Cells, Trace
 
 LARGEST_ERROR = 1e200  # V: that of a record of which nothing is known
 CUBIC = 4  # points: more would magnify rounding where the steps grow from tiny steps
 FEWEST_POINTS = 8
-BLOCK = 32  # samples that a search looks at together until it needs each
 INSIDE = (0.25, 0.5, 0.75)  # of an interval: where the cubic is compared
-NUDGE = 1e-4  # of an interval: step of the differences that are slopes of a known waveform
+NUDGE = 1e-4  # of a part: step of the differences that are slopes of a known waveform
+SAME = 1e-10  # of the largest error: maxima by less apart are one
+BENT = 2.0  # times the largest second difference: no cubic exceeds its samples by more
 
 Curve = Callable[[Floats, Indices], Floats]
 
@@ -72,7 +72,7 @@ class RecordTrace(Trace):
     """A record of one board as a trace.
 
     `time` (P,): s, P at least 4.
-    `errors` (N, P): distances from the targets.
+    `errors` (K, P): distances from the targets.
     `error`: bound of the error of every sample.
     `rest`: of the errors.
     `curve`: errors of channels (Q,) at instants (Q,), s.
@@ -88,102 +88,90 @@ class RecordTrace(Trace):
     ) -> None:
         self.begin, self.error, self.rest, self.curve = float(time[0]), error, rest, curve
         self.every, self.samples = time - time[0], errors
-        self.count, (self.channels, points) = 1, errors.shape
-        self.ends, self.end_bounds = errors[:, -1], np.full(self.channels, error)
-        self.noise = self.level = np.zeros(1)
-        self.wanted = np.ones((1, self.channels), dtype=np.bool_)
+        self.channels, points = errors.shape
+        self.stop, self.ends = float(self.every[-1]), errors[:, -1]
+        self.bound = min(error, LARGEST_ERROR)
+        self.end_bounds = np.full(self.channels, self.bound)
+        self.level = SAME * float(np.abs(errors).max(initial=0.0))
+        self._first = np.arange(0, points - 1, max(CELLS // max(self.channels, 1), PARTS))
+        self.blocks = self.most = len(self._first)
+        tops = [np.maximum.reduceat(sign * errors, self._first, axis=1) for sign in (1.0, -1.0)]
         bent = np.zeros_like(errors)
         np.abs(np.diff(errors, 2), out=bent[:, 1:-1])
-        self.kept = np.append(np.arange(0, points - 1, BLOCK), points - 1)
-        self._bent = self._largest(bent)
-        tops = self._largest(self.samples), self._largest(-self.samples)
-        self._caps = np.stack(tops, axis=1) + self._bent[:, None]
-        self._build()
+        more = BENT * bent.max(axis=1, initial=0.0)[:, None]
+        after = np.append(self._first[1:], points - 1)  # a block has the first sample of the next
+        ends = np.stack([errors[:, after], -errors[:, after]])
+        self._caps = np.maximum(np.stack(tops), ends) + more
 
-    def _largest(self, values: Floats) -> Floats:
-        """Return the largest of the values (N, P) in each block, its ends included; (blocks, N)."""
-        inside = np.maximum.reduceat(values[:, :-1], self.kept[:-1], axis=1)
-        return np.maximum(inside, values[:, self.kept[1:]]).T
-
-    def _build(self) -> None:
-        """Set points and intervals: those that are `kept`, and in place of others their blocks.
-
-        A peak between samples is above its highest one by less than this is above its neighbours.
-        """
-        self.time, self.errors = self.every[self.kept], self.samples[:, self.kept].T
-        points, gap = len(self.kept), np.append(np.diff(self.kept), 1)
-        self.board, self.resolved = np.zeros(points, np.int64), gap == 1
-        self.bounds = np.full(self.errors.shape, min(self.error, LARGEST_ERROR))
-        self.peaks = np.full((points, 2, self.channels), np.nan)
-        self.caps = np.stack([self.errors, -self.errors], axis=1)
-        self.reach = self.bounds.copy()
-        self.locate()
-        coarse = np.flatnonzero(~self.resolved)
-        self.caps[coarse] = self._caps[self.kept[coarse] // BLOCK]
-        self.reach[coarse] += self._bent[self.kept[coarse] // BLOCK]
-        fine = np.flatnonzero(self.resolved[:-1])
-        cubic = _Cubic.of(
-            self.every, self.samples, self.kept[fine][:, None], np.arange(self.channels)
-        )
-        begin, end = self.time[fine, None], self.time[fine + 1, None]
-        left, right = self.errors[fine], self.errors[fine + 1]
-        slopes = cubic.derivative(begin, 1), cubic.derivative(end, 1)
-        tops = np.stack(cubic_ranges(left, right, *slopes, end - begin), axis=1)
-        ends = np.stack([np.maximum(left, right), np.maximum(-left, -right)], axis=1)
-        self.caps[fine] = np.minimum(tops, ends + self._room(self.kept[fine]))
-        doubt = cubic.doubt(begin, end, left, right)
-        if self.curve is None:
-            self.reach[fine] += doubt
-        else:
-            self.caps[fine] += doubt[:, None]
-
-    def _room(self, k: Ints) -> Floats:
-        """Bound how far ``e``, or ``-e``, is above the samples in intervals (Q,): (Q, 2, N).
-
-        The parabola through a local maximum of the samples and its neighbours tells on which side
-        the peak is: above each end by less than this is above its neighbours. Elsewhere, and where
-        only one end is above its neighbours, a cubic beyond the samples is that of a kink.
-        """
-        last = len(self.every) - 1
-        places = np.stack([np.maximum(k - 1, 0), k, k + 1, np.minimum(k + 2, last)])
-        gaps = np.diff(self.every[places], axis=0)[:, :, None] ** 2
-        rises, found = np.diff(self.samples.T[places], axis=0), list[Floats]()
-        for sign in (1.0, -1.0):
-            up, across, down = sign * rises
-            right = (k > 0)[:, None] & (up >= 0.0) & (across <= 0.0)
-            right &= up * gaps[1] >= -across * gaps[0]
-            left = (k + 2 <= last)[:, None] & (across >= 0.0) & (down <= 0.0)
-            left &= across * gaps[2] < -down * gaps[1]
-            room = np.minimum(up - across, across - down)
-            found.append(np.where(right | left, np.maximum(room, 0.0), 0.0))
-        return np.stack(found, axis=1)
-
-    def refine(self, places: Ints, most: int = PIECES) -> Bools:
-        """See `Trace`: the samples of a block take its place."""
-        coarse = self.kept[places[~self.resolved[places]]]
-        new = (coarse[:, None] + np.arange(BLOCK)).ravel()
-        new = np.setdiff1d(new[new < len(self.every)], self.kept)
-        if new.size:
-            self.kept = np.union1d(self.kept, new)
-            self._build()
-        return np.array([bool(new.size)])
-
-    def sums(self, times: Floats, board: Ints, channel: Ints, order: int) -> tuple[Floats, Floats]:
+    def cap(self, number: int) -> tuple[Floats, Floats]:
         """See `Trace`."""
-        k = np.searchsorted(self.every, times, side="right") - 1
-        k = np.clip(k, 0, len(self.every) - 2)
+        last = number == self.blocks
+        cap = np.stack([self.ends, -self.ends]) if last else self._caps[:, :, number]
+        return cap, self.end_bounds
+
+    def block(self, number: int) -> Cells:
+        """See `Trace`."""
+        first, last = np.append(self._first, len(self.every) - 1)[number : number + 2]
+        return self._cells(np.arange(first, last)[:, None], np.arange(self.channels))
+
+    def _cells(self, interval: Ints, channel: Ints) -> Cells:
+        """Return the cells of intervals and channels, which broadcast."""
+        cubic = _Cubic.of(self.every, self.samples, interval, channel)
+        begin, end = self.every[interval], self.every[interval + 1]
+        left, right = self.samples[channel, interval], self.samples[channel, interval + 1]
+        doubt, width = cubic.doubt(begin, end, left, right), end - begin
+        rise, fall = (cubic.derivative(at, 1) * width for at in (begin, end))
+        turns, most, change = *self._turns(interval, channel), right - left
+        up, down = np.maximum(change, 0.0), np.minimum(change, 0.0)
+        low, high = (np.where(turns, by, 3.0 * each) for by, each in ((-most, down), (most, up)))
+        rise, fall = np.clip(rise, low, high), np.clip(fall, low, high)
+        room = np.zeros_like(doubt) if self.curve is None else doubt
+        known = self.bound + (doubt if self.curve is None else np.zeros_like(doubt))
+        return Cells(begin, width, left, right, rise, fall, room, known)
+
+    def _turns(self, interval: Ints, channel: Ints) -> tuple[Bools, Floats]:
+        """Tell in which intervals there is a peak, or a trough, and how steep it is at most.
+
+        The parabola through an extreme sample and its neighbours tells on which side that is.
+        Elsewhere, and where a neighbour is as high, a cubic beyond the samples is that of a kink.
+        """
+        last, width = len(self.every) - 1, self.every[interval + 1] - self.every[interval]
+        turns, steep = np.zeros((), np.bool_), np.full(1, np.inf)
+        for end, out in ((interval, -1), (interval + 1, 1)):
+            k = np.clip(end, 1, last - 1)
+            before, here, beyond = (self.samples[channel, k + by] for by in (-1, 0, 1))
+            near, far = self.every[k] - self.every[k - 1], self.every[k + 1] - self.every[k]
+            up, down = (here - before) / near, (beyond - here) / far
+            goes_on = (up * far + down * near) * up >= 0.0
+            inner = k == end
+            turns = turns | (inner & (up * down <= 0.0) & (goes_on == (out < 0)))
+            steep = np.where(inner, np.minimum(steep, np.abs(up if out < 0 else down)), steep)
+        return turns, 3.0 * steep * width
+
+    def divide(self, begin: Floats, width: Floats, channel: Ints) -> Cells:
+        """See `Trace`; without a curve the only part is the cell."""
         if self.curve is None:
-            cubic = _Cubic.of(self.every, self.samples, k, channel)
-            return cubic.derivative(times, order), cubic.derivative(times, order + 1)
-        step = NUDGE * (self.every[k + 1] - self.every[k])
-        at = np.clip(times, step, self.every[-1] - step)
-        before, here, after = (
-            self.curve(self.begin + at + by, channel) for by in (-step, 0.0 * step, step)
+            interval = np.searchsorted(self.every, begin, side="right") - 1
+            interval = np.minimum(interval, len(self.every) - 2)
+            return Cells(*(each[None] for each in self._cells(interval, channel)))
+        part = width / PARTS
+        times = begin + np.multiply.outer(np.arange(2 * PARTS + 1), 0.5 * part)
+        times = np.minimum(times, self.stop)
+        sooner, later = (
+            np.maximum(times - NUDGE * part, 0.0),
+            np.minimum(times + NUDGE * part, self.stop),
         )
-        slope = (after - before) / (2.0 * step)
-        if order:
-            return slope, (after - 2.0 * here + before) / step**2
-        return self.curve(self.begin + times, channel), slope
+        which = np.broadcast_to(channel, times.shape).ravel()
+        before, here, after = (
+            self.curve(self.begin + at.ravel(), which).reshape(times.shape)
+            for at in (sooner, times, later)
+        )
+        slope = part * ((after - before) / (later - sooner))[::2]
+        room, sides = np.zeros_like(slope[:-1]), (here[:-2:2], here[2::2], slope[:-1], slope[1:])
+        doubt = np.full_like(room, self.bound)
+        cells = Cells(times[:-2:2], np.diff(times[::2], axis=0), *sides, room, doubt)
+        middle = cells.at(np.full_like(room, 0.5))
+        return cells._replace(room=2.0 * np.abs(middle - here[1::2]))
 
     def highest(self, sign: float) -> tuple[Floats, Floats]:
         """See `Trace`; with where the channels come to rest after the record."""

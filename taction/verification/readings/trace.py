@@ -1,33 +1,33 @@
 """Crossings and peaks of a trace: one search each for records and for exact solutions.
 
-A trace has the errors of channels at points, and between two points, and after the last one, an
-upper bound of each channel and of its negative. A search looks only at intervals whose bound
-reaches the level, or the highest value so far: it divides those that may hide a ringing, and
-refines the instant on the trace itself in the others. So no instant is left out.
-
-The traces of many boards are one after the other in the same arrays, so that a search is one array
-operation over all boards, channels and levels.
+A trace has the errors of channels, their distances from the targets, in cells: between the ends of
+a cell stands the cubic of its values and slopes. What the cubic may miss is bounded: its `room`
+falls as a cell is divided, its `doubt` does not. A search looks only at cells in which the cubic
+and these bounds reach the level, the outermost first, and divides them; so no instant is left out.
+The cells come in blocks, which are made when a search reaches them.
 """
 
 from __future__ import annotations
 
 import functools
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from taction.system.array_types import EPS, Bools, Floats, Ints
+from taction.system.array_types import Floats, Ints
 
-PIECES = 64  # largest number of pieces of a refined interval
-FEW = 4  # most pieces where a bound alone may exclude them: it falls by the fourth power
-ITERATIONS = 60  # of a root
-CONVERGED = 1e-8  # of an interval: last step of a root
-ROUNDS = 200  # largest number of rounds of one search
-AHEAD = 4  # so many doublings of the intervals that one round of a search divides
-TOGETHER = 512  # peaks of a board whose intervals one round of a search divides
+CELLS = 1 << 15  # cells times channels of a block
+PARTS = 8  # of a cell that is divided
+BLOCKS = 12  # so many blocks of an exact solution are looked at in one search
+ROUNDS = 200  # largest number of cells that a search divides
+FINE = 1e-7  # of a level: with less room a cell is not divided
+DEEPEST = 8  # so often a cell is divided
+SMALLEST = 1e-9  # of a cell: what is left of it counts as nothing
+NARROWED = 10  # so often the place of a crossing in its cell is narrowed to a `PARTS`-th
+FEW, TOGETHER = 4, 512  # first candidates of a search, and those that are divided at once
 
 
 class Crossings(NamedTuple):
@@ -37,67 +37,91 @@ class Crossings(NamedTuple):
     uncertainty: Floats
 
 
+class Cells(NamedTuple):
+    """Cells of equal shape: of a block (P, K), or parts of cells (PARTS, Q)."""
+
+    begin: Floats  # s, like `width`: (P, 1) or (PARTS, Q)
+    width: Floats
+    left: Floats  # values at the ends, V
+    right: Floats
+    rise: Floats  # slopes at the ends times the width, V
+    fall: Floats
+    room: Floats  # bounds on what the cubic misses, V
+    doubt: Floats  # bounds on the errors of the values, V
+
+    def tops(self, sign: Floats | float) -> tuple[Floats, Floats]:
+        """Return where in the cells ``sign * cubic`` is largest, 0 to 1, and how large, V."""
+        left, right, rise, fall = (sign * part for part in self[2:6])
+        square, cube = 3.0 * (right - left) - 2.0 * rise - fall, rise + fall - 2.0 * (right - left)
+        root = np.sqrt(np.maximum(square**2 - 3.0 * cube * rise, 0.0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = np.fmin(np.fmax(rise / (root - square), 0.0), 1.0)
+        height = left + at * (rise + at * (square + at * cube))
+        ends = np.maximum(left, right)
+        return np.where(height > ends, at, right >= left), np.maximum(height, ends)
+
+    def at(self, x: Floats) -> Floats:
+        """Return the cubics at places of the cells, 0 to 1."""
+        rise, fall, delta = self.rise, self.fall, self.right - self.left
+        square, cube = 3.0 * delta - 2.0 * rise - fall, rise + fall - 2.0 * delta
+        return np.asarray(self.left + x * (rise + x * (square + x * cube)))
+
+    def chosen(self, part: Ints) -> Cells:
+        """Return one part of each of the divided cells, (Q,)."""
+        return Cells(*(each[part, np.arange(len(part))] for each in self))
+
+
 class Trace(ABC):
-    """Errors of the channels of some boards over time, distances from their targets.
+    """Errors of the channels of a board over time, which counts from 0."""
 
-    A channel of a board has a row of its own: ``board * N + channel``.
-    """
-
-    # `time`, `board`: (P,): s, from 0, and to which board it belongs. Interval k lies between the
-    # points k and k + 1, the last one of a board (`tail`) after all its points.
-    time: Floats
-    board: Ints
-    # `errors`, `bounds`: (P, N): V; bounds on the error of the errors, V.
-    errors: Floats
-    bounds: Floats
-    # `caps`, `peaks`: (P, 2, N): upper bounds of ``e`` and of ``-e`` in each interval, V; and where
-    # the bound is the height of a peak, its instant, s, else NaN.
-    caps: Floats
-    peaks: Floats
-    reach: Floats  # (P, N): largest of the bounds in each interval, V
-    resolved: Bools  # (P,): whether the points show every peak that matters in the interval
-    # `ends`, `end_bounds`: (rows,): errors where the trace ends or comes to rest, V, and their
-    # bounds.
+    channels: int
+    blocks: int  # number of blocks of cells
+    most: int  # so many of them are looked at in one search
+    stop: float  # end of the last cell, s
+    # `ends`, `end_bounds`: (K,): errors where the trace ends or comes to rest, and their bounds, V.
     ends: Floats
     end_bounds: Floats
-    # `noise`, `level`: rises that do not matter to a maximum, V: of a resolved, and of any
-    # interval.
-    noise: Floats
-    level: Floats
-    # `count`, `channels`: number of boards, and of the channels of each.
-    count: int
-    channels: int
-    wanted: Bools  # the channels of which maxima are searched; all by default
+    level: float  # a rise by less does not matter to a maximum, V
 
     @abstractmethod
-    def sums(self, times: Floats, board: Ints, channel: Ints, order: int) -> tuple[Floats, Floats]:
-        """Return derivatives of two orders from `order` of one channel at each time, (Q,)."""
+    def block(self, number: int) -> Cells:
+        """Return the cells of a block, (P, K)."""
 
     @abstractmethod
-    def refine(self, places: Ints, most: int = PIECES) -> Bools:
-        """Divide the intervals at `places`; return which boards have new points."""
+    def cap(self, number: int) -> tuple[Floats, Floats]:
+        """Bound ``e`` and ``-e`` in a block, V, (2, K), but for their errors; and these, V, (K,).
 
-    def locate(self) -> None:
-        """Set `first`, the first point of each board, and `tail`."""
-        self.first = np.searchsorted(self.board, np.arange(self.count))
-        self.tail = np.append(self.board[1:] != self.board[:-1], True)
+        The last number stands for what follows.
+        """
+
+    def reached(self, number: int, side: int, channel: int, shift: float) -> float:
+        """Return the bound of a channel in a block, shifted by its error, V."""
+        cap, doubt = self.cap(number)
+        return float(cap[side, channel] + shift * doubt[channel])
+
+    @abstractmethod
+    def divide(self, begin: Floats, width: Floats, channel: Ints) -> Cells:
+        """Return the equal parts of pieces of cells (Q,), which belong to channels, (PARTS, Q)."""
+
+    def last_block(self, side: int, channel: int, shift: float, level: float) -> int:
+        """Return a block behind which a channel stays below a level."""
+        return self.blocks - 1
 
     def last_outside(self, levels: Floats, shifts: Floats) -> Crossings:
-        """Find the last instants (J, rows) with ``|error|`` above `levels`.
+        """Find the last instants (J, K) with ``|error|`` above `levels` (J,).
 
-        The levels are those of all rows (J,), or of each (J, rows). For each level the trace is
-        shifted outwards by `shifts` (J,) times its bound. NaN for a row that never is above.
+        For each level the trace is shifted outwards by `shifts` (J,) times its bound. NaN for a
+        channel that never is above.
         """
-        shape = (2, len(levels), len(self.ends))
-        side, j, row = (part.ravel() for part in np.indices(shape))
-        level = np.broadcast_to(levels.reshape(len(levels), -1), shape[1:])[j, row]
-        found = _TimeSearch(self, side, row, level, shifts[j], last=True).run()
-        (up, down), (doubt_up, doubt_down) = (part.reshape(shape) for part in found)
+        shape = (2, len(levels), self.channels)
+        side, j, channel = (part.ravel() for part in np.indices(shape))
+        found = self._search(side, channel, levels[j], shifts[j], last=True)
+        (up, down), doubts = (part.reshape(shape) for part in found)
         later = np.fmax(up, down)
-        return Crossings(later, np.where(later == down, doubt_down, doubt_up))
+        return Crossings(later, np.where(later == down, doubts[1], doubts[0]))
 
     def first_reached(self, rows: Ints, steps: Floats, levels: Floats, shifts: Floats) -> Crossings:
-        """Find when ``1 + error / step`` first exceeds `levels` (J,), in `rows` (R,).
+        """Find when ``1 + error / step`` first exceeds `levels` (J,), in channels `rows` (R,).
 
         For each level the trace is shifted in the direction of the step by `shifts` (J,) times its
         bound. Shape (J, R); NaN for a level that is never exceeded.
@@ -105,251 +129,206 @@ class Trace(ABC):
         shape = (len(levels), len(rows))
         j, r = (part.ravel() for part in np.indices(shape))
         level, side = (levels[j] - 1.0) * np.abs(steps[r]), (steps[r] < 0.0).astype(np.int64)
-        found = _TimeSearch(self, side, rows[r], level, shifts[j], last=False).run()
+        found = self._search(side, rows[r], level, shifts[j], last=False)
         return Crossings(*(part.reshape(shape) for part in found))
 
-    def highest(self, sign: float) -> tuple[Floats, Floats]:
-        """Return the maximum of ``sign * error`` of every row and its uncertainty, (rows,)."""
-        heights, doubts = self._highest
-        side = int(sign < 0.0)
-        return heights[side], doubts[side]
+    def _search(
+        self, side: Ints, channel: Ints, level: Floats, shift: Floats, *, last: bool
+    ) -> Crossings:
+        """Find the last, or first, instants at which ``e`` (side 0) or ``-e`` (1) is above levels.
+
+        All are (Q,). Infinite uncertainty for an instant that the number of blocks, or of
+        divisions, leaves open.
+        """
+        asked = zip(side.tolist(), channel.tolist(), level.tolist(), shift.tolist(), strict=True)
+        queues = [self._candidates(*each, last=last) for each in asked]
+        time, doubt, begin, width = np.full((4, len(side)), np.nan)
+        left = np.arange(len(side))
+        for turn in range(ROUNDS + 1):
+            for q in left[np.isnan(begin[left])].tolist():
+                begin[q], width[q] = next(queues[q], (math.nan, 0.0))
+            open_, ends = np.isinf(width[left]) | (turn == ROUNDS), width[left] == 0.0
+            doubt[left[open_]], done = math.inf, open_ | ends
+            time[left[done]] = begin[left[done]]
+            left = left[~done & ~np.isnan(begin[left])]
+            if not left.size:
+                break
+            piece, sign = (begin[left], width[left], channel[left]), 1.0 - 2.0 * side[left]
+            found = self._within(*piece, sign, level[left], shift[left], last=last)
+            time[left], begin[left], width[left] = found
+            left = left[np.isnan(time[left])]
+        return Crossings(time, np.fmax(doubt, np.spacing(np.nan_to_num(time))))
+
+    def _candidates(
+        self, side: int, channel: int, level: float, shift: float, *, last: bool
+    ) -> Iterator[tuple[float, float]]:
+        """Yield begin and width of the cells that may be above a level, s, the outermost first.
+
+        A width of 0 is an end of the trace that is above, an infinite one says that others may be.
+        """
+        numbers = range(self.blocks)
+        end = (1.0 - 2.0 * side) * self.ends[channel] + shift * self.end_bounds[channel]
+        if last:
+            left = self.reached(self.blocks, side, channel, shift) > level
+            if end > level or (shift > 0.0 and left):
+                yield self.stop, (0.0 if end > level else math.inf)
+            numbers = range(self.last_block(side, channel, shift, level), -1, -1)
+        for tried, number in enumerate(numbers):
+            reached = self.reached(number, side, channel, shift) > level
+            if tried == self.most:
+                if reached:
+                    yield (0.0 if last else self.stop), math.inf
+                return
+            if reached:
+                cells, tops, doubts = self._topped(number)
+                places = np.flatnonzero(tops[side, channel] + shift * doubts[channel] > level)
+                places = places[::-1] if last else places
+                starts = [0, *range(FEW, len(places), TOGETHER)]
+                for first, end_ in zip(starts, [*starts[1:], len(places)], strict=True):
+                    begin, width = (x[places[first:end_], 0] for x in (cells.begin, cells.width))
+                    if first:  # most of so many are not above in truth
+                        parts = self.divide(begin, width, np.full(len(begin), channel))
+                        top = parts.tops(1.0 - 2.0 * side)[1] + parts.room + shift * parts.doubt
+                        begin, width = (x[(top > level).any(axis=0)] for x in (begin, width))
+                    yield from zip(begin.tolist(), width.tolist(), strict=True)
+        if not last and end > level:
+            yield self.stop, 0.0
+
+    def _topped(self, number: int) -> tuple[Cells, Floats, Floats]:
+        """Return the cells of a block, bounds on ``e`` and ``-e`` but for the doubt, and the doubt.
+
+        The bounds are (2, K, P), the doubt (K, P).
+        """
+        if number not in self._made:
+            cells = self.block(number)
+            tops = [(cells.tops(sign)[1] + cells.room).T for sign in (1.0, -1.0)]
+            self._made[number] = (
+                cells,
+                np.ascontiguousarray(tops),
+                np.ascontiguousarray(cells.doubt.T),
+            )
+        return self._made[number]
 
     @functools.cached_property
-    def _highest(self) -> tuple[Floats, Floats]:
-        """The maxima of ``e`` and of ``-e`` and their uncertainties, (2, rows) each."""
-        count = self.count
-        ends = self.ends.reshape(count, -1)
-        best = np.stack([ends, -ends], axis=1)
-        open_boards = np.ones(count, dtype=np.bool_)
-        for _ in range(ROUNDS):
-            tops = np.maximum.reduceat(self.errors, self.first)
-            lows = np.minimum.reduceat(self.errors, self.first)
-            best = np.maximum(best, np.stack([tops, -lows], axis=1))
-            open_rows = (self.wanted & open_boards[:, None])[:, None]
-            least = np.where(open_rows, self.noise[:, None, None] + best, np.inf)
-            place, side, channel = np.nonzero(self.caps > least[self.board])
-            board, fine = self.board[place], self.resolved[place]
-            if fine.any():
-                heights = self.peak(side[fine], place[fine], channel[fine])[1]
-                np.maximum.at(best, (board[fine], side[fine], channel[fine]), heights)
-            above = self.caps[place, side, channel] - best[board, side, channel]
-            above -= self.level[board]
-            coarse = np.flatnonzero(~fine & (above > 0.0))
-            coarse = coarse[np.lexsort((-above[coarse], board[coarse]))]
-            owner = board[coarse]
-            widest = coarse[np.arange(len(owner)) - np.searchsorted(owner, owner) < TOGETHER]
-            open_boards = self.refine(place[widest], FEW) if widest.size else open_boards & False
-            if not open_boards.any():
-                break
-        reach = self.reach[:, None]
-        reached, lowest = np.maximum.reduceat(self.caps + reach, self.first), np.empty_like(best)
-        for k, some in each_board(self.board, count):
-            highest = self.caps[some].argmax(axis=0)[None]
-            lowest[k] = np.take_along_axis(reach[some], highest, axis=0)[0]
-        doubt = np.maximum(reached - best, lowest)
-        return best.swapaxes(0, 1).reshape(2, -1), doubt.swapaxes(0, 1).reshape(2, -1)
+    def _made(self) -> dict[int, tuple[Cells, Floats, Floats]]:
+        return {}
 
-    def peak(self, side: Ints, k: Ints, n: Ints) -> tuple[Floats, Floats]:
-        """Return instants and heights of the peaks of channels n in the resolved intervals k.
-
-        The heights replace the bounds of the intervals.
-        """
-        new = np.flatnonzero(np.isnan(self.peaks[k, side, n]))
-        if new.size:
-            s, place, channel = side[new], k[new], n[new]
-            row, sign = self.board[place] * self.channels + channel, 1.0 - 2.0 * s
-            at = self.roots(row, np.zeros(len(new)), self.time[place], self.time[place + 1], 1)
-            height = sign * self.value(row, at)
-            for end in (place, place + 1):
-                height = np.maximum(height, sign * self.errors[end, channel])
-            self.caps[place, s, channel], self.peaks[place, s, channel] = height, at
-        return self.peaks[k, side, n], self.caps[k, side, n]
-
-    def _chosen(self, times: Floats, row: Ints, order: int) -> tuple[Floats, Floats]:
-        """Return the derivatives of two orders from `order` of one row at each time, (Q,)."""
-        return self.sums(times, *np.divmod(row, self.channels), order)
-
-    def value(self, row: Ints, times: Floats) -> Floats:
-        """Return the error of one row at each instant, (Q,)."""
-        return self._chosen(times, row, 0)[0]
-
-    def roots(self, row: Ints, level: Floats, low: Floats, high: Floats, order: int) -> Floats:
-        """Solve ``e = level``, or ``e' = level`` with `order` 1, between `low` and `high`; (Q,).
-
-        Newton's method from the cubic of time over value, kept between the ends by bisection; the
-        nearer end where rounding hides a change of sign.
-        """
-        width, count = high - low, len(row)
-        if not count:
-            return low
-
-        def evaluate(t: Floats, some: Ints) -> tuple[Floats, Floats]:
-            value, slope = self._chosen(t, row[some], order)
-            return value - level[some], slope
-
-        value, slope = evaluate(np.concatenate([low, high]), np.tile(np.arange(count), 2))
-        left, right = value.reshape(2, -1)
-        same = left * right >= 0.0
-        with np.errstate(divide="ignore", invalid="ignore"):
-            part = left / (left - right)
-            first, last = (right - left) / (width * slope.reshape(2, -1))
-            bent = part + part * (1.0 - part) * ((1.0 - part) * (first - 1.0) + part * (1.0 - last))
-        t = low + width * np.where((bent > 0.0) & (bent < 1.0), bent, 0.5)
-        t = np.where(same, np.where(np.abs(right) < np.abs(left), high, low), t)
-        low, high, active = low.copy(), high.copy(), np.flatnonzero(~same)
-        for _ in range(ITERATIONS):
-            if not active.size:
-                break
-            now = t[active]
-            value, slope = evaluate(now, active)
-            before = np.sign(value) == np.sign(left[active])
-            low[active] = np.where(before, now, low[active])
-            high[active] = np.where(before, high[active], now)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                step = now - value / slope
-            inside = (step >= low[active]) & (step <= high[active])
-            t[active] = np.where(inside, step, 0.5 * (low[active] + high[active]))
-            # Newton's method squares the relative error: the next step would be rounding.
-            moved = np.abs(t[active] - now)
-            active = active[moved > np.maximum(CONVERGED * width[active], 2.0 * np.spacing(now))]
-        return t
-
-
-def each_board(board: Ints, count: int) -> Iterator[tuple[int, slice]]:
-    """Yield the boards of a rising list, and where each stands in it."""
-    begins = np.searchsorted(board, np.arange(count + 1)).tolist()
-    for k, (begin, end) in enumerate(pairwise(begins)):
-        if begin < end:
-            yield k, slice(begin, end)
-
-
-def cubic_ranges(
-    here: Floats, after: Floats, rise: Floats, fall: Floats, width: Floats
-) -> tuple[Floats, Floats]:
-    """Return the largest values (Q, N) of cubics and of their negatives.
-
-    The cubics have values and slopes at the ends of intervals of a `width` (Q, 1).
-
-    Examples
-    --------
-    >>> parabola = np.zeros((1, 1)), np.zeros((1, 1)), np.ones((1, 1)), -np.ones((1, 1))
-    >>> [abs(values).tolist() for values in cubic_ranges(*parabola, np.ones((1, 1)))]
-    [[[0.25]], [[0.0]]]
-    """
-    first, last, delta = rise * width, fall * width, after - here
-    square, cube = 3.0 * delta - 2.0 * first - last, first + last - 2.0 * delta
-    root = np.sqrt(np.maximum(square**2 - 3.0 * cube * first, 0.0))
-    tops = []
-    for sign in (1.0, -1.0):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            at = np.fmin(np.fmax(first / (sign * root - square), 0.0), 1.0)
-        peak = sign * (here + at * (first + at * (square + at * cube)))
-        tops.append(np.maximum(np.maximum(sign * here, sign * after), peak))
-    high, low = tops
-    return high, low
-
-
-class _TimeSearch:
-    """A search for the last, or the first, instants at which rows (Q,) are above levels (Q,).
-
-    They are searches of ``e`` (side 0) or ``-e`` (side 1), shifted up by `shift` times its bound.
-    """
-
-    def __init__(
+    def _within(
         self,
-        grid: Trace,
-        side: Ints,
-        row: Ints,
+        begin: Floats,
+        width: Floats,
+        channel: Ints,
+        sign: Floats,
         level: Floats,
         shift: Floats,
         *,
         last: bool,
-    ) -> None:
-        self.grid, self.side, self.row, self.last = grid, side, row, last
-        self.sign = 1.0 - 2.0 * side
-        self.board, self.channel = np.divmod(row, grid.channels)
-        self.level, self.shift = level, shift
+    ) -> tuple[Floats, Floats, Floats]:
+        """Find the outermost instants at which pieces of cells (Q,) are above levels.
 
-    def run(self) -> Crossings:
-        """Return the instants.
-
-        NaN for a row that never is above; the last point for a row that ends above and is searched
-        for its last instant; infinite uncertainty for an instant that the rounding of the solution,
-        or the size of the grid, leaves open.
+        Returns the instants, NaN without one, and begin and width of what is left to be looked at;
+        a begin of NaN says that nothing is.
         """
-        grid = self.grid
-        above, below, doubt, moved = np.full((4, len(self.row)), np.nan)
-        left = np.argsort(self.board, kind="stable")
-        for turn in range(ROUNDS):
-            left, k = self._candidates(left)
-            if not left.size:
+        found, rest = np.empty((len(Cells._fields), len(begin))), np.arange(len(begin))
+        found[:2], barrier = (begin, width), np.full(len(begin), np.nan)
+        for turn in range(DEEPEST):
+            pieces = np.stack([*found[:2, rest], channel[rest]])  # several levels may ask for one
+            asked, which = np.unique(pieces, axis=1, return_inverse=True)
+            parts = self.divide(asked[0], asked[1], asked[2].astype(np.int64))
+            parts = Cells(*(each[:, which] for each in parts))
+            fine = (parts.room <= FINE * np.abs(level[rest])) | (turn == DEEPEST - 1)
+            room = np.where(fine, shift[rest] * parts.room, parts.room)
+            above = parts.tops(sign[rest])[1] + room + shift[rest] * parts.doubt > level[rest]
+            pick = above.argmax(axis=0)
+            if last:
+                pick = len(above) - 1 - above[::-1].argmax(axis=0)
+            nothing = ~above.any(axis=0)
+            barrier[rest[nothing]] = (found[0] if last else found[0] + found[1])[rest[nothing]]
+            found[:, rest] = parts.chosen(pick)
+            rest = rest[~nothing & ~fine[pick, np.arange(len(pick))]]
+            if not rest.size:
                 break
-            begin, tail = grid.time[k], grid.tail[k]
-            above[left] = self._above(left, k)
-            below[left] = grid.time[k + (self.last & ~tail)]
-            moved[left] = self.shift[left] * grid.reach[k, self.channel[left]]
-            coarse, done = ~grid.resolved[k], ~np.isnan(above[left])
-            if self.last:
-                off = self.sign[left] * grid.ends[self.row[left]] + moved[left]
-                ends = tail & (off > self.level[left])
-                above[left[ends]], coarse, done = begin[ends], coarse & ~ends, done | ends
-            if coarse.any():
-                divided = grid.refine(self._around(k[coarse], turn))
-                stuck = coarse & ~divided[self.board[left]]
-                doubt[left[stuck]] = np.inf
-                above[left[stuck]] = begin[stuck] if self.last else np.nan
-                done |= stuck
-            left = left[~done]
-        between = np.flatnonzero(~np.isnan(above) & (above != below))
-        low, high = np.sort([above[between], below[between]], axis=0)
-        level = (self.sign * (self.level - moved))[between]
-        above[between] = grid.roots(self.row[between], level, low, high, 0)
-        shortest = EPS * grid.time[grid.first + 1][self.board]
-        return Crossings(above, np.fmax(doubt, np.fmax(np.spacing(np.abs(above)), shortest)))
+        cells = Cells(*found)
+        edges = _edges(cells, sign, level - shift * (cells.room + cells.doubt), last)
+        time = cells.begin + cells.width * edges
+        time[~np.isnan(barrier)] = np.nan
+        left = barrier - begin if last else begin + width - barrier
+        begin = np.where(left > SMALLEST * width, begin if last else barrier, np.nan)
+        return time, begin, left
 
-    def _around(self, k: Ints, turn: int) -> Ints:
-        """Return the intervals k, after the first turns with the coarse ones that follow them."""
-        grid, steps = self.grid, np.arange(1 << min(turn, AHEAD))
-        around = np.clip(np.unique(k)[:, None] + (-steps if self.last else steps), 0, None)
-        around = np.minimum(around, len(grid.time) - 1)
-        wanted = (grid.board[around] == grid.board[around[:, :1]]) & ~grid.resolved[around]
-        wanted[:, 1:] &= ~grid.tail[around[:, 1:]]
-        return np.asarray(around[wanted])
+    def highest(self, sign: float) -> tuple[Floats, Floats]:
+        """Return the maximum of ``sign * error`` of every channel and its uncertainty, (K,)."""
+        heights, doubts, _ = self.peaks
+        side = int(sign < 0.0)
+        return heights[side], doubts[side]
 
-    def _candidates(self, left: Ints) -> tuple[Ints, Ints]:
-        """Return the searches of `left` that have an interval above their level, and the interval.
+    @functools.cached_property
+    def peaks(self) -> tuple[Floats, Floats, Floats]:
+        """The maxima of ``e`` and of ``-e``, their uncertainties, and their instants, (2, K)."""
+        found = np.full((3, 2, self.channels), math.inf)
+        found[:2] = [self.ends, -self.ends], [self.end_bounds] * 2
+        best, reach = found[0], found[0] + found[1]
+        every = range(min(self.blocks, self.most))
+        for number in every:
+            cap, doubt = self.cap(number)
+            if np.any(cap > best + self.level):
+                self._climb(found, reach, number)
+            else:
+                np.maximum(reach, cap + doubt, out=reach)
+        reach = np.maximum(reach, sum(self.cap(len(every))))
+        return best, np.maximum(reach - best, found[1]), found[2]
 
-        It is the last, or the first, of all such intervals.
-        """
-        grid, kept, places = self.grid, [left[:0]], [left[:0]]
-        ends = np.append(grid.first, len(grid.time))
-        for board, some in each_board(self.board[left], grid.count):
-            searches, begin = left[some], int(ends[board])
-            part = slice(begin, int(ends[board + 1]))
-            n, shift = self.channel[searches], self.shift[searches, None]
-            bound = grid.caps[part][:, self.side[searches], n].T + shift * grid.reach[part].T[n]
-            over = bound > self.level[searches, None]
-            end = over.shape[1] - 1
-            k = end - over[:, ::-1].argmax(axis=1) if self.last else over.argmax(axis=1)
-            found = over[np.arange(len(k)), k]
-            kept.append(searches[found])
-            places.append(begin + k[found])
-        return np.concatenate(kept), np.concatenate(places)
+    def _climb(self, found: Floats, reach: Floats, number: int) -> None:
+        """Raise maxima, with their doubts and instants, and bounds on them by those of a block."""
+        cells, tops, doubts = self._topped(number)
+        channels = np.arange(self.channels)
+        for k, values in enumerate((cells.left - cells.room, -cells.left - cells.room)):
+            at = values.argmax(axis=0)
+            there = values[at, channels], doubts[channels, at], cells.begin[at, 0]
+            _raise(found, np.full(self.channels, k), channels, *there)
+        maybe = tops > found[0][:, :, None] + self.level
+        side, channel, place = np.nonzero(maybe)
+        order = np.argsort(-tops[maybe])[: 8 * TOGETHER]
+        side, channel, place = side[order], channel[order], place[order]
+        others = tops + doubts
+        others[side, channel, place] = -math.inf
+        np.maximum(reach, others.max(axis=2), out=reach)
+        begin, width = cells.begin[place, 0], cells.width[place, 0]
+        for turn in range(DEEPEST):
+            parts, sign = self.divide(begin, width, channel), np.where(side, -1.0, 1.0)
+            x, height = parts.tops(sign)
+            fine = (parts.room <= self.level) | (turn == DEEPEST - 1)
+            values = np.where(fine, height, sign * parts.left)
+            for each in zip(values, parts.doubt, parts.begin + x * parts.width, strict=True):
+                _raise(found, side, channel, *each)
+            more = ~fine & (height + parts.room > found[0][side, channel] + self.level)
+            bound = np.where(more, -math.inf, height + parts.room + parts.doubt)
+            np.maximum.at(reach, (side, channel), bound.max(axis=0, initial=-math.inf))
+            part, q = np.nonzero(more)
+            if not part.size:
+                break
+            begin, width = parts.begin[part, q], parts.width[part, q]
+            side, channel = side[q], channel[q]
 
-    def _above(self, left: Ints, k: Ints) -> Floats:
-        """Return instants in the resolved of intervals `k` at which the rows are above."""
-        grid, n, limit = self.grid, self.channel[left], self.level[left]
-        sign, shift = self.sign[left], self.shift[left]
-        at = np.full(len(k), np.nan)
-        points = (k,) if self.last else (k + ~grid.tail[k], k)
-        for point in points:
-            value = sign * grid.errors[point, n] + shift * grid.bounds[point, n]
-            at = np.where(value > limit, grid.time[point], at)
-        at[~grid.resolved[k]] = np.nan
-        hidden = np.flatnonzero(grid.resolved[k] & np.isnan(at))
-        if hidden.size:
-            place, channel = k[hidden], n[hidden]
-            instant, height = grid.peak(self.side[left[hidden]], place, channel)
-            height = height + shift[hidden] * grid.reach[place, channel]
-            at[hidden] = np.where(height > limit[hidden], instant, np.nan)
-        return at
+
+def _raise(
+    found: Floats, side: Ints, channel: Ints, height: Floats, doubt: Floats, time: Floats
+) -> None:
+    """Put heights (Q,) with their doubts and instants in the place of lower ones."""
+    order = np.argsort(height)
+    order = order[height[order] > found[0][side[order], channel[order]]]
+    found[:, side[order], channel[order]] = np.stack([height, doubt, time])[:, order]
+
+
+def _edges(cells: Cells, sign: Floats, level: Floats, last: bool) -> Floats:
+    """Return where ``sign * cubic`` of cells (Q,) is last, or first, above levels, 0 to 1."""
+    top, places = cells.tops(sign)[0], np.arange(PARTS + 1)[:, None] / PARTS
+    low, high = (top + 0.0, np.ones(len(top))) if last else (np.zeros(len(top)), top + 0.0)
+    every = np.arange(len(top))
+    for _ in range(NARROWED):
+        x = low + (high - low) * places
+        up = sign * cells.at(x) > level
+        # The last place that is above and the next one, or the first one and that before.
+        k = PARTS - up[::-1].argmax(axis=0) if last else up.argmax(axis=0) - 1
+        low, high = x[np.maximum(k, 0), every], x[np.minimum(k + 1, PARTS), every]
+    return low if last else high

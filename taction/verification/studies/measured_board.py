@@ -23,8 +23,8 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.readings.exact_measures import ExactResponse, measure_responses
-from taction.verification.readings.exact_trace import Course, ExactTrace
+from taction.verification.readings.exact_measures import ExactResponse
+from taction.verification.readings.exact_trace import ExactTrace
 from taction.verification.readings.measurements import Measurements, channel_measure, summary
 from taction.verification.readings.readings import unread
 from taction.verification.readings.settling import ChannelState, Settlement
@@ -160,22 +160,21 @@ def measure_boards(
     band: float,
     lowest: float | None = None,
 ) -> list[MeasuredBoard | Exception]:
-    """Return measured boards, with the error of each one that cannot be measured in its place.
+    """Return measured boards, with the error of each one that cannot be measured in its place."""
+    return [_measured(board, initial, band, lowest) for board in boards]
 
-    Boards of equally many outputs are measured by the same array operations.
-    """
-    boards = list(boards)
-    begun = [_begun(board, initial, band, lowest) for board in boards]
+
+def _measured(
+    board: LinearBoard | Exception, initial: Start, band: float, lowest: float | None
+) -> MeasuredBoard | Exception:
+    """Return a measured board, or why it cannot be measured."""
     try:
-        read = iter(measure_responses([step for _, step in begun if step is not None]))
-    except EngineError as error:  # of one of them
-        if len(boards) == 1:
-            return [error]
-        return [measure_boards([board], initial, band, lowest)[0] for board in boards]
-    return [
-        found if step is None or isinstance(found, Exception) else _with(found, step, next(read))
-        for found, step in begun
-    ]
+        found, step = _begun(board, initial, band, lowest)
+        if step is None or isinstance(found, Exception):
+            return found
+        return _with(found, step, step.measured())
+    except EngineError as error:
+        return error
 
 
 def _with(found: MeasuredBoard, step: ExactResponse, measured: Measurements) -> MeasuredBoard:
@@ -246,7 +245,7 @@ def _pulses(
     solution = exact_solution(board, initial=initial)
     if np.all(solution.poles.real < 0.0):
         size = float(np.abs(solution.flow.share).max(initial=0.0))
-        trace = ExactTrace(Course(solution, _signs(board), rest, error, DETAIL * size))
+        trace = ExactTrace(solution, _signs(board), rest, error, DETAIL * size)
         (high, _), (low, _) = (trace.highest(sign) for sign in (1.0, -1.0))
     else:  # it has no readings, and is compared by the size that it reaches
         seen = np.linspace(0.0, time_scales(board, initial=initial).stop, DRAWN)

@@ -28,7 +28,7 @@ from taction.system.reading_definitions import READINGS
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import is_exact
-from taction.verification.readings.exact_measures import ExactResponse, measure_responses
+from taction.verification.readings.exact_measures import ExactResponse
 from taction.verification.readings.measurements import Measurements, measure, summary
 from taction.verification.readings.record import CUBIC, Curve, Rest, lagrange
 from taction.verification.reference.ideal_answer import IdealAnswer
@@ -334,7 +334,7 @@ def _on_the_solution(
     try:
         if response is None:
             return None
-        return measure_responses([beside_steps(response) if finest else response])[0]
+        return (beside_steps(response) if finest else response).measured()
     except EngineError:
         return None
 

@@ -18,7 +18,7 @@ from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import Initial, LinearBoard
 from taction.verification.engines.statespace.transients.exact import combinations, is_exact
 from taction.verification.engines.statespace.transients.simulate import simulate
-from taction.verification.readings.exact_trace import Course, ExactTrace
+from taction.verification.readings.exact_trace import ExactTrace
 
 FULL = 0.9  # of a limit: above it the small-signal solution is not taken for true
 PRECISION = 0.01  # of a limit: error of a peak
@@ -171,11 +171,9 @@ def _peaks(loads: _Loads, initial: Initial) -> Iterator[Load]:
     rates[loads.places] = np.where(loads.slopes, loads.weights, 0.0)
     solution = combinations(loads.board, loads.nodes, volts, rates, initial=initial)
     count = len(solution.final)
-    trace = ExactTrace(Course(solution, np.ones(count), np.zeros(count), PRECISION, DETAIL))
-    (high, above), (low, below) = (trace.highest(sign) for sign in (1.0, -1.0))
-    heights = np.append(np.abs(trace.errors), np.abs(trace.ends)[None], axis=0)
-    at = np.append(trace.time, math.inf)[heights.argmax(axis=0)]
-    yield from loads.loads(np.maximum(high, low), at, np.where(high > low, above, below))
+    found = np.array(ExactTrace(solution, np.ones(count), np.zeros(count), PRECISION, DETAIL).peaks)
+    heights, doubts, at = np.where(found[0, 0] > found[0, 1], found[:, 0], found[:, 1])
+    yield from loads.loads(heights, at, doubts)
 
 
 def _instants(transient: Transient) -> Floats:

@@ -27,7 +27,7 @@ from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     parts_of,
 )
-from taction.verification.readings.exact_measures import ExactResponse, measure_responses
+from taction.verification.readings.exact_measures import ExactResponse
 from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.ideal_answer import (
     EnergyRise,
@@ -386,7 +386,7 @@ def _verified(built: dict[int, Built]) -> Iterator[tuple[int, Verdict]]:
             clock.pause()
     searches = {k: search for k in responses if (search := designs[k][2]) is not None}
     margins = dict(zip(searches, margins_together([*searches.values()]), strict=True))
-    readings = dict(zip(responses, measure_responses([*responses.values()]), strict=True))
+    readings = {place: response.measured() for place, response in responses.items()}
     runs = begin_together([design for design, _, _ in designs.values()])
     for run, (place, (design, ideal, search)) in zip(runs, designs.items(), strict=True):
         clock, margin = built[place][2], margins.get(place)

@@ -17,12 +17,10 @@ from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.readings.exact_measures import ExactResponse, measure_responses
-from taction.verification.readings.exact_trace import Course, ExactTrace
+from taction.verification.readings.exact_measures import ExactResponse
 from taction.verification.readings.measurements import Measurements
 from taction.verification.readings.settling import ChannelState
-from tests.support.boards import bare, lags, paper_board, single_mode
+from tests.support.boards import bare, lags, paper_board
 from tests.support.making import make_scene
 
 OMEGA, ZETA = 2e6, 0.2
@@ -30,7 +28,7 @@ OMEGA, ZETA = 2e6, 0.2
 
 def measure_exact(circuit: Circuit | LinearBoard, target: Floats, **known: Any) -> Measurements:
     """Measure the step response of one stable linear board; `known` as in `ExactResponse`."""
-    return measure_responses([ExactResponse(LinearBoard.of(circuit), target, **known)])[0]
+    return ExactResponse(LinearBoard.of(circuit), target, **known).measured()
 
 
 def second_order(zeta: float = ZETA, volts: float = 1.0) -> Circuit:
@@ -67,7 +65,7 @@ def test_a_second_order_step(volts: float) -> None:
     assert np.exp(-ZETA * OMEGA * 7 * half) > 0.01 > np.exp(-ZETA * OMEGA * 8 * half)
     settled = brentq(lambda t: abs(response(t) - 1.0) - 0.01, 7 * half, 7.5 * half, xtol=1e-20)
     assert found.settling_time.value == pytest.approx(settled, rel=1e-6)
-    assert found.settling_time.uncertainty < 1e-9 * settled
+    assert found.settling_time.uncertainty < 1e-8 * settled
 
 
 def test_a_peak_that_just_reaches_the_band_is_fragile() -> None:
@@ -127,80 +125,3 @@ def test_a_channel_that_never_leaves_the_band_settles_at_once_without_doubt():
 def test_what_comes_to_rest_beyond_its_target_overshoots_by_as_much() -> None:
     found = measure_exact(lags(2, 1e-6), np.array([0.99]), band=0.05).channels[0]
     assert found.overshoot == pytest.approx(0.01 / 0.99, rel=1e-9)
-
-
-TIMES = np.array([0.0, 1e-9, 2e-7, 1e-6, 5e-6, 4e-5])
-BOARDS = {
-    "few channels": [lags(3, 1e-6), single_mode(1e-3), lags(1, 2e-6), lags(2, 1e-7)],
-    "many channels": [paper_board(), paper_board(20e-12)],
-}
-
-
-def courses(circuits: list[Circuit]) -> list[Course]:
-    """Return the ways of boards to where they come to rest, which is 1 mV off the target."""
-    found = []
-    for circuit in circuits:
-        solution = exact_solution(LinearBoard(circuit))
-        signs = np.where(np.arange(len(solution.final)) % 2, 1.0, -1.0)
-        found.append(Course(solution, signs, solution.final * signs - 1e-3, 1e-9, 1e-6))
-    return found
-
-
-@pytest.mark.parametrize("kind", BOARDS)
-def test_errors_slopes_and_bounds_are_those_of_each_solution(kind: str) -> None:
-    each = courses(BOARDS[kind])
-    board = np.repeat(np.arange(len(each)), len(TIMES))
-    together, times = ExactTrace(*each), np.tile(TIMES, len(each))
-    found = *together.evaluate(times, board), together.error_bounds(times, board)
-    for k, course in enumerate(each):
-        solution, signs = course.solution, course.signs
-        errors, slopes, bounds = (column[board == k] for column in found)
-        scale = float(np.abs(solution.final).max())
-        rate = float(solution.flow.speeds.max())
-        assert errors == pytest.approx(
-            solution.at(TIMES) * signs - course.target, rel=1e-9, abs=1e-12 * scale
-        )
-        wanted = solution.derivative(TIMES) * signs
-        assert slopes == pytest.approx(wanted, rel=1e-9, abs=1e-12 * scale * rate)
-        assert bounds == pytest.approx(solution.bounds(TIMES) + 1e-9, rel=1e-9)
-
-
-@pytest.mark.parametrize("kind", BOARDS)
-def test_no_board_leaves_its_bounds(kind: str) -> None:
-    """Between two instants, and after one, the solution stays below what is said of it."""
-    each = courses(BOARDS[kind])
-    together, every = ExactTrace(*each), np.arange(len(each))
-    begin, end = np.full((2, len(each)), [[3e-7], [9e-7]])
-    left = together.remainder(begin, every)
-    heights = together.envelopes(begin, end - begin, every)
-    room = together.room(begin, end - begin, every)
-    between, later = np.linspace(3e-7, 9e-7, 200), np.geomspace(3e-7, 1e-2, 500)
-
-    def errors(course: Course, times: Floats) -> Floats:
-        return course.solution.at(times) * course.signs - course.target
-
-    for k, course in enumerate(each):
-        slack = 1e-9 * float(np.abs(course.solution.final).max())
-        assert np.all(np.abs(errors(course, later) - course.ends) <= left[k] + slack)
-        inside = errors(course, between)
-        assert np.all(inside.max(axis=0) <= heights[k, 0] + slack)
-        assert np.all((-inside).max(axis=0) <= heights[k, 1] + slack)
-        first, last = errors(course, between[[0, -1]])
-        rise, fall = course.solution.derivative(between[[0, -1]]) * course.signs * 6e-7
-        x = np.linspace(0.0, 1.0, 200)[:, None]
-        cubic = (
-            first * (1 - 3 * x**2 + 2 * x**3)
-            + rise * (x - 2 * x**2 + x**3)
-            + last * (3 * x**2 - 2 * x**3)
-            + fall * (x**3 - x**2)
-        )
-        assert np.all(np.abs(inside - cubic) <= room[k] + slack)
-
-
-def test_a_single_lag_is_followed_in_quarters_of_its_time_constant() -> None:
-    (course,) = courses([lags(1, 1e-6)])
-    times = ExactTrace(course).time
-    until = 1e-6 * np.log(1.0 / course.detail)  # from 1 V on it falls below the detail there
-    assert times[-1] == pytest.approx(until, rel=1e-3)
-    allowed = np.maximum(0.25e-6, times[1:] / 32)  # the later ones in geometric progression
-    assert np.all(np.diff(times) <= allowed * (1 + 1e-9))
