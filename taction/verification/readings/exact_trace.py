@@ -15,7 +15,7 @@ import numpy as np
 
 from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
 from taction.verification.engines.statespace.transients.exact import Exact
-from taction.verification.readings.trace import BLOCKS, CELLS, PARTS, Cells, Trace
+from taction.verification.readings.trace import BLOCKS, CELLS, PARTS, CubicCells, Trace
 
 FINENESS = 0.5  # width times |p| of the fastest mode of a segment: 13 points a period
 NOISE = 0.1  # of the error bound: a rise by less does not matter to a maximum
@@ -99,12 +99,12 @@ class ExactTrace(Trace):
         ((begin, width, count),), done = pieces, (number - first) * self._cells
         return [(begin + width * done, width, min(self._cells, count - done))]
 
-    def block(self, number: int) -> Cells:
+    def block(self, number: int) -> CubicCells:
         """See `Trace`."""
         parts = [self._segment(*piece) for piece in self._pieces(number)]
-        return Cells(*map(np.concatenate, zip(*parts, strict=True)))
+        return CubicCells(*map(np.concatenate, zip(*parts, strict=True)))
 
-    def _segment(self, begin: float, width: float, count: int) -> Cells:
+    def _segment(self, begin: float, width: float, count: int) -> CubicCells:
         """Return equal cells, from the modes that are above `detail` at their begin."""
         flow, times = self.flow, begin + width * np.arange(count + 1.0)
         weight = self.largest * np.exp(flow.rates * begin)
@@ -119,7 +119,7 @@ class ExactTrace(Trace):
         room, doubt = (np.repeat(each, STRIDE, axis=0)[:count] for each in (room, doubt))
         values, slopes = values + self.ends, slopes * width
         sides = values[:-1], values[1:], slopes[:-1], slopes[1:]
-        return Cells(times[:-1, None], np.full((count, 1), width), *sides, room, doubt)
+        return CubicCells(times[:-1, None], np.full((count, 1), width), *sides, room, doubt)
 
     def _basis(self, times: Floats, live: Bools | slice) -> Complexes:
         """Return the terms with shares of 1 at `times` (P,), (P, m)."""
@@ -158,7 +158,7 @@ class ExactTrace(Trace):
             low, high = (middle + 1, high) if later else (low, middle)
         return low - 1
 
-    def divide(self, begin: Floats, width: Floats, channel: Ints) -> Cells:
+    def divide(self, begin: Floats, width: Floats, channel: Ints) -> CubicCells:
         """See `Trace`."""
         flow, part = self.flow, width / PARTS
         times = begin + np.multiply.outer(np.arange(PARTS + 1), part)
@@ -171,7 +171,7 @@ class ExactTrace(Trace):
         doubt = self._doubt(begin, begin + width)[np.arange(len(begin)), channel]
         doubt = np.broadcast_to(doubt, room.shape)
         sides = values[:-1], values[1:], slopes[:-1], slopes[1:]
-        return Cells(times[:-1], np.broadcast_to(part, room.shape), *sides, room, doubt)
+        return CubicCells(times[:-1], np.broadcast_to(part, room.shape), *sides, room, doubt)
 
 
 def _missed(angle: Floats) -> Floats:

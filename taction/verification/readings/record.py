@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taction.system.array_types import Bools, Floats, Indices, Ints
-from taction.verification.readings.trace import CELLS, PARTS, Cells, Trace
+from taction.verification.readings.trace import CELLS, PARTS, CubicCells, Trace
 
 LARGEST_ERROR = 1e200  # V: that of a record of which nothing is known
 CUBIC = 4  # points: more would magnify rounding where the steps grow from tiny steps
@@ -109,12 +109,12 @@ class RecordTrace(Trace):
         cap = np.stack([self.ends, -self.ends]) if last else self._caps[:, :, number]
         return cap, self.end_bounds
 
-    def block(self, number: int) -> Cells:
+    def block(self, number: int) -> CubicCells:
         """See `Trace`."""
         first, last = np.append(self._first, len(self.every) - 1)[number : number + 2]
         return self._cells(np.arange(first, last)[:, None], np.arange(self.channels))
 
-    def _cells(self, interval: Ints, channel: Ints) -> Cells:
+    def _cells(self, interval: Ints, channel: Ints) -> CubicCells:
         """Return the cells of intervals and channels, which broadcast."""
         cubic = _Cubic.of(self.every, self.samples, interval, channel)
         begin, end = self.every[interval], self.every[interval + 1]
@@ -127,7 +127,7 @@ class RecordTrace(Trace):
         rise, fall = np.clip(rise, low, high), np.clip(fall, low, high)
         room = np.zeros_like(doubt) if self.curve is None else doubt
         known = self.bound + (doubt if self.curve is None else np.zeros_like(doubt))
-        return Cells(begin, width, left, right, rise, fall, room, known)
+        return CubicCells(begin, width, left, right, rise, fall, room, known)
 
     def _turns(self, interval: Ints, channel: Ints) -> tuple[Bools, Floats]:
         """Tell in which intervals there is a peak, or a trough, and how steep it is at most.
@@ -148,12 +148,12 @@ class RecordTrace(Trace):
             steep = np.where(inner, np.minimum(steep, np.abs(up if out < 0 else down)), steep)
         return turns, 3.0 * steep * width
 
-    def divide(self, begin: Floats, width: Floats, channel: Ints) -> Cells:
+    def divide(self, begin: Floats, width: Floats, channel: Ints) -> CubicCells:
         """See `Trace`; without a curve the only part is the cell."""
         if self.curve is None:
             interval = np.searchsorted(self.every, begin, side="right") - 1
             interval = np.minimum(interval, len(self.every) - 2)
-            return Cells(*(each[None] for each in self._cells(interval, channel)))
+            return CubicCells(*(each[None] for each in self._cells(interval, channel)))
         part = width / PARTS
         times = begin + np.multiply.outer(np.arange(2 * PARTS + 1), 0.5 * part)
         times = np.minimum(times, self.stop)
@@ -169,7 +169,7 @@ class RecordTrace(Trace):
         slope = part * ((after - before) / (later - sooner))[::2]
         room, sides = np.zeros_like(slope[:-1]), (here[:-2:2], here[2::2], slope[:-1], slope[1:])
         doubt = np.full_like(room, self.bound)
-        cells = Cells(times[:-2:2], np.diff(times[::2], axis=0), *sides, room, doubt)
+        cells = CubicCells(times[:-2:2], np.diff(times[::2], axis=0), *sides, room, doubt)
         middle = cells.at(np.full_like(room, 0.5))
         return cells._replace(room=2.0 * np.abs(middle - here[1::2]))
 

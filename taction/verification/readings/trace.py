@@ -37,8 +37,8 @@ class Crossings(NamedTuple):
     uncertainty: Floats
 
 
-class Cells(NamedTuple):
-    """Cells of equal shape: of a block (P, K), or parts of cells (PARTS, Q)."""
+class CubicCells(NamedTuple):
+    """CubicCells of equal shape: of a block (P, K), or parts of cells (PARTS, Q)."""
 
     begin: Floats  # s, like `width`: (P, 1) or (PARTS, Q)
     width: Floats
@@ -66,9 +66,9 @@ class Cells(NamedTuple):
         square, cube = 3.0 * delta - 2.0 * rise - fall, rise + fall - 2.0 * delta
         return np.asarray(self.left + x * (rise + x * (square + x * cube)))
 
-    def chosen(self, part: Ints) -> Cells:
+    def chosen(self, part: Ints) -> CubicCells:
         """Return one part of each of the divided cells, (Q,)."""
-        return Cells(*(each[part, np.arange(len(part))] for each in self))
+        return CubicCells(*(each[part, np.arange(len(part))] for each in self))
 
 
 class Trace(ABC):
@@ -84,7 +84,7 @@ class Trace(ABC):
     level: float  # a rise by less does not matter to a maximum, V
 
     @abstractmethod
-    def block(self, number: int) -> Cells:
+    def block(self, number: int) -> CubicCells:
         """Return the cells of a block, (P, K)."""
 
     @abstractmethod
@@ -100,7 +100,7 @@ class Trace(ABC):
         return float(cap[side, channel] + shift * doubt[channel])
 
     @abstractmethod
-    def divide(self, begin: Floats, width: Floats, channel: Ints) -> Cells:
+    def divide(self, begin: Floats, width: Floats, channel: Ints) -> CubicCells:
         """Return the equal parts of pieces of cells (Q,), which belong to channels, (PARTS, Q)."""
 
     def last_block(self, side: int, channel: int, shift: float, level: float) -> int:
@@ -194,7 +194,7 @@ class Trace(ABC):
         if not last and end > level:
             yield self.stop, 0.0
 
-    def _topped(self, number: int) -> tuple[Cells, Floats, Floats]:
+    def _topped(self, number: int) -> tuple[CubicCells, Floats, Floats]:
         """Return the cells of a block, bounds on ``e`` and ``-e`` but for the doubt, and the doubt.
 
         The bounds are (2, K, P), the doubt (K, P).
@@ -210,7 +210,7 @@ class Trace(ABC):
         return self._made[number]
 
     @functools.cached_property
-    def _made(self) -> dict[int, tuple[Cells, Floats, Floats]]:
+    def _made(self) -> dict[int, tuple[CubicCells, Floats, Floats]]:
         return {}
 
     def _within(
@@ -229,13 +229,13 @@ class Trace(ABC):
         Returns the instants, NaN without one, and begin and width of what is left to be looked at;
         a begin of NaN says that nothing is.
         """
-        found, rest = np.empty((len(Cells._fields), len(begin))), np.arange(len(begin))
+        found, rest = np.empty((len(CubicCells._fields), len(begin))), np.arange(len(begin))
         found[:2], barrier = (begin, width), np.full(len(begin), np.nan)
         for turn in range(DEEPEST):
             pieces = np.stack([*found[:2, rest], channel[rest]])  # several levels may ask for one
             asked, which = np.unique(pieces, axis=1, return_inverse=True)
             parts = self.divide(asked[0], asked[1], asked[2].astype(np.int64))
-            parts = Cells(*(each[:, which] for each in parts))
+            parts = CubicCells(*(each[:, which] for each in parts))
             fine = (parts.room <= FINE * np.abs(level[rest])) | (turn == DEEPEST - 1)
             room = np.where(fine, shift[rest] * parts.room, parts.room)
             above = parts.tops(sign[rest])[1] + room + shift[rest] * parts.doubt > level[rest]
@@ -248,7 +248,7 @@ class Trace(ABC):
             rest = rest[~nothing & ~fine[pick, np.arange(len(pick))]]
             if not rest.size:
                 break
-        cells = Cells(*found)
+        cells = CubicCells(*found)
         edges = _edges(cells, sign, level - shift * (cells.room + cells.doubt), last)
         time = cells.begin + cells.width * edges
         time[~np.isnan(barrier)] = np.nan
@@ -320,7 +320,7 @@ def _raise(
     found[:, side[order], channel[order]] = np.stack([height, doubt, time])[:, order]
 
 
-def _edges(cells: Cells, sign: Floats, level: Floats, last: bool) -> Floats:
+def _edges(cells: CubicCells, sign: Floats, level: Floats, last: bool) -> Floats:
     """Return where ``sign * cubic`` of cells (Q,) is last, or first, above levels, 0 to 1."""
     top, places = cells.tops(sign)[0], np.arange(PARTS + 1)[:, None] / PARTS
     low, high = (top + 0.0, np.ones(len(top))) if last else (np.zeros(len(top)), top + 0.0)
