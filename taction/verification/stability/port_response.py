@@ -141,7 +141,7 @@ class PortResponse:
 
     @cached_property
     def _parts(self) -> list[_Part]:
-        """The response by the modes of each block of the board, in currents that do not meet.
+        """The response by the modes of each block of the board, or of all where their currents meet.
 
         Empty for a large board, where modes are not known well, or where more is left than a
         constant: a capacitor at the output of a source has a current that is a derivative.
@@ -151,8 +151,12 @@ class PortResponse:
         modes = self.board.state_space.modes
         if not (len(modes.poles) and modes.alone.all() and modes.defect < WELL_CONDITIONED):
             return []
-        every = map(self._part, modes.refined.blocks)
-        parts = [part for part in every if len(part.direct)]
+        blocks = modes.refined.blocks
+        parts = [part for block in blocks if len((part := self._part([block])).direct)]
+        if np.linalg.matrix_rank(np.hstack([part.basis for part in parts])) < sum(
+            len(part.direct) for part in parts
+        ):
+            parts = [self._part(blocks)]
         s = float(np.abs(modes.poles).max()) * np.array([ABOVE, FAR], np.complex128)
         weights = s.real if self.reactive else np.ones(2)
         near, far = (self.exact(each) / by for each, by in zip(s.tolist(), weights, strict=True))
@@ -165,16 +169,18 @@ class PortResponse:
         size = max(1.0 / weights[1], float(np.abs(far).max()))
         return found if np.abs(left).max() <= WELL_CONDITIONED * size else []
 
-    def _part(self, block: BlockModes) -> _Part:
-        pencil = block.reduced.pencil
-        seen, driven = self.columns.T @ pencil.basis, pencil.left @ self.rows
-        vectors, sizes, _ = np.linalg.svd(seen)
+    def _part(self, blocks: Sequence[BlockModes]) -> _Part:
+        """Return the response by the modes of some blocks."""
+        pencils = [block.reduced.pencil for block in blocks]
+        seen = [self.columns.T @ pencil.basis for pencil in pencils]
+        driven = [pencil.left @ self.rows for pencil in pencils]
+        vectors, sizes, _ = np.linalg.svd(np.hstack(seen))
         U = vectors[:, : int((sizes > SAME * sizes.max(initial=0.0)).sum())]
-        right, left = U.T @ seen @ block.V, block.W @ (driven @ U)
+        right = np.hstack([U.T @ a @ b.V for a, b in zip(seen, blocks, strict=True)])
+        left = np.vstack([b.W @ (a @ U) for a, b in zip(driven, blocks, strict=True)])
         residues = right.T[:, :, None] * left[:, None, :]
-        return _Part(
-            U, np.diag(block.T), residues.reshape(len(left), -1), np.zeros((U.shape[1],) * 2)
-        )
+        poles = np.concatenate([np.diag(block.T) for block in blocks])
+        return _Part(U, poles, residues.reshape(len(left), -1), np.zeros((U.shape[1],) * 2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -129,6 +129,22 @@ def test_loci_by_modes_are_those_of_solves_of_the_equations(name: str) -> None:
         assert np.all(nearest < 1e-9 * np.abs(whole).max(axis=1, keepdims=True))
 
 
+def test_a_part_of_a_mirrored_board_needs_no_solve_at_each_frequency(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its current drives even and odd modes alike."""
+    circuit = synthesise(load_scene(SCENES / "paper-breadboard.toml"))
+    (part, *_) = circuit.capacitors_of(Role.SIGNAL_CAPACITOR)
+    ports = PortResponse.of_parts(LinearBoard(circuit), [part])
+    omega = np.geomspace(1e3, 1e8, 7)
+    wanted = [ports.exact(1j * each) for each in omega.tolist()]
+    solves, exact = list[complex](), PortResponse.exact
+    monkeypatch.setattr(PortResponse, "exact", lambda self, s: solves.append(s) or exact(self, s))
+    (found,) = ports.at(omega)
+    assert np.allclose(found, wanted, rtol=1e-7)
+    assert len(solves) == 2
+
+
 def test_a_large_board_has_the_crossings_of_the_dense_one(monkeypatch: pytest.MonkeyPatch) -> None:
     circuit = synthesise(load_scene(SCENES / "tuned-breadboard.toml"))
     dense = capacitor_loci(circuit)

@@ -186,7 +186,7 @@ class Modes:
         order = np.lexsort((-poles.imag, -poles.real))
         return cls(found, poles[order], order)
 
-    @property
+    @functools.cached_property
     def refined(self) -> Modes:
         """The same one Newton step later: vectors in which A is diagonal but for rounding."""
         return Modes.of(map(newton_step, self.blocks)) if np.isfinite(self.defect) else self
