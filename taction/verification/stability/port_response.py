@@ -141,7 +141,7 @@ class PortResponse:
 
     @cached_property
     def _parts(self) -> list[_Part]:
-        """The response by the modes of each block of the board, or of all where their currents meet.
+        """The response by the modes of each block of the board; of all where their currents meet.
 
         Empty for a large board, where modes are not known well, or where more is left than a
         constant: a capacitor at the output of a source has a current that is a derivative.
