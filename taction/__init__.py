@@ -17,79 +17,49 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from taction.decks import check
-    from taction.designs import bom, build, kicad, netlist, solve
-    from taction.netlist_gen.board.circuit import Circuit
-    from taction.netlist_gen.board.synthesis import synthesise
-    from taction.netlist_gen.deck.deck import write_deck
-    from taction.netlist_gen.scene.loading import load_scene
-    from taction.netlist_gen.scene.scene import Scene
-    from taction.system.errors import InputError, Interrupted, NoVerdictError, TactionError
-    from taction.system.waveforms import Waveforms
-    from taction.tools import import_model, mcp, models, opamp, scene_schema
-    from taction.transients import diff, explore, simulate, verify, verify_files, what_to_change
-    from taction.verification.design.choose import choose
-    from taction.verification.design.fresh_scene import new
-    from taction.verification.design.scaling import scale
-    from taction.verification.design.tune import tune
-    from taction.verification.evidence.demonstration import demo
-    from taction.verification.evidence.paper.reproduce import reproduce
-    from taction.verification.evidence.stress.run_cases import stress
-    from taction.verification.studies.onset.onset import onset
-    from taction.verification.studies.regression.regress import regress
-    from taction.verification.studies.running.installation import doctor
-    from taction.verification.studies.sweep.result import sweep
-    from taction.verification.studies.tolerance.corners import corners
-    from taction.verification.studies.tolerance.montecarlo import montecarlo
-    from taction.verification.studies.tolerance.varied_board import verify_sample
-    from taction.verification.studies.work_precision.study import accuracy
-    from taction.verification.verdict.verify import Verdict
-
-__all__ = [
-    "Circuit",
-    "InputError",
-    "Interrupted",
-    "NoVerdictError",
-    "Scene",
-    "TactionError",
-    "Verdict",
-    "Waveforms",
-    "accuracy",
-    "bom",
-    "build",
-    "check",
-    "choose",
-    "corners",
-    "demo",
-    "diff",
-    "doctor",
-    "explore",
-    "import_model",
-    "kicad",
-    "load_scene",
-    "mcp",
-    "models",
-    "montecarlo",
-    "netlist",
-    "new",
-    "onset",
-    "opamp",
-    "regress",
-    "reproduce",
-    "scale",
-    "scene_schema",
-    "simulate",
-    "solve",
-    "stress",
-    "sweep",
-    "synthesise",
-    "tune",
-    "verify",
-    "verify_files",
-    "verify_sample",
-    "what_to_change",
-    "write_deck",
-]
+    from taction.decks import check as check
+    from taction.designs import bom as bom
+    from taction.designs import build as build
+    from taction.designs import kicad as kicad
+    from taction.designs import netlist as netlist
+    from taction.designs import solve as solve
+    from taction.netlist_gen.board.circuit import Circuit as Circuit
+    from taction.netlist_gen.board.synthesis import synthesise as synthesise
+    from taction.netlist_gen.deck.deck import write_deck as write_deck
+    from taction.netlist_gen.scene.loading import load_scene as load_scene
+    from taction.netlist_gen.scene.scene import Scene as Scene
+    from taction.system.errors import InputError as InputError
+    from taction.system.errors import Interrupted as Interrupted
+    from taction.system.errors import NoVerdictError as NoVerdictError
+    from taction.system.errors import TactionError as TactionError
+    from taction.system.waveforms import Waveforms as Waveforms
+    from taction.tools import import_model as import_model
+    from taction.tools import mcp as mcp
+    from taction.tools import models as models
+    from taction.tools import opamp as opamp
+    from taction.tools import scene_schema as scene_schema
+    from taction.transients import diff as diff
+    from taction.transients import explore as explore
+    from taction.transients import simulate as simulate
+    from taction.transients import verify as verify
+    from taction.transients import verify_files as verify_files
+    from taction.transients import what_to_change as what_to_change
+    from taction.verification.design.choose import choose as choose
+    from taction.verification.design.fresh_scene import new as new
+    from taction.verification.design.scaling import scale as scale
+    from taction.verification.design.tune import tune as tune
+    from taction.verification.evidence.demonstration import demo as demo
+    from taction.verification.evidence.paper.reproduce import reproduce as reproduce
+    from taction.verification.evidence.stress.run_cases import stress as stress
+    from taction.verification.studies.onset.onset import onset as onset
+    from taction.verification.studies.regression.regress import regress as regress
+    from taction.verification.studies.running.installation import doctor as doctor
+    from taction.verification.studies.sweep.result import sweep as sweep
+    from taction.verification.studies.tolerance.corners import corners as corners
+    from taction.verification.studies.tolerance.montecarlo import montecarlo as montecarlo
+    from taction.verification.studies.tolerance.varied_board import verify_sample as verify_sample
+    from taction.verification.studies.work_precision.study import accuracy as accuracy
+    from taction.verification.verdict.verify import Verdict as Verdict
 
 _NAMES = {
     "decks": "check",
@@ -121,6 +91,8 @@ _NAMES = {
     "verification.verdict.verify": "Verdict",
 }
 """The public names by the module that has them, below `taction`."""
+
+__all__ = sorted(" ".join(_NAMES.values()).split())
 
 
 def __getattr__(name: str) -> Any:

@@ -141,8 +141,7 @@ def _annotate(documents: Iterable[Mapping[str, Any]], call: Call) -> None:
 
 
 def _annotate_error(error: taction.TactionError, call: Call) -> None:
-    from taction.system.documents import plain
-    from taction.system.error_document import error_document
+    from taction.system.documents import error_document, plain
 
     _annotate([{"file": call.options["scenes"][0], **plain(error_document(error))}], call)
 

@@ -126,7 +126,7 @@ def _report(error: Exception, as_json: bool, words: Sequence[str]) -> int:
         bug = f"this is a bug in taction; no verdict was reached: {error}"
         message = bug if known is None else str(known)
     if as_json:
-        from taction.system.error_document import error_document
+        from taction.system.documents import error_document
 
         print_json(error_document(known or error, message), "error")
     if isinstance(known, click.ClickException):

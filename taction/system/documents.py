@@ -33,7 +33,7 @@ from functools import cache
 from pathlib import PurePath
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from taction.system.errors import listed
+from taction.system.errors import Complaint, InputError, SimulationError, listed
 from taction.system.foreign_files import shortened, visible
 from taction.system.output_files import printable
 from taction.system.results import load
@@ -372,3 +372,46 @@ def _read_parts(kind: Any, data: Any, place: str) -> Any:
         elif field.default is missing and field.default_factory is missing:
             raise ValueError(f"{here}: missing")
     return kind(**values)
+
+
+Ending = Literal["bad input", "inconclusive"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Failure:
+    """Why there is no result."""
+
+    kind: str
+    message: str
+    file: Annotated[str | None, OPTIONAL, Note("of bad input")] = None
+    complaints: Annotated[tuple[Complaint, ...] | None, OPTIONAL] = None
+    log: Annotated[str | None, OPTIONAL, Note("of a simulation")] = None
+    folder: Annotated[str | None, OPTIONAL, Note("what reproduces the failed simulation")] = None
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class ErrorDocument:
+    """Any command that ended without its document."""
+
+    outcome: Ending
+    error: Failure
+
+
+def error_document(error: Exception, message: str = "") -> ErrorDocument:
+    """Return `error` with its outcome, ``bad input`` or ``inconclusive``, and all that it knows.
+
+    Examples
+    --------
+    >>> from taction.system.errors import NoVerdictError
+    >>> error_document(NoVerdictError("no engine")).outcome
+    'inconclusive'
+    """
+    failure = Failure(type(error).__name__, message or str(error))
+    if isinstance(error, InputError):
+        failure = Failure(failure.kind, failure.message, str(error.file), tuple(error.complaints))
+    if isinstance(error, SimulationError):
+        folder = str(error.folder) if error.folder else None
+        failure = Failure(failure.kind, failure.message, log=error.log, folder=folder)
+    # As the error of a command line, of click, a mistake of the user has the exit status 2.
+    ours = getattr(error, "exit_status", getattr(error, "exit_code", None)) == 2
+    return ErrorDocument("bad input" if ours else "inconclusive", failure)

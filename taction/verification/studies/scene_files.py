@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from taction.system.documents import plain
-from taction.system.error_document import error_document
+from taction.system.documents import error_document, plain
 from taction.system.errors import INTERRUPTED, Complaint, InputError, NoVerdictError, TactionError
 from taction.system.output_files import printable
 from taction.system.results import Result

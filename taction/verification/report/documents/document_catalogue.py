@@ -61,7 +61,7 @@ MODELS = {
     "new-matrix": "verification.report.documents.plain.NewMatrixDocument",
     "help": "verification.report.documents.plain.HelpDocument",
     "doctor": "verification.studies.running.installation.Installation",
-    ERROR: "system.error_document.ErrorDocument",
+    ERROR: "system.documents.ErrorDocument",
 }
 """By the name of the schema: that of the command, or of one of its documents."""
 

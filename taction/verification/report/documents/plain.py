@@ -9,8 +9,7 @@ from taction.netlist_gen.scene.imported_opamps import StoredOpAmp
 from taction.netlist_gen.scene.keys import Value
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.presets import Origin
-from taction.system.documents import INLINE, OPTIONAL, Note, Number, taken
-from taction.system.error_document import Failure
+from taction.system.documents import INLINE, OPTIONAL, Failure, Note, Number, taken
 from taction.verification.characterise.characterise import OpAmpFigures
 from taction.verification.design.fresh_scene import NewScene
 from taction.verification.design.scaling import Scaled

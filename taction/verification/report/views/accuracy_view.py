@@ -14,7 +14,6 @@ from taction.verification.report.views.origin_view import origin_section
 from taction.verification.studies.work_precision.methods import Method
 from taction.verification.studies.work_precision.study import (
     ERRORS,
-    Ladder,
     SettingResult,
     WorkPrecisionStudy,
 )
@@ -29,7 +28,7 @@ WORK = (
     " The dashed line is the error of the reference; a cross at the upper edge is a run that timed"
     " out."
 )
-STEPS = "The order of convergence is fitted to the filled marks; the dotted lines show the fits."
+STEPS = "The order of convergence of a method is the median slope of its line."
 
 
 def view(study: WorkPrecisionStudy) -> Page:
@@ -99,7 +98,7 @@ def _charts(study: WorkPrecisionStudy, problem: str) -> Iterator[Content]:
     if problem == "board":
         unit = study.period
         step = Axis("mean step (periods of the fastest ringing)", "", "log")
-    orders = {m.order.value: m for m in study.ladders if m.method.problem == problem}
+    orders = {m.order: m for m in study.ladders if m.method.problem == problem}
     largest = max((order for order in orders if order is not None), default=None)
     said = ""
     if largest is not None:
@@ -138,24 +137,16 @@ def _error_text(point: SettingResult) -> str:
 
 
 def _steps(study: WorkPrecisionStudy, problem: str, unit: float) -> Iterator[Mark]:
-    """Yield the errors over the mean steps in a unit, s; the order is fitted to filled marks."""
-    for method, (colour, shape, _) in _methods(study, problem).items():
-        points, order = study.of(method), study.order(method)
-        known = [k for k, p in enumerate(points) if None not in (p.error, p.mean_step)]
-        for fitted, mark in ((True, shape), (False, f"{shape}-open")):
-            shown = [points[k] for k in known if (k in order.points) is fitted]
-            steps = np.array([p.mean_step for p in shown], dtype=np.float64) / unit
-            texts = tuple(f"{method.name} {p.name}: {p.error:.2e}" for p in shown)
-            yield Curve(
-                steps, _errors(shown), method.name, colour, "", mark, size=5.0, label="",
-                hover=texts,
-            )  # fmt: skip
-        if order.value is not None and order.constant is not None:
-            ends = np.array([points[order.points[k]].mean_step for k in (0, -1)], dtype=np.float64)
+    """Yield the errors over the mean steps in a unit, s, with the orders of convergence."""
+    for method, (colour, mark, _) in _methods(study, problem).items():
+        known = [p for p in study.of(method) if None not in (p.error, p.mean_step)]
+        steps = np.array([p.mean_step for p in known], dtype=np.float64) / unit
+        texts = tuple(f"{method.name} {p.name}: {p.error:.2e}" for p in known)
+        order, name = study.order(method), method.name
+        if order is not None:
             theory = "varies" if method.order is None else f"theory {method.order:g}"
-            name = f"{method.name}: order {order.value:.2f} ({theory})"
-            fit = order.constant * ends**order.value
-            yield Curve(ends / unit, fit, name, colour, "dot", width=1.4)
+            name = f"{method.name}: order {order:.2f} ({theory})"
+        yield Curve(steps, _errors(known), name, colour, "dot", mark, size=5.0, hover=texts)
 
 
 def _runs(study: WorkPrecisionStudy, problem: str) -> Iterator[Content]:
@@ -211,17 +202,9 @@ def _choice(point: SettingResult | None) -> str:
 def _orders(study: WorkPrecisionStudy) -> Table:
     columns = {
         "method": lambda each: each.method.name,
-        "fitted": _fitted,
+        "fitted": lambda each: each.order and Cell(f"{each.order:.2f}", each.order),
         "theory": lambda each: each.method.theory,
-        "from settings": lambda each: ", ".join(f"{s:g}" for s in each.fitted) or None,
     }
     shown = (each for each in study.ladders if each.method.setting)
-    note = "Of the largest error over time, against the mean step."
+    note = "Median slope of the largest error over time, against the mean step."
     return Table.of("Order of convergence", shown, columns, note)
-
-
-def _fitted(ladder: Ladder) -> Cell | None:
-    order = ladder.order
-    if order.value is None:
-        return None
-    return Cell(f"{order.value:.2f} ± {order.sigma or 0.0:.2f}", order.value)

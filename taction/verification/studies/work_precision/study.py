@@ -12,7 +12,7 @@ import statistics
 import time as clock
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import zip_longest
+from itertools import pairwise, zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -48,48 +48,22 @@ REPEATS = 3
 LEAST_TIME = 20.0  # s for a run and for a reference at least, whatever is left of the budget
 MAX_ERROR = 0.1  # a larger error is not asymptotic
 ABOVE_FLOOR = 10.0  # least error of a run, in errors of the reference
-SCATTER = 0.12  # rms deviation of ln(error) from a straight line, over its slope
-MIN_RUNS = 3  # on a straight line
 ERRORS = tuple(10.0**-k for k in range(2, 11))
 
 
-@dataclass(frozen=True, slots=True)
-class Order:
-    """A fitted order of convergence, ``error = constant * step^value``; None without an order."""
+def convergence(points: Sequence[SettingResult], floor: float) -> float | None:
+    """Return the order of convergence: the median slope of ln error over ln step; None without one.
 
-    value: float | None = None
-    sigma: float | None = None  # standard uncertainty of `value`
-    constant: float | None = None  # error at a step of 1 s
-    points: tuple[int, ...] = ()  # places in the ladder that the fit used
-
-
-def fit_order(steps: Sequence[float | None], errors: Sequence[float | None], floor: float) -> Order:
-    """Fit a straight line to ``ln error`` over ``ln step`` where the ladder is asymptotic.
-
-    Runs with an error above `MAX_ERROR` or below `ABOVE_FLOOR` times `floor` are left out, then the
-    coarsest, one by one, until the others are near a straight line (`SCATTER`).
-
-    `steps`: mean step of each run, s; coarse to fine. None where there is no run.
-    `errors`: error of each run; None where it is unknown.
-    `floor`: error of the reference.
+    Each slope is that between two neighbours of a ladder. Runs with an error above `MAX_ERROR` or
+    below `ABOVE_FLOOR` times `floor`, the error of the reference, do not count.
     """
-    pairs = list(zip(steps, errors, strict=True))
-    usable = {
-        place: (math.log(step), math.log(error))
-        for place, (step, error) in enumerate(pairs)
-        if step and error and ABOVE_FLOOR * floor <= error <= MAX_ERROR
-    }
-    places = tuple(usable)
-    while len(places) >= MIN_RUNS:
-        x, y = np.array([usable[place] for place in places]).T
-        width = float(np.sum((x - x.mean()) ** 2))
-        if width > 0.0:
-            (slope, intercept), covariance = np.polyfit(x, y, 1, cov=True)
-            sigma = math.sqrt(covariance[0, 0])
-            if slope > 0.0 and sigma * math.sqrt(width) <= SCATTER * slope:
-                return Order(float(slope), sigma, math.exp(intercept), places)
-        places = places[1:]
-    return Order()
+    usable = [
+        (math.log(point.mean_step), math.log(point.error))
+        for point in points
+        if point.mean_step and point.error and ABOVE_FLOOR * floor <= point.error <= MAX_ERROR
+    ]
+    slopes = [(d - b) / (c - a) for (a, b), (c, d) in pairwise(usable) if a != c]
+    return statistics.median(slopes) if len(slopes) > 1 else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,19 +103,13 @@ class Ladder:
 
     DOCUMENT = (
         *("name = method.name", "engine = method.engine", "problem = method.problem"),
-        *("setting = method.setting", "order = order.value", "order_uncertainty = order.sigma"),
-        *("order_theory = method.order", "order_theory_says = method.theory"),
-        *("order_points = fitted # settings that the fit used", "points"),
+        *("setting = method.setting", "order", "order_theory = method.order"),
+        *("order_theory_says = method.theory", "points"),
     )
 
     method: Method
-    order: Order
+    order: float | None
     points: tuple[SettingResult, ...]
-
-    @property
-    def fitted(self) -> tuple[float, ...]:
-        """The settings that the fit of the order used."""
-        return tuple(self.points[place].setting for place in self.order.points)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,12 +165,10 @@ class WorkPrecisionStudy(Result):
         """Return the points of one method."""
         return tuple(point for point in self.points if point.method is method)
 
-    def order(self, method: Method) -> Order:
-        """Return the order of convergence of the errors of one method."""
-        if not method.setting:
-            return Order()
-        points, floor = self.of(method), self.problems[method.problem].floor or 0.0
-        return fit_order([p.mean_step for p in points], [p.error for p in points], floor)
+    def order(self, method: Method) -> float | None:
+        """Return the order of convergence of one method; None of a method without a step."""
+        floor = self.problems[method.problem].floor or 0.0
+        return convergence(self.of(method), floor) if method.setting else None
 
     def cheapest(self, error: float, engines: Iterable[str] | None = None) -> SettingResult | None:
         """Return the fastest setting for the board whose error is at most `error`, or None."""
