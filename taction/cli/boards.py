@@ -13,12 +13,9 @@ from click.core import ParameterSource
 import taction
 from taction.cli.command import (
     ANNOTATE,
-    ANY_PART,
-    ENGINE,
-    JOBS,
+    OPTIONS,
     OUTPUT,
     REPORT,
-    SCENE,
     Call,
     Command,
     Job,
@@ -204,10 +201,9 @@ VERIFY = Command(
     after=lambda found, call: _annotate([found.document], call),
     failed=_annotate_error,
     other=_several,
+    python_only=("scene",),
     parameters=(
         argument("scenes", metavar="SCENE...", nargs=-1, required=True),
-        ENGINE,
-        option("settings", "--set", multiple=True, metavar="KEY=VALUE"),
         option("margins", is_flag=True, of="verify_files"),
         option(
             "solution",
@@ -218,9 +214,9 @@ VERIFY = Command(
         option("exclude", multiple=True, metavar="PATTERN", of="verify_files"),
         JUNIT.parameter,
         ANNOTATE,
-        replace(JOBS, of="verify_files"),
+        replace(OPTIONS["jobs"], of="verify_files"),
         option("changes", type=NumberRange(0), metavar="DESIGNS", of="what_to_change"),
-        replace(ANY_PART, of="what_to_change"),
+        option("any_part", is_flag=True, of="what_to_change"),
         option(
             "verbose",
             "-v",
@@ -284,12 +280,7 @@ def _announce(call: Call) -> None:
 DIFF = Command(
     function="diff",
     outputs=(picture("the outputs of both over each other"), REPORT),
-    parameters=(
-        argument("first", metavar="A", reads=True),
-        argument("second", metavar="B", reads=True),
-        ENGINE,
-        option("agree", metavar="SHARE", type=NumberRange(0, 1, min_open=True)),
-    ),
+    parameters=(argument("first", metavar="A"), argument("second", metavar="B")),
     ends="Exit status: 0 if all readings are equal within their uncertainties, 1 if one is not, 3"
     " if that is unknown.",
 )
@@ -299,49 +290,38 @@ NETLIST = Command(
     after=_netlist_remarks,
     files=lambda found, call: found.written,
     parameters=(
-        SCENE,
         replace(OUTPUT, attributes={**OUTPUT.attributes, "help": "Deck file; by default stdout."}),
-        option("explain", is_flag=True),
-        option("split", is_flag=True),
         option("dialect", type=click.Choice(DIALECTS), show_default=True),
-        option("measure", is_flag=True),
     ),
 )
-BOM = Command(function="bom", files=own_file, parameters=(SCENE, OUTPUT))
+BOM = Command(function="bom", files=own_file)
 KICAD = Command(
     function="kicad",
     text=_nothing,
     after=_kicad_remarks,
     files=lambda found, call: found.written,
-    parameters=(SCENE, folder("output", "-o")),
+    parameters=(folder("output", "-o"),),
 )
 BUILD = Command(
     function="build",
     files=lambda found, call: [found.folder],
-    parameters=(SCENE, folder("output", "-o"), ENGINE),
+    parameters=(folder("output", "-o"),),
     ends="Exit status: that of the verdict.",
 )
 SOLVE = Command(
     function="solve",
     schema="solve",
     lacks=SOLUTION.lacks,
-    parameters=(SCENE,),
     ends="Exit status: 3 if the solution has no certificate.",
 )
-SIMULATE = Command(
-    function="simulate", before=_check_export, files=own_file, parameters=(SCENE, ENGINE, OUTPUT)
-)
+SIMULATE = Command(function="simulate", before=_check_export, files=own_file)
 EXPLORE = Command(
     function="explore",
     document=lambda found: iter(()),
     text=_nothing,
     before=_announce,
     after=lambda found, call: say("ended"),
-    parameters=(
-        SCENE,
-        option("port", type=click.IntRange(0, 65535)),
-        option("browser", "--browser/--no-browser"),
-    ),
+    parameters=(option("port", type=click.IntRange(0, 65535)),),
 )
 
 
@@ -420,7 +400,6 @@ NEW = Command(
             writes=True,
         ),
         replace(OUTPUT, attributes={**OUTPUT.attributes, "help": "The same as FILE."}),
-        option("force", is_flag=True),
         option("schema", is_flag=True, help="Print the JSON schema of scene files instead."),
         option(
             "scene",
@@ -430,15 +409,10 @@ NEW = Command(
             help="A scene for the problem of SCENE, with G0, U0, s and R that use the swing of its"
             " op-amps and that can be bought; lambda stays. The state-space engine verifies it.",
         ),
-        option("share", type=NumberRange(0, 0.9, min_open=True), of="scale"),
-        option("matrix", metavar="T", reads=True),
-        option("strain", metavar="EPS", reads=True),
+        OPTIONS["share"],
         option("noise", metavar="SIGMA"),
         option("lam", "--lambda", type=NumberRange(0, min_open=True)),
-        option("opamp", metavar="NAME"),
-        option("supply", metavar="VOLTS"),
         option("prune", type=NumberRange(0, 1, max_open=True)),
-        ANY_PART,
     ),
 )
 MODELS = Command(
@@ -454,12 +428,9 @@ MODELS = Command(
             function="import_model",
             files=lambda found, call: [found.file],
             parameters=(
-                argument("file"),
-                option("subckt"),
                 option("pins", metavar="ROLE,ROLE,..."),
                 option("supply", show_default=True),
                 option("compensation", metavar="FARADS"),
-                OUTPUT,
             ),
         ),
     },
@@ -470,8 +441,5 @@ MCP = Command(
     document=lambda found: iter(()),
     text=_nothing,
     schema=None,
-    parameters=(
-        argument("folder"),
-        option("limit", metavar="SECONDS", type=NumberRange(0, 86400, min_open=True)),
-    ),
+    parameters=(option("limit", metavar="SECONDS", type=NumberRange(0, 86400, min_open=True)),),
 )

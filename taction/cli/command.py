@@ -1,7 +1,9 @@
 """What a command is: a public function, its options, and what shows the result.
 
-The defaults and the sentences of the options are those of the function: its signature and the
-first paragraph of each parameter in its docstring. A second paragraph is for Python alone.
+The arguments and options are those of the function. A parameter by place is an argument, one by
+keyword an option; a default True or False makes a flag. Their sentences are the first paragraph of
+each parameter in its docstring; a second paragraph is for Python alone. What an option has besides,
+such as a range, stands in `OPTIONS`, or in the entry of the command.
 """
 
 from __future__ import annotations
@@ -20,6 +22,8 @@ import taction
 from taction.cli.printing import StageLine
 from taction.system import results
 from taction.system.errors import Complaint, InputError
+
+ENGINES = ("auto", "ngspice", "statespace")
 
 Target = str | Callable[..., Any]
 """A function, or its place below `taction`: "verification.report.views.board_view:view"."""
@@ -167,7 +171,9 @@ class Command(Job):
     Attributes
     ----------
     parameters : tuple of Parameter
-        Arguments and options, beside ``--json`` and those of the outputs.
+        Those that are not as the function's signature and `OPTIONS` have them, or not of it.
+    python_only : tuple of str
+        Parameters of the function that are no options.
     ends : str
         What the exit status means, where it is not as usual.
     other : callable, optional
@@ -177,20 +183,37 @@ class Command(Job):
     """
 
     parameters: tuple[CommandParameter, ...] = ()
+    python_only: tuple[str, ...] = ()
     ends: str = ""
     other: Callable[[Mapping[str, Any]], Job | None] | None = None
     commands: Mapping[str, Command] = field(default_factory=dict)
 
     @property
     def every(self) -> tuple[CommandParameter, ...]:
-        """Its parameters with those of the outputs."""
-        return (*self.parameters, *(output.parameter for output in self.outputs))
+        """All arguments and options, with those of the outputs."""
+        given = {parameter.name: parameter for parameter in self.parameters}
+        own = [
+            given.pop(name, None) or OPTIONS.get(name) or _derived(known)
+            for name, known in signature(self.function).items()
+            if name not in (*PYTHON_ONLY, *self.python_only)
+        ]
+        return (*own, *given.values(), *(output.parameter for output in self.outputs))
 
 
 @cache
 def signature(function: str) -> Mapping[str, inspect.Parameter]:
     """Return the parameters of a public function."""
     return inspect.signature(getattr(taction, function)).parameters
+
+
+def _derived(known: inspect.Parameter) -> CommandParameter:
+    """Return the argument or the option of a parameter of a function."""
+    if known.kind is not inspect.Parameter.KEYWORD_ONLY:
+        return argument(known.name)
+    flag = known.name.replace("_", "-")
+    if known.default is True:
+        return option(known.name, f"--{flag}/--no-{flag}")
+    return option(known.name, **({"is_flag": True} if known.default is False else {}))
 
 
 @cache
@@ -218,6 +241,14 @@ def _plain(paragraphs: str) -> str:
     return " ".join(re.sub(r'``"?(.*?)"?``', r"\1", first).split())
 
 
+class EngineChoice(click.Choice[str]):
+    """The engines of taction; the scene knows those of other packages, and refuses any other."""
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the name as it is."""
+        return value
+
+
 def refuse_withdrawn(engine: str) -> None:
     """Refuse an engine that is no more; the scene refuses one that is unknown."""
     if engine in ("both", "hybrid"):
@@ -241,8 +272,6 @@ class NumberRange(click.FloatRange):
         return super().convert(value, param, ctx)
 
 
-SCENE = argument("scene")
-ENGINE = option("engine", metavar="[auto|ngspice|statespace]", check=refuse_withdrawn)
 ANNOTATE = option(
     "annotate",
     "--annotate/--no-annotate",
@@ -251,13 +280,37 @@ ANNOTATE = option(
     help="Print errors and warnings on stderr as GitHub shows them at the files; by default"
     " where GITHUB_ACTIONS is set.",
 )
-JOBS = option("jobs", type=click.IntRange(1, 4096))
-CLUSTER = option(
-    "cluster", metavar="tcp://HOST:PORT", check="verification.studies.running.cluster:check_address"
-)
-ANY_PART = option("any_part", is_flag=True)
 OUTPUT = option("output", "-o", "--output", type=click.Path(dir_okay=False), writes=True)
 DATABASE = replace(OUTPUT, check="verification.studies.store:check_database")
+PYTHON_ONLY = ("progress", "strains", "announce")
+"""Parameters of functions that are no options."""
+OPTIONS = {
+    each.name: each
+    for each in (
+        option("engine", type=EngineChoice(ENGINES), check=refuse_withdrawn),
+        option("jobs", type=click.IntRange(1, 4096)),
+        option(
+            "cluster",
+            metavar="tcp://HOST:PORT",
+            check="verification.studies.running.cluster:check_address",
+        ),
+        OUTPUT,
+        option("settings", "--set", multiple=True, metavar="KEY=VALUE"),
+        option("samples", "-n", "--samples", type=click.IntRange(1, 10_000_000)),
+        option("seed", type=click.IntRange(0)),
+        option("points", type=click.IntRange(1, 101)),
+        option("margin", metavar="FACTOR", type=NumberRange(1, 100)),
+        option("share", type=NumberRange(0, 0.9, min_open=True), of="scale"),
+        option("lam", "--lambda", type=NumberRange(0)),
+        option("matrix", metavar="T", reads=True),
+        option("strain", metavar="EPS", reads=True),
+        option("supply", metavar="VOLTS"),
+        option("opamp", metavar="NAME"),
+        option("agree", metavar="SHARE", type=NumberRange(0, 1, min_open=True)),
+        option("only", multiple=True, metavar="NAME"),
+    )
+}
+"""What options have beside their names, defaults and sentences, in every command that has them."""
 
 
 def folder(name: str, *flags: str, **attributes: Any) -> CommandParameter:

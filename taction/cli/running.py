@@ -145,7 +145,7 @@ def _check(command: Command, job: Job, given: dict[str, Any]) -> None:
         for parameter, file in asked.items():
             if not _is_folder(parameter):
                 check_folder(file, parameter.option)
-    for parameter in command.parameters:
+    for parameter in command.every:
         value = given[parameter.name]
         if parameter.check is not None and value is not None:
             for each in value if isinstance(value, tuple) else (value,):

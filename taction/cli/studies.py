@@ -9,14 +9,8 @@ import click
 
 from taction.cli.command import (
     ANNOTATE,
-    ANY_PART,
-    CLUSTER,
     DATABASE,
-    ENGINE,
-    JOBS,
-    OUTPUT,
     REPORT,
-    SCENE,
     Call,
     Command,
     Job,
@@ -47,16 +41,9 @@ MONTECARLO = Command(
     outputs=(picture("histograms with limits, and the components behind the spread,"), REPORT),
     other=lambda options: None if options["sample"] is None else SAMPLE,
     parameters=(
-        SCENE,
-        option("samples", "-n", "--samples", type=click.IntRange(1, 10_000_000)),
-        option("seed", type=click.IntRange(0)),
         option("sample", type=click.IntRange(0), of="verify_sample", required=False),
-        option("until"),
         option("min_yield", type=NumberRange(0, 1)),
-        ENGINE,
         DATABASE,
-        JOBS,
-        CLUSTER,
     ),
     ends="Exit status with --min-yield: 0 if the whole 95 % interval of the yield lies above that"
     " value, 1 if it lies below, else 3. Without --min-yield: 0.",
@@ -66,17 +53,7 @@ MONTECARLO = Command(
 CORNERS = Command(
     function="corners",
     outputs=(REPORT,),
-    parameters=(
-        SCENE,
-        option(
-            "corner",
-            multiple=True,
-            metavar="KEY=Z,...",
-        ),
-        ENGINE,
-        JOBS,
-        CLUSTER,
-    ),
+    parameters=(option("corner", multiple=True, metavar="KEY=Z,..."),),
     ends="Exit status: 1 if a corner fails, else 3 if a corner has no verdict.",
 )
 
@@ -86,13 +63,8 @@ TUNE = Command(
     outputs=(picture("settling time against overshoot"), REPORT),
     files=own_file,
     parameters=(
-        SCENE,
-        option("over"),
         option("reach", type=NumberRange(1, 1000, min_open=True)),
         option("overshoot", type=NumberRange(0, min_open=True)),
-        option("margin", type=NumberRange(1, 100)),
-        ANY_PART,
-        OUTPUT,
     ),
 )
 
@@ -109,36 +81,21 @@ CHOOSE = Command(
     before=_choice_database,
     files=lambda found, call: [one.file for one in found.best if one.file],
     parameters=(
-        SCENE,
         option("settling", metavar="TIME"),
         option("rise", metavar="TIME"),
         option("overshoot", metavar="SHARE"),
         option("noise", metavar="VOLTS"),
-        option("margin", metavar="FACTOR", type=NumberRange(1, 100)),
-        option("supply", metavar="VOLTS"),
         option("opamps", metavar="A,B,C"),
         option("c_range", metavar="LOW:HIGH"),
         option("gain_range", metavar="LOW:HIGH"),
-        option("points", type=click.IntRange(1, 101)),
-        ANY_PART,
         replace(folder("output", "-o"), check="system.output_files:check_own_folder"),
         replace(DATABASE, name="store", flags=("--store",)),
-        JOBS,
-        CLUSTER,
     ),
     ends="Exit status: 0 if a design passes on both engines, 1 if none passes.",
 )
 SCALE = Command(
     function="scale",
     files=own_file,
-    parameters=(
-        SCENE,
-        option("share", type=NumberRange(0, 0.9, min_open=True)),
-        option("opamp", metavar="NAME"),
-        option("supply", metavar="VOLTS"),
-        ANY_PART,
-        OUTPUT,
-    ),
 )
 
 
@@ -146,7 +103,6 @@ ONSET = Command(
     function="onset",
     outputs=(picture("the pole map and the root locus"), REPORT),
     parameters=(
-        SCENE,
         option("over", metavar="KEY[=LOW:HIGH:N]"),
         option("transients", "--confirm/--no-confirm"),
     ),
@@ -159,22 +115,13 @@ CHECK = Command(
     outputs=(picture("step response and poles"), REPORT),
     files=own_file,
     parameters=(
-        argument("deck"),
         option("outputs", "--output", metavar="NODE", multiple=True),
         option("over", metavar="NAME[=LOW:HIGH:N]", multiple=True),
         option("checks", "--check", metavar="NAME=LIMIT", multiple=True),
         option("expect", metavar="V(NODE)=VALUE", multiple=True),
-        option("linearise", is_flag=True),
-        option("matrix", metavar="T", reads=True),
-        option("strain", metavar="EPS", reads=True),
-        option("lam", "--lambda", type=NumberRange(0)),
         option("unit", metavar="VOLTS"),
         option("accept", metavar="SHARE"),
         option("tolerances", metavar="FILE", type=click.Path(dir_okay=False), reads=True),
-        option("samples", "-n", "--samples", type=click.IntRange(1, 1_000_000)),
-        option("seed", type=click.IntRange(0)),
-        option("ngspice", "--ngspice/--no-ngspice"),
-        option("transient", is_flag=True),
         option("output", "-o", type=click.Path(dir_okay=False), writes=True),
     ),
     ends="Exit status: 0 without checks or if all pass, 1 a check failed, 3 one is not decided.",
@@ -206,14 +153,9 @@ SWEEP = Command(
     ),
     before=_check_sweep,
     parameters=(
-        SCENE,
         option("over", multiple=True, metavar="KEY=LOW:HIGH:N"),
         option("fix", multiple=True, metavar="KEY[=VALUE]"),
         DATABASE,
-        ENGINE,
-        option("strict", is_flag=True),
-        JOBS,
-        CLUSTER,
     ),
     ends="Exit status: 0 if every point is stored, whatever its outcome; with --strict 1 if a point"
     " fails; 3 if no point has a verdict.",
@@ -247,9 +189,7 @@ REGRESS = Command(
     parameters=(
         argument("folder", metavar="DIR"),
         option("baseline", type=click.Path(), metavar="FILE", reads=True),
-        option("update", is_flag=True),
         ANNOTATE,
-        JOBS,
     ),
     ends="Exit status: 1 if a check failed, or if a result differs from the baseline by more than"
     " the scene's table [regression] allows. --update stores differences, but"
@@ -258,7 +198,6 @@ REGRESS = Command(
 STRESS = Command(
     function="stress",
     outputs=(REPORT,),
-    parameters=(option("only", multiple=True, metavar="NAME"), JOBS),
     ends="Exit status: 1 if an outcome or a number is wrong, 3 if ngspice is missing.",
 )
 
@@ -266,7 +205,7 @@ STRESS = Command(
 ACCURACY = Command(
     function="accuracy",
     outputs=(picture("error against run time"), REPORT),
-    parameters=(SCENE, option("budget", type=NumberRange(min=0.5))),
+    parameters=(option("budget", type=NumberRange(min=0.5)),),
     ends="Exit status: 3 if no run of the board ended within the budget.",
 )
 
@@ -274,7 +213,6 @@ ACCURACY = Command(
 REPRODUCE = Command(
     function="reproduce",
     outputs=(REPORT,),
-    parameters=(option("quick", is_flag=True),),
     ends="Exit status: 1 if a verdict differs from the verdict that taction has on record, 3 if a"
     " claim could not be tested.",
 )
@@ -282,6 +220,5 @@ DEMO = Command(
     function="demo",
     outputs=(picture("the outputs of the three boards"),),
     files=lambda found, call: [found.file] if found.file else [],
-    parameters=(OUTPUT,),
     ends="Exit status: 0 if the boards behave as told.",
 )
