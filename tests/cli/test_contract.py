@@ -25,9 +25,6 @@ SHOWN = {
     "regress": {"annotate"},
     "new": {"output", "schema", "scene"},
 }
-# Of the function alone: Python's own arguments.
-PYTHON = {"progress", "announce", "strains"}
-
 # Words with which a command ends with 0; those that are not named have their line of `LINES`.
 WORDS = {
     "check": "check a.cir",
@@ -87,32 +84,25 @@ def stated(name: str, parameter: CommandParameter) -> inspect.Parameter | None:
 
 
 @pytest.mark.parametrize("name", CALLS)
-def test_options_and_keywords_are_the_same(name: str) -> None:
-    """With their defaults; the options of what shows the result are the only others."""
+def test_an_option_is_a_keyword_with_its_default_or_shows_the_result(name: str) -> None:
     command = entry(name)
     made = {p.name: p for p in running.made(name, command).params}
     shown = {output.name for output in command.outputs} | {"junit"}
-    for parameter in command.parameters:
+    for parameter in command.every:
         known = stated(name, parameter)
         if known is None:
             assert parameter.name in SHOWN.get(name, set()) | shown
-            continue
-        default = made[parameter.name].to_info_dict().get("default")
-        if known.default is inspect.Parameter.empty:
-            assert made[parameter.name].required or parameter.of
-        elif parameter.flags:
+        elif known.default is not inspect.Parameter.empty and parameter.flags:
+            default = made[parameter.name].to_info_dict().get("default")
             assert (default or None) == (known.default or None)
-    own = signature(command.function)
-    given = {parameter.name for parameter in command.parameters if not parameter.of}
-    missing = set(own) - given - PYTHON
-    assert missing == ({"scene"} if name == "verify" else set())
+    assert command.python_only == (("scene",) if name == "verify" else ())
 
 
 @pytest.mark.parametrize("name", CALLS)
 def test_every_option_has_the_sentence_of_the_docstring(name: str) -> None:
     command = entry(name)
     made = {p.name: p for p in running.made(name, command).params}
-    for parameter in command.parameters:
+    for parameter in command.every:
         if parameter.flags:
             text = made[parameter.name].to_info_dict()["help"]
             known = sentences(parameter.of or command.function).get(parameter.name)
