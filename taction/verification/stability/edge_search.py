@@ -25,7 +25,7 @@ from taction.verification.engines.statespace.equations.pole_count import (
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.edges import Edges, Range, Sample
 from taction.verification.stability.families import Family
-from taction.verification.stability.loci import LociSearch, trace_together
+from taction.verification.stability.loci import LociSearch
 from taction.verification.stability.poles import (
     Poles,
     brief_poles,
@@ -64,15 +64,21 @@ class EdgeSearch:
     count: Count | None = field(default=None, init=False)
     samples: dict[float, Sample] = field(default_factory=dict, init=False)  # by their values
 
-    def loci(self) -> LociSearch | None:
-        """Return the search by loci; None where only a scan is left."""
+    def traced(self) -> bool:
+        """Find what the loci show; False where only a scan is left."""
         ports = self.family.ports
         if ports is None:
-            return None
+            return False
         own = self.found = self.found or poles(ports.board)
         known = own.complete or own.stable  # else the poles are too few to be counted
         count = own.unstable_count if known else count_unstable(ports.board)
-        return LociSearch(ports, *self.family.shares(self.low, self.high), count)
+        search = LociSearch(ports, *self.family.shares(self.low, self.high), count)
+        self.edges = self.family.at_values(search.edges())
+        return True
+
+    def certain(self, traced: bool) -> Edges:
+        """Return the edges that the loci show, if samples confirm them, else those of samples."""
+        return (self.confirmed() if traced else None) or self.scanned()
 
     @property
     def within(self) -> Range:
@@ -189,28 +195,13 @@ def find_edges(
 
 
 def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]:
-    """Return the edges of each search, or why there are none.
-
-    The loci of all boards are followed together.
-    """
-    loci = [or_error(EdgeSearch.loci, one) for one in searches]
-    asked = {k: each for k, each in enumerate(loci) if isinstance(each, LociSearch)}
-    traced = dict(zip(asked, trace_together(list(asked.values())), strict=True))
-    for k, edges in traced.items():
-        if isinstance(edges, Edges):
-            searches[k].edges = searches[k].family.at_values(edges)
-    _count_decks([searches[k] for k, edges in traced.items() if isinstance(edges, Edges)])
-    found = list[Edges | TactionError]()
-    for k, one in enumerate(searches):
-        first = traced.get(k, loci[k])
-        confirmed = one.confirmed() if isinstance(first, Edges) else None
-        if confirmed is not None:
-            found.append(confirmed)
-        elif isinstance(first, TactionError):
-            found.append(first)
-        else:
-            found.append(or_error(EdgeSearch.scanned, one))
-    return found
+    """Return the edges of each search, or why there are none."""
+    traced = [or_error(EdgeSearch.traced, one) for one in searches]
+    _count_decks([one for one, known in zip(searches, traced, strict=True) if known is True])
+    return [
+        known if isinstance(known, TactionError) else or_error(one.certain, known)
+        for one, known in zip(searches, traced, strict=True)
+    ]
 
 
 def _between(low: float, high: float, first: float) -> Iterator[float]:

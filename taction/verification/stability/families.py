@@ -24,7 +24,7 @@ from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.edges import Edges, Scan
-from taction.verification.stability.loci import LociSearch, trace_together
+from taction.verification.stability.loci import LociSearch
 from taction.verification.stability.poles import Poles, brief_poles, or_error, poles
 from taction.verification.stability.port_response import PortResponse
 from taction.verification.stability.scan import scan
@@ -137,10 +137,10 @@ class Family:
         """Return values on both sides of the edges that the loci show."""
         if self.ports is None:
             return []
-        (traced,) = trace_together([LociSearch(self.ports, *self.shares(low, high))])
-        if isinstance(traced, EngineError):
+        try:
+            found = self.at_values(LociSearch(self.ports, *self.shares(low, high)).edges())
+        except EngineError:
             return []
-        found = self.at_values(traced)
         places = [*(edge.value for edge in found.edges), *found.near]
         sides = (0.0, *(by for distance in BESIDE for by in (-distance, distance)))
         return [v for at in places for by in sides if low < (v := at * (1.0 + by)) < high]

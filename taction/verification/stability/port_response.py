@@ -90,11 +90,6 @@ class PortResponse:
         board = self.board.coarse if self.board.descriptor.is_large else self.board
         return board.state_space.modes.poles
 
-    @property
-    def sizes(self) -> tuple[int, ...]:
-        """Numbers of loci that `at` gives apart from one another."""
-        return tuple(len(part.direct) for part in self._parts) or (self.count,)
-
     def at(self, omega: Floats) -> list[Complexes]:
         """Return matrices whose eigenvalues are the loci, at omega (P,), 1/s; (P, k, k) each.
 

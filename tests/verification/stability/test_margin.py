@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -65,18 +64,18 @@ def test_a_knob_may_move_to_its_crossing(knob: str, factor: float, text: str) ->
 
 
 def test_boards_that_differ_in_c_alone_share_their_edges(monkeypatch: pytest.MonkeyPatch) -> None:
-    traced, trace = list[int](), module.trace_together
+    traced, trace = list[LociSearch](), LociSearch.edges
 
-    def counting(searches: Sequence[LociSearch]) -> list[Edges | EngineError]:
-        traced.append(len(searches))
-        return trace(searches)
+    def counting(search: LociSearch) -> Edges:
+        traced.append(search)
+        return trace(search)
 
-    monkeypatch.setattr(module, "trace_together", counting)
+    monkeypatch.setattr(LociSearch, "edges", counting)
     values = (10e-12, 15e-12, 8e-12, 25e-12)
     boards = [LinearBoard(board("design.capacitance", farads)) for farads in values]
     other = LinearBoard(board("design.gain", "1Mohm"))
     *shared, alone = margins_together([MarginSearch(each) for each in (*boards, other)])
-    assert traced == [2]
+    assert len(traced) == 2
     for farads, each, margin in zip(values, boards, shared, strict=True):
         assert isinstance(margin, Margin)
         assert margin.factor == pytest.approx(farads / 4.1337463e-12, rel=1e-7)
