@@ -86,8 +86,11 @@ class Bar:
 
     @property
     def used(self) -> str:
-        """`share` in words."""
-        return _percent(self.share or 0.0)
+        """`share` in words: a fraction as per cent, a large one as a factor."""
+        share = self.share or 0.0
+        if share >= MANY:
+            return f"{share:.3g} times the limit"
+        return f"{100 * share:.3g} % of the limit" if share >= LEAST else LITTLE
 
     @property
     def fill(self) -> Outcome:
@@ -100,13 +103,6 @@ AT_LIMIT, END, SHORTEST = 200.0, 300.0, 2.0  # units
 
 def _place(share: float) -> float:
     return round(min(max(AT_LIMIT * share, 0.0), END), 3)
-
-
-def _percent(share: float) -> str:
-    """Return a fraction as per cent, a large one as a factor."""
-    if share >= MANY:
-        return f"{share:.3g} times the limit"
-    return f"{100 * share:.3g} % of the limit" if share >= LEAST else LITTLE
 
 
 MANY, LEAST = 10.0, 1e-4

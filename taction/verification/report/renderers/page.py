@@ -11,7 +11,6 @@ import base64
 import functools
 import gzip
 import hashlib
-from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,9 +41,8 @@ def page_html(page: Page) -> str:
     environment.globals["view_layout"] = view_layout
     program = _read("charts.js") + _read("page.js")
     shown = made_sections(page)
-    packed, digest = (
-        _plotly() if _has_charts(block for _, own in shown for block in own) else ("", "")
-    )
+    charts = any(block.kind == "chart" for _, own in shown for block in own)
+    packed, digest = _plotly() if charts else ("", "")
     return environment.get_template("page.html").render(
         page=page,
         sections=shown,
@@ -92,10 +90,6 @@ def made_sections(page: Page) -> list[tuple[Section, list[Block]]]:
         elif blocks:
             found.append((section, [*blocks]))
     return found
-
-
-def _has_charts(blocks: Iterable[Block]) -> bool:
-    return any(block.kind == "chart" for block in blocks)
 
 
 def _read(name: str) -> str:

@@ -253,11 +253,12 @@ def _bars(
     def values(of: Any, axis: charts.Axis) -> Any:
         return _values(np.asarray(of, dtype=np.float64)[list(chosen)], axis)
 
+    pattern = PATTERNS.get(charts.OUTCOMES[look].hatch, "/") if look in charts.OUTCOMES else ""
     trace: dict[str, Any] = {
         "type": "bar", "orientation": "v" if mark.across == "x" else "h",
         mark.across: values(mark.places, place_axis), along: values(mark.sizes, size_axis),
         "name": words(mark.name), "showlegend": bool(mark.name), "width": 0.8,
-        "marker": {"color": colour(look), "pattern": HATCH | {"shape": _pattern(look)}},
+        "marker": {"color": colour(look), "pattern": HATCH | {"shape": pattern}},
         "hovertemplate": f"%{{{along}:.4g}}<extra>{words(mark.name)}</extra>",
     }  # fmt: skip
     if mark.widths is not None:
@@ -266,10 +267,6 @@ def _bars(
         trace["customdata"] = [words(mark.hover[k]) for k in chosen]
         trace["hovertemplate"] = "%{customdata}<extra></extra>"
     return trace
-
-
-def _pattern(look: str) -> str:
-    return PATTERNS.get(charts.OUTCOMES[look].hatch, "/") if look in charts.OUTCOMES else ""
 
 
 def _grid(mark: charts.Grid, chart: charts.Chart) -> Iterator[dict[str, Any]]:

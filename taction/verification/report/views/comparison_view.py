@@ -86,7 +86,7 @@ def _scenes(results: Sequence[SceneResult]) -> Table:
         "checks": _passing,
         "tolerances off": lambda each: None if each.worst is None else _off(each.worst),
         "simulator": lambda each: each.entry and each.entry.solved_by.partition(",")[0],
-        "baseline from": lambda each: each.baseline and _short(each.baseline.revision),
+        "baseline from": lambda each: each.baseline and each.baseline.revision[:12],
     }
     return Table.of("Scenes", results, columns)
 
@@ -164,11 +164,6 @@ def headline(report: RegressionReport) -> str:
 def _baseline(report: RegressionReport) -> str:
     """Return the file of the baseline and its commit."""
     return report.baseline + (f" of {report.written.text}" if report.written.text else "")
-
-
-def _short(revision: str) -> str:
-    """Return the first twelve digits of a commit."""
-    return revision if revision == "unknown" else revision[:12]
 
 
 def off_text(off: float) -> str:

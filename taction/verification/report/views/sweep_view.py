@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.scene import axes
-from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system import charts
 from taction.system.array_types import Floats
@@ -324,10 +323,6 @@ def chosen_places(count: int) -> list[int]:
     return [int(place) for place in np.unique(places)]
 
 
-def _places(plan: Plan, values: Mapping[str, Value]) -> str:
-    return ", ".join(f"{a.name} = {place_text(a, values[a.name])}" for a in plan.axes)
-
-
 def _listed(result: SweepResult) -> Iterator[Content]:
     """Yield the points of a small sweep, else those without a verdict, and their reasons."""
     whole = result.count.total <= LINES
@@ -348,7 +343,9 @@ def _reasons(plan: Plan, shown: Iterable[dict[str, Any]]) -> Iterator[str]:
             alike.setdefault((name, kind), []).append({**record, "reason": reason})
     for (name, _), records in alike.items():
         first = records[0]
-        place = f"{_places(plan, first['values'])}: {first['reason']}"
+        values = first["values"]
+        places = (f"{a.name} = {place_text(a, values[a.name])}" for a in plan.axes)
+        place = f"{', '.join(places)}: {first['reason']}"
         yield place if len(records) == 1 else f"{len(records)} {name}, such as {place}"
 
 
