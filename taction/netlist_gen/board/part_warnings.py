@@ -139,13 +139,25 @@ ANY_PART = AcceptedParts({}, any_part=True)
 def broken_limits(circuit: Circuit, rest: Rest | None = None) -> dict[str, BrokenLimit]:
     """Return the warnings by the kind of part and the limit that it breaks."""
     stray = max((part.farads for part in circuit.capacitors_of(Role.STRAY)), default=0.0)
-    values, found = dict(_values(circuit, rest)), dict[str, BrokenLimit]()
+    known, found = dict(_values(circuit, rest)), dict[str, BrokenLimit]()
     for limits in LIMITS:
         own = replace(limits, least=stray) if limits.unit == "F" else limits
-        for beyond, value, remedy in own.beyond() if own.kind in values else ():
-            broken = _broken(own, beyond, value, remedy, values[own.kind])
-            if broken is not None:
-                found[f"{own.kind} {beyond}"] = broken
+        values, name = known.get(own.kind, (np.zeros(0), str))
+        present = np.isfinite(values) & (values > 0.0)
+        sizes = np.where(present, values, 1.0)
+        for beyond, limit, remedy in own.beyond():
+            above = beyond.startswith("above")
+            factor = np.where(present, sizes / limit if above else limit / sizes, 0.0)
+            count = np.count_nonzero(factor > SAME)
+            if not count:
+                continue
+            place, given = int(factor.argmax()), f" of {show(limit, 'F')}" * (own.unit == "F")
+            text = (
+                f"{count} of {np.count_nonzero(present)} {own.kind} are {beyond}{given},"
+                f" {'up' if above else 'down'} to {show(float(values[place]), own.unit)}"
+                f" ({name(place)}); remedy: {remedy}"
+            )
+            found[f"{own.kind} {beyond}"] = BrokenLimit(text, float(factor[place]))
     return found
 
 
@@ -206,24 +218,3 @@ def _card(circuit: Circuit, place: int) -> str:
     """Return the name of a matrix resistor from its place among those of all matrices."""
     names = (name for matrix in circuit.matrices for name, _, _ in matrix.places())
     return next(islice(names, place, None))
-
-
-def _broken(
-    limits: PartLimits, beyond: str, limit: float, remedy: str, parts: _Values
-) -> BrokenLimit | None:
-    """Return what breaks one limit; None if nothing does."""
-    (values, name), above = parts, beyond.startswith("above")
-    present = np.isfinite(values) & (values > 0.0)
-    sizes = np.where(present, values, 1.0)
-    factor = sizes / limit if above else limit / sizes
-    wrong = present & (factor > SAME)
-    if not wrong.any():
-        return None
-    place = int(np.where(wrong, factor, 0.0).argmax())
-    own = f" of {show(limit, 'F')}" if limits.unit == "F" else ""
-    text = (
-        f"{np.count_nonzero(wrong)} of {np.count_nonzero(present)} {limits.kind} are {beyond}{own},"
-        f" {'up' if above else 'down'} to {show(float(values[place]), limits.unit)}"
-        f" ({name(place)}); remedy: {remedy}"
-    )
-    return BrokenLimit(text, float(factor[place]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -155,19 +155,28 @@ def pruned(matrix: Floats, fraction: float) -> Floats:
     return np.where(size < fraction * size.max(), 0.0, matrix)
 
 
-def pruning_omission(matrix: Floats, fraction: float) -> Omission | None:
-    """Return what `pruned` takes out of both resistor matrices; None if that is nothing."""
+def omitted(
+    scene: Scene, problem: InverseProblem, kept: Floats, model: OpAmp, own: Iterable[Omission]
+) -> tuple[Omission, ...]:
+    """Return what a board omits, its `own` parts among it; `kept` (M, N) is T after pruning."""
+    left = _left_out_of_the_matrix(problem, kept, scene.design.strain_input)
+    pruning = _pruning(problem.matrix, scene.design.prune)
+    return (*pruning, *left, *own, *_simplest_parts(model, scene))
+
+
+def _pruning(matrix: Floats, fraction: float) -> Iterator[Omission]:
+    """Yield what `pruned` takes out of both resistor matrices."""
     out = matrix - pruned(matrix, fraction)
     count = int(np.count_nonzero(out))
     if not count:
-        return None
+        return
     largest = np.abs(out).max() / np.abs(matrix).max()
     norm = np.linalg.norm(out) / np.linalg.norm(matrix)
     why = (
         f"{count} entries of T are below design.prune = {fraction:g} of the largest entry, the"
         f" largest of them at {largest:.3g}; their norm is {norm:.2g} of the norm of T"
     )
-    return Omission(f"{2 * count} pruned matrix resistors", why)
+    yield Omission(f"{2 * count} pruned matrix resistors", why)
 
 
 def place_strain(
@@ -190,7 +199,7 @@ def place_strain(
         parts.noises.append(boards.NoiseCurrent(name, sink, design.sensor_noise))
 
 
-def left_out_of_the_matrix(
+def _left_out_of_the_matrix(
     problem: InverseProblem, T: Floats, strain_input: str
 ) -> Iterator[Omission]:
     """Yield what the entries of `T` (M, N), after pruning, leave out on the board."""
@@ -206,7 +215,7 @@ def left_out_of_the_matrix(
         yield Omission(f"{silent} strain {strain_input}s", "their strain is zero")
 
 
-def simplest_parts(model: OpAmp, scene: Scene) -> Iterator[Omission]:
+def _simplest_parts(model: OpAmp, scene: Scene) -> Iterator[Omission]:
     """Yield what the op-amps and the summing nodes of a scene do not have."""
     figures = (
         ("first pole", "gbw", math.inf),

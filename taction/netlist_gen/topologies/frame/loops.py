@@ -47,14 +47,11 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.entries import (
     Numbered,
     Parts,
-    left_out_of_the_matrix,
     matrix_resistors,
+    omitted,
     pruned,
-    pruning_omission,
-    simplest_parts,
 )
 from taction.netlist_gen.topologies.frame.topology import Topology
-from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Bools, Floats
 from taction.system.errors import Complaint, InputError
 
@@ -351,7 +348,7 @@ class Loop(Topology):
             signal_nodes=tuple(f"v_{n}" for n in board.channels),
             constraint_nodes=tuple(f"{self.constraint_outputs}_{k}" for k in rows),
             outputs=tuple(Output(f"v_{n}", -1.0) for n in board.channels),
-            omissions=tuple(self._omissions(scene, problem, T, model)),
+            omissions=omitted(scene, problem, T, model, self._omissions(T)),
             knobs=self.knobs(scene),
         )
 
@@ -384,16 +381,9 @@ class Loop(Topology):
             raise InputError(scene.file, Complaint("design.lambda", repr(lam), text))
         return 0.0
 
-    def _omissions(
-        self, scene: Scene, problem: InverseProblem, kept: Floats, model: OpAmp
-    ) -> Iterator[Omission]:
-        """Yield everything that the board of `scene` omits; `kept` (M, N) is T after pruning."""
-        pruning = pruning_omission(problem.matrix, scene.design.prune)
-        if pruning is not None:
-            yield pruning
-        yield from left_out_of_the_matrix(problem, kept, scene.design.strain_input)
+    def _omissions(self, kept: Floats) -> Iterator[Omission]:
+        """Yield the parts that are omitted; `kept` (M, N) is T after pruning."""
         why = f"topology {self.name!r} settles at the speed of its op-amps"
         yield Omission("signal capacitors and constraint gain", why)
         if not np.any(kept < 0.0):
             yield Omission("parts for negative entries", "no entry of T is negative")
-        yield from simplest_parts(model, scene)

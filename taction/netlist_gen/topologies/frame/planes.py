@@ -23,15 +23,12 @@ from taction.netlist_gen.topologies.frame.antilog import AntilogStage
 from taction.netlist_gen.topologies.frame.entries import (
     Numbered,
     Parts,
-    left_out_of_the_matrix,
     matrix_resistors,
+    omitted,
     place_strain,
     pruned,
-    pruning_omission,
-    simplest_parts,
 )
 from taction.netlist_gen.topologies.frame.topology import Topology, slope_of
-from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Bools, Floats
 
 
@@ -105,7 +102,7 @@ class Planes(Topology):
             signal_nodes=tuple(f"v_{n}" for n in board.channels),
             constraint_nodes=tuple(f"w_{k}" for k in board.sensors),
             outputs=tuple(board.outputs),
-            omissions=tuple(self._omissions(scene, problem, kept, model)),
+            omissions=omitted(scene, problem, kept, model, self._omissions(scene, kept)),
             transistor_models={} if stage is None else {stage.pair.name: stage.pair},
             temperature=design.antilog.temperature,
             knobs=self.knobs(scene),
@@ -179,14 +176,8 @@ class Planes(Topology):
         )
         board.parts.matrix(Role.FEEDBACK, ResistorMatrix("Rb", *entries, False, plus, minus, sinks))
 
-    def _omissions(
-        self, scene: Scene, problem: InverseProblem, kept: Floats, model: OpAmp
-    ) -> Iterator[Omission]:
-        """Yield everything that the board of `scene` omits; `kept` (M, N) is T after pruning."""
-        pruning = pruning_omission(problem.matrix, scene.design.prune)
-        if pruning is not None:
-            yield pruning
-        yield from left_out_of_the_matrix(problem, kept, scene.design.strain_input)
+    def _omissions(self, scene: Scene, kept: Floats) -> Iterator[Omission]:
+        """Yield the inverters and stages that are omitted; `kept` (M, N) is T after pruning."""
         linear = scene.design.amplifier == "linear"
         yield from _inverters("u", "columns", kept.T, "positive" if linear else "negative")
         rows = kept[kept.any(axis=1)]
@@ -198,7 +189,6 @@ class Planes(Topology):
             yield Omission("antilog stages and bias current", why)
         elif not scene.design.biased:
             yield Omission("bias current", "design.bias is false, or the amplifier needs none")
-        yield from simplest_parts(model, scene)
 
 
 def _inverters(signal: str, lines: str, entries: Floats, sign: str) -> Iterator[Omission]:
