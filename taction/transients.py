@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from taction.verification.design.remedies import Remedies
     from taction.verification.studies.difference import Curves, VerdictDifference
     from taction.verification.studies.scene_files import VerifiedFiles
-    from taction.verification.verdict.recording import MeasuredTransient
+    from taction.verification.verdict.run import MeasuredTransient
     from taction.verification.verdict.verify import Verdict
 
 AnyScene: TypeAlias = "str | Path | Scene"
@@ -87,7 +87,7 @@ def simulate(
     from taction.system.errors import Complaint, InputError
     from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.report.output_checks import check_export, export
-    from taction.verification.verdict.recording import record_transient
+    from taction.verification.verdict.run import record_transient
 
     scene = read_scene(scene, engine)
     if strains is not None:

@@ -29,10 +29,10 @@ from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.studies.regression.baseline import observe
 from taction.verification.studies.regression.regress import compare_entry
-from taction.verification.verdict import recording, simulation
+from taction.verification.verdict import run, simulation
+from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.companion import measure_with_bounds
-from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.measure import measure_with_bounds
 from taction.verification.verdict.simulation import Engine
 from taction.verification.verdict.verify import Verdict, verify
 
@@ -261,7 +261,7 @@ def _writing(write: Callable[..., Deck]) -> Plant:
     return plant
 
 
-def _running(begin: Callable[[Engine, PlannedBoard], Callable[[], Waveforms]]) -> Plant:
+def _running(begin: Callable[[Engine, Board], Callable[[], Waveforms]]) -> Plant:
     engine = simulation.ENGINES["ngspice"]
 
     def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
@@ -275,7 +275,7 @@ def _running(begin: Callable[[Engine, PlannedBoard], Callable[[], Waveforms]]) -
 def in_the_run(changes: Mapping[str, float | str]) -> Plant:
     """Ngspice runs another transient than the planned one: numbers are factors, texts values."""
 
-    def begin(engine: Engine, design: PlannedBoard) -> Callable[[], Waveforms]:
+    def begin(engine: Engine, design: Board) -> Callable[[], Waveforms]:
         planned = design.plan.transient
         fields = {
             name: value if isinstance(value, str) else value * getattr(planned, name)
@@ -290,7 +290,7 @@ def in_the_run(changes: Mapping[str, float | str]) -> Plant:
 def in_the_record(change: Callable[[Waveforms], Waveforms]) -> Plant:
     """The waveforms that ngspice returns are changed."""
 
-    def begin(engine: Engine, design: PlannedBoard) -> Callable[[], Waveforms]:
+    def begin(engine: Engine, design: Board) -> Callable[[], Waveforms]:
         wait = engine.begin(design)
         return lambda: change(wait())
 
@@ -380,7 +380,7 @@ def in_the_measures(change: Callable[[Measurements], Measurements]) -> Plant:
             measurements, forever = measure_with_bounds(*given, **options)
             return change(measurements), forever
 
-        patch.setattr(recording, "measure_with_bounds", measured)
+        patch.setattr(run, "measure_with_bounds", measured)
         return verify(scene)
 
     return plant

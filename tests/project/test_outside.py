@@ -24,7 +24,7 @@ from taction.verification.design.choice_plan import ChoiceRequest, choice_plan
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS
 from taction.verification.reference.regularisers import REGULARISERS
 from taction.verification.report.documents.document_catalogue import schema
-from taction.verification.verdict import recording
+from taction.verification.verdict import run as run_module
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run_checks import CHECKS, OWN
 from tests.support.plugins import environment, recipe
@@ -212,9 +212,9 @@ def test_a_check_and_an_engine_of_others_are_judged_as_ours(
     def failed() -> set[str]:
         return {each.name for each in door.verify(limited).checks if each.outcome is Outcome.FAIL}
 
-    outputs = recording.outputs
+    outputs = run_module.outputs
     with monkeypatch.context() as patch:  # a fault in what the check judges
-        patch.setattr(recording, "outputs", lambda *given: 2.0 * outputs(*given))
+        patch.setattr(run_module, "outputs", lambda *given: 2.0 * outputs(*given))
         assert "swing" in failed()
     import acme_engine  # type: ignore[import-not-found]
 

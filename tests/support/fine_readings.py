@@ -14,12 +14,11 @@ import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.progress import Clock
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.evidence.stress.judge import TrueValues
 from taction.verification.reference.ideal_answer import ideal_answer
-from taction.verification.verdict.plan_board import design_board
-from taction.verification.verdict.planned_board import SteadyState
+from taction.verification.verdict.board import SteadyState
+from taction.verification.verdict.build import build
 from taction.verification.verdict.step_forecast import StepModel
 from taction.verification.verdict.transient_plan import settled_after
 from tests.support.readings import Samples, read
@@ -32,8 +31,8 @@ LONGER = 3.0  # times the record in which every check can be decided
 
 def fine_readings(scene: Scene) -> TrueValues:
     """Return the readings of a board with amplifiers from a run of far smaller tolerance."""
-    design = design_board(scene.with_engine("statespace"), Clock(lambda stage: None))
-    ideal, board, lead = ideal_answer(design.network, scene), design.board, design.poles.rightmost
+    design = build(scene.with_engine("statespace"))
+    ideal, board, lead = ideal_answer(design.network, scene), design.linear, design.poles.rightmost
     amplitude = float(np.abs(ideal.target - ideal.start).max())
     how = f"state-space engine, tolerance {TOLERANCE:g}"
     if not design.poles.stable:

@@ -10,14 +10,15 @@ import numpy as np
 
 from taction.netlist_gen.scene.check_keys import AGREE, Checks
 from taction.system.reading_definitions import READINGS
+from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 from taction.verification.readings.measurements import ChannelMeasure, Measurements, summary
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
 from taction.verification.stability.margin import Margin
+from taction.verification.verdict.board import SteadyState
 from taction.verification.verdict.checks import Check, Evidence
-from taction.verification.verdict.companion import Agreement, StepError
-from taction.verification.verdict.planned_board import SteadyState
+from taction.verification.verdict.measure import Agreement, StepError
 from taction.verification.verdict.run_checks import run_checks
 from tests.support.poles import rounded_poles
 
@@ -106,9 +107,10 @@ def steady(
 
 
 def agreement(difference: float, step_error: float = 0.0, reason: str = "") -> Agreement:
-    instants, differences = np.zeros(0), np.zeros((0, 1))
+    u = np.array([[difference]])
+    wave = Waveforms(np.array([1e-6]), ("v_1",), 0.0 * u, "statespace", Cost(0.0, 1))
     return Agreement(
-        difference, ROUNDING, step_error, AGREE, 1.0, 1e-6, 0, instants, differences, reason
+        wave.time, u, wave.values, wave, ROUNDING, "", reason, step_error=step_error, limit=AGREE
     )
 
 

@@ -30,7 +30,7 @@ from taction.verification.evidence.stress.judge import TrueValues
 from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.solve import solve
-from taction.verification.verdict.plan_board import has_large_signal
+from taction.verification.verdict.build import has_large_signal
 from taction.verification.verdict.scene_deck import deck_of
 from tests.support.collocation import integrate
 from tests.support.deck_equations import DeckText, StateEquations, parse_deck, state_equations

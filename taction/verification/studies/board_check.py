@@ -40,7 +40,7 @@ from taction.verification.studies.tolerance.corners import CornerStudy
 from taction.verification.studies.tolerance.montecarlo import YieldReport
 from taction.verification.studies.witnesses import compare_ac, compare_transient, stepping
 from taction.verification.verdict.checks import Check, Outcome, overall, undecided
-from taction.verification.verdict.companion import Agreement
+from taction.verification.verdict.measure import Agreement
 
 Progress = Callable[[str], None]
 

@@ -14,10 +14,10 @@ from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles
 from taction.verification.studies.measured_board import LATCH, WANTED, MeasuredBoard
 from taction.verification.studies.questions import QUESTIONS, Expected, Wanted
+from taction.verification.verdict.board import SteadyState
 from taction.verification.verdict.cause import cause
 from taction.verification.verdict.checks import Check, Evidence, Outcome, at_most, doubtful, overall
-from taction.verification.verdict.companion import Agreement, step_error
-from taction.verification.verdict.planned_board import SteadyState
+from taction.verification.verdict.measure import Agreement, StepError
 from taction.verification.verdict.record import (
     STATES,
     Channel,
@@ -43,7 +43,7 @@ def judge(
     evidence = Evidence(
         limits=asked.limits,
         measurements=found.measurements,
-        error=step_error(found.measurements, 0.0),
+        error=StepError.of(found.measurements, 0.0),
         steady=SteadyState.of(found.board, found.scales),
         end=math.inf,
         forever=True,

@@ -41,8 +41,8 @@ from taction.verification.studies.difference import (
 )
 from taction.verification.studies.foreign_board import ForeignBoard, read_board
 from taction.verification.studies.measured_board import Start, measure_board, step_response
-from taction.verification.verdict.companion import state_space_companion
 from taction.verification.verdict.compare import Difference, compare, relative, within_uncertainties
+from taction.verification.verdict.measure import state_space_beside
 from taction.verification.verdict.record import Channel, Record
 from taction.verification.verdict.scene_deck import deck_of
 from taction.verification.verdict.transient_plan import state_space_tolerance
@@ -124,7 +124,7 @@ def _with_record(
     wave = replace(wave, time=wave.time[kept] - delay, values=wave.values[kept])
     linear, stop = LinearBoard(replace(circuit, outputs=known)), float(wave.time[-1])
     transient = Transient(stop, 1e-3 * stop, initial=start)
-    beside = state_space_companion(linear, transient, wave, state_space_tolerance(agree))
+    beside = state_space_beside(linear, transient, wave, state_space_tolerance(agree))
     response, time = step_response(linear, start, SETTLING_BAND), beside.instants
     allowed = agree * response.step.amplitude + beside.doubt
     sides = [(beside.other, beside.doubt), (beside.u, allowed)][:: 1 if last else -1]

@@ -33,7 +33,7 @@ from taction.verification.engines.statespace.equations.descriptor import Descrip
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.studies.measured_board import WANTED, MeasuredBoard
 from taction.verification.verdict.checks import Check, Outcome, at_most
-from taction.verification.verdict.companion import Agreement, compare_engines, state_space_companion
+from taction.verification.verdict.measure import Agreement, state_space_beside
 from taction.verification.verdict.step_forecast import StepModel
 
 LIMIT = 1e-6  # relative difference of small signals
@@ -225,10 +225,10 @@ def compare_transient(
             wave = run(write(plan, SPARSE))
         first = int(np.searchsorted(wave.time, plan.begin, side="right"))  # before it, no jump
         wave = replace(wave, time=wave.time[first:], values=wave.values[first:])
-        companion = state_space_companion(found.board, plan, wave, WANTED)
+        beside = state_space_beside(found.board, plan, wave, WANTED)
     except (EngineError, SimulationError) as problem:
         return None, f"ngspice's transient was not compared: {one_line(problem)}"
-    return compare_engines(companion, error * amplitude, limit or AGREE, 1.0), cut
+    return replace(beside, step_error=error * amplitude, limit=limit or AGREE), cut
 
 
 def planned(found: MeasuredBoard, stop: float) -> tuple[Transient, float, str]:

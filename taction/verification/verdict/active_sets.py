@@ -17,7 +17,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.engines.statespace.transients.stepped import SteppedCurve, simulate
 from taction.verification.stability.margin import find_margin, first_knob
 from taction.verification.stability.poles import poles
-from taction.verification.verdict.recording import Recording
+from taction.verification.verdict.run import Run
 
 MOST = 12  # active sets, those of the longest stay
 
@@ -37,7 +37,7 @@ class VisitedSet:
     words: str  # the margin in words
 
 
-def visited_sets(recording: Recording) -> tuple[VisitedSet, ...]:
+def visited_sets(run: Run) -> tuple[VisitedSet, ...]:
     """Return the active sets of a transient in the order of their first entry.
 
     Of more than `MOST` sets, those of the longest stay. Empty for a board without piecewise linear
@@ -45,10 +45,10 @@ def visited_sets(recording: Recording) -> tuple[VisitedSet, ...]:
 
     EngineError: as `taction.verification.engines.statespace.transients.stepped.simulate`.
     """
-    board, transient = recording.design.board, recording.design.transient
+    board, transient = run.board.linear, run.board.transient
     if board.circuit.is_linear or board.descriptor.is_large or not board.has_only_breaks:
         return ()
-    curve = recording.waveforms.curve
+    curve = run.waveforms.curve
     if not isinstance(curve, SteppedCurve):
         curve = simulate(board, transient, times=np.array([0.0, transient.stop])).curve
     if not isinstance(curve, SteppedCurve):

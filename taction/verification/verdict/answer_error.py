@@ -21,9 +21,9 @@ from taction.system.array_types import EPS, Floats
 from taction.system.errors import SolverError
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.problem import Solution
+from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Check, Evidence, Outcome
 from taction.verification.verdict.input_spread import SHARE
-from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.run_checks import unconfirmed
 
 DECISIVE = ("headroom", "engines_agree", "same_problem")
@@ -78,24 +78,20 @@ class BuiltBoards:
         return f"{self.varies}; the check counts {count}"
 
     @classmethod
-    def of(cls, design: PlannedBoard, evidence: Evidence) -> BuiltBoards | None:
-        """Return the boards of a design; None where nothing varies that moves their rest."""
+    def of(cls, board: Board, evidence: Evidence) -> BuiltBoards | None:
+        """Return the boards of a scene; None where nothing varies that moves their rest."""
         checks, amplitude = evidence.limits, evidence.measurements.amplitude
         limit = min(checks.steady_state.tolerance, checks.settling_time.band)
-        elements = sum(int(np.isfinite(each.ohms).sum()) for each in design.circuit.matrices)
-        if (
-            design.scene.tolerances.resistor
-            and elements * len(design.circuit.outputs) > MOST_SLOPES
-        ):
-            return cls(math.inf, 0.0, 0.0, 1.0, limit, *design.varies)
-        spread = design.built_spread()
+        elements = sum(int(np.isfinite(each.ohms).sum()) for each in board.circuit.matrices)
+        if board.scene.tolerances.resistor and elements * len(board.circuit.outputs) > MOST_SLOPES:
+            return cls(math.inf, 0.0, 0.0, 1.0, limit, *board.varies)
+        spread = board.built_spread()
         if spread is None:
             return None
-        targets = np.array([channel.target for channel in evidence.measurements.channels])
-        doubt = evidence.static_error * amplitude
+        targets, doubt = evidence.targets, evidence.static_error * amplitude
         distance, error = spread.distance(targets)
         least, most = spread.within(targets, limit * amplitude)
-        return cls(distance, error + doubt, least, most, limit, *design.varies)
+        return cls(distance, error + doubt, least, most, limit, *board.varies)
 
 
 @dataclass(frozen=True, eq=False)

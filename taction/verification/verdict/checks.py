@@ -16,17 +16,18 @@ from numpy.typing import ArrayLike
 
 from taction.netlist_gen.scene.check_keys import Checks
 from taction.netlist_gen.scene.fields import Model
+from taction.system.array_types import Floats
 from taction.system.quantities import percent, show, show_rate
 from taction.verification.readings.measurements import Measurements, describe_states
 from taction.verification.readings.settling import ChannelState
 from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles
-from taction.verification.verdict.companion import Agreement, StepError
+from taction.verification.verdict.board import SteadyState
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
 from taction.verification.verdict.input_spread import InputSpread
+from taction.verification.verdict.measure import Agreement, StepError
 from taction.verification.verdict.output_noise import OutputNoise
-from taction.verification.verdict.planned_board import SteadyState
-from taction.verification.verdict.recording import Recording
+from taction.verification.verdict.run import Run
 from taction.verification.verdict.transient_plan import AFTER_SETTLING
 
 
@@ -40,104 +41,58 @@ class Outcome(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One check.
-
-    Attributes
-    ----------
-    value, uncertainty : float or None
-        The measured value and the bound on its error, in `unit`.
-    expected, tolerance : float or None
-        The expected value and the accepted deviation, or the limit in `expected` alone.
-    unit : str
-        ``"s"``, ``"1/s"``, ``"V"``, ``"step"`` (a fraction of the step amplitude) or ``"ratio"``.
-    band : float or None
-        Of a settling time: the half width of its band, fraction of the step amplitude.
-    """
+    """One check."""
 
     name: str
     outcome: Outcome
+    # `value`, `uncertainty`: the measured value and the bound on its error, in `unit`.
     value: float | None = None
     uncertainty: float | None = None
+    # `expected`, `tolerance`: the expected value and the accepted deviation, or the limit in
+    # `expected` alone.
     expected: float | None = None
     tolerance: float | None = None
+    # ``"s"``, ``"1/s"``, ``"V"``, ``"step"`` (a fraction of the step amplitude) or ``"ratio"``.
     unit: str = ""
     reason: str = ""
-    band: float | None = None
+    band: float | None = None  # of a settling time: half its band, fraction of the step amplitude
 
 
 @dataclass(frozen=True, slots=True)
 class CheckKind:
-    """One kind of check: an entry of `run_checks.CHECKS`, whose name is that of the check.
+    """One kind of check: an entry of `run_checks.CHECKS`, whose name is that of the check."""
 
-    Attributes
-    ----------
-    judge : callable
-        Takes the `Evidence` and returns the check; None if the scene does not ask for it.
-    keys : type of Model, or None
-        The table ``[checks.NAME]`` of a scene, `Evidence.limits` has it by this name; None for a
-        check without keys.
-    """
-
+    # Takes the `Evidence` and returns the check; None if the scene does not ask for it.
     judge: Callable[[Evidence], Check | None]
+    # The table ``[checks.NAME]`` of a scene, `Evidence.limits` has it by this name; None for a
+    # check without keys.
     keys: type[Model] | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """The input of the checks.
+    """The readings of a board, and all else that checks judge."""
 
-    Attributes
-    ----------
-    limits : Checks
-        What the scene asks for: a field for each table ``[checks.NAME]``.
-    steady : SteadyState
-        The equilibrium of the board, and what its modes leave at an instant.
-    end : float
-        Last instant of the record, s.
-    forever : bool
-        Whether the measurements hold for all time, since they are those of an exact solution.
-    wanted : float
-        Error of the transient that the scene allows, fraction of the step amplitude.
-    agreement : Agreement or None
-        None if only one engine ran, or if the board is unstable.
-    margin : Margin or None
-        None if the scene asks for no stability margin.
-    reference_error : float
-        Bound on the error of the reference solution, fraction of the step amplitude.
-    reference_problem : str
-        Why the reference solution cannot be used, or empty.
-    parts : PartLoads
-        What the op-amps have to do, beside their limits.
-    noise : OutputNoise or None
-        Noise of the outputs; None if the scene has no limit for it.
-    spread : InputSpread or None
-        Where boards with other op-amps of the type rest; None if their input errors do not vary.
-    unwitnessed : str
-        Why the board has no state-space witness, or empty; then its values are estimates.
-    contradiction : str
-        Which number of the board or the record differs from the reference's, or empty.
-    recording : Recording or None
-        The record, with the planned board; None in evidence made by hand.
-    """
-
-    limits: Checks
+    limits: Checks  # what the scene asks for: a field for each table ``[checks.NAME]``
     measurements: Measurements
     error: StepError
-    steady: SteadyState
-    end: float
-    forever: bool
-    wanted: float
-    agreement: Agreement | None
+    steady: SteadyState  # the equilibrium of the board, and what its modes leave at an instant
+    end: float  # last instant of the record, s
+    forever: bool  # whether the measurements hold for all time: they are those of an exact solution
+    wanted: float  # error of the transient that the scene allows, fraction of the step amplitude
+    agreement: Agreement | None  # None if only one engine ran, or if the board is unstable
     poles: Poles
-    margin: Margin | None
-    reference_error: float
-    reference_problem: str
-    contradiction: str = ""
-    parts: PartLoads = NOT_LIMITED
-    noise: OutputNoise | None = None
+    margin: Margin | None  # None if the scene asks for no stability margin
+    reference_error: float  # bound on the error of the reference, fraction of the step amplitude
+    reference_problem: str  # why the reference solution cannot be used, or empty
+    contradiction: str = ""  # which number of the board differs from the reference's, or empty
+    parts: PartLoads = NOT_LIMITED  # what the op-amps have to do, beside their limits
+    noise: OutputNoise | None = None  # of the outputs; None if the scene has no limit for it
+    # Where boards with other op-amps of the type rest; None if their input errors do not vary.
     spread: InputSpread | None = None
+    # Why the board has no state-space witness, or empty; then its values are estimates.
     unwitnessed: str = ""
-    recording: Recording | None = None
+    run: Run | None = None  # the record with its error; None in evidence made by hand
 
     @property
     def no_step(self) -> str:
@@ -183,10 +138,14 @@ class Evidence:
         return f"channel {unclear.index + 1}: {unclear.reason}" if unclear else ""
 
     @property
+    def targets(self) -> Floats:
+        """The reference, (N,), V."""
+        return np.array([channel.target for channel in self.measurements.channels])
+
+    @property
     def static(self) -> float:
         """Largest distance of the equilibrium from the reference, fraction of the step."""
-        targets = [channel.target for channel in self.measurements.channels]
-        return self._share(np.abs(self.steady.values - targets))
+        return self._share(self.steady.values - self.targets)
 
     @property
     def static_error(self) -> float:
@@ -203,8 +162,7 @@ class Evidence:
         alike = self.static, self.static_error, ""
         if self.spread is None:
             return alike
-        targets = np.array([channel.target for channel in self.measurements.channels])
-        volts, error = map(self._share, self.spread.distance(targets))
+        volts, error = map(self._share, self.spread.distance(self.targets))
         if volts <= self.static:
             return alike
         differ = "the input errors of their op-amps differ"
@@ -272,11 +230,6 @@ def at_most(value: float, uncertainty: float, limit: float) -> Outcome:
     if value + uncertainty <= limit:
         return Outcome.PASS
     return Outcome.FAIL if value - uncertainty > limit else Outcome.INCONCLUSIVE
-
-
-def failed(name: str, reason: str, limit: float | None) -> Check:
-    """Return the check of a time that failed without a value."""
-    return Check(name, Outcome.FAIL, None, None, limit, None, "s", reason)
 
 
 def undecided(name: str, unit: str, reason: str, limit: float | None) -> Check:

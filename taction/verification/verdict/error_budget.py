@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -31,21 +31,18 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.reference.ideal_answer import IdealAnswer
-from taction.verification.verdict.answer_error import AnswerError
-from taction.verification.verdict.input_spread import InputSpread
-from taction.verification.verdict.output_noise import OutputNoise
-from taction.verification.verdict.planned_board import PlannedBoard
-from taction.verification.verdict.recording import Recording
-from taction.verification.verdict.scene_deck import pruning_effect
+from taction.verification.verdict.board import Board
+from taction.verification.verdict.input_spread import outputs_at_rest
+from taction.verification.verdict.scene_deck import Pruning
+
+if TYPE_CHECKING:
+    from taction.verification.verdict.verify import Verdict
 
 
 def stage_deviation(board: LinearBoard) -> str:
     """Say how far the antilog stages of a board are from ``U0 exp(v / Ve)``, and at which u.
 
     They are measured at both ends of their working range: at rest, with and without strain.
-
-    EngineError: the board has no equilibrium.
     """
     circuit, points = board.circuit, (board.rest, board.equilibrium)
     u = np.array([[out.sign * point[out.node] for out in circuit.outputs] for point in points])
@@ -89,15 +86,6 @@ def _with_links(circuit: Circuit, links: Sequence[str]) -> LinearBoard:
     }
     models = {name: replace(model, **absent) for name, model in circuit.models.items()}
     return LinearBoard(replace(circuit, models=models))
-
-
-def outputs_at_rest(board: LinearBoard) -> Floats:
-    """Return u of every channel at the equilibrium, V, (N,).
-
-    EngineError: the board has no equilibrium.
-    """
-    rest = board.equilibrium
-    return np.array([output.sign * rest[output.node] for output in board.circuit.outputs])
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,45 +174,32 @@ def around(design: Design, change: str) -> str:
 LEAST_BOUND = 1e-9  # of the largest stress: a smaller bound on an error has no number of its own
 
 
-def error_budget(
-    recording: Recording,
-    ideal: IdealAnswer,
-    answer: AnswerError,
-    noise: OutputNoise | None = None,
-    spread: InputSpread | None = None,
-) -> ErrorBudget:
+def error_budget(verdict: Verdict) -> ErrorBudget:
     """Split the difference of the true stress and the record's end into its parts.
 
-    `answer`: the regularised answer beside the true stress, with that without noise.
-    `noise`: noise of the outputs, if it was computed.
-    `spread`: where boards of the same parts rest, if they differ.
     SolverError: the problem with the pruned T cannot be solved.
     """
-    design = recording.design
-    links = (
-        *_of_answer(design, ideal, answer),
-        *_of_board(design),
-        *_of_transient(recording, LEAST_BOUND * answer.unit),
-    )
+    run, answer, target = verdict.run, verdict.answer, verdict.ideal.target
+    links = (*_of_answer(verdict), *_of_board(verdict.board), *_of_transient(verdict))
     parts = [*chained(answer.stress, links)]
-    if recording.exact_end is None:
-        error = _simulator_error(recording)
+    if run.exact_end is None:
+        error = _simulator_error(verdict)
         parts.append(ErrorPart("simulator", None, "there is no second solution", error))
-    if noise is not None:
-        how = f"rms at rest {noise.band}: resistors, op-amps and sensors; not in the sum"
-        parts.append(ErrorPart("noise", noise.known, how))
-    for name, volts in ({} if spread is None else spread.changes).items():
-        how = f"95 % of the boards are within, {around(design.scene.design, name)}; not in the sum"
+    if verdict.noise is not None:
+        how = f"rms at rest {verdict.noise.band}: resistors, op-amps and sensors; not in the sum"
+        parts.append(ErrorPart("noise", verdict.noise.known, how))
+    for name, volts in ({} if verdict.spread is None else verdict.spread.changes).items():
+        how = f"95 % of the boards are within, {around(verdict.scene.design, name)}; not in the sum"
         parts.append(ErrorPart(name, volts, how))
-    start, first = "true stress", answer.stress
-    if first is None:
-        start, first = "regularised answer", ideal.target
+    start = "regularised answer" if answer.stress is None else "true stress"
+    first = target if answer.stress is None else answer.stress
     how = f"end of the record against the {start}"
-    return ErrorBudget(tuple(parts), difference("total", how, first, recording.u[-1]))
+    return ErrorBudget(tuple(parts), difference("total", how, first, run.u[-1]))
 
 
-def _of_answer(design: PlannedBoard, ideal: IdealAnswer, answer: AnswerError) -> Iterator[Link]:
+def _of_answer(verdict: Verdict) -> Iterator[Link]:
     """Yield what the problem itself has: regularisation, noise of the strain, pruned entries."""
+    answer, ideal = verdict.answer, verdict.ideal
     if answer.clean is None:
         how = "regularised answer against the true stress (regularisation and strain noise)"
         yield Link("ill_posedness", how, ideal.target)
@@ -234,59 +209,57 @@ def _of_answer(design: PlannedBoard, ideal: IdealAnswer, answer: AnswerError) ->
         noisy = "regularised answer against that without noise"
         how = noisy if answer.has_noise else "the strain is T times the true stress"
         yield Link("strain_noise", how, ideal.target)
-    pruning = pruning_effect(design.network, design.scene.design.prune, ideal.solution)
+    pruning = Pruning.of(verdict.board.network, verdict.scene.design.prune, ideal.solution)
     if pruning is not None:
         bound = pruning.bound if math.isfinite(pruning.bound) else None
         how = f"answer without {pruning.entries} entries of T against the requested answer"
         yield Link("pruning", how, pruning.target, bound)
 
 
-def _of_board(design: PlannedBoard) -> Iterator[Link]:
+def _of_board(board: Board) -> Iterator[Link]:
     """Yield what the board at rest has: resistors, wires, op-amps, stages of transistors."""
 
-    def link(name: str, how: str, board: LinearBoard) -> Link:
-        return Link(name, how, partial(outputs_at_rest, board))
+    def link(name: str, how: str, linear: LinearBoard) -> Link:
+        return Link(name, how, partial(outputs_at_rest, linear))
 
-    stages = with_ideal_stages(design.circuit)
+    stages = with_ideal_stages(board.circuit)
     straight = without_wires(stages)
     how = "board as built, with ideal op-amps, against that answer"
     yield link("resistors", how, _with_links(straight, ()))
     if straight is not stages:
         how = "wires of the arrays: equilibrium with against without"
-        if design.scene.wires.compensate:
+        if board.scene.wires.compensate:
             how = f"{how}, after their compensation"
         yield link("wires", how, _with_links(stages, ()))
     models = stages.models.values()
     names = [name for name in OPAMP_LINKS if any(_acts(name, model) for model in models)]
     for count, name in enumerate(names, 1):
         how = f"{OPAMP_LINKS[name][0]} of the op-amps: equilibrium with against without"
-        whole = design.board if stages is design.circuit else LinearBoard(stages)
+        whole = board.linear if stages is board.circuit else LinearBoard(stages)
         yield link(name, how, whole if count == len(names) else _with_links(stages, names[:count]))
-    if stages is not design.circuit:
+    if stages is not board.circuit:
         how = (
             "equilibrium with transistors against that with ideal antilog stages; the stages are"
-            f" {stage_deviation(design.board)}"
+            f" {stage_deviation(board.linear)}"
         )
-        yield link("antilog", how, design.board)
+        yield link("antilog", how, board.linear)
 
 
-def _of_transient(recording: Recording, least: float) -> Iterator[Link]:
-    """Yield what the record's end lacks of the rest, and how far it is from the exact transient.
-
-    A bound below `least`, V, has no number.
-    """
-    if recording.exact_end is None:
-        yield Link("unsettled", "end of the record against that equilibrium", recording.u[-1])
+def _of_transient(verdict: Verdict) -> Iterator[Link]:
+    """Yield what the record's end lacks of the rest, and how far it is from the exact transient."""
+    run, exact = verdict.run, verdict.run.exact_end
+    if exact is None:
+        yield Link("unsettled", "end of the record against that equilibrium", run.u[-1])
         return
-    how = "end of a second transient against that equilibrium"
-    yield Link("unsettled", how, recording.exact_end)
-    how, bound = "end of the record against that transient", _simulator_error(recording)
+    yield Link("unsettled", "end of a second transient against that equilibrium", exact)
+    how, bound = "end of the record against that transient", _simulator_error(verdict)
     if bound is not None:
+        least = LEAST_BOUND * verdict.answer.unit
         how += f"; error at most {'1 ppb' if bound <= least else show(bound, 'V', 3)}"
-    yield Link("simulator", how, recording.u[-1], bound)
+    yield Link("simulator", how, run.u[-1], bound)
 
 
-def _simulator_error(recording: Recording) -> float | None:
+def _simulator_error(verdict: Verdict) -> float | None:
     """Return the bound on the error of the record's end, V; None without one."""
-    error = recording.error.steady_state * (recording.measurements.amplitude or 1.0)
+    error = verdict.error.steady_state * (verdict.measurements.amplitude or 1.0)
     return error if math.isfinite(error) else None

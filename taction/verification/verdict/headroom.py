@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal, cast
+from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import OpAmpCell
-from taction.system.array_types import Bools, Floats, Ints
+from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import Initial, LinearBoard
-from taction.verification.engines.statespace.transients.exact import combinations, is_exact
+from taction.verification.engines.statespace.transients.exact import Exact, combinations, is_exact
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.readings.exact_trace import ExactTrace
 
@@ -72,160 +72,138 @@ class Load:
         return UNITS[self.quantity]
 
 
-def _loads(
-    board: LinearBoard, initial: Initial, transient: Transient | None, tolerance: float
-) -> tuple[Load, ...]:
-    """Return the loads of a board; `EngineError` where they are not known."""
-    rows = tuple(_rows(board.circuit))
-    if not rows:
-        return ()
-    loads = _Loads.of(board, rows)
-    if transient is None or is_exact(board):
-        found = _peaks(loads, initial)
-    elif board.circuit.is_linear:
-        wave = simulate(board, transient, nodes=loads.nodes, times=_instants(transient))
-        found = _sampled(loads, wave.time, wave.values)
-    else:
-        found = _by_steps(loads, transient, tolerance)
-    return tuple(sorted(found, key=lambda load: (-load.share, load.part, load.quantity)))
-
-
-@dataclass(frozen=True, slots=True)
-class _Row:
+class _Row(NamedTuple):
     """One quantity as weights of node voltages (or of their slopes), in parts of its limit."""
 
     part: str
     quantity: Quantity
-    nodes: tuple[str, ...]
-    weights: tuple[float, ...]
     limit: float
+    weights: dict[str, float]
 
 
 def _rows(circuit: Circuit) -> Iterator[_Row]:
+    """Yield what the op-amps have to do; limits that they have in their model are no loads."""
     for cell in circuit.opamps:
         model, out = circuit.models[cell.model], cell.output
         swing = model.swing(circuit.supply)
         if model.large_signal:
-            ends = ((cell.noninverting, 1.0), (cell.inverting, -1.0))
-            nodes, signs = zip(*(end for end in ends if end[0] != "0"), strict=True)
-            weights = tuple(sign / model.input_range for sign in signs)
-            yield _Row(cell.name, DRIVE, nodes, weights, model.input_range)
-        if math.isfinite(swing) and not model.large_signal:
-            yield _Row(cell.name, "voltage", (out,), (1.0 / swing,), swing)
-        if math.isfinite(model.slew_rate) and not model.large_signal:
-            yield _Row(cell.name, "slope", (out,), (1.0 / model.slew_rate,), model.slew_rate)
+            ends = {
+                cell.noninverting: 1.0 / model.input_range,
+                cell.inverting: -1.0 / model.input_range,
+            }
+            ends.pop("0", None)
+            yield _Row(cell.name, DRIVE, model.input_range, ends)
+        else:
+            limits: dict[Quantity, float] = {"voltage": swing, "slope": model.slew_rate}
+            for quantity, limit in limits.items():
+                if math.isfinite(limit):
+                    yield _Row(cell.name, quantity, limit, {out: 1.0 / limit})
         if model.has_largest_current and not model.is_current_limited:
-            nodes, gains = _behind_the_output(circuit, cell)
             weight = 1.0 / (model.output_resistance * model.output_current)
-            weights = (*(weight * gain for gain in gains), -weight)
-            yield _Row(cell.name, "current", (*nodes, out), weights, model.output_current)
+            across = {node: weight * gain for node, gain in _behind_the_output(circuit, cell)}
+            across[out] = across.get(out, 0.0) - weight
+            yield _Row(cell.name, "current", model.output_current, across)
 
 
-def _behind_the_output(circuit: Circuit, cell: OpAmpCell) -> tuple[tuple[str, ...], list[float]]:
-    """Return nodes and gains of the voltage behind the output resistance."""
+def _behind_the_output(circuit: Circuit, cell: OpAmpCell) -> Iterator[tuple[str, float]]:
+    """Yield nodes and gains of the voltage behind the output resistance."""
     model = circuit.models[cell.model]
     for number, pole in ((2, model.second_pole), (1, model.gbw)):
         if math.isfinite(pole):
-            return (f"x{cell.name}.p{number}",), [1.0]
-    return (cell.noninverting, cell.inverting), [model.dc_gain, -model.dc_gain]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Loads:
-    """Rows (K,) of a board as weights of node voltages and of their slopes, one for each place."""
-
-    board: LinearBoard
-    rows: tuple[_Row, ...]
-    nodes: tuple[str, ...]
-    places: tuple[Ints, Ints]  # rows, and columns among `nodes`
-    weights: Floats
-    slopes: Bools  # whether a weight is that of a slope
-
-    @classmethod
-    def of(cls, board: LinearBoard, rows: tuple[_Row, ...]) -> _Loads:
-        nodes = _nodes(rows)
-        place = {node: k for k, node in enumerate(nodes)}
-        counts = [len(row.nodes) for row in rows]
-        places = (
-            np.repeat(np.arange(len(rows)), counts),
-            np.array([place[node] for row in rows for node in row.nodes], dtype=np.int64),
-        )
-        weights = np.array([weight for row in rows for weight in row.weights])
-        slopes = np.repeat([row.quantity == "slope" for row in rows], counts)
-        return cls(board, rows, nodes, places, weights, slopes)
-
-    def loads(self, peaks: Floats, instants: Floats, errors: Floats) -> Iterator[Load]:
-        at_rest = np.array([self.board.equilibrium[node] for node in self.nodes])
-        parts = np.where(self.slopes, 0.0, self.weights) * at_rest[self.places[1]]
-        rest = np.abs(np.bincount(self.places[0], parts, minlength=len(self.rows)))
-        limits = np.array([row.limit for row in self.rows])
-        columns = (peaks * limits, limits, instants, rest * limits, errors * limits)
-        for row, *numbers in zip(self.rows, *(x.tolist() for x in columns), strict=True):
-            yield Load(row.part, row.quantity, *numbers)
-
-
-def _peaks(loads: _Loads, initial: Initial) -> Iterator[Load]:
-    """Yield the loads of a board with an exact solution."""
-    volts, rates = np.zeros((2, len(loads.rows), len(loads.nodes)))
-    volts[loads.places] = np.where(loads.slopes, 0.0, loads.weights)
-    rates[loads.places] = np.where(loads.slopes, loads.weights, 0.0)
-    solution = combinations(loads.board, loads.nodes, volts, rates, initial=initial)
-    count = len(solution.final)
-    found = np.array(ExactTrace(solution, np.ones(count), np.zeros(count), PRECISION, DETAIL).peaks)
-    heights, doubts, at = np.where(found[0, 0] > found[0, 1], found[:, 0], found[:, 1])
-    yield from loads.loads(heights, at, doubts)
-
-
-def _instants(transient: Transient) -> Floats:
-    stop = transient.stop
-    return np.concatenate([[0.0], np.geomspace(EARLIEST * stop, stop, INSTANTS)])
+            yield f"x{cell.name}.p{number}", 1.0
+            return
+    yield cell.noninverting, model.dc_gain
+    yield cell.inverting, -model.dc_gain
 
 
 def watched_nodes(circuit: Circuit) -> tuple[str, ...]:
     """Return the nodes whose voltages give the loads of a circuit."""
-    return _nodes(_rows(circuit))
+    return tuple(dict.fromkeys(node for row in _rows(circuit) for node in row.weights))
 
 
-def _nodes(rows: Iterable[_Row]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(node for row in rows for node in row.nodes))
-
-
-def _by_steps(loads: _Loads, transient: Transient, tolerance: float) -> Iterator[Load]:
-    """Yield the loads of a board from the integration of which its record is made, too."""
-    from taction.verification.engines.statespace.transients import stepped
-
-    ends = np.array([0.0, transient.stop])
-    wave = stepped.simulate(
-        loads.board, transient, times=ends, tolerance=tolerance, beside=loads.nodes
-    )
-    curve = cast(stepped.SteppedCurve, wave.curve)
-    time = np.union1d(_instants(transient), curve.points())
-    time = time[time <= transient.stop]
-    return _sampled(loads, time, curve.at(time)[:, -len(loads.nodes) :])
-
-
-def _sampled(loads: _Loads, time: Floats, values: Floats) -> Iterator[Load]:
-    """Yield the loads from voltages of nodes (P, n); the errors are those of every second point."""
+def _loads(
+    board: LinearBoard, initial: Initial, transient: Transient | None, tolerance: float
+) -> tuple[Load, ...]:
+    """Return the loads of a board, the largest first; `EngineError` where they are not known."""
     from scipy.sparse import csr_array
 
-    shape = (len(loads.rows), len(loads.nodes))
-    heights, slopes = (
-        csr_array((np.where(loads.slopes == kind, loads.weights, 0.0), loads.places), shape=shape)
+    rows, nodes = tuple(_rows(board.circuit)), watched_nodes(board.circuit)
+    if not rows:
+        return ()
+    number, shape = {node: k for k, node in enumerate(nodes)}, (len(rows), len(nodes))
+    entries = [(k, number[n], w) for k, row in enumerate(rows) for n, w in row.weights.items()]
+    at, columns, weights = (np.array(each) for each in zip(*entries, strict=True))
+    slopes = np.array([row.quantity == "slope" for row in rows])[at]
+    volts, rates = (
+        csr_array((np.where(slopes == kind, weights, 0.0), (at, columns)), shape=shape)
         for kind in (False, True)
     )
+    beyond = None
+    if transient is None or is_exact(board):
+        solution = combinations(board, nodes, volts.toarray(), rates.toarray(), initial=initial)
+        peaks, instants, errors = _exact_peaks(solution)
+    else:
+        time, values = _record(board, nodes, transient, tolerance)
+        peaks, instants, errors, beyond = _sampled_peaks(volts, rates, time, values)
+    rest = np.abs(volts @ np.array([board.equilibrium[node] for node in nodes]))
+    limits = np.array([row.limit for row in rows])
+    numbers = np.array([peaks * limits, limits, instants, rest * limits, errors * limits]).T
+    found = [
+        Load(row.part, row.quantity, *each)
+        for row, each in zip(rows, numbers.tolist(), strict=True)
+    ]
+    if beyond is not None:
+        found = [
+            replace(load, slewing=lasting if load.quantity == DRIVE else None)
+            for load, lasting in zip(found, beyond.tolist(), strict=True)
+        ]
+    return tuple(sorted(found, key=lambda load: (-load.share, load.part, load.quantity)))
+
+
+def _exact_peaks(solution: Exact) -> tuple[Floats, Floats, Floats]:
+    """Return the largest sizes of a solution (K,), their instants, s, and bounds on the errors."""
+    count = len(solution.final)
+    found = np.array(ExactTrace(solution, np.ones(count), np.zeros(count), PRECISION, DETAIL).peaks)
+    heights, doubts, at = np.where(found[0, 0] > found[0, 1], found[:, 0], found[:, 1])
+    return heights, at, doubts
+
+
+def _record(
+    board: LinearBoard, nodes: tuple[str, ...], transient: Transient, tolerance: float
+) -> tuple[Floats, Floats]:
+    """Return instants, s, and voltages of nodes, V, of a board that has no exact solution.
+
+    A board by steps has the integration of which its record is made, too.
+    """
+    stop = transient.stop
+    times = np.concatenate([[0.0], np.geomspace(EARLIEST * stop, stop, INSTANTS)])
+    if board.circuit.is_linear:
+        wave = simulate(board, transient, nodes=nodes, times=times)
+        return wave.time, wave.values
+    from taction.verification.engines.statespace.transients import stepped
+
+    ends = np.array([0.0, stop])
+    wave = stepped.simulate(board, transient, times=ends, tolerance=tolerance, beside=nodes)
+    curve = cast(stepped.SteppedCurve, wave.curve)
+    times = np.union1d(times, curve.points())
+    times = times[times <= stop]
+    return times, curve.at(times)[:, -len(nodes) :]
+
+
+def _sampled_peaks(
+    volts: Any, rates: Any, time: Floats, values: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return as `_exact_peaks`, by every second point, and how long each size is above 1, s."""
 
     def sizes(step: int) -> Floats:
         t, V = time[::step], np.ascontiguousarray(values[::step].T)
-        loaded = np.asarray(heights @ V + slopes @ np.gradient(V, t, axis=1))
-        return np.asarray(np.abs(loaded).T)
+        return np.asarray(np.abs(volts @ V + rates @ np.gradient(V, t, axis=1)).T)
 
-    fine, coarse = sizes(1), sizes(2)
+    fine = sizes(1)
     peaks = fine.max(axis=0)
-    errors = np.abs(peaks - coarse.max(axis=0)) + PRECISION
-    lasting = np.trapezoid(np.where(fine > 1.0, 1.0, 0.0), time, axis=0).tolist()
-    at = time[fine.argmax(axis=0)]
-    for load, beyond in zip(loads.loads(peaks, at, errors), lasting, strict=True):
-        yield replace(load, slewing=beyond if load.quantity == DRIVE else None)
+    errors = np.abs(peaks - sizes(2).max(axis=0)) + PRECISION
+    beyond = np.trapezoid(np.where(fine > 1.0, 1.0, 0.0), time, axis=0)
+    return peaks, time[fine.argmax(axis=0)], errors, beyond
 
 
 @dataclass(frozen=True, slots=True)

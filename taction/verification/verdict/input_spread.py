@@ -12,8 +12,9 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,7 +32,6 @@ from taction.netlist_gen.board.variation import (
 )
 from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.spice_models.input_errors import CHANGES, MOST
-from taction.spice_models.opamp import OpAmp, Spread
 from taction.system.array_types import Floats
 from taction.system.quantities import percent, show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -44,6 +44,7 @@ DRAWN = 2**14  # sums
 SURE = 3.0  # standard deviations of the scatter of a drawn share, in its bound
 DIFFERENCED = 1e-3  # of a tolerance: the error of a central difference is its square
 SINGLE = 0.02  # of a variance: a uniform part with more is drawn by itself, the others as normal
+DRIFT = "resistor_drift"  # a kind of deviation: of a resistor by temperature
 NOTHING = Tolerances(
     resistor=0.0, capacitor=0.0, stray=0.0, opamp_gbw=0.0, opamp_gain=0.0, distribution="normal"
 )
@@ -91,12 +92,12 @@ class InputSpread:
         if not board.circuit.is_small_signal:
             small = {name: model.small_signal for name, model in models.items()}
             board = LinearBoard(replace(board.circuit, models=small))
+        deviations = _Deviations(board, resistors, devices, tolerances, at_rest)
         if resistors or devices or at_rest or board.descriptor.is_large:
-            return _Deviations(board, resistors, devices, tolerances, at_rest).spread()
+            return deviations.spread()
         outputs = (*board.circuit.outputs, *board.circuit.opamps, *board.circuit.models.values())
-        same = board.descriptor.at_rest, _outputs(board).tobytes(), outputs
-        found = _KNOWN.pop(same, None)
-        found = found or _Deviations(board, resistors, devices, tolerances, at_rest).spread()
+        same = board.descriptor.at_rest, outputs_at_rest(board).tobytes(), outputs
+        found = _KNOWN.pop(same, None) or deviations.spread()
         while len(_KNOWN) >= KNOWN:
             _KNOWN.pop(next(iter(_KNOWN)), None)
         _KNOWN[same] = found
@@ -220,6 +221,16 @@ def tolerance_slopes(
     return np.array([slope(part) for part in parts]).reshape(-1, len(none))
 
 
+class _Normal(NamedTuple):
+    """A normal deviation: what it is, what it moves the outputs by, and its size."""
+
+    part: str
+    kind: str
+    slope: Floats  # (N,): change of the outputs, V per unit
+    shift: float  # mean less the value on the board
+    sigma: float
+
+
 @dataclass(frozen=True, eq=False)
 class _Deviations:
     """What varies on a board at the small-signal level."""
@@ -230,52 +241,61 @@ class _Deviations:
     tolerances: Tolerances
     at_rest: list[Parameter]
 
+    def _normal(self, sensitivity: RestSensitivity) -> Iterator[_Normal]:
+        """Yield input errors and their changes, the drift of resistors, and devices of arrays."""
+        errors, models = sensitivity.input_errors(), self.board.circuit.models
+        for cell in self.board.circuit.opamps:
+            for figure, each in models[cell.model].varying:
+                shift, slope = each.mean, errors[f"{cell.name}.{figure}"]
+                if figure not in CHANGES:  # the board has the error, in the units of its spread
+                    name = {"common_mode_rejection": "rejection_error"}.get(figure, figure)
+                    shift -= getattr(models[cell.model], name)
+                yield _Normal(cell.name, figure, slope, shift, each.sigma)
+        if self.resistors or self.devices:
+            slopes = sensitivity.resistors()
+            for name, slope in slopes.items() if self.resistors else ():
+                yield _Normal(name, DRIFT, slope, 0.0, self.resistors)
+            for name, shares in self.devices.items():
+                for kind, share in shares.items():
+                    yield _Normal(name, kind, slopes[name], 0.0, share)
+
     def spread(self) -> InputSpread:
         """Return the spread of the outputs."""
-        board, models = self.board, self.board.circuit.models
-        sensitivity = RestSensitivity.of(board)
-        slopes = sensitivity.input_errors()
-        resistors = sensitivity.resistors() if self.resistors or self.devices else {}
-        own = resistors if self.resistors else {}
-        spreads = {
-            f"{cell.name}.{figure}": (each, _value(models[cell.model], figure))
-            for cell in board.circuit.opamps
-            for figure, each in models[cell.model].varying
-        } | {f"{name}.resistor_drift": (Spread(0.0, self.resistors), 0.0) for name in own}
-        spreads |= {
-            f"{name}.{kind}": (Spread(0.0, share), 0.0)
-            for name, shares in self.devices.items()
-            for kind, share in shares.items()
-        }
-        slopes |= {f"{name}.resistor_drift": slope for name, slope in own.items()}
-        for name, shares in self.devices.items():
-            slopes |= {f"{name}.{kind}": resistors[name] for kind in shares}
-        count, names = len(board.circuit.outputs), list(spreads)
-        moves = [slopes[name] * (each.mean - at) for name, (each, at) in spreads.items()]
-        sizes = [slopes[name] * each.sigma for name, (each, _) in spreads.items()]
-        shifts, parts = (np.array(rows).reshape(-1, count) for rows in (moves, sizes))
+        sensitivity, outputs = RestSensitivity.of(self.board), outputs_at_rest(self.board)
+        normal, count = [*self._normal(sensitivity)], len(outputs)
+        shifts = np.array([each.slope * each.shift for each in normal]).reshape(-1, count)
+        parts = np.array([each.slope * each.sigma for each in normal]).reshape(-1, count)
         ends = tolerance_slopes(sensitivity, self.at_rest, lambda name, z: self._varied({name: z}))
         uniform = self.tolerances.distribution == "uniform" and bool(self.at_rest)
+        models = self.board.circuit.models.values()
         found = InputSpread(
-            _outputs(board) + shifts.sum(axis=0),
+            outputs + shifts.sum(axis=0),
             parts if uniform else np.concatenate([parts, ends / MOST]),
             0.0,
             "",
-            any(each.assumed for each, _ in spreads.values()),
+            any(each.assumed for model in models for _, each in model.varying),
             ends=ends if uniform else None,
         )
-        every = np.concatenate([parts, ends / (math.sqrt(3.0) if uniform else MOST)])
+        size = math.sqrt(3.0) if uniform else MOST
+        every = np.concatenate([parts, ends / size])
         worst = int(np.argmax(found.sigma))
-        labels = [name.removesuffix(".resistor_drift") for name in names]
-        labels += [part.name for part in self.at_rest]
-        largest = labels[int(np.argmax(np.abs(every[:, worst])))]
+        names = [f"{each.part}.{each.kind}".removesuffix(f".{DRIFT}") for each in normal]
+        names += [part.name for part in self.at_rest]
         curvature = 0.0
         if found.sigma[worst] > 0.0:
             z = PROBED * every[:, worst] / found.sigma[worst]
-            off = _outputs(LinearBoard(self._board_at(names, z, uniform=uniform)))
+            off = outputs_at_rest(LinearBoard(self._board_at(normal, z, size)))
             off = off - found.mean - every.T @ z
             curvature = float(np.abs(off).max()) / (PROBED * float(found.sigma[worst]))
-        moved, changes = _changes(names, shifts, parts)
+        moved, changes = np.zeros(count), dict[str, float]()
+        for kind in (*CHANGES, DRIFT, *KINDS):
+            here = np.array([each.kind == kind for each in normal], dtype=np.bool_)
+            if here.any():
+                shift = shifts[here].sum(axis=0)
+                moved += shift
+                alone = InputSpread(shift, parts[here], 0.0, "", False)
+                changes[kind] = alone.distance(np.zeros(count))[0]
+        largest = names[int(np.argmax(np.abs(every[:, worst])))]
         return replace(found, curvature=curvature, largest=largest, moved=moved, changes=changes)
 
     def _varied(self, z: Mapping[str, float]) -> Circuit:
@@ -284,34 +304,21 @@ class _Deviations:
         varied = parameters(circuit, tolerances)
         return vary(circuit, tolerances, np.array([z.get(each.name, 0.0) for each in varied]))
 
-    def _board_at(self, names: list[str], deviations: Floats, *, uniform: bool) -> Circuit:
-        """Return the board with `deviations`, in standard deviations, of errors, then of parts."""
-        own = dict(zip(names, deviations.tolist(), strict=False))
-        size = math.sqrt(3.0) if uniform else MOST
-        z = {name: value / MOST for name, value in own.items()}
-        left = deviations[len(names) :].tolist()
-        z |= {part.name: value / size for part, value in zip(self.at_rest, left, strict=True)}
-        scale: dict[str, float] = {}
-        for name, value in own.items():
-            if name.endswith(".resistor_drift"):
-                scale[name.removesuffix(".resistor_drift")] = math.exp(self.resistors * value)
-        for name, shares in self.devices.items():
-            off = sum(share * own[f"{name}.{kind}"] for kind, share in shares.items())
-            scale[name] = scale.get(name, 1.0) * math.exp(off)
+    def _board_at(self, normal: list[_Normal], deviations: Floats, size: float) -> Circuit:
+        """Return the board with `deviations`, in standard deviations, of errors, then of parts.
+
+        `size`: of a tolerance, in standard deviations.
+        """
+        own, left = deviations[: len(normal)].tolist(), deviations[len(normal) :].tolist()
+        z = {part.name: value / size for part, value in zip(self.at_rest, left, strict=True)}
+        logs: dict[str, float] = {}
+        for each, value in zip(normal, own, strict=True):
+            if each.kind == DRIFT or each.kind in KINDS:
+                logs[each.part] = logs.get(each.part, 0.0) + each.sigma * value
+            else:
+                z[f"{each.part}.{each.kind}"] = value / MOST
+        scale = {name: math.exp(value) for name, value in logs.items()}
         return with_resistors_at(self._varied(z), scale)
-
-
-def _changes(names: list[str], shifts: Floats, parts: Floats) -> tuple[Floats, dict[str, float]]:
-    """Return what the changes move the mean, V, and how far each kind of change moves an output."""
-    kinds = np.array([name.rpartition(".")[2] for name in names], dtype=object)
-    moved, found = np.zeros(shifts.shape[1]), dict[str, float]()
-    for kind in (*CHANGES, "resistor_drift", *KINDS):
-        if (here := kinds == kind).any():
-            shift = shifts[here].sum(axis=0)
-            moved += shift
-            alone = InputSpread(shift, parts[here], 0.0, "", False)
-            found[kind] = alone.distance(np.zeros(len(shift)))[0]
-    return moved, found
 
 
 def covered(circuit: Circuit, tolerances: Tolerances, *, drift: bool = False) -> str:
@@ -334,13 +341,10 @@ _KNOWN: dict[tuple[bytes, bytes, tuple[object, ...]], InputSpread] = {}
 """Of the last boards; those of a study that differ in capacitances alone have one spread."""
 
 
-def _value(model: OpAmp, figure: str) -> float:
-    """Return an error as it is in the macromodel, in the units of its spread."""
-    if figure in CHANGES:
-        return 0.0
-    return model.rejection_error if figure == "common_mode_rejection" else getattr(model, figure)
+def outputs_at_rest(board: LinearBoard) -> Floats:
+    """Return u of every channel at the equilibrium, V, (N,).
 
-
-def _outputs(board: LinearBoard) -> Floats:
+    EngineError: the board has no equilibrium.
+    """
     rest = board.equilibrium
     return np.array([output.sign * rest[output.node] for output in board.circuit.outputs])

@@ -17,7 +17,7 @@ from taction.system.array_types import Complexes
 from taction.system.errors import EngineError, SimulationError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
-from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.board import Board
 
 STEP = 0.1  # of the distance to the nearest pole: step of the frequencies
 BELOW, ABOVE = 1e-4, 1e4  # of the slowest, and of the fastest pole: first and last frequency
@@ -92,19 +92,19 @@ class OutputNoise:
     unknown_corners: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, design: PlannedBoard) -> OutputNoise | None:
-        """Find the noise of the board of `design`; None if its scene has no limit for it."""
-        limit, models = design.scene.checks.noise, design.circuit.models.values()
+    def of(cls, board: Board) -> OutputNoise | None:
+        """Find the noise of `board`; None if its scene has no limit for it."""
+        limit, models = board.scene.checks.noise, board.circuit.models.values()
         if limit is None:
             return None
         flickering = tuple(model.name for model in models if model.flicker_noise > 0.0)
         lowest = limit.lowest or (LOWEST if flickering else 0.0)
-        if not design.poles.known_stable:
-            return cls(unknown=UNSTABLE if design.poles.known_unstable else MAYBE_UNSTABLE)
+        if not board.poles.known_stable:
+            return cls(unknown=UNSTABLE if board.poles.known_unstable else MAYBE_UNSTABLE)
         try:
-            rms, error = output_noise(design.board, lowest)
-            ngspice = design.engine == "ngspice"
-            simulated = _simulated(design, int(rms.argmax()), lowest) if ngspice else None
+            rms, error = output_noise(board.linear, lowest)
+            ngspice = board.engine == "ngspice"
+            simulated = _simulated(board, int(rms.argmax()), lowest) if ngspice else None
         except (EngineError, SimulationError) as problem:
             return cls(unknown=f"the noise is not known: {problem}")
         silent = [model for model in models if model.voltage_noise == 0.0]
@@ -153,12 +153,12 @@ class OutputNoise:
         return 0.0 if self.simulated is None else abs(self.simulated - self.largest)
 
 
-def _simulated(design: PlannedBoard, channel: int, lowest: float) -> float:
+def _simulated(board: Board, channel: int, lowest: float) -> float:
     """Return the noise of a channel above a frequency from ngspice, V."""
     from taction.verification.engines.ngspice.process import find_simulator, start
 
-    bands = noise_bands(design.board.state_space.modes.poles, lowest)
-    node = design.circuit.outputs[channel].node
-    deck = write_deck(design.circuit, NoiseAnalysis(bands), saved=[node])
-    with start(deck, find_simulator(), timeout=design.scene.analysis.timeout) as run:
+    bands = noise_bands(board.linear.state_space.modes.poles, lowest)
+    node = board.circuit.outputs[channel].node
+    deck = write_deck(board.circuit, NoiseAnalysis(bands), saved=[node])
+    with start(deck, find_simulator(), timeout=board.scene.analysis.timeout) as run:
         return run.noise()

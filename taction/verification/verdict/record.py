@@ -112,7 +112,7 @@ FIGURES: dict[str, FigureRule[Verdict]] = {
     ),
     "end_error": FigureRule(
         "step",
-        lambda v: max(map(abs, _relative(v, v.recording.first_and_last[-1]))),
+        lambda v: max(map(abs, _relative(v, v.run.first_and_last[-1]))),
         lambda v: v.error.steady_state + v.ideal.error,
     ),
     "growth_rate": FigureRule(
@@ -127,8 +127,8 @@ FIGURES: dict[str, FigureRule[Verdict]] = {
     ),
     "lambda": FigureRule("", lambda v: v.circuit.value("lambda")),
     "resistance": FigureRule("ohm", lambda v: v.circuit.number("R")),
-    "wanted_error": FigureRule("step", lambda v: v.recording.design.plan.wanted),
-    "attained_error": FigureRule("step", lambda v: v.recording.achieved),
+    "wanted_error": FigureRule("step", lambda v: v.board.plan.wanted),
+    "attained_error": FigureRule("step", lambda v: v.run.achieved),
     "simulation_error": FigureRule("step", lambda v: v.error.steady_state),
     "seconds": FigureRule("s", lambda v: v.timing["total"]),
 }
@@ -213,7 +213,7 @@ class Record:
     @classmethod
     def of(cls, verdict: Verdict, *, channels: bool = True) -> Record:
         """Return the record of a verdict; without `channels` only of the whole board."""
-        engine = verdict.recording.ends.engine
+        engine = verdict.run.ends.engine
         found = {name: rule.figure(verdict) for name, rule in FIGURES.items()}
         if verdict.poles.stable is not True:
             found |= WITHOUT_REST

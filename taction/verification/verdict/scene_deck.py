@@ -23,69 +23,55 @@ from taction.netlist_gen.topologies.frame.entries import pruned
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError, SolverError
 from taction.system.output_files import write_together
-from taction.system.progress import Clock
 from taction.system.quantities import show
 from taction.verification.reference.dynamics import IdealNetwork
-from taction.verification.reference.ideal_answer import ideal_answer, ideal_network
+from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.reference.problem import Solution, solution_difference
-from taction.verification.verdict.plan_board import design_board
-from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.board import Board
+from taction.verification.verdict.build import build
 
 if TYPE_CHECKING:
     from taction.netlist_gen.deck.dialects import Measures
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PruningEffect:
-    """The steady state without the small entries of T."""
+class Pruning:
+    """The steady state, and the parts, without the small entries of T."""
+
+    DOCUMENT = ("entries", "change [V]", "bound [V]", "resistors", "opamps")
 
     entries: int  # number of entries of T that the board leaves out
     target: Floats  # (N,): the optimum with the pruned T, V
     change: float  # largest deviation of `target` from the optimum with the whole T, V
     # On that deviation, with the errors of both optima, V; infinite if one is not trusted.
     bound: float
-
-
-def pruning_effect(
-    network: IdealNetwork, fraction: float, solution: Solution
-) -> PruningEffect | None:
-    """Compare the solutions of the pruned and of the whole T; None if no entry is left out.
-
-    `network`: with the whole T.
-    `fraction`: ``design.prune``.
-    `solution`: the solution of `network`.
-    SolverError: the problem with the pruned T cannot be solved.
-    """
-    kept = pruned(network.T, fraction)
-    entries = int(np.count_nonzero(kept != network.T))
-    if not entries:
-        return None
-    after = replace(network, T=kept).rest
-    change, bound = solution_difference(solution, after)
-    return PruningEffect(entries, after.u * network.U0, change * network.U0, bound * network.U0)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Pruning:
-    """The pruned board beside the board of the whole T."""
-
-    DOCUMENT = (
-        *("entries = effect.entries", "change [V] = effect.change", "bound [V] = effect.bound"),
-        *("resistors", "opamps"),
-    )
-
-    effect: PruningEffect  # on the steady state
     # `resistors`, `opamps`: how many fewer than with the whole T; None if that board cannot be
     # built: the matrix can load the channels too much.
     resistors: int | None = None
     opamps: int | None = None
 
+    @classmethod
+    def of(cls, network: IdealNetwork, fraction: float, solution: Solution) -> Pruning | None:
+        """Compare the solutions of the pruned and of the whole T; None if no entry is left out.
+
+        `network`: with the whole T.
+        `fraction`: ``design.prune``.
+        `solution`: the solution of `network`.
+        SolverError: the problem with the pruned T cannot be solved.
+        """
+        kept = pruned(network.T, fraction)
+        entries = int(np.count_nonzero(kept != network.T))
+        if not entries:
+            return None
+        after = replace(network, T=kept).rest
+        change, bound = solution_difference(solution, after)
+        return cls(entries, after.u * network.U0, change * network.U0, bound * network.U0)
+
     @property
     def text(self) -> str:
         """The numbers in words."""
-        effect = self.effect
-        text = f"moves the steady state by {show(effect.change, 'V', 3)}"
-        if math.isinf(effect.bound):
+        text = f"moves the steady state by {show(self.change, 'V', 3)}"
+        if math.isinf(self.bound):
             text += ", without a bound: a solution is not trusted"
         if self.resistors is None:
             return f"{text}; with the whole T the board cannot be built"
@@ -102,17 +88,17 @@ def pruning_of(scene: Scene) -> Pruning | None:
         return None
     problem = make_problem(scene)
     network = ideal_network(problem, scene)
-    effect = pruning_effect(network, scene.design.prune, network.rest)
-    if effect is None:
+    found = Pruning.of(network, scene.design.prune, network.rest)
+    if found is None:
         return None
     kept = synthesise(scene, problem)
     unpruned = scene.model_copy(update={"design": scene.design.model_copy(update={"prune": 0.0})})
     try:
         whole = synthesise(unpruned, problem)
     except InputError:
-        return Pruning(effect)
+        return found
     fewer = _resistors(whole) - _resistors(kept)
-    return Pruning(effect, fewer, len(whole.opamps) - len(kept.opamps))
+    return replace(found, resistors=fewer, opamps=len(whole.opamps) - len(kept.opamps))
 
 
 def _resistors(circuit: Circuit) -> int:
@@ -187,16 +173,16 @@ def deck_of(
     matrix_file = _matrix_file(output) if choice.split else None
     if choice.has_even_steps:
         scene = _with_even_steps(scene)
-    design = design_board(scene.with_engine("ngspice"), Clock(lambda stage: None))
-    circuit = design.circuit
+    board = build(scene.with_engine("ngspice"))
+    circuit = board.circuit
     if complaints := list(DIALECTS[choice.dialect].refusals(circuit)):
         raise InputError(scene.file, *complaints)
     return circuit, write_deck(
         circuit,
-        design.transient,
+        board.transient,
         matrix_file=matrix_file,
         dialect=choice.dialect,
-        measures=_measures(design) if choice.measures else None,
+        measures=_measures(board) if choice.measures else None,
     )
 
 
@@ -208,14 +194,14 @@ def _with_even_steps(scene: Scene) -> Scene:
     return scene.model_copy(update={"analysis": scene.analysis.model_copy(update=even)})
 
 
-def _measures(design: PlannedBoard) -> Measures:
+def _measures(board: Board) -> Measures:
     """Return what the measures compare with: the reference solution, at the output nodes."""
     from taction.netlist_gen.deck.dialects import Measures
 
-    ideal = ideal_answer(design.network, design.scene)
+    ideal = board.ideal
     if ideal.problem:
         raise SolverError(f"--measure needs a reference solution: {ideal.problem}")
-    signs = [output.sign for output in design.circuit.outputs]
+    signs = [output.sign for output in board.circuit.outputs]
     targets, starts = (
         tuple(float(sign * u) for sign, u in zip(signs, values, strict=True))
         for values in (ideal.target, ideal.start)

@@ -34,12 +34,13 @@ from taction.system.errors import (
     TimedOut,
 )
 from taction.system.plugins import OpenTable
+from taction.system.reading_definitions import FOUND
 from taction.system.waveforms import PHYSICAL_BOUND, Cost, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import is_exact
+from taction.verification.verdict.board import Board
 from taction.verification.verdict.headroom import watched_nodes
-from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.transient_plan import TransientPlan
 
 PATTERNED = 1.0  # of the difference to a model of fewer patterns, which may err hardly more
@@ -146,62 +147,26 @@ SLOWER = 5.0  # times the timeout: a run with a longer estimated time does not s
 GROWING = 20_000  # least number of points in the record of an unstable board
 
 
-@dataclass(frozen=True, slots=True)
-class Pending:
-    """A simulation whose process may still run; `result` waits for the end."""
-
-    wait: Callable[[], Waveforms]  # waits for the run and returns its waveforms
-    # Simulates a board that is known to be unstable by the state-space engine, if the run fails.
-    instead: Callable[[], Waveforms] | None = None
-
-    def result(self) -> Waveforms:
-        """Wait and return the waveforms with the remarks of the engine, or raise its error.
-
-        For an unstable board the result may be a partial record: up to the instant at which the
-        voltages left every bound or the step fell below its limit. A run without any record has
-        the one of `instead`.
-        """
-        try:
-            return self.wait()
-        except NoVerdictError as error:
-            if self.instead is None:
-                raise
-            reason = str(error).splitlines()[0]
-            found = error.partial if isinstance(error, StepTooSmall | BadEvidence) else None
-            if isinstance(found, Waveforms) and len(found.time) > 1:
-                return replace(found, flags=(f"the record ends early: {reason}",))
-            waveforms = self.instead()
-            note = f"this record is from the state-space engine: {reason}"
-            return replace(waveforms, flags=(note, *waveforms.flags))
+Waiting = Callable[[], Waveforms]
+"""Waits for the end of a simulation whose process may still run, and returns the waveforms."""
 
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """One engine.
+    """One engine."""
 
-    Attributes
-    ----------
-    begin : callable
-        Takes a planned board and begins its simulation; returns a function that waits for the end
-        and returns the waveforms. Both may raise a `NoVerdictError`.
-    error : callable or None
-        Takes a planned board and waveforms of this engine, and returns the bound of their error.
-        None for an engine that takes the steps of the plan: the state-space engine then simulates
-        the same board, the error of the waveforms follows from the difference, and the check
-        ``engines_agree`` compares them.
-    title : str
-        Name for people; by default that of the entry.
-    together : callable or None
-        Takes planned boards and returns for each what `begin` returns, simulated in one go; None
-        for a board that needs a call of its own. None where each simulation is a process of its
-        own; boards with exact solutions are planned, and their witness is read, together all the
-        same.
-    """
-
-    begin: Callable[[PlannedBoard], Callable[[], Waveforms]]
-    error: Callable[[PlannedBoard, Waveforms], StateSpaceError] | None = None
-    title: str = ""
-    together: Callable[[Sequence[PlannedBoard]], list[Callable[[], Waveforms] | None]] | None = None
+    # Takes a board and begins its simulation; returns a function that waits for the end and returns
+    # the waveforms. Both may raise a `NoVerdictError`.
+    begin: Callable[[Board], Waiting]
+    # Takes a board and waveforms of this engine, and returns the bound of their error. None for an
+    # engine that takes the steps of the plan: the state-space engine then simulates the same board,
+    # the error of the waveforms follows from the difference, and the check ``engines_agree``
+    # compares them.
+    error: Callable[[Board, Waveforms], StateSpaceError] | None = None
+    title: str = ""  # name for people; by default that of the entry
+    # Takes boards and returns for each what `begin` returns, simulated in one go; None for a board
+    # that needs a call of its own. None where each simulation is a process of its own.
+    together: Callable[[Sequence[Board]], list[Waiting | None]] | None = None
 
 
 def choose_engine(scene: Scene) -> str:
@@ -222,43 +187,58 @@ def choose_engine(scene: Scene) -> str:
     return "ngspice"
 
 
-def begin(design: PlannedBoard) -> Pending:
+def begin(board: Board) -> Waiting:
     """Start the simulation of a board; its process runs while the caller does other work.
 
-    NoVerdictError: from this function or from `Pending.result`. A board that the plan knows to be
-      unstable has a short record by the state-space engine instead.
+    What is returned has the remarks of the engine, and raises its error. For a board that is known
+    to be unstable it may be a partial record: up to the instant at which the voltages left every
+    bound or the step fell below its limit; without any, it is a short one by the state-space
+    engine.
+
+    NoVerdictError: from this function or from what it returns.
     """
-    engine = ENGINES[design.engine]
-    if not design.plan.growing:
-        return Pending(engine.begin(design))
-    begun = partial(engine.begin, design)
-    return Pending(lambda: begun()(), partial(growing_record, design.board, design.plan))
+    engine = ENGINES[board.engine]
+    return partial(_growing, board, engine) if board.plan.growing else engine.begin(board)
 
 
-def begin_together(designs: Sequence[PlannedBoard]) -> list[Pending | None]:
+def _growing(board: Board, engine: Engine) -> Waveforms:
+    """Simulate an unstable board, as far as its engine comes."""
+    try:
+        return engine.begin(board)()
+    except NoVerdictError as error:
+        reason = str(error).splitlines()[0]
+        found = error.partial if isinstance(error, StepTooSmall | BadEvidence) else None
+        if isinstance(found, Waveforms) and len(found.time) > 1:
+            return replace(found, flags=(f"the record ends early: {reason}",))
+        waveforms = growing_record(board.linear, board.plan)
+        note = f"this record is from the state-space engine: {reason}"
+        return replace(waveforms, flags=(note, *waveforms.flags))
+
+
+def begin_together(boards: Sequence[Board]) -> list[Waiting | None]:
     """Simulate boards together, those of one engine; None for each that needs a call of its own."""
-    found: list[Pending | None] = [None] * len(designs)
-    for engine in {design.engine for design in designs}:
+    found: list[Waiting | None] = [None] * len(boards)
+    for engine in {board.engine for board in boards}:
         together = ENGINES[engine].together
         if together is not None:
-            places = [k for k, design in enumerate(designs) if design.engine == engine]
-            for k, wait in zip(places, together([designs[k] for k in places]), strict=True):
-                found[k] = None if wait is None else Pending(wait)
+            places = [k for k, board in enumerate(boards) if board.engine == engine]
+            for k, wait in zip(places, together([boards[k] for k in places]), strict=True):
+                found[k] = wait
     return found
 
 
-def engine_of(simulator: str) -> Engine:
+def engine_of(waveforms: Waveforms) -> Engine:
     """Return the engine of waveforms; their `engine` has its version after a hyphen."""
-    return ENGINES[simulator.partition("-")[0]]
+    return ENGINES[waveforms.engine.partition("-")[0]]
 
 
-def own_error(design: PlannedBoard, waveforms: Waveforms) -> StateSpaceError | None:
+def own_error(board: Board, waveforms: Waveforms) -> StateSpaceError | None:
     """Return the error of `waveforms` if their engine bounds it itself; None if it takes steps."""
-    error = engine_of(waveforms.engine).error
-    return None if error is None else error(design, waveforms)
+    error = engine_of(waveforms).error
+    return None if error is None else error(board, waveforms)
 
 
-def growing_record(board: LinearBoard, plan: TransientPlan) -> Waveforms:
+def growing_record(linear: LinearBoard, plan: TransientPlan) -> Waveforms:
     """Return the start of the transient of an unstable board, by the state-space engine.
 
     If the amplifiers of a small board stop the engine, too, the record is that of the board
@@ -271,11 +251,11 @@ def growing_record(board: LinearBoard, plan: TransientPlan) -> Waveforms:
 
     stop, initial = plan.grown, plan.transient.initial
     try:
-        return simulate(board, Transient(stop, stop / GROWING, initial=initial))
+        return simulate(linear, Transient(stop, stop / GROWING, initial=initial))
     except EngineError:
-        if board.descriptor.is_large:
+        if linear.descriptor.is_large:
             raise
-    solution = exact_solution(board, initial=initial, linearised=True)
+    solution = exact_solution(linear, initial=initial, linearised=True)
     times = np.linspace(0.0, stop, GROWING + 1)
     cost, flag = Cost(0.0, len(times), 1), "the record is that of the linearised board"
     values, method = solution.at(times), "exact, linearised"
@@ -284,9 +264,9 @@ def growing_record(board: LinearBoard, plan: TransientPlan) -> Waveforms:
     )
 
 
-def _ngspice(design: PlannedBoard) -> Callable[[], Waveforms]:
-    circuit, analysis, plan = design.circuit, design.transient, design.plan
-    timeout = design.scene.analysis.timeout
+def _ngspice(board: Board) -> Waiting:
+    """Start ngspice; where its fastest solver fails at the start, its older one runs, too."""
+    analysis, plan, timeout = board.transient, board.plan, board.scene.analysis.timeout
     if plan.seconds > SLOWER * timeout:
         raise TimedOut(
             f"ngspice would need about {plan.seconds:.2g} s for {plan.forecast.steps:.2g} steps;"
@@ -296,10 +276,10 @@ def _ngspice(design: PlannedBoard) -> Callable[[], Waveforms]:
     from taction.verification.engines.ngspice.process import Run, start
 
     simulator = find_simulator()
-    bound = PHYSICAL_BOUND * circuit.value("U0")
+    bound = PHYSICAL_BOUND * board.circuit.value("U0")
 
     def run(solver: str) -> Run:
-        deck = write_deck(circuit, analysis, solver=solver)
+        deck = write_deck(board.circuit, analysis, solver=solver)
         return start(deck, simulator, timeout=timeout, bound=bound)
 
     first = run(simulator.solver_option)
@@ -324,25 +304,25 @@ def _at_the_start(error: StepTooSmall, analysis: Transient) -> bool:
     return not isinstance(partial, Waveforms) or partial.time[-1] < 1e-3 * analysis.stop
 
 
-def _statespace(design: PlannedBoard) -> Callable[[], Waveforms]:
+def _statespace(board: Board) -> Waiting:
+    """Simulate by the state-space engine; the points of an exact solution are found when asked."""
     from taction.verification.engines.statespace.transients.simulate import simulate
 
-    board, plan = design.board, design.plan
-    analysis = plan.transient
+    linear, plan, analysis = board.linear, board.plan, board.transient
     ends = np.array([0.0, analysis.stop])
 
     def fill() -> Waveforms:
         nodes, stepped = watched_nodes(board.circuit), not (board.circuit.is_linear or plan.growing)
-        times = ends if stepped else plan.instants(board)
+        times = ends if stepped else plan.instants(linear)
         return simulate(
-            board, analysis, times=times, tolerance=plan.tolerance, beside=nodes, resolved=stepped
+            linear, analysis, times=times, tolerance=plan.tolerance, beside=nodes, resolved=stepped
         )
 
     if plan.growing:
         analysis = replace(analysis, max_step=min(analysis.max_step, analysis.stop / GROWING))
     try:
-        if is_exact(board) and not plan.growing:  # measured on the solution, not on its points
-            waveforms = replace(simulate(board, analysis, times=ends), fill=fill)
+        if is_exact(linear) and not plan.growing:  # measured on the solution, not on its points
+            waveforms = replace(simulate(linear, analysis, times=ends), fill=fill)
         else:
             waveforms = fill()
     except DivergesError as error:
@@ -352,40 +332,36 @@ def _statespace(design: PlannedBoard) -> Callable[[], Waveforms]:
     return lambda: waveforms
 
 
-def _statespace_together(
-    designs: Sequence[PlannedBoard],
-) -> list[Callable[[], Waveforms] | None]:
-    found: list[Callable[[], Waveforms] | None] = [None] * len(designs)
-    chosen = [k for k, design in enumerate(designs) if _is_stepped(design)]
+def _statespace_together(boards: Sequence[Board]) -> list[Waiting | None]:
+    """Integrate the boards that take steps in one go; None for each other board."""
+    found: list[Waiting | None] = [None] * len(boards)
+    chosen = [
+        k
+        for k, board in enumerate(boards)
+        if not (board.circuit.is_linear or board.linear.descriptor.is_large or board.plan.growing)
+    ]
     if not chosen:
         return found
     from taction.verification.engines.statespace.transients.stepped import Task, simulate_together
 
     tasks = [
-        Task(design.board, design.plan.transient, None, np.array([0.0, design.transient.stop]),
-             design.plan.tolerance, watched_nodes(design.circuit), resolved=True)
-        for design in (designs[k] for k in chosen)
+        Task(board.linear, board.transient, None, np.array([0.0, board.transient.stop]),
+             board.plan.tolerance, watched_nodes(board.circuit), resolved=True)
+        for board in (boards[k] for k in chosen)
     ]  # fmt: skip
     for k, record in zip(chosen, simulate_together(tasks, halves=True), strict=True):
         if isinstance(record, Waveforms):
-            found[k] = partial(_known, record)
+            found[k] = partial(replace, record)
     return found
 
 
-def _is_stepped(design: PlannedBoard) -> bool:
-    board = design.board
-    return not board.circuit.is_linear and not (board.descriptor.is_large or design.plan.growing)
-
-
-def _known(waveforms: Waveforms) -> Waveforms:
-    return waveforms
-
-
-def _statespace_error(design: PlannedBoard, waveforms: Waveforms) -> StateSpaceError:
-    wanted = design.wanted if design.circuit.is_linear else design.reading_error
-    if waveforms.time[-1] < design.transient.stop * (1.0 - 1e-9):
+def _statespace_error(board: Board, waveforms: Waveforms) -> StateSpaceError:
+    """Bound the error of a record, which is halved until it is what checks and readings want."""
+    allowed = board.plan.wanted
+    wanted = board.volts(allowed if board.circuit.is_linear else min(allowed, FOUND))
+    if waveforms.time[-1] < board.transient.stop * (1.0 - 1e-9):
         wanted = math.inf  # it diverges, and so do two runs of it
-    return state_space_error(design.board, waveforms, wanted)
+    return state_space_error(board.linear, waveforms, wanted)
 
 
 OWN = {

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -30,40 +30,9 @@ from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     initial_unknowns,
 )
-from taction.verification.engines.statespace.linearised.state_space import StateSpace
-
-Array = TypeVar("Array", Floats, Complexes)
 
 TINY = 1e-280  # in the place of zero
 LARGEST = 300.0  # exponent
-
-
-def slip(step: Floats, poles: Complexes) -> Complexes:
-    """Return ``(log((1 + z) / (1 - z)) - 2 z) / step`` with ``z = step poles / 2``, Im z >= 0.
-
-    Functions of real numbers take a third of the time of a complex logarithm. A step of exactly
-    ``-2 / p`` removes a mode p; its logarithm is limited to that of `TINY`.
-    """
-    x, y = 0.5 * step * poles.real, 0.5 * step * poles.imag
-    square = y * y
-    before, after = (1.0 + x) ** 2 + square, (1.0 - x) ** 2 + square
-    decay = 0.5 * np.log(np.maximum(before / after, TINY)) - 2.0 * x
-    turn = np.arctan2(2.0 * y, 1.0 - x * x - square) - 2.0 * y
-    return np.asarray((decay + 1j * turn) / step)
-
-
-def integral(rate: Array, time: Floats) -> Array:
-    """Integrate `rate`, (T,) or (T, n), over `time` by the trapezoidal rule; the same shape."""
-    found = np.zeros_like(rate)
-    np.cumsum((0.5 * (rate[1:] + rate[:-1])).T * np.diff(time), axis=-1, out=found[1:].T)
-    return found
-
-
-def limited_exp(exponents: Complexes) -> Complexes:
-    """Return the exponential, limited to ``exp(LARGEST)``."""
-    return np.asarray(np.exp(np.minimum(exponents.real, LARGEST) + 1j * exponents.imag))
-
-
 CKTTERR = 72.0  # 12 of the trapezoidal rule's local error times 3! of the divided difference
 INSTANTS = 240  # number of instants of the forecast, in geometric progression
 EARLIEST = 0.01  # of the fastest time constant: the first instant after 0
@@ -97,10 +66,6 @@ class StepForecast:
     steps: float  # number of accepted steps
     error: float  # largest error of any output at any time, in step amplitudes
 
-    def rank(self, error: float) -> tuple[float, float]:
-        """Return a sort key: the error if it exceeds `error`, then the number of steps."""
-        return max(self.error, error), self.steps
-
 
 @dataclass(frozen=True, eq=False)
 class StepModel:
@@ -131,10 +96,12 @@ class StepModel:
         """
         coarse = board.descriptor.is_large
         board = board.coarse if coarse else board
-        space, equations = board.state_space, board.descriptor
+        space, equations, rest = board.state_space, board.descriptor, board.equilibrium.values
         C, _ = space.rows(equations.names)
-        deviation = initial_unknowns(board, initial) - board.equilibrium.values
-        poles, modes = _modes(space, C, deviation)
+        deviation = initial_unknowns(board, initial) - rest
+        kept = space.modes.centres.imag >= 0.0  # one of each conjugate pair, which counts twice
+        poles, modes = space.modes.centres[kept], space.modes.shares(C, deviation).amplitudes.T
+        modes = np.where(poles.imag > 0.0, 2.0, 1.0)[:, None] * modes[kept]
         if coarse and stable:
             poles = -np.abs(poles.real) + 1j * poles.imag
         farads = np.ones(equations.size)
@@ -149,13 +116,14 @@ class StepModel:
         if amplitude <= UNSEEN * largest:  # the outputs return to where they were
             amplitude = largest or 1.0
         shown = np.abs(shares).max(axis=1, initial=0.0) > UNSEEN * amplitude
+        earliest = min(EARLIEST / float(np.abs(poles).max(initial=1.0 / stop)), 0.5 * stop)
         return cls(
-            time=_instants(poles, stop),
+            time=np.concatenate([[0.0], np.geomspace(earliest, stop, INSTANTS)]),
             poles=poles[shown],
             shares=shares[shown] / amplitude,
             all_poles=poles,
             charges=charges[:, charged],
-            rest=(board.equilibrium.values @ held)[charged],
+            rest=(rest @ held)[charged],
             charge=CHARGE * board.circuit.charged_capacitance * amplitude,
             amplitude=amplitude,
         )
@@ -248,15 +216,15 @@ class StepModel:
 
         If no step control does, return the one with the smallest error.
         """
-        stop = float(self.time[-1])
-        best = self._reach(error, stop / FEWEST_STEPS[0], 1e-6)
-        for fewest in FEWEST_STEPS[1:]:
-            if best.error > error or best.steps > 2.0 * fewest:
-                candidate = self._reach(error, stop / fewest, best.truncation)
-                best = min(best, candidate, key=lambda forecast: forecast.rank(error))
-        return best
+        stop, found = float(self.time[-1]), list[StepForecast]()
+        for fewest in FEWEST_STEPS:
+            best = min(found, key=lambda each: (max(each.error, error), each.steps), default=None)
+            if best is None or best.error > error or best.steps > 2.0 * fewest:
+                first = 1e-6 if best is None else best.truncation
+                found.append(self._within(error, stop / fewest, first))
+        return min(found, key=lambda each: (max(each.error, error), each.steps))
 
-    def _reach(self, error: float, max_step: float, truncation: float) -> StepForecast:
+    def _within(self, error: float, max_step: float, truncation: float) -> StepForecast:
         """Search the largest truncation error whose forecast stays within `error`."""
         low, high, best = LEAST, MOST, None
         for _ in range(TRIES):
@@ -264,7 +232,7 @@ class StepModel:
             if forecast.error <= error:
                 low, best = truncation, forecast
                 if forecast.error >= CLOSE * error or truncation >= MOST:
-                    return forecast
+                    break
             else:
                 high = truncation
             ratio = SEARCH_AIM * error / max(forecast.error, TINY)
@@ -276,14 +244,23 @@ class StepModel:
         return best or forecast
 
 
-def _modes(space: StateSpace, C: Floats, deviation: Floats) -> tuple[Complexes, Complexes]:
-    """Return poles (n,), one of each conjugate pair, and their amplitudes in ``C x``, (n, K)."""
-    poles, amplitudes = space.modes.centres, space.modes.shares(C, deviation).amplitudes.T
-    kept = poles.imag >= 0.0
-    twice = np.where(poles[kept].imag > 0.0, 2.0, 1.0)[:, None]
-    return poles[kept], twice * amplitudes[kept]
+def slip(step: Floats, poles: Complexes) -> Complexes:
+    """Return ``(log((1 + z) / (1 - z)) - 2 z) / step`` with ``z = step poles / 2``, Im z >= 0.
+
+    A step of exactly ``-2 / p`` removes a mode p; its logarithm is limited to that of `TINY`.
+    """
+    z = 0.5 * step * poles
+    ratio = (1.0 + z) / (1.0 - z)
+    return np.asarray((np.log(np.where(ratio == 0.0, TINY, ratio)) - 2.0 * z) / step)
 
 
-def _instants(poles: Complexes, stop: float) -> Floats:
-    earliest = min(EARLIEST / float(np.abs(poles).max(initial=1.0 / stop)), 0.5 * stop)
-    return np.concatenate([[0.0], np.geomspace(earliest, stop, INSTANTS)])
+def integral(rate: Any, time: Floats) -> Any:
+    """Integrate `rate`, (T,) or (T, n), over `time` by the trapezoidal rule; the same shape."""
+    found = np.zeros_like(rate)
+    np.cumsum((0.5 * (rate[1:] + rate[:-1])).T * np.diff(time), axis=-1, out=found[1:].T)
+    return found
+
+
+def limited_exp(exponents: Complexes) -> Complexes:
+    """Return the exponential, limited to ``exp(LARGEST)``."""
+    return np.asarray(np.exp(np.minimum(exponents.real, LARGEST) + 1j * exponents.imag))

@@ -64,6 +64,11 @@ class TransientPlan:
     curved: bool = False  # whether the board has behavioural amplifiers or transistors
 
     @property
+    def by_steps(self) -> bool:
+        """Whether the engine takes the steps of the forecast; not one that bounds its own error."""
+        return self.forecast is not NO_STEPS
+
+    @property
     def tolerance(self) -> float:
         """Tolerance of the state-space engine's steps, in step amplitudes."""
         most = CURVED_TOLERANCE if self.curved else math.inf

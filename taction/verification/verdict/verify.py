@@ -1,6 +1,8 @@
-"""Verify a scene: circuit, deck, waveforms, measurements, checks, verdict.
+"""Verify a scene: build its board, simulate it, read the record, judge the readings.
 
-Of several scenes, boards that are alike are built and read together.
+    build -> simulate -> read -> judge -> Verdict
+
+Several scenes take the same way; what boards can compute in one go is computed before.
 """
 
 from __future__ import annotations
@@ -27,34 +29,17 @@ from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     parts_of,
 )
-from taction.verification.readings.exact_measures import ExactResponse
-from taction.verification.readings.measurements import Measurements
-from taction.verification.reference.ideal_answer import (
-    EnergyRise,
-    IdealAnswer,
-    energy_rise,
-    ideal_answer,
-)
-from taction.verification.stability.margin import (
-    REACH,
-    Margin,
-    MarginSearch,
-    find_margin,
-    margins_together,
-)
+from taction.verification.reference.ideal_answer import EnergyRise, IdealAnswer, energy_rise
 from taction.verification.verdict.answer_error import AnswerError, BuiltBoards
+from taction.verification.verdict.board import Board, find_margins
+from taction.verification.verdict.build import build
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
-from taction.verification.verdict.companion import (
-    beside_steps,
-    exact_response,
-)
 from taction.verification.verdict.error_budget import ErrorBudget, error_budget
+from taction.verification.verdict.measure import StepError
 from taction.verification.verdict.output_noise import OutputNoise
-from taction.verification.verdict.plan_board import design_board, planned_board, synthesised_board
-from taction.verification.verdict.planned_board import PlannedBoard, SteadyState, UnplannedBoard
-from taction.verification.verdict.recording import Accuracy, Recording, finest, record_and_measure
+from taction.verification.verdict.run import Accuracy, Run, finest, observe
 from taction.verification.verdict.run_checks import could_be_finer, run_checks
-from taction.verification.verdict.simulation import ENGINES, Pending, begin, begin_together
+from taction.verification.verdict.simulation import Waiting, begin, begin_together
 from taction.verification.verdict.warnings import all_warnings, find_contradiction, missing_witness
 
 if TYPE_CHECKING:
@@ -76,8 +61,7 @@ class Verdict(Evidence, Result):
     CARD = "Verdict"
     DOCUMENT = "taction.verification.report.documents.verdict:VerdictBody.of"
 
-    recording: Recording
-    ideal: IdealAnswer
+    run: Run
     checks: tuple[Check, ...]
     timing: dict[str, float]
 
@@ -87,39 +71,49 @@ class Verdict(Evidence, Result):
         return overall(self.checks)
 
     @property
+    def board(self) -> Board:
+        """The board, with the plan of the record."""
+        return self.run.board
+
+    @property
     def scene(self) -> Scene:
         """The scene, with a number for lambda."""
-        return self.recording.design.scene
+        return self.board.scene
 
     @property
     def problem(self) -> InverseProblem:
         """The problem of the scene."""
-        return self.recording.design.problem
+        return self.board.problem
+
+    @property
+    def ideal(self) -> IdealAnswer:
+        """The reference solution."""
+        return self.board.ideal
 
     @property
     def circuit(self) -> Circuit:
         """The circuit of the board."""
-        return self.recording.design.circuit
+        return self.board.circuit
 
     @property
     def transient(self) -> Transient:
         """The transient that was simulated."""
-        return self.recording.design.transient
+        return self.board.transient
 
     @property
     def waveforms(self) -> Waveforms:
         """The record, with the remarks of the engine."""
-        return self.recording.waveforms
+        return self.run.waveforms
 
     @property
     def u(self) -> Floats:
         """Outputs over time, V, (P, N)."""
-        return self.recording.u
+        return self.run.u
 
     @property
     def accuracy(self) -> Accuracy:
         """The error of the transient over all time."""
-        return self.recording.accuracy
+        return self.run.accuracy
 
     @cached_property
     def _failures(self) -> list[str]:
@@ -140,26 +134,22 @@ class Verdict(Evidence, Result):
     @cached_property
     def answer(self) -> AnswerError:
         """The errors of the answer, of the board as drawn, and of boards as built."""
-        found, design = self.drawn_answer, self.recording.design
+        found, board = self.drawn_answer, self.board
         if found.board is None:
             return found
-        built = self._detail(
-            "the error of built boards", partial(BuiltBoards.of, design, self), None
-        )
-        return replace(found, built=built)
+        find = partial(BuiltBoards.of, board, self)
+        return replace(found, built=self._detail("the error of built boards", find, None))
 
     @cached_property
     def energy(self) -> EnergyRise | None:
         """Where the energy rises along the record; None where it is not known."""
-        network, time = self.recording.design.network, self.waveforms.time
+        network, time = self.board.network, self.waveforms.time
         return self._detail("the energy", lambda: energy_rise(network, time, self.u), None)
 
     @cached_property
     def budget(self) -> ErrorBudget:
         """The parts of the difference of the record's end and the true stress."""
-        ways = self.noise, self.spread
-        find = partial(error_budget, self.recording, self.ideal, self.answer, *ways)
-        return self._detail("the error budget", find, ErrorBudget())
+        return self._detail("the error budget", partial(error_budget, self), ErrorBudget())
 
     @cached_property
     def active_sets(self) -> tuple[VisitedSet, ...]:
@@ -169,7 +159,7 @@ class Verdict(Evidence, Result):
             return nothing
         from taction.verification.verdict.active_sets import visited_sets
 
-        return self._detail("the active sets", partial(visited_sets, self.recording), nothing)
+        return self._detail("the active sets", partial(visited_sets, self.run), nothing)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
@@ -195,9 +185,8 @@ class Verdict(Evidence, Result):
             circuit.values,
             f"op-amp {opamp_words(self.scene.design.opamp)}",
         )
-        engine = self.recording.ends.engine
         words = ", ".join(filter(None, parts))
-        return f"Verdict({self.scene.name!r}, {outcome}, {engine}; {words})"
+        return f"Verdict({self.scene.name!r}, {outcome}, {self.run.ends.engine}; {words})"
 
 
 def verify(
@@ -236,76 +225,57 @@ def verify(
     """
     clock = Clock(progress)
     with clock.listening():
-        design = design_board(scene, clock, problem=problem, circuit=circuit)
-        clock.begin("simulation", remark=design.plan.remark)
-        pending = begin(design)
-        clock.begin("reference", beside="simulation")
-        ideal = ideal or ideal_answer(design.network, design.scene)
-        search = margin_search(design, full_margin)
-        evidence = gather_evidence(design, ideal, pending, clock, search)
-        return judged(evidence, ideal, clock)
+        board = build(scene, clock, problem=problem, circuit=circuit, ideal=ideal,
+                      full_margin=full_margin)  # fmt: skip
+        clock.begin("simulation", remark=board.plan.remark)
+        pending = begin(board)
+        return conclude(board, pending, clock)
 
 
-def margin_search(design: PlannedBoard, full_margin: bool) -> MarginSearch | None:
-    """Return the search for the stability margin; None if the scene asks for none."""
-    required = design.scene.checks.stability.margin
-    reach = max(required, REACH) if full_margin else required
-    return MarginSearch(design.board, reach=reach, found=design.poles) if required > 1.0 else None
-
-
-def gather_evidence(
-    design: PlannedBoard,
-    ideal: IdealAnswer,
-    pending: Pending | None,
-    clock: Clock,
-    search: MarginSearch | None,
-    known: Measurements | None = None,
-    margin: Margin | None = None,
-) -> Evidence:
-    """Measure the record, and gather what is judged; measurements and margin may be known.
-
-    What needs no record is computed while the simulation runs.
-    """
-    steady = SteadyState.of(design.board, design.scales)
-    if search is not None and margin is None:
-        margin = find_margin(search.board, reach=search.reach, found=search.found)
-    parts, noise, spread = design.loads(), OutputNoise.of(design), design.spread()
-    recording = record_and_measure(design, ideal, pending, clock, known)
-    return Evidence(
-        limits=design.scene.checks,
-        measurements=recording.measurements,
-        error=recording.error,
-        steady=steady,
-        end=float(recording.ends.time[-1]),
-        forever=recording.forever,
-        wanted=recording.design.plan.wanted,
-        agreement=recording.agreement,
-        poles=design.poles,
-        margin=margin,
-        reference_error=ideal.error,
-        reference_problem=ideal.problem,
-        contradiction=find_contradiction(design.circuit, ideal, recording.first_and_last[0]),
-        parts=parts,
-        noise=noise,
-        spread=spread,
-        unwitnessed=missing_witness(design.circuit, design.engine),
-        recording=recording,
-    )
-
-
-def judged(evidence: Evidence, ideal: IdealAnswer, clock: Clock) -> Verdict:
-    """Judge the evidence of a scene.
+def conclude(board: Board, pending: Waiting | None, clock: Clock) -> Verdict:
+    """Read the record of a board whose simulation may run, and judge the readings.
 
     Where an error touches a limit that could be smaller, the finest readings are judged.
     """
+    evidence = read(board, pending, clock)
     checks = run_checks(evidence)
-    if evidence.recording is not None and could_be_finer(evidence, checks):
-        measured, error = finest(evidence.recording, ideal)
+    if evidence.run is not None and could_be_finer(evidence, checks):
+        measured, error = finest(evidence.run)
         evidence = replace(evidence, measurements=measured, error=error)
         checks = run_checks(evidence)
     clock.end()
     facts = {each.name: getattr(evidence, each.name) for each in fields(Evidence)}
-    return Verdict(**facts, ideal=ideal, checks=checks, timing=clock.seconds)
+    return Verdict(**facts, checks=checks, timing=clock.seconds)
+
+
+def read(board: Board, pending: Waiting | None, clock: Clock) -> Evidence:
+    """Return all that is judged; what needs no record is computed while the simulation runs."""
+    clock.begin("reference", beside="simulation")
+    ideal, steady, margin = board.ideal, board.steady, board.margin
+    if isinstance(margin, TactionError):
+        raise margin
+    parts, noise, spread = board.loads, OutputNoise.of(board), board.spread
+    run, measurements, forever = observe(board, pending, clock)
+    return Evidence(
+        limits=board.scene.checks,
+        measurements=measurements,
+        error=StepError.of(measurements, run.error[1]),
+        steady=steady,
+        end=float(run.ends.time[-1]),
+        forever=forever,
+        wanted=run.board.plan.wanted,
+        agreement=run.beside,
+        poles=board.poles,
+        margin=margin,
+        reference_error=ideal.error,
+        reference_problem=ideal.problem,
+        contradiction=find_contradiction(board.circuit, ideal, run.first_and_last[0]),
+        parts=parts,
+        noise=noise,
+        spread=spread,
+        unwitnessed=missing_witness(board.circuit, board.engine),
+        run=run,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -318,25 +288,23 @@ class Request:
     ideal: IdealAnswer | None = None
     full_margin: bool = True
 
+    def build(self, clock: Clock) -> Board:
+        """Return the board; errors as `verify`."""
+        return build(self.scene, clock, problem=self.problem, circuit=self.circuit,
+                     ideal=self.ideal, full_margin=self.full_margin)  # fmt: skip
+
     def verdict(self) -> Verdict:
         """Return the verdict of this board alone; errors as `verify`."""
-        return verify(
-            self.scene,
-            problem=self.problem,
-            circuit=self.circuit,
-            ideal=self.ideal,
-            full_margin=self.full_margin,
-        )
+        return verify(self.scene, problem=self.problem, circuit=self.circuit, ideal=self.ideal,
+                      full_margin=self.full_margin)  # fmt: skip
 
 
 BRIEF = 1.0  # s: a longer run of ngspice gains nothing, and is not repeated if it fails
 TOGETHER = 600_000  # squared numbers of parts of the boards that are computed together
 
-Built = tuple[Request, UnplannedBoard, Clock]
-
 
 def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]]:
-    """Verify scenes; boards that are alike are built, and simulated or read if exact, in one go.
+    """Verify scenes; the margins and the steps of their boards are computed in one go.
 
     Yields
     ------
@@ -352,49 +320,28 @@ def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]
     >>> place, verdict.outcome is taction.verify(scene).outcome
     (0, True)
     """
-    built, size = dict[int, Built](), 0
+    boards, size = dict[int, tuple[Board, Clock]](), 0
     for place, request in enumerate(requests):
         clock = Clock(lambda stage: None)
         with suppress(Exception):
-            board = synthesised_board(
-                request.scene, clock, problem=request.problem, circuit=request.circuit
-            )
+            board = request.build(clock)
             clock.pause()
-            built[place] = request, board, clock
-            size += parts_of(board.board) ** 2
-        if size > TOGETHER:
-            yield from _verified(built)
-            built, size = {}, 0
-    yield from _verified(built)
+            brief = not board.linear.descriptor.is_large and board.plan.seconds < BRIEF
+            if brief and board.ideal is not None:  # else it raises here
+                boards[place] = board, clock
+                size += parts_of(board.linear) ** 2
+        if size > TOGETHER or place == len(requests) - 1:
+            yield from _concluded(boards)
+            boards, size = {}, 0
 
 
-def _verified(built: dict[int, Built]) -> Iterator[tuple[int, Verdict]]:
-    """Yield the verdicts of boards whose run is brief; their readings and margins are known."""
-    designs = dict[int, tuple[PlannedBoard, IdealAnswer, MarginSearch | None]]()
-    responses = dict[int, ExactResponse]()
-    for place, (request, board, clock) in built.items():
-        with suppress(Exception):
-            design = planned_board(board, clock)
-            if design.board.descriptor.is_large or design.plan.seconds >= BRIEF:
-                continue
-            ideal = request.ideal or ideal_answer(design.network, design.scene)
-            response = exact_response(design, ideal)
-            if response is not None and response.is_stable:
-                bounds_itself = ENGINES[design.engine].error is not None
-                responses[place] = response if bounds_itself else beside_steps(response)
-            designs[place] = design, ideal, margin_search(design, request.full_margin)
-            clock.pause()
-    searches = {k: search for k in responses if (search := designs[k][2]) is not None}
-    margins = dict(zip(searches, margins_together([*searches.values()]), strict=True))
-    readings = {place: response.measured() for place, response in responses.items()}
-    runs = begin_together([design for design, _, _ in designs.values()])
-    for run, (place, (design, ideal, search)) in zip(runs, designs.items(), strict=True):
-        clock, margin = built[place][2], margins.get(place)
-        if isinstance(margin, TactionError):
-            continue
+def _concluded(built: dict[int, tuple[Board, Clock]]) -> Iterator[tuple[int, Verdict]]:
+    """Yield the verdicts of boards, those that there are."""
+    boards = [board for board, _ in built.values()]
+    find_margins(boards)
+    for pending, (place, (board, clock)) in zip(begin_together(boards), built.items(), strict=True):
         try:
-            known = search, readings.get(place), margin
-            verdict = judged(gather_evidence(design, ideal, run, clock, *known), ideal, clock)
+            verdict = conclude(board, pending, clock)
         except Exception as error:  # alone it says why, with a run folder of its own
             if isinstance(folder := getattr(error, "folder", None), Path):
                 remove_own_folder(folder)

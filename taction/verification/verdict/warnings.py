@@ -28,18 +28,18 @@ WELL_ABOVE = 10.0  # a tolerance should be this many times the error of the simu
 
 def all_warnings(evidence: Evidence) -> tuple[str, ...]:
     """Return the warnings of the scene, the parts, the plan, the engine and the readings."""
-    recording = evidence.recording
-    if recording is None:
+    run = evidence.run
+    if run is None:
         return find_warnings(evidence)
-    design = recording.design
+    board = run.board
     remarks = (
-        *questions(design.scene),
-        *recording.ends.flags,
-        *design.plan.notes,
-        *part_warnings(design.circuit, design.rest),
-        *stuck_cells(design.circuit),
-        *notes(design.circuit),
-        *not_known(design.circuit.models.values()),
+        *questions(board.scene),
+        *run.ends.flags,
+        *board.plan.notes,
+        *part_warnings(board.circuit, board.rest),
+        *stuck_cells(board.circuit),
+        *notes(board.circuit),
+        *not_known(board.circuit.models.values()),
     )
     return find_warnings(evidence, remarks)
 

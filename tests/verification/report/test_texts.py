@@ -102,7 +102,7 @@ def verdict() -> Verdict:
     every = slice(None, None, 40)  # enough points to draw
     waves = found.waveforms
     waves = replace(waves, time=waves.time[every], values=waves.values[every])
-    return replace(found, recording=replace(found.recording, ends=waves))
+    return replace(found, run=replace(found.run, ends=waves))
 
 
 def test_a_document_is_plain_and_counts_channels_from_one() -> None:

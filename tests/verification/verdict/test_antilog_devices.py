@@ -20,13 +20,12 @@ from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.spice_models.transistor import load_pairs
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
-from taction.system.progress import Clock
 from taction.verification.engines.ngspice.process import find_simulator, start
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.simulate import simulate
+from taction.verification.verdict.build import build
 from taction.verification.verdict.output_noise import OutputNoise
-from taction.verification.verdict.plan_board import design_board
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.paths import SCENES
 
@@ -180,7 +179,7 @@ def test_ngspice_has_the_same_noise(ngspice: str) -> None:
     scene = load_scene(PATH)
     checks = scene.checks.model_copy(update={"noise": NoiseCheck(max=1e-3)})
     scene = scene.model_copy(update={"checks": checks})
-    noise = OutputNoise.of(design_board(scene, Clock(lambda stage: None)))
+    noise = OutputNoise.of(build(scene))
     assert noise.simulated is not None
     assert noise.largest == pytest.approx(1.383e-4, rel=0.01)
     assert noise.difference < 1e-4 * noise.largest

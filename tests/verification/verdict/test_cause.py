@@ -17,7 +17,7 @@ from taction.verification.readings.readings import Reading
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.verdict.cause import Cause, cause, causes, following
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.companion import StepError, bounded, step_error
+from taction.verification.verdict.measure import StepError, bounded
 from taction.verification.verdict.run_checks import run_checks
 from taction.verification.verdict.warnings import find_contradiction, find_warnings
 from tests.support.making import make_scene, matrix_problem
@@ -109,7 +109,7 @@ def test_an_error_is_the_difference_and_the_doubt_of_the_better_reading() -> Non
     other = better(1e-4, rise_time=Reading(9e-6, 2e-8))
     found = bounded(record, other)
     assert found.channels[0].rise_time.uncertainty == pytest.approx(1.02e-6)
-    error = step_error(found, 3e-4)
+    error = StepError.of(found, 3e-4)
     assert error.readings["rise_time"] == pytest.approx(1.02e-6)
     assert error.readings["overshoot"] == pytest.approx(1.1e-3)
     assert error.readings["undershoot"] == pytest.approx(1e-4)
@@ -130,7 +130,7 @@ def test_every_channel_has_the_error_of_its_own_excursions() -> None:
 
 def test_ends_are_fractions_of_the_step() -> None:
     record = measured(channel(0), channel(1), amplitude=2.0)
-    assert step_error(record, 0.2).steady_state == pytest.approx(0.1)
+    assert StepError.of(record, 0.2).steady_state == pytest.approx(0.1)
 
 
 def test_the_network_settles_with_its_last_channel_within_the_bounds_of_all() -> None:
@@ -159,12 +159,12 @@ def test_a_reading_that_only_one_solution_has_is_infinitely_uncertain() -> None:
     assert record.settling_time.uncertainty == math.inf
     neither = bounded(measured(channel(rise_time=None)), better(rise_time=None))
     assert neither.channels[0].rise_time is None
-    assert step_error(neither, 0.0).readings["rise_time"] == 0.0
+    assert StepError.of(neither, 0.0).readings["rise_time"] == 0.0
 
 
 def test_without_another_solution_nothing_is_known() -> None:
     record = bounded(measured(channel()), None)
-    found = step_error(record, math.inf)
+    found = StepError.of(record, math.inf)
     assert {found.steady_state, *found.readings.values()} == {math.inf}
 
 

@@ -299,10 +299,10 @@ def test_parts_and_volts() -> None:
     """
     found = pruning_of(small(0.01, unit_voltage=2.0))
     assert (found.resistors, found.opamps) == (8 + 1 + 6, 4)
-    assert found.effect.entries == 4
-    assert 0.0 < found.effect.change < found.effect.bound
+    assert found.entries == 4
+    assert 0.0 < found.change < found.bound
     once = pruning_of(small(0.01))
-    assert found.effect.change == pytest.approx(2.0 * once.effect.change, rel=1e-9)
+    assert found.change == pytest.approx(2.0 * once.change, rel=1e-9)
     assert "saves 15 resistors and 4 op-amps" in found.text
 
 

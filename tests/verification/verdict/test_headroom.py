@@ -18,7 +18,6 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
-from taction.system.progress import Clock
 from taction.verification.engines.ngspice.process import find_simulator, simulate
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -27,23 +26,23 @@ from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.answer_view import check_bar
 from taction.verification.report.views.verdict_view import view
+from taction.verification.verdict.board import Board
 from taction.verification.verdict.board_power import board_power
+from taction.verification.verdict.build import build
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.headroom import Load, PartLoads
-from taction.verification.verdict.plan_board import design_board
-from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.simulation import begin, own_error
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
 from tests.support.paths import CASES, SCENES
 
 
-def designed(scene: Scene) -> PlannedBoard:
-    return design_board(scene, Clock(lambda stage: None))
+def designed(scene: Scene) -> Board:
+    return build(scene)
 
 
-def loads_of(design: PlannedBoard) -> tuple[Load, ...]:
-    return PartLoads.of(design.board, transient=design.transient).loads
+def loads_of(design: Board) -> tuple[Load, ...]:
+    return PartLoads.of(design.linear, transient=design.transient).loads
 
 
 def worst(loads: tuple[Load, ...], quantity: str) -> Load:
@@ -108,8 +107,8 @@ def current_at(circuit: Circuit, voltages: dict[str, float], node: str) -> float
 
 def test_a_current_at_rest_is_that_of_kirchhoff() -> None:
     design = designed(board())
-    equilibrium = design.board.equilibrium
-    voltages = {name: equilibrium[name] for name in design.board.descriptor.names} | {"0": 0.0}
+    equilibrium = design.linear.equilibrium
+    voltages = {name: equilibrium[name] for name in design.linear.descriptor.names} | {"0": 0.0}
     load = worst(loads_of(design), "current")
     cell = next(cell for cell in design.circuit.opamps if cell.name == load.part)
     expected = current_at(design.circuit, voltages, cell.output)
@@ -120,7 +119,7 @@ def test_a_current_at_rest_is_that_of_kirchhoff() -> None:
 def test_loads_follow_the_limits(amplifier: str) -> None:
     whole, half = (
         PartLoads.of(
-            (d := designed(board(amplifier, opamp=opamp))).board, transient=d.transient
+            (d := designed(board(amplifier, opamp=opamp))).linear, transient=d.transient
         ).loads
         for opamp in (
             {"base": "tl084", "level": "small-signal"},
@@ -150,15 +149,15 @@ def test_loads_and_record_of_a_board_by_steps_are_of_one_integration(
     small = {"base": "tl084", "level": "small-signal"}
     design = designed(board("exponential", opamp=small).with_engine("statespace"))
     assert not design.circuit.is_linear
-    loads, record = design.loads().loads, begin(design).result()
+    loads, record = design.loads.loads, begin(design)()
     assert len(begun) == 1
-    assert own_error(design, record).volts < design.wanted
+    assert own_error(design, record).volts < design.volts(design.plan.wanted)
     assert len(begun) == 2
     cells = {cell.name: cell.output for cell in design.circuit.opamps}
     stop = design.transient.stop
     times = np.concatenate([[0.0], np.geomspace(1e-6 * stop, stop, 4000)])
     fine = stepped.simulate(
-        design.board, design.transient, nodes=cells.values(), times=times, tolerance=1e-10
+        design.linear, design.transient, nodes=cells.values(), times=times, tolerance=1e-10
     )
     highest = dict(zip(cells, np.abs(fine.values).max(axis=0), strict=True))
     found = worst(loads, "voltage")
@@ -275,7 +274,7 @@ def test_what_the_supplies_deliver_is_dissipated(amplifier: str) -> None:
 
 def built(scene: Scene, level: str = "auto") -> LinearBoard:
     scene = with_values(scene, {"design.opamp.level": level})
-    return design_board(scene, Clock(lambda stage: None)).board
+    return build(scene).linear
 
 
 def test_the_level_changes_neither_the_equilibrium_nor_the_poles() -> None:

@@ -264,12 +264,6 @@ def test_mistakes_in_the_surroundings_are_named(design: dict[str, Any], text: st
     assert text in str(caught.value)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_boards_that_differ_in_capacitances_alone_share_their_spread(kind: str) -> None:
-    one, other = (InputSpread.of(LinearBoard(board(kind, capacitance=C))) for C in ("1nF", "2.2nF"))
-    assert one is other
-
-
 @pytest.mark.parametrize(
     "changed",
     [

@@ -170,12 +170,6 @@ def test_the_check(
     assert (check.value, check.unit, check.expected) == (rms, "V", 1e-3)
 
 
-def test_an_unknown_noise_decides_nothing() -> None:
-    check = check_of(OutputNoise(unknown="the board is too large"))
-    assert check.outcome is Outcome.INCONCLUSIVE
-    assert check.reason == "the board is too large"
-
-
 @pytest.mark.usefixtures("ngspice")
 @pytest.mark.parametrize("engine", ["ngspice", "statespace"])
 def test_the_verdict_has_the_noise_of_every_channel(engine: str) -> None:

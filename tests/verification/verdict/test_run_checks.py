@@ -16,8 +16,8 @@ from taction.verification.readings.measurements import ChannelMeasure, describe_
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
 from taction.verification.verdict.checks import Check, Outcome, at_most, overall
-from taction.verification.verdict.companion import Agreement, StepError
-from taction.verification.verdict.recording import Accuracy
+from taction.verification.verdict.measure import Agreement, StepError
+from taction.verification.verdict.run import Accuracy
 from taction.verification.verdict.run_checks import run_checks
 from tests.support.measured import (
     UNSTABLE,
@@ -407,8 +407,8 @@ def test_two_engines_agree_but_not_within_an_error_that_was_not_reached(
     agreed: Agreement, achieved: float | None, outcome: Outcome
 ) -> None:
     accuracy = Accuracy(1e-4, achieved, 1.0, 100, 60.0, "ngspice", "trapezoidal", "")
-    recording: Any = SimpleNamespace(accuracy=accuracy)
-    found = check("engines_agree", replace(evidence(agreement=agreed), recording=recording))
+    run: Any = SimpleNamespace(accuracy=accuracy)
+    found = check("engines_agree", replace(evidence(agreement=agreed), run=run))
     assert found.outcome is outcome
     missed = achieved is not None and achieved > 1e-4 and outcome is UNDECIDED
     assert ("0.01 % allowed" in found.reason) is missed

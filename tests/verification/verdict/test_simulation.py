@@ -14,14 +14,13 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import DivergesError, EngineError
-from taction.system.progress import Clock
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients import simulate, stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
+from taction.verification.verdict.board import Board
+from taction.verification.verdict.build import build
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.plan_board import design_board
-from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.simulation import (
     StateSpaceError,
     begin,
@@ -37,8 +36,8 @@ RECORD = Waveforms(
 )
 
 
-def design() -> PlannedBoard:
-    return design_board(make_scene(), Clock(lambda stage: None))
+def design() -> Board:
+    return build(make_scene())
 
 
 @pytest.mark.parametrize("partial", [RECORD, None])
@@ -54,8 +53,8 @@ def test_the_record_of_a_diverging_transient_is_kept(
         with pytest.raises(DivergesError):
             begin(made)
     else:
-        pending = begin(made)
-        assert pending.result() is RECORD
+        wait = begin(made)
+        assert wait() is RECORD
 
 
 LOOSE = 1.5  # times the error of the first run: largest stated error

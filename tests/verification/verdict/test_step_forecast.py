@@ -20,7 +20,7 @@ from taction.verification.engines.ngspice.process import start
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.verdict.step_forecast import StepForecast, StepModel, slip
+from taction.verification.verdict.step_forecast import StepForecast, StepModel
 from tests.support.boards import lags, paper_board, single_mode
 from tests.support.paths import SCENES
 
@@ -145,22 +145,6 @@ def test_a_cubic_through_the_instants_of_a_record_errs_as_little_as_asked(
     amplitude = np.abs(exact.final - exact.start).max()
     assert np.abs(cubic - exact.at(between)).max() <= 3.0 * error * amplitude
     assert len(times) < 400 + stop * np.abs(exact.poles).max() / error**0.25
-
-
-def test_a_step_multiplies_a_mode_as_the_trapezoidal_rule_does() -> None:
-    rng = np.random.default_rng(3)
-    poles = -(10.0 ** rng.uniform(2, 8, 40)) + 1j * 10.0 ** rng.uniform(2, 8, 40)
-    poles[:10] = poles[:10].real
-    step = 10.0 ** rng.uniform(-10, -3, (50, 1))
-    z = 0.5 * step * poles
-    exact = np.log((1.0 + z) / (1.0 - z)) - 2.0 * z
-    assert np.all(np.abs(slip(step, poles) * step - exact) <= 1e-12 * (1.0 + np.abs(z)))
-
-
-def test_a_step_that_removes_a_mode_has_a_finite_slip() -> None:
-    found = slip(np.array([[2.0]]), np.array([-1.0 + 0.0j]))  # (1 + z) / (1 - z) = 0
-    assert np.isfinite(found).all()
-    assert np.exp(2.0 * found.real) < 1e-100
 
 
 def test_a_run_ends_where_its_steps_are_used_up() -> None:

@@ -14,11 +14,10 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import EngineError
-from taction.system.progress import Clock
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
+from taction.verification.verdict.build import build
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.plan_board import design_board
 from taction.verification.verdict.transient_plan import (
     UNSTABLE_SECONDS,
     TransientPlan,
@@ -176,7 +175,7 @@ def test_the_coarse_image_of_a_large_board_does_not_decide_whether_the_outputs_g
         "stray_capacitance": 2e-12,
     }
     asked = make_scene(problem, design=design, analysis={"engine": "ngspice"})
-    found = design_board(asked, Clock(lambda stage: None))
+    found = build(asked)
     assert not found.scales.complete
     assert found.scales.growth_time < math.inf
     assert found.poles.stable
@@ -208,12 +207,3 @@ def test_steps_follow_a_board_to_a_rest_where_all_amplifiers_saturate(force: flo
     found = {check.name: check for check in verify(scene.with_engine("ngspice")).checks}
     assert np.abs(board.equilibrium.slopes).max() < 1e-9
     assert found["engines_agree"].outcome is Outcome.PASS
-
-
-def test_slopes_of_the_start_do_not_matter_without_breaks() -> None:
-    """The tangents of an exponential board at its start are another board; its deck stays."""
-    scene = load_scene(SCENES / "paper-exponential.toml")
-    board = LinearBoard(synthesise(scene))
-    start = board.at_start("zero")
-    assert not board.has_breaks
-    assert not np.allclose(start.equilibrium.slopes, board.equilibrium.slopes)

@@ -12,12 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.deck.deck import write_deck
-from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system import progress
 from taction.system.errors import SimulatorNotFound, TimedOut
-from taction.system.progress import Clock
 from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -28,14 +25,11 @@ from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.verdict_view import view
 from taction.verification.stability.poles import Poles, poles
-from taction.verification.verdict import plan_board as design
+from taction.verification.verdict import board as board_module
+from taction.verification.verdict import build as design
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.plan_board import design_board
-from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.record import Record
-from taction.verification.verdict.recording import record_transient
 from taction.verification.verdict.verify import Request, Verdict, verify, verify_together
-from tests.support.making import make_scene
 from tests.support.paths import SCENES
 
 NAMES = sorted(path.stem for path in SCENES.glob("*.toml"))
@@ -173,14 +167,12 @@ def test_the_scale_of_the_conductances_does_not_matter(G0: float) -> None:
 
 
 def test_an_untrusted_reference_is_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
-    from taction.verification.verdict import verify as module
-
-    original = module.ideal_answer
+    original = board_module.ideal_answer
 
     def doubted(*args: Any) -> IdealAnswer:
         return replace(original(*args), problem="the certificate is above its bound")
 
-    monkeypatch.setattr(module, "ideal_answer", doubted)
+    monkeypatch.setattr(board_module, "ideal_answer", doubted)
     verdict = verify(shipped("tuned-breadboard", analysis={"engine": "statespace"}))
     assert verdict.outcome is Outcome.INCONCLUSIVE
     assert named(verdict, "steady_state").outcome is Outcome.INCONCLUSIVE
@@ -246,21 +238,6 @@ def shifted(monkeypatch: pytest.MonkeyPatch, share: float) -> None:
     monkeypatch.setattr(design, "poles", moved)
 
 
-def designed(scene: Scene) -> PlannedBoard:
-    return design_board(scene, Clock(lambda stage: None))
-
-
-def test_the_board_and_its_deck_are_the_same(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    decks = set()
-    for share in (-0.5, 0.5):
-        shifted(monkeypatch, share)
-        found = designed(scene)
-        assert not found.poles.known_stable
-        assert not found.poles.known_unstable
-        decks.add(write_deck(found.circuit, found.transient).text)
-    assert len(decks) == 1
-
-
 @pytest.mark.parametrize("engine", ["statespace", "ngspice"])
 def test_the_verdict_is_the_same(
     scene: Scene, engine: str, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
@@ -276,45 +253,6 @@ def test_the_verdict_is_the_same(
         outcomes.append({c.name: c.outcome.value for c in verify(asked).checks})
     assert outcomes[0] == outcomes[1]
     assert outcomes[0]["stability"] == "inconclusive"
-
-
-def scenes() -> list[Scene]:
-    shipped = [
-        load_scene(SCENES / f"{name}.toml") for name in ("tuned-breadboard", "custom-matrix")
-    ]
-    paper = load_scene(SCENES / "paper-breadboard.toml")
-    design = {"gain": "6.252Mohm", "unit_conductance": "0.3313uS", "resistance": "1.9Mohm"}
-    made = [
-        make_scene({"channels": n, "span": span}, design={**design, "capacitance": C})
-        for n, span, C in ((3, 2.0, "30pF"), (5, 3.0, "100pF"), (7, 6.0, "15pF"))
-    ]
-    found = [*shipped, paper, *made]
-    analysis = {"engine": "statespace"}
-    return [
-        s.model_copy(update={"analysis": s.analysis.model_copy(update=analysis)}) for s in found
-    ]
-
-
-@pytest.mark.parametrize("scene", scenes(), ids=lambda scene: scene.name)
-def test_the_solution_and_its_record_are_read_the_same(scene: Scene) -> None:
-    a, b = verify(scene).measurements, record_transient(scene).measurements
-    assert [c.state for c in a.channels] == [c.state for c in b.channels]
-    compared = 0
-    for one, two in zip(a.channels, b.channels, strict=True):
-        assert one.overshoot == pytest.approx(two.overshoot, abs=1e-5)
-        assert one.rise_reason == two.rise_reason
-        for x, y in (
-            (one.rise_time, two.rise_time),
-            (one.settling_time, two.settling_time),
-        ):
-            assert (x is None) is (y is None)
-            if x is None or y is None:
-                continue
-            compared += 1
-            assert abs(x.value - y.value) <= x.uncertainty + y.uncertainty + 1e-12 * x.value
-            assert x.fragile is y.fragile
-    assert compared >= len(a.channels)
-    assert np.isfinite(a.amplitude)
 
 
 @pytest.mark.usefixtures("ngspice")

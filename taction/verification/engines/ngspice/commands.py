@@ -19,10 +19,9 @@ from taction.system.errors import DidNotLoad, SimulationError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
 from taction.system.processes import time_left
 from taction.system.raw_file import KINDS, read_plots
-from taction.system.waveforms import PHYSICAL_BOUND
 from taction.verification.engines.ngspice.evidence import Ending, check_end
 from taction.verification.engines.ngspice.executable import Simulator
-from taction.verification.engines.ngspice.process import STREAMS, Run, command_line, make_folder
+from taction.verification.engines.ngspice.process import STREAMS, start
 
 SECONDS = 20.0
 MEMORY = 1000 * MEGABYTE  # addresses of ngspice: an expansion of 20,000 devices takes 100 MB
@@ -96,12 +95,9 @@ def run_commands(
     if not (seconds := time_left(seconds)):
         return Answers(failure=DidNotLoad(OVER))
     lines = ["* deck", *cards, ".control", *commands, last, ".endc", ".end", ""]
-    start = f"set ngbehavior={mode}\n" if mode else "* no code models are loaded\n"
-    deck = CommandDeck("\n".join(lines), {"spinit": start})
-    place = make_folder(deck, command_line(simulator), None)
-    with Run(
-        deck, simulator, place, timeout=seconds, keep=False, bound=PHYSICAL_BOUND, memory=MEMORY
-    ) as run:
+    spinit = f"set ngbehavior={mode}\n" if mode else "* no code models are loaded\n"
+    deck = CommandDeck("\n".join(lines), {"spinit": spinit})
+    with start(deck, simulator, timeout=seconds, memory=MEMORY) as run:
         return run.accept(_answers)
 
 

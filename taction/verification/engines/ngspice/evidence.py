@@ -271,21 +271,14 @@ def _check_values(waveforms: Waveforms, bound: float) -> None:
 
 
 def _waveforms(deck: DeckToRun, plot: Plot, ending: Ending, engine: str, solver: str) -> Waveforms:
-    """Check a plot, and copy its columns, in the order of `saved`, into contiguous memory.
-
-    A column of the map is neither aligned nor contiguous: on 10,000 x 7 values, the minimum and
-    maximum take 0.5 ms there and 0.01 ms on the copy.
-    """
+    """Check a plot, and copy its columns, in the order of `saved`, into contiguous memory."""
     is_transient = isinstance(deck.analysis, Transient)
     voltages = [f"v({node.lower()})" for node in deck.saved]
     _check_plot(plot, _PLOT_NAMES[type(deck.analysis)], ["time"] * is_transient + voltages)
     if is_transient and plot.vectors[0] != "time":
         raise BadEvidence(f"the first vector is {plot.vectors[0]!r}, not time")
     rows = np.array(plot.data.T, order="C")
-    columns = [plot.vectors.index(name) for name in voltages]
-    first = columns[0]
-    in_order = columns == list(range(first, first + len(columns)))
-    values = rows[first : first + len(columns)] if in_order else rows[columns]
+    values = rows[[plot.vectors.index(name) for name in voltages]]
     time = rows[0] if is_transient else np.zeros(len(plot.data))
     return Waveforms(
         time=time,

@@ -80,19 +80,10 @@ def find_simulator(path: str | None = None) -> Simulator:
     SimulatorTooOld: the version is below `OLDEST`.
     """
     name = path or os.environ.get("TACTION_NGSPICE") or "ngspice"
-    if os.sep in name:
-        return _probe(_absolute(name, None))
-    return _probe(_on_path(name, os.environ.get("PATH")))
-
-
-def _absolute(name: str, folders: str | None) -> str:
-    executable = shutil.which(name, path=folders)
+    executable = shutil.which(name)
     if executable is None:
         raise SimulatorNotFound(f"no executable {name!r}. {REMEDY}")
-    return str(Path(executable).absolute())
-
-
-_on_path = functools.cache(_absolute)  # a search costs 0.1 ms; a failure is not cached
+    return _probe(str(Path(executable).absolute()))
 
 
 def _answer(executable: str) -> str:

@@ -12,6 +12,7 @@ import contextlib
 import errno
 import os
 import resource
+import select
 import shlex
 import signal
 import subprocess
@@ -21,7 +22,7 @@ import weakref
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from taction.system.errors import (
     BadEvidence,
@@ -124,66 +125,12 @@ LONGEST_RESULT = 8000 * MEGABYTE
 LOOK_INTERVAL = 0.5  # s between two looks at the share that is done
 
 
-class _Process:
-    """The process of a run, and a thread that notes when it ended and ends what it left behind.
-
-    The thread sleeps in waitid(2); ``Popen.wait`` with a timeout would poll. An event says that it
-    has ended: a join that a signal interrupts makes Python take a living thread for an ended one.
-    """
-
-    def __init__(self, simulator: Simulator, folder: Path, memory: int) -> None:
-        self.folder = folder
-        self.started = self.ended = time.perf_counter()
-        self.popen = launch(simulator, folder)
-        for kind, most in ((resource.RLIMIT_FSIZE, LONGEST_RESULT), (resource.RLIMIT_AS, memory)):
-            with contextlib.suppress(ProcessLookupError):  # it has ended
-                known = resource.prlimit(self.popen.pid, kind)  # -1: unlimited
-                least = min((limit for limit in (most, *known) if limit >= 0), default=most)
-                # Of the guard, which becomes the simulator, too.
-                resource.prlimit(self.popen.pid, kind, (least, least))
-        self._over = threading.Event()
-        threading.Thread(target=self._watch, daemon=True).start()
-
-    def _watch(self) -> None:
-        try:
-            # The ended process keeps its number until `Popen.wait`, so the group is still its own.
-            os.waitid(os.P_PID, self.popen.pid, os.WEXITED | os.WNOWAIT)
-            self.ended = time.perf_counter()
-            self._kill_group()
-            end_orphans(self.folder, self.popen.pid)
-            self.popen.wait()
-        finally:
-            self._over.set()
-
-    def wait(self, seconds: float) -> bool:
-        """Wait no longer than `seconds`; return whether the process has ended."""
-        return self._over.wait(max(seconds, 0.0))
-
-    def kill(self) -> None:
-        """End the process group, and wait for its end."""
-        if not self._over.is_set():
-            self._kill_group()
-            self._over.wait()
-
-    def _kill_group(self) -> None:
-        with contextlib.suppress(ProcessLookupError):  # the group may end in the meantime
-            os.killpg(self.popen.pid, signal.SIGKILL)
-
-    def discard(self, keep: bool) -> Path:
-        """End the process with all its descendants; keep its folder, or remove it."""
-        self.kill()
-        if keep:
-            return keep_folder(self.folder)
-        remove_own_folder(self.folder)
-        return self.folder
-
-
 class Run:
     """A running simulation, made by `start`.
 
-    The process ends, and its folder is removed, when the run is cancelled, at the end of a
-    ``with`` block, when the object is deleted before a call of `result`, or when Python ends: a
-    failure elsewhere leaves no simulator behind.
+    The process ends with all its descendants, and its folder is removed, when the run is cancelled,
+    at the end of a ``with`` block, when the object is deleted before a call of `result`, or when
+    Python ends: a failure elsewhere leaves no simulator behind.
     """
 
     def __init__(
@@ -191,17 +138,23 @@ class Run:
         deck: DeckToRun,
         simulator: Simulator,
         folder: Path,
-        *,
         timeout: float,
         keep: bool,
         bound: float,
-        memory: int = resource.RLIM_INFINITY,
+        memory: int,
     ) -> None:
         self.folder = folder
         self._deck, self._simulator = deck, simulator
         self._timeout, self._keep, self._bound = timeout, keep, bound
-        self._process = _Process(simulator, folder, memory)
-        self._discard = weakref.finalize(self, self._process.discard, keep)
+        self._started = time.perf_counter()
+        self._process = launch(simulator, folder)
+        self._discard = weakref.finalize(self, _discard, self._process, folder, keep)
+        for kind, most in ((resource.RLIMIT_FSIZE, LONGEST_RESULT), (resource.RLIMIT_AS, memory)):
+            with contextlib.suppress(ProcessLookupError):  # it has ended
+                known = resource.prlimit(self._process.pid, kind)  # -1: unlimited
+                least = min((limit for limit in (most, *known) if limit >= 0), default=most)
+                # Of the guard, which becomes the simulator, too.
+                resource.prlimit(self._process.pid, kind, (least, least))
 
     def __enter__(self) -> Run:
         return self
@@ -230,39 +183,71 @@ class Run:
         """Wait for the end and return what `evidence` accepts; else keep the folder."""
         if not self._discard.alive:
             raise SimulationError("a run returns its result once, and never after it was cancelled")
-        process = self._process
         try:
-            ended = self._has_ended()
+            ended = self._wait()
         finally:  # also on Ctrl-C, which reaches no other process group
-            process.kill()
+            _end(self._process, self.folder)
         self._discard.detach()
-        ending = Ending(
-            status=process.popen.returncode,
-            timed_out=not ended,
-            timeout=self._timeout,
-            seconds=process.ended - process.started,
-            errors=_error_stream(self.folder),
-            folder=self.folder,
-        )
         try:
+            ending = Ending(
+                status=self._process.returncode,
+                timed_out=ended is None,
+                timeout=self._timeout,
+                seconds=(ended or time.perf_counter()) - self._started,
+                errors=_error_stream(self.folder),
+                folder=self.folder,
+            )
             result = evidence(self._deck, ending)
         except SimulationError as error:
-            self.folder = process.discard(keep=True)
+            self.folder = keep_folder(self.folder)
             raise error.in_folder(self.folder) from None
-        self.folder = process.discard(self._keep)
+        if self._keep:
+            self.folder = keep_folder(self.folder)
+        else:
+            remove_own_folder(self.folder)
         return result
 
-    def _has_ended(self) -> bool:
-        """Wait for the end or the timeout; say which share of a transient is written."""
-        process = self._process
+    def _wait(self) -> float | None:
+        """Wait; return when the process ended, s, None if it has not; say what share is written.
+
+        A process that had ended before anybody looked ended when it wrote its last file.
+        """
         stop: float | None = getattr(self._deck.analysis, "stop", None)
-        end = process.started + self._timeout
-        while not process.wait(min(end - time.perf_counter(), LOOK_INTERVAL)):
-            if stop and (now := last_instant(self.folder / "out.raw")) is not None:
-                reached(now / stop)
-            if time.perf_counter() >= end:
-                return False
-        return True
+        number = os.pidfd_open(self._process.pid)
+        try:
+            over = select.poll()
+            over.register(number, select.POLLIN)
+            if over.poll(0):
+                written = (self.folder / name for name in (*STREAMS, "out.raw"))
+                last = max((each.stat().st_mtime for each in written if each.exists()), default=0.0)
+                return max(time.perf_counter() - (time.time() - last), self._started)
+            while (left := self._started + self._timeout - time.perf_counter()) > 0.0:
+                if over.poll(1e3 * min(left, LOOK_INTERVAL)):
+                    return time.perf_counter()
+                if stop and (now := last_instant(self.folder / "out.raw")) is not None:
+                    reached(now / stop)
+            return None
+        finally:
+            os.close(number)
+
+
+def _end(process: subprocess.Popen[bytes], folder: Path) -> None:
+    """End a process with all its descendants, and wait for its end."""
+    if process.returncode is None:
+        with contextlib.suppress(ProcessLookupError):
+            # An ended process keeps its number until `wait`, so the group is still its own.
+            os.killpg(process.pid, signal.SIGKILL)
+        end_orphans(folder, process.pid)
+        process.wait()
+
+
+def _discard(process: subprocess.Popen[bytes], folder: Path, keep: bool) -> None:
+    """End a process, and keep its folder or remove it."""
+    _end(process, folder)
+    if keep:
+        keep_folder(folder)
+    else:
+        remove_own_folder(folder)
 
 
 def start(
@@ -273,6 +258,7 @@ def start(
     folder: Path | None = None,
     keep: bool = False,
     bound: float = PHYSICAL_BOUND,
+    memory: int = resource.RLIM_INFINITY,
 ) -> Run:
     """Start the simulation of a deck.
 
@@ -283,6 +269,7 @@ def start(
       temporary folder.
     `keep`: whether to keep the run folder also on success.
     `bound`: voltage above which a result is rejected, V.
+    `memory`: addresses allowed, bytes.
     InputError: the run folder is not empty.
     SimulatorNotFound: the executable no longer exists.
     OutOfDisk: the deck could not be written.
@@ -291,23 +278,15 @@ def start(
     try:
         if not os.access(simulator.executable, os.X_OK):
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
-        return Run(deck, simulator, place, timeout=timeout, keep=keep, bound=bound)
+        return Run(deck, simulator, place, timeout, keep, bound, memory)
     except OSError as error:
         remove_own_folder(place)
         raise SimulatorNotFound(f"{simulator.executable} does not start: {error}") from error
 
 
-def simulate(
-    deck: DeckToRun,
-    simulator: Simulator,
-    *,
-    timeout: float,
-    folder: Path | None = None,
-    keep: bool = False,
-    bound: float = PHYSICAL_BOUND,
-) -> Waveforms:
-    """Run a deck and return its waveforms; see `start` and `Run.result`."""
-    with start(deck, simulator, timeout=timeout, folder=folder, keep=keep, bound=bound) as run:
+def simulate(deck: DeckToRun, simulator: Simulator, **options: Any) -> Waveforms:
+    """Run a deck and return its waveforms; `options` and errors are those of `start`."""
+    with start(deck, simulator, **options) as run:
         return run.result()
 
 
@@ -316,5 +295,4 @@ def _error_stream(folder: Path) -> str:
     try:
         return read_ends(f"{folder}/{STREAMS[1]}", LONGEST_LOG)
     except UnusableFileError as error:
-        text = f"the error stream cannot be read: {STREAMS[1]}: {error}"
-        raise BadEvidence(text, folder=folder) from None
+        raise BadEvidence(f"the error stream cannot be read: {STREAMS[1]}: {error}") from None

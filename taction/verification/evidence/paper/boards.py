@@ -40,7 +40,7 @@ from taction.verification.stability.margin import find_margin
 from taction.verification.stability.poles import poles
 from taction.verification.studies.onset.onset import onset
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.recording import record_transient
+from taction.verification.verdict.run import record_transient
 from taction.verification.verdict.verify import Verdict, verify
 
 CENTRE = 3  # channel 4 of 7

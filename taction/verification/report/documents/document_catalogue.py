@@ -41,7 +41,7 @@ MODELS = {
     "build": "verification.verdict.board_power.BuiltBoard",
     "explore": "verification.report.documents.plain.ExploreDocument",
     "solve": "verification.reference.problem.Solution",
-    "simulate": "verification.verdict.recording.MeasuredTransient",
+    "simulate": "verification.verdict.run.MeasuredTransient",
     "montecarlo": "verification.studies.tolerance.montecarlo.YieldReport",
     "montecarlo-sample": "verification.studies.tolerance.varied_board.VerifiedSample",
     "corners": "verification.studies.tolerance.corners.CornerStudy",

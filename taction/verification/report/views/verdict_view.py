@@ -53,7 +53,7 @@ from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.error_budget import ErrorPart
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.record import Channel, Record, channels_of
-from taction.verification.verdict.recording import MeasuredTransient
+from taction.verification.verdict.run import MeasuredTransient
 from taction.verification.verdict.verify import Verdict
 
 LOADS = 16  # of op-amps that are shown

@@ -227,6 +227,7 @@ def difference_chart(verdict: Verdict) -> charts.Chart | None:
     agreement = verdict.agreement
     if agreement is None or agreement.reason:
         return None
+    time, channel = agreement.largest
     scale = 1.0 / (verdict.measurements.amplitude or agreement.unit)
     largest = f"{figure(agreement.difference * scale, 'step')} of the step"
     return charts.Chart(
@@ -235,8 +236,8 @@ def difference_chart(verdict: Verdict) -> charts.Chart | None:
         charts.Axis("difference", "step"),
         tuple(curves(agreement.instants, scale * agreement.differences, width=0.8)),
         f"apart by at most {largest}",
-        f"The largest difference is {largest}, in u{agreement.channel + 1} at"
-        f" {quantity(agreement.time, 's')}; accepted: {figure(agreement.limit, 'step')}.",
+        f"The largest difference is {largest}, in u{channel + 1} at"
+        f" {quantity(time, 's')}; accepted: {figure(agreement.limit, 'step')}.",
     )
 
 

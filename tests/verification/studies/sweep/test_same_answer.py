@@ -16,7 +16,6 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import plain
 from taction.system.errors import TactionError
-from taction.system.progress import Clock
 from taction.system.reading_definitions import READINGS
 from taction.verification.studies.running.pool import HERE
 from taction.verification.studies.running.versions import own_version
@@ -24,7 +23,7 @@ from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import compute_points as compute
 from taction.verification.studies.sweep.plan import plan_sweep, sweep_points
 from taction.verification.studies.sweep.result import records
-from taction.verification.verdict.plan_board import design_board
+from taction.verification.verdict.build import build
 from taction.verification.verdict.record import FIGURES, Record
 from taction.verification.verdict.verify import Request, verify
 from tests.support.paths import SCENES
@@ -101,7 +100,7 @@ def test_ngspice_says_the_same(ngspice: str, seeds: range) -> None:
     for seed in seeds:
         scene = random_scene(seed).with_engine("ngspice")
         try:
-            short = design_board(scene, Clock(lambda stage: None)).plan.seconds <= SHORT
+            short = build(scene).plan.seconds <= SHORT
         except TactionError:
             continue
         if short:

@@ -22,7 +22,7 @@ from taction.verification.engines.statespace.linearised.noise_covariance import 
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.error_budget import outputs_at_rest
+from taction.verification.verdict.input_spread import outputs_at_rest
 
 OPAMP = {"base": "opa189", "level": "small-signal"}
 COMMON = {"unit_conductance": 35e-6, "stray_capacitance": "2pF", "opamp": OPAMP}

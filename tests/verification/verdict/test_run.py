@@ -19,20 +19,20 @@ from taction.system.progress import Clock
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.transients import simulate
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
+from taction.verification.readings.measurements import Measurements
 from taction.verification.report.documents.verdict import verdict_document
-from taction.verification.verdict import companion, recording, transient_plan
+from taction.verification.verdict import board, measure, transient_plan
+from taction.verification.verdict import run as module
+from taction.verification.verdict.board import Board
+from taction.verification.verdict.build import build
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.companion import Companion, outputs
-from taction.verification.verdict.plan_board import design_board
-from taction.verification.verdict.planned_board import PlannedBoard
-from taction.verification.verdict.recording import (
-    Accuracy,
-    Recording,
+from taction.verification.verdict.measure import Agreement, StepError, outputs
+from taction.verification.verdict.run import (
+    Run,
     better_plan,
-    record_and_measure,
+    observe,
 )
-from taction.verification.verdict.simulation import Pending, StateSpaceError, choose_engine
+from taction.verification.verdict.simulation import StateSpaceError, Waiting, choose_engine
 from taction.verification.verdict.transient_plan import AIM, TransientPlan, state_space_tolerance
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene, ringing_scene
@@ -42,15 +42,14 @@ DOUBT = 1e-6  # V, of the other record
 
 
 @cache
-def board() -> tuple[PlannedBoard, IdealAnswer, Waveforms]:
-    """The shipped breadboard, its reference and its exact transient."""
+def paper() -> tuple[Board, Waveforms]:
+    """The shipped breadboard, and its exact transient."""
     file = SCENES / "paper-breadboard.toml"
     data = tomllib.loads(file.read_text(encoding="utf-8"))
     data["analysis"] = data.get("analysis", {}) | {"engine": "ngspice"}
-    design = design_board(parse_scene(data, file), Clock(lambda stage: None))
-    ideal = ideal_answer(design.network, design.scene)
+    design = build(parse_scene(data, file))
     times = np.linspace(0.0, design.transient.stop, 30_001)
-    return design, ideal, simulate.simulate(design.board, design.transient, times=times)
+    return design, simulate.simulate(design.linear, design.transient, times=times)
 
 
 def cut(waveforms: Waveforms, stop: float) -> Waveforms:
@@ -60,55 +59,52 @@ def cut(waveforms: Waveforms, stop: float) -> Waveforms:
 
 def recorded(
     fine: Waveforms, other: Waveforms, stop: float, monkeypatch: pytest.MonkeyPatch
-) -> Recording:
+) -> tuple[Run, Measurements, StepError]:
     """Measure `fine` beside `other`, the record of a board that has no exact solution."""
-    design, ideal, _ = board()
+    design, _ = paper()
     transient = replace(design.plan.transient, stop=stop)
     design = replace(design, plan=replace(design.plan, transient=transient))
     u, values = outputs(design.circuit, fine)[: len(other.time)], outputs(design.circuit, other)
-    error = StateSpaceError(DOUBT, "", other)
-    beside = Companion(other.time, u, values, other, error, "")
-    monkeypatch.setattr(recording, "find_companion", lambda *_: beside)
-    monkeypatch.setattr(companion, "is_exact", lambda _: False)
-    monkeypatch.setattr(recording, "better_plan", lambda *_: None)
-    clock = Clock(lambda stage: None)
-    pending = Pending(lambda: replace(fine, engine="ngspice"))
-    return record_and_measure(design, ideal, pending, clock)
+    beside = Agreement(other.time, u, values, other, DOUBT, "")
+    monkeypatch.setattr(module, "second_solution", lambda *_: beside)
+    monkeypatch.setattr(board, "is_exact", lambda _: False)
+    monkeypatch.setattr(module, "better_plan", lambda *_: None)
+    wave = replace(fine, engine="ngspice")
+    run, measured, _ = observe(design, lambda: wave, Clock(lambda stage: None))
+    return run, measured, StepError.of(measured, run.error[1])
 
 
 def test_all_errors_follow_from_the_other_record(monkeypatch: pytest.MonkeyPatch) -> None:
-    _, _, whole = board()
+    _, whole = paper()
     stop = float(whole.time[-1])
     shifted = replace(whole, values=whole.values * (1 + 3e-4))
-    found = recorded(whole, shifted, stop, monkeypatch)
+    _, found, errors = recorded(whole, shifted, stop, monkeypatch)
     # All outputs are 3e-4 of themselves apart, and the largest difference counts.
-    largest = max(abs(c.final) for c in found.measurements.channels)
-    error = (3e-4 * largest + DOUBT) / found.measurements.amplitude
-    assert found.error.steady_state == pytest.approx(error, rel=1e-9)
-    assert 0 < found.error.readings["settling_time"] < 1e-2 * found.measurements.settling_time.value
+    error = (3e-4 * max(abs(c.final) for c in found.channels) + DOUBT) / found.amplitude
+    assert errors.steady_state == pytest.approx(error, rel=1e-9)
+    assert 0 < errors.readings["settling_time"] < 1e-2 * found.settling_time.value
 
 
 def test_two_records_that_prove_nothing_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     """Both end just inside their bands: readings are there, but no proof of settling."""
-    _, _, whole = board()
-    settled = recorded(whole, whole, float(whole.time[-1]), monkeypatch)
-    part = cut(whole, 1.01 * settled.measurements.settling_time.value)
-    stop = float(part.time[-1])
-    found = recorded(part, part, stop, monkeypatch)
-    assert found.measurements.settling_time is None
-    assert found.error.readings["settling_time"] == 0.0
+    _, whole = paper()
+    _, settled, _ = recorded(whole, whole, float(whole.time[-1]), monkeypatch)
+    part = cut(whole, 1.01 * settled.settling_time.value)
+    _, found, errors = recorded(part, part, float(part.time[-1]), monkeypatch)
+    assert found.settling_time is None
+    assert errors.readings["settling_time"] == 0.0
 
 
 def test_a_record_that_settles_beside_one_that_does_not_leaves_it_open(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    _, _, whole = board()
+    _, whole = paper()
     stop = float(whole.time[-1])
     short = cut(whole, 0.9 * stop)  # it ends before the stop time, so it proves nothing
-    found = recorded(whole, short, stop, monkeypatch)
-    assert found.measurements.settling_time is not None
-    assert found.error.readings["settling_time"] == math.inf
-    assert math.isfinite(found.error.readings["rise_time"])
+    _, found, errors = recorded(whole, short, stop, monkeypatch)
+    assert found.settling_time is not None
+    assert errors.readings["settling_time"] == math.inf
+    assert math.isfinite(errors.readings["rise_time"])
 
 
 def test_error_and_points_exclude_each_other() -> None:
@@ -160,18 +156,18 @@ def test_a_record_stays_where_its_repeat_fails(
     ngspice: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The verdict is that of the first run, and says why there is no better one."""
-    design, ideal, _ = board()
+    design, _ = paper()
     rough = replace(design.plan, wanted=1e-3 * design.plan.wanted)
-    begin, plans = recording.begin, list[TransientPlan]()
+    begin, plans = module.begin, list[TransientPlan]()
 
-    def second_fails(asked: PlannedBoard) -> Pending:
+    def second_fails(asked: Board) -> Waiting:
         plans.append(asked.plan)
         if len(plans) > 1:
             raise StepTooSmall("the time step fell below the limit\nthe log says: ...")
         return begin(asked)
 
-    monkeypatch.setattr(recording, "begin", second_fails)
-    found = record_and_measure(replace(design, plan=rough), ideal, None, Clock(lambda stage: None))
+    monkeypatch.setattr(module, "begin", second_fails)
+    found, *_ = observe(replace(design, plan=rough), None, Clock(lambda stage: None))
     assert len(plans) == 2
     assert found.achieved is not None
     assert found.achieved > rough.wanted
@@ -181,28 +177,21 @@ def test_a_record_stays_where_its_repeat_fails(
     )
 
 
-def test_a_board_that_the_other_engine_cannot_answer_runs_twice(
+def test_without_an_answer_of_the_other_engine_nothing_has_a_bound(
     ngspice: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The difference of two runs bounds the error, which is about a third of the difference."""
-
     def no_answer(*_: object, **__: object) -> None:
         raise EngineError("no answer")
 
     monkeypatch.setattr(simulate, "simulate", no_answer)
     verdict = verify(ringing_scene(error=1e-3, engine="ngspice"))
-    found = verdict.accuracy
-    assert "twice the step" in found.how
-    wave = verdict.waveforms
-    truth = exact_solution(verdict.circuit).at(np.asarray(wave.time))
-    signs = np.array([output.sign for output in verdict.circuit.outputs])
-    error = np.abs(outputs(verdict.circuit, wave) - signs * truth).max()
-    ratio = found.achieved * verdict.measurements.amplitude / error
-    assert 1.0 < ratio < 4.0
-    assert math.isfinite(verdict.error.readings["settling_time"])
-    agree = next(check for check in verdict.checks if check.name == "engines_agree")
-    assert agree.outcome is Outcome.INCONCLUSIVE
-    assert "no answer" in agree.reason
+    assert verdict.accuracy.achieved is None
+    assert verdict.error.readings["settling_time"] == math.inf
+    assert verdict.budget.parts[-1].value is None
+    checks = {check.name: check for check in verdict.checks}
+    for name in ("settling_time", "engines_agree"):
+        assert checks[name].outcome is Outcome.INCONCLUSIVE
+    assert "no answer" in checks["engines_agree"].reason
 
 
 def test_a_record_is_as_long_as_a_channel_needs_to_settle(ngspice: str) -> None:
@@ -238,19 +227,15 @@ def test_tolerances_stay_where_an_engine_can_follow() -> None:
     assert state_space_tolerance(0.5) == 1e-3
 
 
-TRIED = Accuracy(1e-4, 4e-4, 2.0, 1000, 100.0, "ngspice-46", "trapezoidal", "")
-
-
 def test_only_a_known_miss_of_a_stepping_engine_is_tried_again() -> None:
-    design = design_board(ringing_scene(error=1e-4, engine="ngspice"), Clock(lambda stage: None))
-    ideal = ideal_answer(design.network, design.scene)
-    done = verify(ringing_scene(engine="statespace")).recording  # every channel settles
-    run = replace(done.ends, engine="ngspice-46")
-    tried = replace(done, design=design, ends=run)
+    design = build(ringing_scene(error=1e-4, engine="ngspice"))
+    done = verify(ringing_scene(engine="statespace"))  # every channel settles
+    wave = replace(done.run.ends, engine="ngspice-46")
 
-    def again(achieved: float | None, ends: Waveforms = run) -> TransientPlan | None:
-        volts = math.nan if achieved is None else achieved * done.measurements.amplitude
-        return better_plan(replace(tried, ends=ends, attained=(volts, "", "")), ideal)
+    def again(achieved: float, own: StateSpaceError | None = None) -> TransientPlan | None:
+        u = np.full((1, 1), achieved * design.amplitude)
+        beside = Agreement(wave.time[:1], u, 0.0 * u, wave, 0.0, "")
+        return better_plan(Run(design, wave, own, beside), done.measurements)
 
     plan = again(4e-4)
     # The forecast was four times too small, so the next aim is four times smaller.
@@ -258,20 +243,18 @@ def test_only_a_known_miss_of_a_stepping_engine_is_tried_again() -> None:
     assert 0.5 * aim < plan.forecast.error <= aim
     assert plan.transient.stop == design.transient.stop
     assert again(1e-5) is None
-    assert again(None) is None
-    assert again(4e-4, done.ends) is None
-    both = replace(TRIED, seconds=3.0).after(TRIED)
-    assert (both.seconds, both.tries) == (5.0, 2)
+    assert again(math.nan) is None
+    assert again(4e-4, StateSpaceError(4e-4 * design.amplitude, "", wave)) is None
 
 
 @pytest.mark.parametrize("count", [9, 20, 21, 22, 61])
 def test_a_thinned_companion_keeps_both_ends(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
     """The last instant proves that a record is whole, whatever its number of points."""
-    monkeypatch.setattr(companion, "MAX_INSTANTS", 10)
-    design = design_board(ringing_scene(engine="ngspice"), Clock(lambda stage: None))
+    monkeypatch.setattr(measure, "MAX_INSTANTS", 10)
+    design = build(ringing_scene(engine="ngspice"))
     times = np.linspace(0.0, design.transient.stop, count)
-    record = simulate.simulate(design.board, design.transient, times=times)
-    found = companion.state_space_companion(design.board, design.transient, record, 1e-6)
+    record = simulate.simulate(design.linear, design.transient, times=times)
+    found = measure.state_space_beside(design.linear, design.transient, record, 1e-6)
     assert (found.instants[0], found.instants[-1]) == (times[0], times[-1])
     assert np.all(np.diff(found.instants) > 0.0)
     assert len(found.instants) <= 21
@@ -282,11 +265,11 @@ def test_a_thinned_companion_keeps_both_ends(monkeypatch: pytest.MonkeyPatch, co
 def test_a_dip_between_the_points_of_a_record_is_a_difference() -> None:
     """The true undershoot of this board is 0.743902 % (SciPy on its deck), at 0.2 us."""
     board = Path(__file__).parents[2] / "data/straight/saturation-passes.toml"
-    design = design_board(load_scene(board), Clock(lambda stage: None))
+    design = build(load_scene(board))
     ends = np.linspace(0.0, design.transient.stop, 3)
-    whole = simulate.simulate(design.board, design.transient, times=ends, resolved=True)
-    u = companion.outputs(design.circuit, whole)
+    whole = simulate.simulate(design.linear, design.transient, times=ends, resolved=True)
+    u = outputs(design.circuit, whole)
     times = np.concatenate([[0.0], whole.time[whole.time > 1e-6]])
-    record = simulate.simulate(design.board, design.transient, times=times)
-    found = companion.state_space_companion(design.board, design.transient, record, 1e-9)
+    record = simulate.simulate(design.linear, design.transient, times=times)
+    found = measure.state_space_beside(design.linear, design.transient, record, 1e-9)
     assert found.difference > 0.007 * np.abs(u[-1] - u[0]).max()
