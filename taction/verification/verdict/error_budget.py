@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,12 +31,12 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.board import Board
+from taction.verification.verdict.checks import Evidence
 from taction.verification.verdict.input_spread import outputs_at_rest
+from taction.verification.verdict.run import Run
 from taction.verification.verdict.scene_deck import Pruning
-
-if TYPE_CHECKING:
-    from taction.verification.verdict.verify import Verdict
 
 
 def stage_deviation(board: LinearBoard) -> str:
@@ -174,32 +174,34 @@ def around(design: Design, change: str) -> str:
 LEAST_BOUND = 1e-9  # of the largest stress: a smaller bound on an error has no number of its own
 
 
-def error_budget(verdict: Verdict) -> ErrorBudget:
+def error_budget(run: Run, evidence: Evidence, answer: AnswerError) -> ErrorBudget:
     """Split the difference of the true stress and the record's end into its parts.
 
+    `answer`: the regularised answer beside the true stress, with that without noise.
     SolverError: the problem with the pruned T cannot be solved.
     """
-    run, answer, target = verdict.run, verdict.answer, verdict.ideal.target
-    links = (*_of_answer(verdict), *_of_board(verdict.board), *_of_transient(verdict))
+    board, noise, spread = run.board, evidence.noise, evidence.spread
+    error = evidence.error.steady_state * (evidence.measurements.amplitude or 1.0)
+    bound, least = error if math.isfinite(error) else None, LEAST_BOUND * answer.unit
+    links = (*_of_answer(board, answer), *_of_board(board), *_of_transient(run, bound, least))
     parts = [*chained(answer.stress, links)]
     if run.exact_end is None:
-        error = _simulator_error(verdict)
-        parts.append(ErrorPart("simulator", None, "there is no second solution", error))
-    if verdict.noise is not None:
-        how = f"rms at rest {verdict.noise.band}: resistors, op-amps and sensors; not in the sum"
-        parts.append(ErrorPart("noise", verdict.noise.known, how))
-    for name, volts in ({} if verdict.spread is None else verdict.spread.changes).items():
-        how = f"95 % of the boards are within, {around(verdict.scene.design, name)}; not in the sum"
+        parts.append(ErrorPart("simulator", None, "there is no second solution", bound))
+    if noise is not None:
+        how = f"rms at rest {noise.band}: resistors, op-amps and sensors; not in the sum"
+        parts.append(ErrorPart("noise", noise.known, how))
+    for name, volts in ({} if spread is None else spread.changes).items():
+        how = f"95 % of the boards are within, {around(board.scene.design, name)}; not in the sum"
         parts.append(ErrorPart(name, volts, how))
     start = "regularised answer" if answer.stress is None else "true stress"
-    first = target if answer.stress is None else answer.stress
+    first = board.ideal.target if answer.stress is None else answer.stress
     how = f"end of the record against the {start}"
     return ErrorBudget(tuple(parts), difference("total", how, first, run.u[-1]))
 
 
-def _of_answer(verdict: Verdict) -> Iterator[Link]:
+def _of_answer(board: Board, answer: AnswerError) -> Iterator[Link]:
     """Yield what the problem itself has: regularisation, noise of the strain, pruned entries."""
-    answer, ideal = verdict.answer, verdict.ideal
+    ideal = board.ideal
     if answer.clean is None:
         how = "regularised answer against the true stress (regularisation and strain noise)"
         yield Link("ill_posedness", how, ideal.target)
@@ -209,7 +211,7 @@ def _of_answer(verdict: Verdict) -> Iterator[Link]:
         noisy = "regularised answer against that without noise"
         how = noisy if answer.has_noise else "the strain is T times the true stress"
         yield Link("strain_noise", how, ideal.target)
-    pruning = Pruning.of(verdict.board.network, verdict.scene.design.prune, ideal.solution)
+    pruning = Pruning.of(board.network, board.scene.design.prune, ideal.solution)
     if pruning is not None:
         bound = pruning.bound if math.isfinite(pruning.bound) else None
         how = f"answer without {pruning.entries} entries of T against the requested answer"
@@ -245,21 +247,16 @@ def _of_board(board: Board) -> Iterator[Link]:
         yield link("antilog", how, board.linear)
 
 
-def _of_transient(verdict: Verdict) -> Iterator[Link]:
-    """Yield what the record's end lacks of the rest, and how far it is from the exact transient."""
-    run, exact = verdict.run, verdict.run.exact_end
-    if exact is None:
+def _of_transient(run: Run, bound: float | None, least: float) -> Iterator[Link]:
+    """Yield what the record's end lacks of the rest, and how far it is from the exact transient.
+
+    `bound`: on the error of the record's end, V; one below `least`, V, has no number.
+    """
+    if run.exact_end is None:
         yield Link("unsettled", "end of the record against that equilibrium", run.u[-1])
         return
-    yield Link("unsettled", "end of a second transient against that equilibrium", exact)
-    how, bound = "end of the record against that transient", _simulator_error(verdict)
+    yield Link("unsettled", "end of a second transient against that equilibrium", run.exact_end)
+    how = "end of the record against that transient"
     if bound is not None:
-        least = LEAST_BOUND * verdict.answer.unit
         how += f"; error at most {'1 ppb' if bound <= least else show(bound, 'V', 3)}"
     yield Link("simulator", how, run.u[-1], bound)
-
-
-def _simulator_error(verdict: Verdict) -> float | None:
-    """Return the bound on the error of the record's end, V; None without one."""
-    error = verdict.error.steady_state * (verdict.measurements.amplitude or 1.0)
-    return error if math.isfinite(error) else None

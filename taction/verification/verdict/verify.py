@@ -149,7 +149,8 @@ class Verdict(Evidence, Result):
     @cached_property
     def budget(self) -> ErrorBudget:
         """The parts of the difference of the record's end and the true stress."""
-        return self._detail("the error budget", partial(error_budget, self), ErrorBudget())
+        find = partial(error_budget, self.run, self, self.answer)
+        return self._detail("the error budget", find, ErrorBudget())
 
     @cached_property
     def active_sets(self) -> tuple[VisitedSet, ...]:

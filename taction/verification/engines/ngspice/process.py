@@ -46,7 +46,7 @@ from taction.verification.engines.ngspice.evidence import (
 )
 from taction.verification.engines.ngspice.executable import Simulator, environment, find_simulator
 
-__all__ = ["Run", "Simulator", "find_simulator", "simulate", "start"]
+__all__ = ["Simulation", "Simulator", "find_simulator", "simulate", "start"]
 
 Result = TypeVar("Result")
 
@@ -125,7 +125,7 @@ LONGEST_RESULT = 8000 * MEGABYTE
 LOOK_INTERVAL = 0.5  # s between two looks at the share that is done
 
 
-class Run:
+class Simulation:
     """A running simulation, made by `start`.
 
     The process ends with all its descendants, and its folder is removed, when the run is cancelled,
@@ -156,7 +156,7 @@ class Run:
                 # Of the guard, which becomes the simulator, too.
                 resource.prlimit(self._process.pid, kind, (least, least))
 
-    def __enter__(self) -> Run:
+    def __enter__(self) -> Simulation:
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -259,7 +259,7 @@ def start(
     keep: bool = False,
     bound: float = PHYSICAL_BOUND,
     memory: int = resource.RLIM_INFINITY,
-) -> Run:
+) -> Simulation:
     """Start the simulation of a deck.
 
     `deck`: what to run.
@@ -278,7 +278,7 @@ def start(
     try:
         if not os.access(simulator.executable, os.X_OK):
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
-        return Run(deck, simulator, place, timeout, keep, bound, memory)
+        return Simulation(deck, simulator, place, timeout, keep, bound, memory)
     except OSError as error:
         remove_own_folder(place)
         raise SimulatorNotFound(f"{simulator.executable} does not start: {error}") from error

@@ -22,7 +22,7 @@ from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.system.errors import EngineError, InputError, SimulationError
 from taction.system.quantities import show, show_rate
 from taction.verification.engines.ngspice.executable import Simulator
-from taction.verification.engines.ngspice.process import Run, start
+from taction.verification.engines.ngspice.process import Simulation, start
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.readings.ringing import Mode, find_growth, find_ringing
 from taction.verification.stability.edges import Edge
@@ -233,7 +233,7 @@ def _span(pole: complex, fastest: float) -> tuple[float, float]:
     return length, step
 
 
-def _compare(side: Side, fastest: float, run: Run) -> Side:
+def _compare(side: Side, fastest: float, run: Simulation) -> Side:
     """Compare the pole with the ringing, or the growth, in the waveforms of a run."""
     try:
         waves = run.result()
