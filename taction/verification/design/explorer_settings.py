@@ -23,6 +23,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import EXAMPLES, number, parse
+from taction.verification.design.trials import moves_lambda
 from taction.verification.reference.lambda_rule import resolve_lambda
 
 LAMBDA, STRAY, VARIANCE = "design.lambda", "design.stray_capacitance", "problem.noise.variance"
@@ -145,9 +146,7 @@ class Settings:
         changed: dict[str, Value] = dict(self.values)
         if self.opamp:
             changed[OPAMP] = self.opamp
-        knobs = topology_of(start.scene).knobs(start.scene)
-        moved = any(knob.key in changed and "lambda" in knob.moves for knob in knobs)
-        if changed and (moved or start.scene.lambda_rule):
+        if changed and (moves_lambda(start.scene, changed) or start.scene.lambda_rule):
             changed.setdefault(LAMBDA, start.control(LAMBDA).own)
         return changed
 

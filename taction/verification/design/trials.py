@@ -10,7 +10,7 @@ its verdict at the large-signal level might.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -166,13 +166,15 @@ class Trials:
 
         Another op-amp has its own figures; level and input errors stay what the scene asks for.
         """
-        knobs = topology_of(self.scene).knobs(self.scene)
-        moved = any(knob.key in changes and "lambda" in knob.moves for knob in knobs)
-        held = moved and not {"design.lambda", "design.resistance"}.intersection(changes)
+        held = not {"design.lambda", "design.resistance"}.intersection(changes)
         opamp = self.scene.design.opamp
         asked = KEPT & opamp.model_fields_set if OPAMP in changes else ()
         kept = {f"{OPAMP}.{name}": getattr(opamp, name) for name in sorted(asked)}
-        return {**kept, **changes, **({"design.lambda": self.lam} if held else {})}
+        return {
+            **kept,
+            **changes,
+            **({"design.lambda": self.lam} if held and moves_lambda(self.scene, changes) else {}),
+        }
 
     def scene_at(self, changes: Mapping[str, Value]) -> Scene:
         """Return the scene with a change and the same lambda.
@@ -275,6 +277,12 @@ def broken_at_rest(board: LinearBoard) -> Mapping[str, BrokenLimit]:
         return broken_limits(board.circuit, board.equilibrium.__getitem__)
     except EngineError:
         return broken_limits(board.circuit)
+
+
+def moves_lambda(scene: Scene, changes: Container[str]) -> bool:
+    """Whether a change of these keys would change lambda."""
+    knobs = topology_of(scene).knobs(scene)
+    return any(knob.key in changes and "lambda" in knob.moves for knob in knobs)
 
 
 def knobs_with_margin(scene: Scene) -> tuple[str, ...]:

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-import weakref
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, wait
 from contextlib import suppress
@@ -224,35 +223,6 @@ def test_a_worker_ends_whatever_drops_its_end(
     with pytest.raises(BrokenExecutor):
         running.result(60)
     assert gone_within(60.0, *first)
-
-
-def end_in_a_callback() -> None:
-    """Let SIGTERM come in a callback, whose exceptions Python drops."""
-    thing = pytest.MonkeyPatch()
-    reference = weakref.ref(thing, lambda _: signal.raise_signal(signal.SIGTERM))
-    del thing
-    assert reference() is None
-    time.sleep(60.0)
-
-
-def test_an_end_in_a_callback_is_silent(pool: LocalPool, capfd: pytest.CaptureFixture[str]) -> None:
-    first = pids(pool)
-    with pytest.raises(BrokenExecutor):
-        pool.submit(end_in_a_callback).result(30.0)
-    assert gone_within(1.0, *first[:1]) or gone_within(1.0, *first[1:])
-    assert capfd.readouterr().err == ""
-
-
-def test_python_ends_although_a_worker_is_stopped() -> None:
-    script = """
-import os, signal
-from taction.verification.studies.running.pool import local
-with local(1) as workers:
-    workers.executor.submit(pow, 2, 5).result()
-    os.kill(workers.executor.workers[0].pid, signal.SIGSTOP)
-"""
-    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, timeout=60, check=False)
-    assert done.returncode == 0
 
 
 def test_workers_do_not_outlive_a_killed_parent() -> None:
