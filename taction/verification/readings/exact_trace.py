@@ -49,10 +49,7 @@ class ExactTrace(Trace):
         level: float = 0.0,
     ) -> None:
         flow = self.flow = solution.flow
-        share, after = flow.share * signs, np.zeros_like(flow.share)
-        lower = np.flatnonzero(flow.powers[1:])  # terms that a power of the time follows
-        after[lower] = share[lower + 1]
-        slopes = share * flow.poles[:, None] + flow.scales[:, None] * after
+        share, slopes = flow.share * signs, flow.derived() * signs
         self.both: Complexes = np.stack([share, slopes])  # of values and of slopes, (2, m, K)
         self.size, self.channels = np.abs(share), len(signs)
         self.largest = self.size.max(axis=1, initial=0.0)

@@ -31,12 +31,12 @@ def measure_exact(circuit: Circuit | LinearBoard, target: Floats, **known: Any) 
     return ExactResponse(LinearBoard.of(circuit), target, **known).measured()
 
 
-def second_order(zeta: float = ZETA, volts: float = 1.0) -> Circuit:
-    """A follower of DC gain 1 - 1e-9 whose two poles give ``OMEGA`` and `zeta`."""
+def second_order(zeta: float = ZETA, volts: float = 1.0, gain: float = 1e9) -> Circuit:
+    """A follower of DC gain 1 - 1/gain whose two poles give ``OMEGA`` and `zeta`."""
     second = 2.0 * zeta * OMEGA / (2 * np.pi)  # p1 + p2 = 2 zeta omega
     gbw = OMEGA**2 / (2.0 * zeta * OMEGA) / (2 * np.pi)  # p2 * 2 pi gbw = omega²
     return bare(
-        models={"op": OpAmp("op", 1e9, gbw=gbw, second_pole=second)},
+        models={"op": OpAmp("op", gain, gbw=gbw, second_pole=second)},
         opamps=(OpAmpCell("X", "op", "in", "out", "out"),),
         voltages=(VoltageSource("V", "in", volts),),
         outputs=(Output("out", 1.0),),
@@ -66,6 +66,22 @@ def test_a_second_order_step(volts: float) -> None:
     settled = brentq(lambda t: abs(response(t) - 1.0) - 0.01, 7 * half, 7.5 * half, xtol=1e-20)
     assert found.settling_time.value == pytest.approx(settled, rel=1e-6)
     assert found.settling_time.uncertainty < 1e-8 * settled
+
+
+@pytest.mark.parametrize("zeta", [1e-3, 1e-6, 1e-8])
+def test_a_ringing_that_hardly_decays_settles_where_its_envelope_meets_the_band(
+    zeta: float,
+) -> None:
+    """Up to 1e8 periods: only those are looked at in which the envelope is near the band."""
+    gain = 1e20
+    found = measure_exact(second_order(zeta, gain=gain), np.array([1.0])).channels[0]
+    rate, half = 0.5 * OMEGA * (2.0 * zeta + 0.5 / (zeta * gain)), np.pi / OMEGA
+    met = np.log(100.0) / rate
+    reading = found.settling_time
+    assert met - half <= reading.value + reading.uncertainty
+    assert reading.value - reading.uncertainty <= met + half
+    assert reading.uncertainty < 1e-4 * met
+    assert found.overshoot == pytest.approx(np.exp(-np.pi * zeta), rel=1e-6)
 
 
 def test_a_peak_that_just_reaches_the_band_is_fragile() -> None:

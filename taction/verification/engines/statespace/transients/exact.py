@@ -117,7 +117,7 @@ class ModalFlow:
                 values[:, higher] *= np.outer(times, self.scales[higher] / k)
         return values
 
-    def _derived(self) -> Complexes:
+    def derived(self) -> Complexes:
         """Return the shares of the time derivative, (m, K)."""
         after, lower = np.zeros_like(self.share), np.flatnonzero(self.powers[1:])
         after[lower] = self.share[lower + 1]
@@ -129,7 +129,7 @@ class ModalFlow:
 
     def pair(self, times: Floats) -> tuple[Floats, Floats]:
         """Return values and their time derivatives, shape (P, K) each."""
-        both = self._sums(times, np.hstack([self.share, self._derived()]))
+        both = self._sums(times, np.hstack([self.share, self.derived()]))
         return both[:, : self.share.shape[1]], both[:, self.share.shape[1] :]
 
     def _sums(self, times: Floats, weight: Complexes) -> Floats:
