@@ -46,7 +46,7 @@ def visited_sets(run: Run) -> tuple[VisitedSet, ...]:
     EngineError: as `taction.verification.engines.statespace.transients.stepped.simulate`.
     """
     board, transient = run.board.linear, run.board.transient
-    if board.circuit.is_linear or board.descriptor.is_large or not board.has_only_breaks:
+    if board.circuit.is_linear or board.descriptor.is_large or not all(board.broken):
         return ()
     curve = run.waveforms.curve
     if not isinstance(curve, SteppedCurve):

@@ -165,7 +165,7 @@ def plan_transient(
     else:
         allowed = max(AIM * error if aim is None else aim, LEAST_ERROR)
         forecast = model.cheapest(allowed)
-        if board.has_breaks:
+        if any(board.broken):
             forecast = _also_from_start(board, model, initial, forecast, allowed)
     transient = Transient(
         stop=stop,

@@ -67,24 +67,15 @@ class LinearBoard:
         return self.point or self._equilibrium(sources_on=True)
 
     @property
-    def has_breaks(self) -> bool:
-        """Whether the slope of an amplifier jumps."""
+    def broken(self) -> list[bool]:
+        """Which amplifiers consist of straight pieces: their slopes jump."""
         kinds = self.descriptor.devices.kinds
-        return any(kind in GAINS and GAINS[kind].breaks is not None for kind in kinds)
-
-    @property
-    def has_only_breaks(self) -> bool:
-        """Whether all amplifiers consist of straight pieces."""
-        kinds = self.descriptor.devices.kinds
-        return all(kind in GAINS and GAINS[kind].breaks is not None for kind in kinds)
+        return [kind in GAINS and GAINS[kind].breaks is not None for kind in kinds]
 
     def at_start(self, initial: Initial) -> LinearBoard:
         """Return the linear board that has the slopes of the amplifiers at the start.
 
-        Raises
-        ------
-        EngineError
-            It has no equilibrium.
+        EngineError: it has no equilibrium.
         """
         point = tangent(self.descriptor, initial_unknowns(self, initial))
         return LinearBoard(self.circuit, self.equations, point)

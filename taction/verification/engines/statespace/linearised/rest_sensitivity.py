@@ -30,12 +30,8 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 class RestSensitivity:
     """First-order changes of the outputs at rest.
 
-    Attributes
-    ----------
-    board : LinearBoard
-        The board; its equilibrium is the point of linearisation.
-    adjoint : ndarray (N, size)
-        ``-dy / dF``: output n moves by ``-adjoint[n] @ dF``, V.
+    The equilibrium of `board` is the point of linearisation; `adjoint` (N, size) is ``-dy / dF``:
+    output n moves by ``-adjoint[n] @ dF``, V.
     """
 
     board: LinearBoard
@@ -43,16 +39,9 @@ class RestSensitivity:
 
     @classmethod
     def of(cls, board: LinearBoard) -> RestSensitivity:
-        """Linearise `board` at its equilibrium.
+        """Linearise `board` at its equilibrium: one factorisation, and a solve for each output.
 
-        Raises
-        ------
-        EngineError
-            The board has no equilibrium, or its Jacobian is singular.
-
-        Notes
-        -----
-        Costs one factorisation of all unknowns, and a solve for each output.
+        EngineError: the board has no equilibrium, or its Jacobian is singular.
         """
         descriptor, outputs = board.descriptor, board.circuit.outputs
         wanted = np.zeros((descriptor.size, len(outputs)))

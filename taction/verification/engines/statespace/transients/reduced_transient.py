@@ -8,8 +8,8 @@ this structure has growing modes that the board lacks.) The patterns are those o
 ``(s M - K)^-1 M e`` at a few rates s, repeated: a rational Krylov space. With some 20 patterns of a
 smooth kernel, or 40 of a random matrix, it holds the strain step to 1e-6.
 
-`ReducedBoard` has the cells of the board, and the patterns of its transient at a few rates, one or
-two a decade. More of them are added until two boards of patterns in turn have the same outputs, and
+The board of patterns has the cells of the board, and the patterns of its transient at a few rates,
+one or two a decade. More of them are added until two boards of patterns in turn have the same outputs, and
 until the residual of the board's own equations, solved at each rate, leaves the outputs in place.
 A board with growing modes, or one that needs too many patterns, is integrated by steps
 (`stepped`), with the same bounds.
@@ -42,24 +42,6 @@ from taction.verification.engines.statespace.linearised.linear_board import (
 )
 from taction.verification.engines.statespace.transients.dense import record_times
 from taction.verification.engines.statespace.transients.exact import ModalFlow
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ReducedBoard:
-    """A board of patterns, and the way back."""
-
-    board: LinearBoard  # the board of patterns
-    # Unknowns of the large board for each unknown of the board of patterns; orthonormal.
-    patterns: Any
-
-    @classmethod
-    def of(cls, board: LinearBoard, vectors: Floats, least: float) -> ReducedBoard:
-        """Reduce a linear board to the patterns in vectors of its unknowns, (size, k).
-
-        Patterns below the share `least` of the largest are left out.
-        """
-        descriptor, patterns = board.descriptor, _patterns(board.descriptor, vectors, least)
-        return cls(LinearBoard(board.circuit, _projected(descriptor, patterns)), patterns)
 
 
 def _patterns(descriptor: Descriptor, vectors: Floats, least: float) -> Any:
@@ -157,13 +139,21 @@ class Patterns:
     lift: Floats  # (size, n)
 
     @classmethod
-    def of(cls, reduced: ReducedBoard, start: Floats) -> Patterns | None:
-        """Solve a board of patterns for a start (size,), V; None if it is too large, or grows."""
-        space = reduced.board.state_space
+    def of(cls, board: LinearBoard, vectors: Floats, least: float) -> Patterns | None:
+        """Solve with the patterns in vectors (size, k) of a board, the first of which is the start.
+
+        Patterns below the share `least` of the largest are left out. None if the board of patterns
+        is too large, or grows, or has no state space.
+        """
+        descriptor, patterns = board.descriptor, _patterns(board.descriptor, vectors, least)
+        try:
+            space = LinearBoard(board.circuit, _projected(descriptor, patterns)).state_space
+        except EngineError:
+            return None
         if space.n > STATES or np.any(space.modes.poles.real >= 0.0):
             return None
-        flow = ModalFlow(space.modes, np.eye(space.n), reduced.patterns.T @ start)
-        return cls(flow, reduced.patterns @ space.C)
+        flow = ModalFlow(space.modes, np.eye(space.n), patterns.T @ vectors[:, 0])
+        return cls(flow, patterns @ space.C)
 
     def at(self, times: Floats, places: Ints) -> Floats:
         """Return the deviations of some unknowns at `times` (P,), s; shape (P, K), V."""
@@ -197,9 +187,8 @@ class Reduction:
         span = max(math.log10(shown * stop), 1.0)
         self.rates: Floats = np.geomspace(1.0 / stop, shown, math.ceil(PER_DECADE * span) + 1)
         charge = board.structure.mass @ deviation
-        self.start = board.structure.settled_voltages(charge, SETTLED * fastest)
-        self.ends = [self.start] * len(self.rates)
-        self.vectors = [self.start]
+        start = board.structure.settled_voltages(charge, SETTLED * fastest)
+        self.ends, self.vectors = [start] * len(self.rates), [start]
         self.found: list[Patterns | None] = []
 
     def model(self, number: int) -> Patterns | None:
@@ -211,11 +200,7 @@ class Reduction:
                     end = structure.solver(rate)(structure.mass @ self.ends[k])
                     self.ends[k] = end / (float(np.linalg.norm(end)) or 1.0)
                     self.vectors.append(self.ends[k])
-            try:
-                reduced = ReducedBoard.of(self.board, np.stack(self.vectors, axis=1), least)
-                self.found.append(Patterns.of(reduced, self.start))
-            except EngineError:  # the board of patterns has no state space
-                self.found.append(None)
+            self.found.append(Patterns.of(self.board, np.stack(self.vectors, axis=1), least))
         return self.found[number]
 
     def converged(
@@ -281,19 +266,10 @@ def simulate(
     times: Floats | None = None,
     tolerance: float,
 ) -> Waveforms | None:
-    """Simulate a large linear board; None where patterns do not suffice.
+    """Simulate a large linear board as `simulate.simulate`; None where patterns do not suffice.
 
-    Parameters
-    ----------
-    board, analysis, nodes, times
-        See `simulate.simulate`.
-    tolerance : float
-        Of the outputs, in step amplitudes.
-
-    Raises
-    ------
-    EngineError
-        The board has no equilibrium.
+    `tolerance`: of the outputs, in step amplitudes.
+    EngineError: the board has no equilibrium.
     """
     began, reported = clock.perf_counter(), board.reported(nodes)
     if analysis.voltages:

@@ -280,30 +280,16 @@ def simulate(
     beside: tuple[str, ...] = (),
     resolved: bool = False,
 ) -> Waveforms:
-    """Simulate a transient by steps.
+    """Simulate a transient by steps, as `simulate.simulate`.
 
-    Parameters
-    ----------
-    circuit, analysis, nodes, times
-        See `simulate.simulate`; the error estimate controls the step.
-    tolerance : float
-        Of one step and of the solution within it, in step amplitudes.
-    beside : tuple of str
-        Further nodes that the curve of the record has, to `BESIDE`.
-    resolved : bool
-        Whether the record has the points of the solution instead, up to the last of `times`.
+    The error estimate controls the step: `tolerance` is that of one step and of the solution within
+    it, in step amplitudes. The nodes `beside` are in the curve of the record, to `BESIDE`.
+    `resolved`: whether the record has the points of the solution instead, up to the last of
+    `times`.
 
-    Returns
-    -------
-    Waveforms
-        The record of a board that diverges ends early, beyond any physical bound.
-
-    Raises
-    ------
-    DivergesError
-        The board diverges before the last of `times`; the exception has the record.
-    EngineError
-        No equilibrium, no state space, or the solution leaves the range of floats.
+    DivergesError: the board diverges before the last of `times`; the exception has the record,
+      which ends beyond any physical bound.
+    EngineError: no equilibrium, no state space, or the solution leaves the range of floats.
     """
     board = LinearBoard.of(circuit)
     (found,) = simulate_together([Task(board, analysis, nodes, times, tolerance, beside, resolved)])

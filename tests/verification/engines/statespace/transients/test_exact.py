@@ -16,7 +16,6 @@ from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients import reduced_transient
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.engines.statespace.transients.reduced_transient import ReducedBoard
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.verdict.simulation import state_space_error
 from tests.support.boards import IDEAL, board, kernel, lags, paper_board, strain
@@ -203,9 +202,7 @@ def test_patterns_that_miss_the_transient_show_in_the_residual() -> None:
     places = np.array([board.descriptor.place(node) for node in board.reported(None)])
     step = float(np.abs(board.equilibrium.values[places]).max())
     full = made.model(1)
-    few = reduced_transient.Patterns.of(
-        ReducedBoard.of(board, np.stack(made.vectors[:2], axis=1), 1e-9), made.start
-    )
+    few = reduced_transient.Patterns.of(board, np.stack(made.vectors[:2], axis=1), 1e-9)
     assert full is not None
     assert few is not None
     assert full.off(board, made.rates, places) < 1e-4 * step
