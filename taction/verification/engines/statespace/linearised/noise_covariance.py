@@ -26,7 +26,7 @@ and base current, and the thermal noise of its bulk resistance.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,7 +35,7 @@ from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.netlist_gen.board.wired_arrays import joined_resistors
 from taction.spice_models.opamp import THERMAL
 from taction.spice_models.transistor import ELECTRON, NOMINAL
-from taction.system.array_types import EPS, Complexes, Floats, Ints
+from taction.system.array_types import EPS, Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.cell_stamps import (
     gain_stage,
@@ -45,7 +45,7 @@ from taction.verification.engines.statespace.equations.descriptor import Descrip
 from taction.verification.engines.statespace.equations.mirror_symmetry import block_diagonal
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import Modes
-from taction.verification.engines.statespace.linearised.reduction import ROUNDED
+from taction.verification.engines.statespace.linearised.reduction import ROUNDED, STEPS
 from taction.verification.engines.statespace.linearised.state_space import StateSpace, linearise
 
 
@@ -54,26 +54,33 @@ def noise_intensities(
 ) -> Floats:
     """Return the covariance of the noise in each pair of rows, over positive and negative f.
 
-    `point` (size,) is the equilibrium, which sets the currents of transistors; without it they are
-    silent.
-
-    Returns
-    -------
-    ndarray (size, size)
-        In A²/Hz for current balances, V²/s²/Hz for states of op-amps, V²/Hz for rows that state a
-        voltage; half of the density over positive frequencies.
+    Half of the density over positive frequencies, (size, size), in A²/Hz for current balances,
+    V²/s²/Hz for states of op-amps, V²/Hz for rows that state a voltage. `point` (size,) is the
+    equilibrium, which sets the currents of transistors; without it they are silent.
     """
-    size = descriptor.size
+    size, places = descriptor.size, {GROUND: descriptor.size} | descriptor.places
     density = np.zeros((size + 1, size + 1))  # the last row is ground
-    _resistors(density, circuit, descriptor)
+
+    def add(one: str, other: str, current: float) -> None:
+        """Add the noise of a current between two nodes, A²/Hz."""
+        p, q = places[one], places[other]
+        for row, column, sign in ((p, p, 1.0), (q, q, 1.0), (p, q, -1.0), (q, p, -1.0)):
+            density[row, column] += sign * current
+
+    for one, other, ohms in joined_resistors(circuit):
+        add(one, other, THERMAL / ohms)
     for cell in circuit.opamps:
-        pins = _places(descriptor, (cell.noninverting, cell.inverting))
-        density[pins, pins] += circuit.models[cell.model].current_noise ** 2
+        for pin in (cell.noninverting, cell.inverting):
+            add(pin, GROUND, circuit.models[cell.model].current_noise ** 2)
     for source in circuit.noises:
-        place = descriptor.place(source.node)
-        density[place, place] += source.density**2
-    if point is not None and circuit.transistors:
-        _transistors(density, circuit, descriptor, point)
+        add(source.node, GROUND, source.density**2)
+    if point is not None and circuit.transistors:  # shot noise, and that of the bulk resistance
+        currents = np.abs(transistor_currents(circuit, descriptor, point))
+        for q, (collector, base) in zip(circuit.transistors, currents.T.tolist(), strict=True):
+            inner, model = f"q{q.name}.e", circuit.transistor_models[q.model]
+            add(q.collector, inner, 2.0 * ELECTRON * collector)
+            add(q.base, inner, 2.0 * ELECTRON * base)
+            add(q.emitter, inner, THERMAL / model.emitter_resistance)
     rows = descriptor.balance_rows
     for place in np.flatnonzero(rows != np.arange(size + 1)).tolist():
         if rows[place] != size:
@@ -96,46 +103,11 @@ def flicker_intensities(circuit: Circuit, descriptor: Descriptor) -> Floats:
     return 0.5 * density
 
 
-def _resistors(density: Floats, circuit: Circuit, descriptor: Descriptor) -> None:
-    parts = list(joined_resistors(circuit))
-    a = _places(descriptor, (end for end, _, _ in parts))
-    b = _places(descriptor, (end for _, end, _ in parts))
-    _between(density, a, b, THERMAL / np.array([ohms for _, _, ohms in parts]))
-
-
-def _transistors(density: Floats, circuit: Circuit, descriptor: Descriptor, point: Floats) -> None:
-    """Add shot noise of collector and base current, and thermal noise of the bulk resistance."""
-    cells = circuit.transistors
-    collector, base, emitter = (
-        _places(descriptor, (getattr(cell, leg) for cell in cells))
-        for leg in ("collector", "base", "emitter")
-    )
-    inner = _places(descriptor, (f"q{cell.name}.e" for cell in cells))
-    models = [circuit.transistor_models[cell.model] for cell in cells]
-    currents = np.abs(transistor_currents(circuit, descriptor, point))
-    _between(density, collector, inner, 2.0 * ELECTRON * currents[0])
-    _between(density, base, inner, 2.0 * ELECTRON * currents[1])
-    _between(density, emitter, inner, THERMAL / np.array([m.emitter_resistance for m in models]))
-
-
-def _between(density: Floats, a: Ints, b: Ints, current: Floats) -> None:
-    """Add noise currents, A²/Hz, between places."""
-    for p, q in ((a, b), (b, a)):
-        np.add.at(density, (p, p), current)
-        np.add.at(density, (p, q), -current)
-
-
-def _places(descriptor: Descriptor, names: Iterable[str]) -> Ints:
-    places = [descriptor.size if name == GROUND else descriptor.place(name) for name in names]
-    return np.array(places, dtype=np.int64)
-
-
 HIDDEN = "rounding hides the noise: the poles of the board are too far apart"
 DIRECT = 1e-9  # of the variance: direct noise in the band of the board that counts as rounding
 MOST = 1200  # unknowns: some seconds, in which the dense matrices are decomposed
 REFINED = 3  # solutions: the first, and its refinements
 BALANCING = 8  # sweeps
-SOURCES = 2  # columns of the equations of a board before those of the noise
 
 
 def output_noise(board: LinearBoard, lowest: float = 0.0) -> tuple[Floats, Floats]:
@@ -166,8 +138,8 @@ def output_noise(board: LinearBoard, lowest: float = 0.0) -> tuple[Floats, Float
     if flicker.any() and not lowest > 0.0:
         raise EngineError("1/f noise has no end at 0 Hz: a lowest frequency is needed")
     live = np.flatnonzero(density.diagonal())
-    inputs = np.zeros((descriptor.size, SOURCES + len(live)))
-    inputs[live, SOURCES + np.arange(len(live))] = 1.0
+    inputs = np.zeros((descriptor.size, STEPS + len(live)))
+    inputs[live, STEPS + np.arange(len(live))] = 1.0
     space = linearise(descriptor, board.operating_point, inputs)
     modes = board.state_space.modes
     poles = modes.poles
@@ -180,7 +152,7 @@ def output_noise(board: LinearBoard, lowest: float = 0.0) -> tuple[Floats, Float
         raise EngineError(HIDDEN)
     W = density[np.ix_(live, live)]
     C, D = space.rows([out.node for out in outputs])
-    B, D = space.B[:, SOURCES:], D[:, SOURCES:]
+    B, D = space.B[:, STEPS:], D[:, STEPS:]
     w, fastest = math.tau * lowest, float(np.abs(poles).max(initial=0.0))
     equation = Covariance.of(space.A, modes, _sizes(space))
     variance, error = equation.variance(B @ W @ B.T, C, _white(w) if w else None)

@@ -9,8 +9,9 @@ this structure has growing modes that the board lacks.) The patterns are those o
 smooth kernel, or 40 of a random matrix, it holds the strain step to 1e-6.
 
 The board of patterns has the cells of the board, and the patterns of its transient at a few rates,
-one or two a decade. More of them are added until two boards of patterns in turn have the same outputs, and
-until the residual of the board's own equations, solved at each rate, leaves the outputs in place.
+one or two a decade. More of them are added until two boards of patterns in turn have the same
+outputs, and until the residual of the board's own equations, solved at each rate, leaves the
+outputs in place.
 A board with growing modes, or one that needs too many patterns, is integrated by steps
 (`stepped`), with the same bounds.
 """
