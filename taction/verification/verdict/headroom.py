@@ -22,7 +22,7 @@ from taction.verification.readings.exact_trace import ExactTrace
 
 FULL = 0.9  # of a limit: above it the small-signal solution is not taken for true
 PRECISION = 0.01  # of a limit: error of a peak
-DETAIL = 0.02  # of a limit: smaller modes need no points of their own
+DETAIL = 1e-4  # of a limit: smaller modes need no points of their own
 TOLERANCE = 1e-3  # of a board without exact solution, in step amplitudes
 INSTANTS = 1000  # of such a board, in geometric progression
 EARLIEST = 1e-6  # of the record: the first of them
