@@ -26,7 +26,7 @@ from taction.system.reading_definitions import READINGS
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import Verdict
 
-FORMAT = 2
+FORMAT = 3
 MARK = "taction_baseline"
 MOVE_AWAY = "rename it, and `--update` writes a new baseline"
 UNKNOWN = "unknown"

@@ -45,13 +45,13 @@ def broken(change: dict[str, Any]) -> str:
 
 WRONG = {
     "": "damaged, no JSON",
-    '{"taction_baseline": 2, "scenes": {': "damaged, no JSON",
+    '{"taction_baseline": 3, "scenes": {': "damaged, no JSON",
     "\x00\x01": "damaged, no JSON",
     "[" * 100_000: "damaged, no JSON",
     "[1, 2]": "no baseline of taction",
     '{"scenes": {}}': "no baseline of taction",
     '{"taction_baseline": 1, "scenes": {}}': "taction_baseline = 1: another format",
-    '{"taction_baseline": 2}': "scenes: damaged",
+    '{"taction_baseline": 3}': "scenes: damaged",
     broken({"step_amplitude": "much"}): r"scenes\.a\.toml\.step_amplitude = 'much': damaged",
     broken({"step_amplitude": float("nan")}): r"scenes\.a\.toml\.step_amplitude = nan: damaged",
     broken({"growth_rate": None}): "growth_rate",
@@ -105,7 +105,7 @@ def test_the_revision_is_git_s_own_or_unknown(
     assert load_baseline(file) == ({"a.toml": entry()}, commit)
     file.write_text(baseline_text({}))
     assert load_baseline(file) == ({}, Commit())
-    file.write_text('{"taction_baseline": 2, "commit": 3, "scenes": {}}')
+    file.write_text('{"taction_baseline": 3, "commit": 3, "scenes": {}}')
     with pytest.raises(InputError, match=r"commit.*damaged"):
         load_baseline(file)
 
