@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +31,7 @@ from taction.cli.command import (
     text_file,
 )
 from taction.cli.printing import StageLine, print_json, put, say
+from taction.cli.running import is_of_stdout
 from taction.system.errors import Interrupted
 from taction.system.foreign_files import visible
 from taction.system.progress import attempt
@@ -58,7 +61,7 @@ class Verified:
 
 
 def verify_scene(call: Call, progress: StageLine) -> Verified:
-    """Verify the scene, and search for changes if it fails."""
+    """Verify the scene, print the verdict, and search for changes if it fails."""
     options = call.options
     verdict = taction.verify(
         options["scenes"][0],
@@ -72,6 +75,9 @@ def verify_scene(call: Call, progress: StageLine) -> Verified:
     if call.as_json or options["margins"] or options["annotate"]:
         document = load(DOCUMENT + "_with_margins" * bool(options["margins"]))(verdict)
     found = Verified(verdict, None, document, whole=options["verbose"])
+    if not call.as_json:
+        show = partial(_print_verdict, found, progress)
+        attempt("the text", show, None, say, is_of_stdout)
     given = {name: options[name] for name in ("changes", "any_part")}
 
     def search() -> Remedies | None:
@@ -83,9 +89,9 @@ def verify_scene(call: Call, progress: StageLine) -> Verified:
         raise Interrupted("the verdict stands, the search for changes was ended", found) from None
 
 
-def print_verified(found: Verified) -> None:
-    """Print a verdict, what mends it, and its outcome as the last line."""
-    from taction.verification.report.renderers.terminal import outcome_line, page_lines
+def _print_verdict(found: Verified, progress: StageLine) -> None:
+    """Print a verdict but for its last line; a reader who has gone is met at the end."""
+    from taction.verification.report.renderers.terminal import page_lines
     from taction.verification.report.views.answer_view import margin_lines
     from taction.verification.report.views.verdict_view import screen, view
 
@@ -95,8 +101,16 @@ def print_verified(found: Verified) -> None:
         if found.whole
         else screen(found.verdict, margins)
     )
-    lines = [*page_lines(page)][:-1]
-    for line in (*lines, *change_lines(found, whole=found.whole), outcome_line(found.outcome)):
+    with progress.aside(), suppress(BrokenPipeError):
+        for line in [*page_lines(page)][:-1]:
+            put(line)
+
+
+def _print_changes(found: Verified) -> None:
+    """Print what mends a verdict that is printed, and its outcome as the last line."""
+    from taction.verification.report.renderers.terminal import outcome_line
+
+    for line in (*change_lines(found, whole=found.whole), outcome_line(found.outcome)):
         put(line)
 
 
@@ -190,7 +204,7 @@ VERIFY = Command(
     function="verify",
     work=verify_scene,
     document=_verified_document,
-    text=print_verified,
+    text=_print_changes,
     outputs=(
         replace(
             picture("outputs, settling band and recovered stress"),

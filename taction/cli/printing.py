@@ -106,11 +106,8 @@ class StageLine:
         if isinstance(stage, Notice):
             if stage not in self._said:
                 self._said.add(stage)
-                if self._bar is not None:
-                    self._bar.stop()
-                say(stage)
-                if self._bar is not None:
-                    self._bar.start()
+                with self.aside():
+                    say(stage)
         elif self._bar is not None and self._task is not None:
             counted = COUNTED.search(stage)
             done, total = map(int, counted.groups()) if counted else (0, None)
@@ -118,6 +115,15 @@ class StageLine:
         elif (elapsed := self._clock() - self._start) >= self._due:
             self._due = min(elapsed * GROWTH, elapsed + LONGEST)
             self._say(stage)
+
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """Take the bar away while something else is printed."""
+        if self._bar is not None:
+            self._bar.stop()
+        yield
+        if self._bar is not None:
+            self._bar.start()
 
 
 @contextmanager

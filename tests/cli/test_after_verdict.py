@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 
 import taction
@@ -88,6 +89,28 @@ def test_ctrl_c_in_the_search_shows_the_verdict(
 
 
 TEXT = "taction.verification.report.views.design_view.remedies_text"
+
+
+def test_the_verdict_is_printed_before_the_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def search(verdict: Any, **more: Any) -> object:
+        click.echo("the search begins")
+        return object()
+
+    monkeypatch.setattr(taction, "what_to_change", search)
+    monkeypatch.setattr(TEXT, lambda scene, found: "what to change\n  C = 1 nF (verified)")
+    lines = run(
+        "verify", str(write_fast(tmp_path / "a.toml", limit="1ns")), *ENGINE
+    ).stdout.splitlines()
+    places = [
+        lines.index(next(line for line in lines if part in line))
+        for part in (
+            "settles to ±1 % in", "more: -v", "the search begins", "what to change", "C = 1 nF",
+        )
+    ]  # fmt: skip
+    assert places == sorted(places)
+    assert lines[-1] == "FAIL"
 
 
 def test_more_changes_than_the_screen_holds_are_counted(

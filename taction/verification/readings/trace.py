@@ -26,7 +26,7 @@ ROUNDS = 200  # largest number of cells that a search divides
 FINE = 1e-7  # of a level: with less room a cell is not divided
 DEEPEST = 8  # so often a cell is divided
 SMALLEST = 1e-9  # of a cell: what is left of it counts as nothing
-NARROWED = 10  # so often the place of a crossing in its cell is narrowed to a `PARTS`-th
+NARROWED = 17  # so often the place of a crossing in its cell is narrowed to a `PARTS`-th
 FEW, TOGETHER = 4, 512  # first candidates of a search, and those that are divided at once
 
 
@@ -154,6 +154,7 @@ class Trace(ABC):
             if not left.size:
                 break
             piece, sign = (begin[left], width[left], channel[left]), 1.0 - 2.0 * side[left]
+            doubt[left] = width[left] * float(PARTS) ** -NARROWED
             found = self._within(*piece, sign, level[left], shift[left], last=last)
             time[left], begin[left], width[left] = found
             left = left[np.isnan(time[left])]
