@@ -64,11 +64,11 @@ def test_stored_documents_are_compared_without_a_run(tmp_path: Path) -> None:
     stored.write_text(taction("verify", scene, "--json").stdout, encoding="utf-8")
     assert taction("diff", str(stored), scene, "--json").exit_code == 0
     known = json.loads(stored.read_text())
-    bound = known["channels"][0]["uncertainties"]["settling_time"]
-    known["channels"][0]["settling_time"] += 1.9 * bound
+    bound = known["channels"][1]["uncertainties"]["settling_time"]
+    known["channels"][1]["settling_time"] += 1.9 * bound
     stored.write_text(json.dumps(known))
     assert taction("diff", str(stored), scene).exit_code == 0
-    known["channels"][0]["settling_time"] += 0.2 * bound
+    known["channels"][1]["settling_time"] += 0.2 * bound
     stored.write_text(json.dumps(known))
     assert taction("diff", str(stored), scene).exit_code == 1
 

@@ -66,7 +66,7 @@ def test_a_failed_check_ends_with_1(tmp_path: Path) -> None:
 def test_an_untrusted_reference_ends_with_3(monkeypatch: pytest.MonkeyPatch) -> None:
     from dataclasses import replace
 
-    from taction.verification.verdict import verify as module
+    from taction.verification.verdict import board as module
 
     original = module.ideal_answer
     monkeypatch.setattr(

@@ -18,7 +18,7 @@ FORBIDDEN = {
     "tests the beginning of a name": rf"\b{PART}\.(startswith|removeprefix|partition|split)\(",
     "builds the name of a part": rf"""\b{PART}\s*(==|in)\s*\(?f["']""",
 }
-OWN = ("netlist_gen/topologies/", "verification/reference/networks.py")
+OWN = ("netlist_gen/topologies/", "verification/reference/dynamics.py")
 
 
 def sources() -> Iterator[tuple[str, str]]:
