@@ -106,7 +106,8 @@ def flicker_intensities(circuit: Circuit, descriptor: Descriptor) -> Floats:
 HIDDEN = "rounding hides the noise: the poles of the board are too far apart"
 DIRECT = 1e-9  # of the variance: direct noise in the band of the board that counts as rounding
 MOST = 1200  # unknowns: some seconds, in which the dense matrices are decomposed
-REFINED = 3  # solutions: the first, and its refinements
+REFINED = (3, 30)  # solutions: the first with its refinements, and where its bound is above `KNOWN`
+KNOWN = 1e-6  # of the variance
 BALANCING = 8  # sweeps
 
 
@@ -210,13 +211,13 @@ class Covariance:
             left = np.linalg.inv(right)
         return cls(A, scale, sizes * scale / scale[:, None], poles, right, left)
 
-    def solve(self, Q: Floats, *, adjoint: bool = False) -> Floats:
-        """Return P; with `adjoint` that of ``A^T P + P A = -Q``. The solution is refined."""
+    def solve(self, Q: Floats, count: int, *, adjoint: bool = False) -> Floats:
+        """Return P after so many solutions; with `adjoint` that of ``A^T P + P A = -Q``."""
         A, V, W = self.A, self.right, self.left
         if adjoint:
             A, V, W = A.T, W.T, V.T
         P, remainder = np.zeros_like(Q), Q
-        for _ in range(REFINED):
+        for _ in range(count):
             X = (W @ remainder @ W.conj().T) / -(self.poles[:, None] + self.poles.conj())
             step = (V @ X @ V.conj().T).real
             P = P + 0.5 * (step + step.T)
@@ -229,8 +230,17 @@ class Covariance:
 
         With a `weight`, P is weighted with this function of A.
         """
+        for count in REFINED:
+            variance, error = self._variance(Q, C, weight, count)
+            if error <= KNOWN * float(np.abs(variance).min(initial=math.inf)):
+                break
+        return variance, error
+
+    def _variance(
+        self, Q: Floats, C: Floats, weight: Weight | None, count: int
+    ) -> tuple[Floats, float]:
         Q, C, doubt = Q / np.outer(self.scale, self.scale), C * self.scale, 0.0
-        P, Y = self.solve(Q), self.solve(C.T @ C, adjoint=True)
+        P, Y = self.solve(Q, count), self.solve(C.T @ C, count, adjoint=True)
         remainder = self.remainder(P, Q)
         if weight is not None:
             first, second = _weights(self.A, weight), _weights(self.A.T.copy(), weight).T
