@@ -51,7 +51,7 @@ class PortResponse:
         for k, part in enumerate(parts):
             for node, sign in ((part.a, 1.0), (part.b, -1.0)):
                 if node != GROUND:
-                    columns[descriptor.place(node), k] = sign
+                    columns[descriptor.place(node), k] += sign
         values = [p.farads if isinstance(p, Capacitor) else 1.0 / p.ohms for p in parts]
         rows = np.zeros((descriptor.size + 1, len(parts)))
         np.add.at(rows, descriptor.balance_rows[:-1], columns * values)
@@ -148,9 +148,8 @@ class PortResponse:
             return []
         blocks = modes.refined.blocks
         parts = [part for block in blocks if len((part := self._part([block])).direct)]
-        if np.linalg.matrix_rank(np.hstack([part.basis for part in parts])) < sum(
-            len(part.direct) for part in parts
-        ):
+        bases = [part.basis for part in parts]
+        if parts and np.linalg.matrix_rank(np.hstack(bases)) < sum(len(U.T) for U in bases):
             parts = [self._part(blocks)]
         s = float(np.abs(modes.poles).max()) * np.array([ABOVE, FAR], np.complex128)
         weights = s.real if self.reactive else np.ones(2)

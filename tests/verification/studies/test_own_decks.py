@@ -91,6 +91,16 @@ def test_a_real_pole_that_crosses_beyond_the_margin_is_decided(
     assert not any(row.doubt for row in found.parts)
 
 
+def test_a_part_between_one_node_and_itself_moves_nothing(tmp_path: Path, ngspice: str) -> None:
+    place = tmp_path / "rc.cir"
+    parts = "R1 in out 1k\nC1 out 0 1n\nR5 0 0 1k\nC5 0 0 1n\nR6 out out 2k\n"
+    place.write_text(f"t\nV1 in 0 PULSE(0 1)\n{parts}.end\n")
+    found = taction.check(place, checks="margin=2", ngspice=False)
+    assert found.outcome.value == "pass"
+    rates = {row.name: row.real for row in found.parts}
+    assert rates == {"R1": pytest.approx(1e6), "C1": pytest.approx(1e6), "R5": 0, "C5": 0, "R6": 0}
+
+
 @pytest.mark.parametrize(("sure", "doubt"), [(1.5, "R1: a pole comes close"), (9.0, "")])
 def test_a_doubt_counts_within_the_margin_only(sure: float, doubt: str) -> None:
     """A loop gain of 2 at R1/R2 = 1: the edge is at R2 of twice its value."""
