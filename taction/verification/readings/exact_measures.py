@@ -64,14 +64,6 @@ class ExactResponse:
             raise EngineError("the board is not stable: its transient has no end to measure")
         return solution
 
-    @property
-    def is_stable(self) -> bool:
-        """Whether there is a solution that comes to rest."""
-        try:
-            return self.solution is not None
-        except EngineError:
-            return False
-
     @functools.cached_property
     def step(self) -> Step:
         """The step of the channels."""

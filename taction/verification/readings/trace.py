@@ -38,7 +38,7 @@ class Crossings(NamedTuple):
 
 
 class CubicCells(NamedTuple):
-    """CubicCells of equal shape: of a block (P, K), or parts of cells (PARTS, Q)."""
+    """Cells of equal shape, with a cubic each: of a block (P, K), or parts of cells (PARTS, Q)."""
 
     begin: Floats  # s, like `width`: (P, 1) or (PARTS, Q)
     width: Floats

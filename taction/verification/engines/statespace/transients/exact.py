@@ -223,10 +223,6 @@ class Exact:
         """Return voltages at `times` (P,), s; shape (P, K)."""
         return self.final + self.flow.at(times)
 
-    def derivative(self, times: Floats) -> Floats:
-        """Return time derivatives at `times` (P,), V/s; shape (P, K)."""
-        return self.flow.pair(times)[1]
-
 
 def exact_solution(
     circuit: Circuit | LinearBoard,
