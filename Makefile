@@ -54,9 +54,9 @@ test-kicad: ready ## the KiCad projects in a real kicad-cli, which is installed 
 	@kicad=$$(bash scripts/kicad.sh) && TACTION_KICAD=$$kicad $(PYTHON_IN_VENV) -m pytest tests/kicad $(ARGS)
 
 test-processors: ready ## the numerical tests with every BLAS kernel that this processor executes
-	$(PYTHON_IN_VENV) scripts/processors.py $(ARGS) -- -n $(JOBS)
+	bash scripts/processors.sh $(ARGS) -- -n $(JOBS)
 
-test-pythons: ready ## the numerical tests with the newest other Python, in .venv-VERSION; ARGS=--all runs all tests with every newer one
+test-pythons: ready ## the numerical tests with the newest other Python, in .venv-VERSION, and old BLAS kernels; ARGS=--all runs all tests with every newer one
 	bash scripts/pythons.sh $(ARGS) -n $(JOBS)
 
 test-simulators: ready ## all shipped scenes with ngspice 39 (of Debian 12) and the installed one: solvers and methods, ARGS=--all for every combination
@@ -121,8 +121,12 @@ format: ready ## rewrite the sources as ruff wants them
 bench: ready ## docs/benchmarks.md in minutes; ARGS="--only check" prints a section
 	$(PYTHON_IN_VENV) -m benchmarks $(ARGS)
 
-lock: ## write requirements/*.txt anew from pyproject.toml, newest versions; ARGS=--keep pins only what is new
-	bash scripts/lock.sh $(ARGS)
+# Every transitive package is pinned, as the oldest Python that we support resolves it.
+LOCK = $(PYTHON_IN_VENV) -m uv pip compile --quiet --no-header --no-annotate --python-version 3.11 $(ARGS) pyproject.toml
+lock: ready ## pin in requirements/*.txt what pyproject.toml asks for and is not pinned yet; ARGS=--upgrade takes the newest of all
+	$(LOCK) -o requirements/runtime.txt
+	echo "setuptools>=77" | $(LOCK) - --extra plot --extra report -c requirements/runtime.txt -o requirements/demo.txt
+	$(LOCK) --extra dev -c requirements/demo.txt -o requirements/dev.txt
 
 build: ready ## source archive, and the wheel made from it, into dist/
 	rm -rf build

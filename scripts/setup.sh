@@ -74,12 +74,9 @@ create_venv() {
 }
 
 fill_venv() {
-    local files=(requirements/runtime.txt requirements/demo.txt) about="half a minute"
-    [ "$LEVEL" = dev ] && files+=(requirements/dev.txt) about="a minute or two"
-    say "step 2 of 3: $(cat "${files[@]}" | grep -c ==) pinned packages, about $about"
-    # A terminal shows pip's own progress.
     local quiet=(-q)
-    [ -t 2 ] && quiet=()
+    [ -t 2 ] && quiet=() # a terminal shows pip's own progress
+    say "step 2 of 3: $(grep -c == "requirements/$LEVEL.txt") pinned packages, a minute or two"
     # Modules that nothing imports need no bytecode: it is 100 MB of the demonstration.
     $VENV/bin/python -m pip install --no-compile "${quiet[@]}" -r "requirements/$LEVEL.txt"
     # `compat` is a plain path entry: the default import hook costs every start 10 ms.
