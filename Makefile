@@ -46,7 +46,7 @@ test-bare: ## demo and all tests in a minimal Debian, made as root by mmdebstrap
 test-browser: ready ## the reports in a headless Chromium, which is installed where missing
 	@browser=$$(bash scripts/chromium.sh) && TACTION_BROWSER=$$browser $(PYTHON_IN_VENV) -m pytest -n $(JOBS) tests/browser $(ARGS)
 
-test-install: ready ## wheel and sdist by pip, pipx and uv into empty environments; completion in bash, zsh and fish
+test-install: ready ## wheel and sdist by pip and uv into empty environments; completion in bash, zsh and fish
 	@bash scripts/shells.sh
 	TACTION_INSTALL=1 $(PYTHON_IN_VENV) -m pytest tests/install $(ARGS)
 
@@ -94,7 +94,7 @@ nightly: ready ## what takes too long for every commit (some hours); ARGS=fuzz r
 fuzz: ready ## INPUTS=2000 damaged inputs of every kind, others each time; ARGS="-k decks" draws some kinds
 	TACTION_FUZZ=$(or $(INPUTS),2000) $(PYTHON_IN_VENV) -m pytest -n $(JOBS) $(SHARED) tests/fuzz $(ARGS)
 
-torture: ready ## ROUNDS=2 of every kill and disaster of a study, and of every command on every bad machine; others by SEED
+torture: ready ## ROUNDS=2 of every kill and disaster of a study; others by SEED
 	TACTION_TORTURE=$(or $(ROUNDS),1) TACTION_SEED=$(or $(SEED),0) $(PYTHON_IN_VENV) -m pytest -n $(JOBS) tests/torture $(ARGS)
 
 boards: ready ## boards that commands write and that pass, each with 100 drawn ones in ngspice: 20 minutes; ARGS="-k op27"

@@ -108,16 +108,3 @@ def by_uv(archives: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory)
     python = str(place / "bin" / "python")
     uv("pip", "install", "--quiet", "--python", python, f"{archives[1]}[plot,report]")
     return Environment(place / "bin", tmp_path_factory.mktemp("empty"))
-
-
-@pytest.fixture(scope="session")
-def by_pipx(archives: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Environment:
-    """The wheel by pipx, in a home of its own; newer ones use uv."""
-    home = tmp_path_factory.mktemp("pipx")
-    places = {name: str(home / name) for name in ("PIPX_HOME", "PIPX_BIN_DIR", "PIPX_MAN_DIR")}
-    words = [sys.executable, "-m", "pipx", "install", "--quiet", str(archives[0])]
-    run = subprocess.run(
-        words, env=outside() | uv_sources() | places, capture_output=True, text=True
-    )
-    assert run.returncode == 0, run.stdout + run.stderr
-    return Environment(home / "PIPX_BIN_DIR", tmp_path_factory.mktemp("empty"))

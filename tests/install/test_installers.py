@@ -1,4 +1,4 @@
-"""The package as users install it: by pip, pipx and uv, used outside the checkout."""
+"""The package as users install it: by pip and uv, used outside the checkout."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ REFUSED = {
 }
 
 
-@pytest.fixture(params=["by_pip", "by_uv", "by_pipx"])
+@pytest.fixture(params=["by_pip", "by_uv"])
 def environment(request: pytest.FixtureRequest) -> Environment:
     made: Environment = request.getfixturevalue(request.param)
     shutil.copy(SCENES / BOARD, made.folder)

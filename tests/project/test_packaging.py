@@ -11,7 +11,6 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from packaging.metadata import Metadata
 
 from taction.verification.studies.running.versions import own_code
 from tests.support.archives import FILES, LINKS, build_archives
@@ -138,19 +137,6 @@ def test_the_source_archive_holds_every_module_and_data_file(archives: tuple[Pat
     local = {path.relative_to(ROOT).as_posix() for path in sources().values()}
     assert (local | set(FILES)) - found == set()
     assert not [name for name in found if name.startswith(("tests/", "docs/", "benchmarks/"))]
-
-
-def test_the_metadata_is_valid_for_an_index(archives: tuple[Path, Path]) -> None:
-    about = Metadata.from_email(read(archives[0], ".dist-info/METADATA"), validate=True)
-    assert about.requires_python == ">=3.11"
-    assert about.description_content_type == "text/markdown"
-    assert about.license_expression == "GPL-3.0-or-later"
-    assert not [each for each in about.classifiers or [] if each.startswith("License ::")]
-    assert {*about.provides_extra} >= {"plot", "report", "explore", "cluster", "data"}  # type: ignore[misc]
-    assert read(archives[0], "top_level.txt").split() == ["taction"]
-    lines = read(archives[0], "entry_points.txt").split("\n")
-    assert "taction = taction.__main__:main" in lines
-    assert "taction = taction.pytest_plugin" in lines
 
 
 def test_packages_of_the_same_names_beside_the_tests_are_left_alone(
