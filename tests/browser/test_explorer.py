@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-import statistics
 import subprocess
 import sys
 import urllib.error
@@ -21,7 +20,7 @@ import pytest
 import taction
 from taction.netlist_gen.scene.axes import with_settings
 from taction.verification.report.texts import figure, quantity
-from tests.browser.conftest import DESK, PHONE, Opened
+from tests.browser.conftest import DESK, Opened
 from tests.browser.test_reports import violations
 from tests.support.paths import ROOT, SCENES
 
@@ -30,20 +29,6 @@ LONG = 60_000  # ms
 VERDICT = "!document.getElementById('readings').classList.contains('old')"
 SERIES = """() => document.getElementById('outputs')._fullData
   .map(({ name, x, y }) => [name, [...x].map((each, k) => [each, y[k]]).flat()])"""
-MOVES = """async (slider) => {
-  const input = document.getElementById(slider), found = [];
-  const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
-  for (let k = 0; k < 30; k += 1) {
-    const before = (window.tactionLatency || []).length;
-    input.value = Math.floor(1000 * ((37 * k) % 30) / 29);
-    input.dispatchEvent(new Event('input', { bubbles: true }));
-    const drawn = () => (window.tactionLatency || []).length > before;
-    for (let n = 0; n < 400 && !drawn(); n += 1) await pause(5);
-    if (drawn()) found.push(window.tactionLatency.at(-1));
-    await pause(30);
-  }
-  return found;
-}"""
 
 
 @dataclass(frozen=True)
@@ -247,10 +232,6 @@ def test_without_the_token_nothing_is_given(serve: Callable[[str], Server], path
     assert status(serve("paper-breadboard").host + path) == 403
 
 
-def test_another_name_of_the_host_is_refused(serve: Callable[[str], Server]) -> None:
-    assert status(serve("paper-breadboard").address, Host="evil.example") == 403
-
-
 def test_a_websocket_needs_the_cookie(browser: Any, serve: Callable[[str], Server]) -> None:
     """A page of the browser that never had the token gets no websocket."""
     server = serve("paper-breadboard")
@@ -278,22 +259,6 @@ def test_axe_finds_nothing_serious(
         type_value(page, 0, capacitance)
     found = [each for each in violations(page) if each[1] in ("serious", "critical")]
     assert found == []
-
-
-def test_a_phone_scrolls_in_one_direction(explore: Callable[..., Opened]) -> None:
-    page = explore("eleven-channel", viewport=PHONE, has_touch=True, is_mobile=True).page
-    assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
-
-
-def test_curves_follow_every_move(
-    explore: Callable[..., Opened], capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Every move over the whole range draws curves; the latency is printed, not judged."""
-    page = explore("eleven-channel").page
-    times = page.evaluate(MOVES, "slider-0")
-    assert len(times) == 30
-    with capsys.disabled():
-        print(f"\nmedian {statistics.median(times):.0f} ms, worst {max(times):.0f} ms")
 
 
 def test_ctrl_c_ends_it_cleanly(tmp_path: Path) -> None:

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from taction.verification.report.blocks import PAGE, Code
 from tests.browser.conftest import DESK, NAMES, PHONE, Open, Opened
-from tests.support.report_pages import page as report_of
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -142,27 +140,6 @@ def width_of(canvas: Any) -> float:
     return float(high - low)
 
 
-def test_hover_names_the_channel_and_its_value(passing: Page) -> None:
-    page = passing
-    canvas = page.locator(".picture", has_text="Outputs").first.locator(".canvas")
-    canvas.scroll_into_view_if_needed()
-    canvas.evaluate("each => Plotly.Fx.hover(each, [{curveNumber: 1, pointNumber: 9}])")
-    text = canvas.locator(".hoverlayer").text_content()
-    assert text is not None
-    assert "u2" in text
-    assert "V at" in text
-
-
-def test_copy_copies_the_whole_deck(passing: Page) -> None:
-    page = passing
-    page.get_by_role("button", name="Copy the deck").click()
-    page.wait_for_selector(".copied:not(:empty)")
-    assert page.locator(".copied").first.inner_text() == "copied"
-    blocks = [b for section in report_of("passing").sections for b in section.made(PAGE)]
-    (deck,) = (b.text for b in blocks if isinstance(b, Code))
-    assert page.evaluate("navigator.clipboard.readText()") == deck
-
-
 def test_a_click_sorts_a_table_and_the_next_turns_it(passing: Page) -> None:
     page = passing
     table = page.locator("table", has_text="Bill of materials")
@@ -238,19 +215,6 @@ def test_texts_that_look_like_markup_do_nothing(open_report: Open) -> None:
     assert opened.page.evaluate("typeof window.hacked") == "undefined"
     assert opened.page.locator("img").count() == 0
     assert opened.messages == []
-
-
-def test_a_script_that_got_into_the_page_does_not_run(
-    browser: Any, files: Callable[[str], Path], tmp_path: Path
-) -> None:
-    text = files("one channel").read_text("utf-8")
-    file = tmp_path / "changed.html"
-    file.write_text(text.replace("<h2", "<script>window.hacked = 1</script><h2"), "utf-8")
-    page = browser.new_context(viewport=DESK).new_page()
-    page.goto(file.as_uri())
-    page.wait_for_selector("html[data-ready]", state="attached")
-    assert page.evaluate("typeof window.hacked") == "undefined"
-    page.context.close()
 
 
 def test_without_javascript_the_text_is_complete(
