@@ -113,19 +113,6 @@ def test_the_verdict_is_printed_before_the_search(
     assert lines[-1] == "FAIL"
 
 
-def test_more_changes_than_the_screen_holds_are_counted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(taction, "what_to_change", lambda verdict, **more: object())
-    lines = ["what to change", *(f"  C = {farads} nF (verified)" for farads in range(9))]
-    monkeypatch.setattr(TEXT, lambda scene, found: "\n".join(lines))
-    words = "verify", str(write_fast(tmp_path / "a.toml", limit="1ns")), *ENGINE
-    short, whole = run(*words).stdout, run(*words, "-v").stdout
-    assert short.count("(verified)") == 3
-    assert "  and 6 more: -v\nFAIL\n" in short
-    assert whole.count("(verified)") == 9
-
-
 @pytest.mark.parametrize("outcome", LIMITS)
 @pytest.mark.parametrize(
     ("option", "place"),

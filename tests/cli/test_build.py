@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 from pathlib import Path
 
 import pytest
 from click.testing import Result
 
-import taction as public
 from taction.netlist_gen.scene.loading import load_scene
 from tests.support.entries import write_fast
 from tests.support.running import document, taction
@@ -75,16 +73,6 @@ def test_without_a_verdict_the_other_files_are_written(
     assert "no executable" in new
 
 
-def test_the_document_names_the_files(folder: Path) -> None:
-    found = document(built(folder, "a.toml", "--json"))
-    there = {str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file()}
-    assert set(found["files"]) == there
-    assert found["outcome"] == "pass"
-    assert {check["outcome"] for check in found["checks"]} == {"pass"}
-    assert found["not_standard"] > 0  # the scene has no series
-    assert sum(len(each["opamps"]) for each in found["packages"]) > 0
-
-
 def test_foreign_files_are_kept(folder: Path) -> None:
     built(folder)
     notes = folder / "kicad" / "notes.txt"
@@ -113,22 +101,6 @@ def test_no_file_is_written_where_a_link_leads(boards: Path, tmp_path: Path, nam
     assert found.exit_code == 2
     assert f"'{name}' in it is a link" in found.stderr
     assert not list(other.iterdir()) if other.is_dir() else other.read_text() == "mine\n"
-
-
-def test_a_folder_that_may_not_be_written_is_refused(
-    boards: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with pytest.raises(public.InputError, match=r"null (byte|character)"):
-        public.build("a.toml", output=boards / "bad\0name")
-    known, real = os.fspath(boards), os.access
-
-    def access(path: str | Path, mode: int) -> bool:  # root may write everywhere
-        return os.fspath(path) != known and real(path, mode)
-
-    monkeypatch.setattr(os, "access", access)
-    with pytest.raises(public.InputError, match=f"you may not write to {known}; expected"):
-        public.build("a.toml", output=folder)
-    assert not folder.exists()
 
 
 def test_the_deck_runs_and_a_new_board_is_built(folder: Path, ngspice: str) -> None:

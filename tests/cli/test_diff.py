@@ -45,19 +45,6 @@ def test_keys_come_first_with_their_defaults_then_readings_beyond_the_bounds(
     assert text.index("Keys") < text.index("Readings")
 
 
-def test_settling_times_stand_beside_their_bands_also_where_these_differ(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "160")
-    first, second = str(write_fast(tmp_path / "a.toml")), str(tmp_path / "b.toml")
-    wider = Path(first).read_text("utf-8").replace("band = 0.01", "band = 0.04")
-    Path(second).write_text(wider, encoding="utf-8")
-    found = document(taction("diff", first, second, "--json"))
-    notes = {r["note"] for r in found["readings"] if r["name"] == "settling_time" and r["unit"]}
-    assert notes == {"A to ±1 %, B to ±4 %"}
-    assert "settling time A to ±1 %, B to ±4 %" in taction("diff", first, second).stdout
-
-
 def test_stored_documents_are_compared_without_a_run(tmp_path: Path) -> None:
     scene = str(write_fast(tmp_path / "a.toml"))
     stored = tmp_path / "a.json"

@@ -18,7 +18,6 @@ from taction.cli.command import Command
 from taction.cli.main import COMMANDS, main
 from taction.cli.main import command as entry
 from tests.support.command_lines import PINS, VENDOR
-from tests.support.entries import write_fast
 from tests.support.paths import SCENES
 from tests.support.running import document, taction
 
@@ -184,21 +183,6 @@ def test_an_input_is_never_overwritten(
     assert contents(folder) == before
 
 
-@pytest.mark.usefixtures("folder")
-@pytest.mark.parametrize(
-    ("name", "words", "option"), [each[:3] for each in SINGLE if each[2] in PICTURES]
-)
-def test_a_page_or_picture_of_another_kind_is_refused_before_any_work(
-    name: str, words: tuple[str, ...], option: str
-) -> None:
-    for wrong in ("x.gif", "x"):
-        result = taction(*name.split(), *words, option, wrong)
-        assert result.exit_code == 2
-        assert f"{option}: FILE = '{wrong}': expected a file that ends in ." in result.stderr
-        assert result.stdout == ""
-        assert not Path(wrong).exists()
-
-
 def test_two_outputs_have_two_files(folder: Path) -> None:
     before = contents(folder)
     result = taction("regress", ".", *TABLE, "--junit", "x", "--markdown", "x")
@@ -268,12 +252,3 @@ def test_an_output_is_whole_or_unchanged(words: tuple[str, ...], name: str, tmp_
     assert f"{name}: FILE: File too large; expected a file" in done.stderr
     assert "Traceback" not in done.stderr
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {name: "old"}
-
-
-def test_a_question_is_asked_on_stderr(tmp_path: Path) -> None:
-    scene = write_fast(tmp_path / "a.toml", capacitance="10mF")
-    result = taction("netlist", str(scene))
-    assert "taction: question: design.capacitance = 10 mF" in result.stderr
-    assert "question" not in result.stdout
-    usual = write_fast(tmp_path / "b.toml")
-    assert "question" not in taction("netlist", str(usual)).stderr

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -93,15 +92,6 @@ def test_a_missing_ngspice_ends_with_3_and_a_remedy(monkeypatch: pytest.MonkeyPa
     assert document(doctor)["ok"] is False
 
 
-@pytest.mark.usefixtures("ngspice")
-def test_a_timeout_ends_with_3(tmp_path: Path) -> None:
-    scene = changed(tmp_path, "[checks]", '[analysis]\ntimeout = "10ms"\n\n[checks]')
-    result = taction("verify", scene, "--engine", "ngspice", "--json")
-    assert result.exit_code == 3
-    assert document(result)["error"]["kind"] == "TimedOut"
-    assert "analysis.timeout is 0.01 s" in result.stderr
-
-
 def test_a_part_set_by_its_base_says_which_figures_the_scene_keeps() -> None:
     words = ("verify", "scenes/paper-breadboard.toml", "--engine", "statespace", "--changes", "0")
     kept = "another base of the op-amp: it keeps the scene's own dc_gain, gbw,"
@@ -127,22 +117,6 @@ def test_netlist_prints_the_deck_and_explains_on_stderr() -> None:
     assert {"what", "why"} == set(found["omissions"][0])
 
 
-def test_netlist_in_two_files(tmp_path: Path, ngspice: str) -> None:
-    """As a user would run them: with ngspice itself, in another folder."""
-    deck = tmp_path / "Board.cir"
-    result = taction("netlist", TUNED, "-o", str(deck), "--split", "--json")
-    assert result.exit_code == 0
-    assert document(result)["files"] == [str(deck), str(tmp_path / "Board_matrix.inc")]
-    assert ".include Board_matrix.inc" in deck.read_text()
-    run = subprocess.run(
-        [ngspice, "-b", "-r", "out.raw", deck.name],
-        cwd=tmp_path, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60,
-        check=False,
-    )  # fmt: skip
-    assert run.returncode == 0, run.stderr
-    assert b"v(v_7)" in (tmp_path / "out.raw").read_bytes()[:2000]
-
-
 def test_simulate_writes_what_it_measured(tmp_path: Path) -> None:
     file = tmp_path / "waves.csv"
     result = taction("simulate", TUNED, *FAST, "-o", str(file), "--json")
@@ -158,9 +132,3 @@ def test_simulate_writes_what_it_measured(tmp_path: Path) -> None:
     assert raw.exit_code == 0
     assert b"Plotname: Transient Analysis" in (tmp_path / "waves.raw").read_bytes()[:400]
     assert taction("simulate", TUNED, "-o", "waves.txt").exit_code == 2
-
-
-def test_the_first_steps_fit_a_terminal() -> None:
-    lines = taction().stdout.splitlines()
-    assert [line.split()[1] for line in lines] == ["demo", "new", "verify", "explore", "--help"]
-    assert max(map(len, lines)) <= 80

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import subprocess
@@ -76,16 +75,6 @@ def test_a_regression_with_a_name_that_is_no_text(tmp_path: Path) -> None:
     assert [scene["file"] for scene in document(second)["scenes"]] == ["board-\\udcff.toml"]
     assert r"board-\udcff" in etree.fromstring(junit.read_bytes()).xpath("//testsuite/@name")[0]
     assert r"board-\\udcff" in markdown.read_text(encoding="utf-8")
-
-
-def test_a_verdict_and_an_error_of_such_a_file(tmp_path: Path) -> None:
-    scene = tmp_path / NAME
-    shutil.copy(SCENE, scene)
-    done = run("verify", str(scene), "--engine", "statespace", "--json")
-    assert json.loads(done.stdout)["outcome"] == "pass"
-    scene.write_text("[problem]\nkind = 1\n")
-    refused = json.loads(run("verify", str(scene), "--json").stdout)
-    assert refused["error"]["file"].endswith(r"board-\udcff.toml")
 
 
 ODD = "x\n::error file=a::y \x1b]0;t\x07"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 import pytest
 
 from taction.cli.main import COMMANDS, FAMILIES, RENAMED, SECTIONS
@@ -40,30 +38,6 @@ def test_old_names_print_what_the_new_ones_print() -> None:
     assert (
         sum(map(len, SECTIONS.values())) <= 18
     )  # sixteen, and `check` and `mcp`, which came later
-
-
-def test_an_old_name_has_the_document_of_the_new_one() -> None:
-    scene = "scenes/tuned-breadboard.toml"
-    for new, old in (
-        (f"verify --solve {scene}", f"solve {scene}"),
-        ("parts show ua741", "models show ua741"),
-        (f"export bom {scene}", f"bom {scene}"),
-    ):
-        a, b = (taction(*words.split(), "--json") for words in (new, old))
-        first, second = document(a), document(b)
-        for each in (first, second):
-            each.pop("seconds", None)
-        assert (a.exit_code, first["taction"]["schema"]) == (0, second["taction"]["schema"])
-        assert first == second
-
-
-def test_options_are_those_of_the_help_text() -> None:
-    for command in document(taction("--json", "--help"))["commands"]:
-        shown = set(
-            re.findall(r"(?<![\w-])--[a-z][a-z-]*", taction(*command["name"].split(), "-h").stdout)
-        )
-        flags = {flag for option in command["options"] for flag in option["flags"]}
-        assert {flag for flag in flags if flag.startswith("--")} <= shown
 
 
 def complete(shell: str, *words: str) -> str:

@@ -12,7 +12,7 @@ from click.testing import Result
 
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT, SCENES
-from tests.support.running import document, taction
+from tests.support.running import taction
 
 PAPER = str(SCENES / "paper-breadboard.toml")
 OVER = ("--over", "C=50pF:100pF:3", "--fix", "gain=1M", "--fix", "lambda=0.7")
@@ -32,6 +32,7 @@ OVER = ("--over", "C=50pF:100pF:3", "--fix", "gain=1M", "--fix", "lambda=0.7")
         (("sweep", *OVER, "--keep-waveforms"), "'taction export waveforms'"),
         (("montecarlo", "--remedy"), "Set a better grade in [tolerances]"),
         (("montecarlo", "--no-remedy"), "Leave it out"),
+        (("netlist", "--parameters"), "Change the number in the scene and write the deck again"),
     ],
 )
 def test_an_option_that_is_no_more_says_what_to_type(words: tuple[str, ...], remedy: str) -> None:
@@ -41,31 +42,6 @@ def test_an_option_that_is_no_more_says_what_to_type(words: tuple[str, ...], rem
 
 
 ONE = ("stress", "--jobs", "1", "--only")
-
-
-@pytest.mark.usefixtures("ngspice")
-def test_one_case_as_json_and_in_a_file(tmp_path: Path) -> None:
-    page = tmp_path / "s.html"
-    done = taction(*ONE, "two-channels", "--report", str(page), "--json")
-    assert done.exit_code == 0, done.stderr
-    found = document(done)
-    assert [(run["case"], run["engine"]) for run in found["runs"]] == [
-        ("two-channels", "ngspice"),
-        ("two-channels", "statespace"),
-    ]
-    assert found["count"] == {"right": 2}
-    assert "two-channels" in page.read_text("utf-8")
-    assert "taction: cases: 1" in done.stderr
-    assert done.stderr.splitlines()[-1:] == [f"wrote {page}"]
-
-
-def test_without_ngspice_the_status_is_3(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TACTION_NGSPICE", "/nowhere/ngspice")
-    done = taction(*ONE, "two-channels", "--json")
-    assert done.exit_code == 3
-    found = document(done)
-    assert found["count"] == {"right": 1, "not run": 1}
-    assert "taction self doctor" in found["runs"][0]["reason"]
 
 
 def test_a_wrong_outcome_has_status_1(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -94,19 +70,6 @@ def folder(tmp_path: Path) -> Path:
     write_fast(folder / "a.toml")
     assert regress(folder, "--baseline", tmp_path / "b.json", "--update").exit_code == 0
     return folder
-
-
-def test_reports_and_one_json_document(folder: Path) -> None:
-    write_fast(folder / "a.toml", capacitance="10.5pF")
-    junit, markdown = folder.parent / "j.xml", folder.parent / "m.md"
-    reports = ("--junit", junit, "--markdown", markdown)
-    result = regress(folder, "--baseline", folder.parent / "b.json", *reports, "--json")
-    assert result.exit_code == 1
-    document = json.loads(result.stdout)
-    assert (document["exit_status"], document["counts"]) == (1, {"changed": 1})
-    assert 'status" value="changed"' in junit.read_text(encoding="utf-8")
-    assert "### a.toml: changed" in markdown.read_text(encoding="utf-8")
-    assert result.stderr.splitlines() == [f"wrote {junit}", f"wrote {markdown}"]
 
 
 @pytest.mark.parametrize("text", ['{"taction_baseline": 99, "scenes": {}}', "{", '{"a": 1}'])

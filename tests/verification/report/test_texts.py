@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from dataclasses import replace
 from functools import cache
@@ -14,23 +13,16 @@ import pytest
 from taction.netlist_gen.board.circuit import Output
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.documents import plain
-from taction.system.errors import InputError
 from taction.system.raw_file import read_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.readings.readings import Reading
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.output_checks import (
-    check_export,
-    check_folder,
-    check_separate,
     export,
 )
-from taction.verification.report.renderers.markdown import table as markdown_table
 from taction.verification.report.texts import KNOWN, value_text, with_error
 from taction.verification.report.views.answer_view import check_bar
-from taction.verification.report.views.comparison_view import allowed_cell
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.compare import Difference
 from taction.verification.verdict.record import Channel, finite
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.measured import channel
@@ -65,33 +57,6 @@ def test_a_bound_is_written_down_to_1_ppm_and_never_as_a_smaller_unit(value: flo
     assert with_error(value, math.inf, "s").endswith("± unknown")
     check = Check("rise_time", Outcome.PASS, value, 1e-10 * abs(value), None, None, "s", "")
     assert "±" not in check_bar(check).value
-
-
-@pytest.mark.parametrize(("allowed", "text"), [(2.1e-17, "1 ppm or better"), (1e-8, "10 ns")])
-def test_a_difference_within_tiny_bounds_has_no_attoseconds(allowed: float, text: str) -> None:
-    one, other = 1e-5, 1.1e-5
-    shown = Difference("checks", "x", None, one, other, "s", other - one, allowed, 1.0, "")
-    assert allowed_cell(shown).text == text
-
-
-def test_a_markdown_table_escapes_its_cells_and_keeps_them_in_one_line() -> None:
-    lines = list(markdown_table(("a", "b"), [("x | y", "two\nlines")]))
-    assert lines == ["| a | b |", "| --- | --- |", "| x \\| y | two\\\\nlines |"]
-
-
-@pytest.mark.parametrize(("name", "word"), [("missing/x.json", "does not exist"), (".", "folder")])
-def test_a_place_that_cannot_be_written_is_named_beforehand(
-    tmp_path: Path, name: str, word: str
-) -> None:
-    with pytest.raises(InputError, match=word):
-        check_folder(tmp_path / name, "--junit")
-
-
-def test_devices_may_be_shared(tmp_path: Path) -> None:
-    check_separate([], {"--junit": "/dev/null", "--markdown": "/dev/null"})
-    file = str(tmp_path / "a")
-    with pytest.raises(InputError, match="the file of --junit of the same command"):
-        check_separate([], {"--junit": file, "--markdown": file})
 
 
 @cache
@@ -136,15 +101,3 @@ def test_an_exported_record_keeps_every_digit(tmp_path: Path) -> None:
     plot = read_raw(tmp_path / "w.raw")
     assert plot.vectors == ("time", "v(v_1)", "v(a_2)")
     assert np.array_equal(plot.data, np.column_stack([time, values]))
-
-
-def test_an_export_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
-    for name, says in (("w.txt", "ends in .csv"), ("no/w.csv", "folder does not exist")):
-        with pytest.raises(InputError, match=says):
-            check_export(str(tmp_path / name))
-    if importlib.util.find_spec("pyarrow") is None:
-        with pytest.raises(InputError, match="needs pyarrow"):
-            check_export(str(tmp_path / "w.parquet"))
-    (tmp_path / "taken.csv").mkdir()
-    with pytest.raises(InputError, match="a folder; expected a file"):
-        export(verdict().circuit, verdict().waveforms, str(tmp_path / "taken.csv"))

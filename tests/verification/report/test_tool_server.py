@@ -16,7 +16,6 @@ import pytest
 from mcp.client import Client
 from mcp.client.stdio import StdioServerParameters, stdio_client
 
-from taction.system.errors import InputError
 from taction.verification.report import tool_server
 from taction.verification.report.documents.document_catalogue import schema
 from taction.verification.report.tool_server import TOOLS, server
@@ -116,36 +115,10 @@ def test_a_call_ends_at_its_limit(folder: Path) -> None:
     assert "no result within the limit of 0.05 s" in found.content[0].text
 
 
-def test_remarks_are_sent_as_progress(folder: Path) -> None:
-    told: list[str] = []
-
-    async def hear(done: float, total: float | None, message: str | None) -> None:
-        told.append(str(message))
-
-    async def ask(client: Any) -> Any:
-        return await client.call_tool("model", {"name": "op28"}, progress_callback=hear)
-
-    found = asked(folder, 60.0, ask)
-    assert found.is_error
-    assert "op27" in told[0]
-
-
 def test_a_folder_is_needed(tmp_path: Path) -> None:
     result = taction("mcp", str(tmp_path / "none"))
     assert result.exit_code == 2
     assert "expected a folder" in result.stderr
-
-
-def test_a_colon_in_the_name_opens_no_other_folder(tmp_path: Path) -> None:
-    """As in PATH the folder "a:/etc" would be two."""
-    place = tmp_path / f"a:{tmp_path}"
-    place.mkdir(parents=True)
-    write_fast(place / SCENE)
-    write_fast(tmp_path / SCENE)
-    assert not call(place, "netlist", scene=SCENE).is_error
-    found = call(place, "netlist", scene=str(tmp_path / SCENE))
-    assert found.is_error
-    assert "outside of the folders that are read" in found.content[0].text
 
 
 def test_a_document_that_is_too_large_is_an_answer(
@@ -180,29 +153,3 @@ def test_a_signal_ends_the_server_while_stdin_is_open(folder: Path, name: str) -
         assert process.wait(20.0) == 128 + number
         said = process.stderr.read()
     assert said == b"taction: interrupted; no verdict was reached\n"
-
-
-@pytest.mark.parametrize(
-    ("redirect", "status", "says"),
-    [
-        ("<&-", 2, "stdin: closed; expected a program that asks over stdin"),
-        ("</dev/null", 0, ""),
-        ("<words >/dev/full", 3, "stdout cannot be written: No space left on device"),
-    ],
-)
-def test_streams_that_cannot_be_used(folder: Path, redirect: str, status: int, says: str) -> None:
-    (folder / "words").write_bytes(first_words())
-    line = f'exec "$0" -P -m taction mcp . {redirect}'
-    done = subprocess.run(
-        ["sh", "-c", line, sys.executable], cwd=folder, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == status
-    assert says in done.stderr
-    assert "Traceback" not in done.stderr
-    assert len(done.stderr.splitlines()) == bool(says)
-
-
-@pytest.mark.parametrize("limit", [float("nan"), float("inf"), 0.0])
-def test_a_limit_that_is_no_time_is_refused(folder: Path, limit: float) -> None:
-    with pytest.raises(InputError, match="expected a finite number of seconds above zero"):
-        tool_server.serve(folder, limit)

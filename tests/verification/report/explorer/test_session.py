@@ -182,13 +182,6 @@ def test_a_lost_process_is_no_verdict() -> None:
     assert told({}, job=Ended())[-1]["verdict"]["outcome"] == "error"
 
 
-def test_an_exponential_board_has_curves_with_its_verdict() -> None:
-    parts = told({}, name="tangential-exponential")
-    assert "poles" in parts[0]
-    assert "outputs" not in parts[0]
-    assert "outputs" in parts[-1]
-
-
 def test_ngspice_is_told_beside_the_state_space(ngspice: str) -> None:
     parts: list[Any] = []
 
@@ -220,26 +213,6 @@ def test_a_port_that_is_taken_is_refused() -> None:
             server.free_port(taken.getsockname()[1])
 
 
-@pytest.mark.parametrize(("variable", "shown"), [("DISPLAY", True), ("NONE", False)])
-def test_a_browser_needs_a_display(
-    monkeypatch: pytest.MonkeyPatch, variable: str, shown: bool
-) -> None:
-    monkeypatch.setattr("sys.platform", "linux")
-    for name in server.DISPLAYS:
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv(variable, ":0")
-    assert server.has_display() is shown
-
-
-@pytest.mark.parametrize("text", ["10", "1e-11", "12 ohm", "-1 pF"])
-def test_a_wrong_text_names_its_field(text: str) -> None:
-    (part,) = told({"texts": {C: text}})
-    assert part["wrong"] == [C]
-    if text[-1].isdigit():
-        assert "the unit is missing" in part["mistake"]
-    assert part["values"][C]["text"] == "10 pF"
-
-
 def test_a_page_ends_no_run_of_another_page() -> None:
     """Both pages share the processes; the second one moves and cancels, the first one runs."""
 
@@ -266,28 +239,3 @@ def test_a_page_ends_no_run_of_another_page() -> None:
     others, own, said = asyncio.run(run())
     assert others == own == 0.0
     assert said
-
-
-def test_a_run_that_waits_for_another_page_can_be_cancelled() -> None:
-    parts: list[Any] = []
-
-    class Busy(Here):
-        """A job that another page has."""
-
-        async def run(
-            self, owner: object, wanted: Callable[[], bool], function: Any, *args: Any
-        ) -> Any:
-            page.cancel()
-            return await super().run(owner, wanted, function, *args)
-
-    start = Start.of(load_scene(SCENES / "paper-breadboard.toml"))
-    page = Session(start, parts.append, Here(), Busy())  # type: ignore[arg-type]
-
-    async def run() -> None:
-        await page.move({})
-        await asyncio.gather(*page._tasks)
-        await page.simulate()
-
-    asyncio.run(run())
-    assert [part["simulating"] for part in parts if "simulating" in part] == [True, False]
-    assert not any("simulation" in part for part in parts)

@@ -13,13 +13,11 @@ from pathlib import Path
 import pytest
 from lxml import html
 
-from taction.system.errors import InputError
 from taction.verification.report.blocks import Facts, Page, Section
-from taction.verification.report.output_checks import check_report_file
 from taction.verification.report.renderers.notebook import card
-from taction.verification.report.renderers.page import page_html, write_page
+from taction.verification.report.renderers.page import page_html
 from tests.support.entries import write_fast
-from tests.support.report_pages import HOSTILE, hostile, page, swept
+from tests.support.report_pages import HOSTILE, hostile, page
 from tests.support.running import taction as command
 
 MOST = 6_000_000  # bytes
@@ -69,27 +67,6 @@ def test_texts_are_never_markup() -> None:
     assert HOSTILE in tree.text_content()
 
 
-def test_a_report_without_pictures_has_no_plotly() -> None:
-    assert len(page_html(small())) < 40_000
-
-
-def test_a_report_is_the_same_twice() -> None:
-    assert page_html(small()) == page_html(small())
-
-
-def test_a_file_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
-    for name, part in (
-        ("a.pdf", "expected a file that ends in .html"),
-        ("missing/a.html", "its folder does not exist"),
-    ):
-        with pytest.raises(InputError, match=part):
-            check_report_file(str(tmp_path / name))
-    write_page(small(), str(tmp_path / "a.html"))
-    assert (tmp_path / "a.html").read_text("utf-8").startswith("\n<!DOCTYPE html>") or (
-        "<!DOCTYPE html>" in (tmp_path / "a.html").read_text("utf-8")[:200]
-    )
-
-
 def test_missing_packages_are_named_before_any_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -103,13 +80,3 @@ def test_missing_packages_are_named_before_any_work(
     assert run.exit_code == 2
     assert "needs jinja2 and plotly: pip install 'taction[report]'" in run.output
     assert not out.exists()
-
-
-def test_the_result_of_a_sweep_writes_its_report(tmp_path: Path) -> None:
-    result = swept("C=10pF:100pF:4", "gain=10k:100k:3")
-    with result.store:
-        result.report(tmp_path / "a.html")
-    tree = html.document_fromstring((tmp_path / "a.html").read_text("utf-8"))
-    assert "12 of 12 points: 3 pass" in tree.xpath("string(//p[@class='verdict'])")
-    rows = tree.xpath("//table[caption='Points']/tbody/tr")
-    assert len(rows) == 12

@@ -11,20 +11,15 @@ import pytest
 from lxml import html
 
 from taction.system.charts import (
-    MARKS,
     OUTCOMES,
-    Look,
-    looks_of,
 )
 from taction.verification.report.blocks import Cell, Page, Section, Table
 from taction.verification.report.renderers import notebook, picture, picture_chart, plotly, terminal
 from taction.verification.report.renderers.page import FILES, page_html
-from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.renderers.picture_chart import new_figure
 from tests.support.gallery import EVERYWHERE, charts, drawn_blocks, gallery
 from tests.support.printed import words_of
-from tests.support.report_pages import STUDIES, VERDICTS, page
-from tests.support.text_boxes import cut_off, figures, overlapping, texts_of
+from tests.support.text_boxes import cut_off, overlapping, texts_of
 
 CHARTS = charts()
 WIDTHS = (40, 60, 80, 100, 120, 160, 200)
@@ -55,22 +50,6 @@ def test_an_outcome_has_the_same_colour_in_every_medium(outcome: str) -> None:
     page = Page("title", "study", outcome, "", (), ())
     assert look.colour in notebook.card(page)
     assert f"{look.sign} {outcome}" in notebook.card(page)
-
-
-@pytest.mark.parametrize("colour", [look.colour for look in OUTCOMES.values()])
-def test_what_is_drawn_stands_out_from_both_papers(colour: str) -> None:
-    own, dark = luminance(colour), luminance("#19212a")
-    assert 1.05 / (own + 0.05) > 2.8
-    assert (own + 0.05) / (dark + 0.05) > 3.0
-
-
-def test_kinds_of_results_have_looks_that_differ() -> None:
-    names = ["pass", "fail: stability", "fail: overshoot", "fail: rise time", "fail: noise"]
-    looks = looks_of([*names, "", "error: TimedOut", "inconclusive: rise time"])
-    assert list(looks)[:5] == names
-    assert len({(look.colour, look.mark) for look in looks.values()}) == len(looks) == 7
-    assert len({(look.colour, look.hatch) for look in looks.values()}) == 7
-    assert all(isinstance(look, Look) and look.mark in MARKS for look in looks.values())
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -132,14 +111,6 @@ def test_plotly_has_the_units_of_the_axes() -> None:
     assert (time["ticksuffix"], time["range"]) == ("s", [0.0, 5e-5])
 
 
-def test_plotly_marks_each_result() -> None:
-    data = plotly.plotly_spec(CHARTS["results"])["data"]
-    found = {each["name"]: len(each["x"]) for each in data if each.get("mode") == "markers"}
-    words = next(m.names for m in CHARTS["results"].marks if hasattr(m, "names"))
-    assert found == {name: int((words == name).sum()) for name in found}
-    assert sum(found.values()) == words.size - 1
-
-
 def test_a_picture_has_no_text_over_another_or_beyond_its_edge() -> None:
     figure = picture.draw_blocks("gallery: every chart", drawn_blocks(), "grey: no value")
     figure.draw_without_rendering()
@@ -172,19 +143,6 @@ def test_a_picture_has_the_values_of_the_chart() -> None:
     assert [hatch or "" for hatch, _ in looks] == ["", "", "////"]
 
 
-def test_a_card_shows_every_block() -> None:
-    text = html.fromstring(notebook.card(gallery())).text_content()
-    for word in ("u1 is slow", "12.3 µV", "✗ fail", "made in 1 s", "Pole map"):
-        assert word in text
-
-
-def test_a_long_word_stays_whole_and_is_never_markup() -> None:
-    name = "[bold]a_file_with_a_very_long_name_that_does_not_fit.toml"
-    table = Table("", ("file", "n"), ((Cell(name), Cell("1")),))
-    page = Page("t", "c", "", "", (), (Section("", (table,), "", EVERYWHERE),))
-    assert name in at_width(page, 30)
-
-
 def test_a_wide_table_is_cut_into_parts_that_repeat_the_heads() -> None:
     titles = ("C", "gain", *(f"quantity {k}" for k in range(8)))
     rows = tuple(
@@ -198,17 +156,3 @@ def test_a_wide_table_is_cut_into_parts_that_repeat_the_heads() -> None:
         assert max(map(len, lines)) <= width
         assert sum("15 pF" in line and "15 kohm" in line for line in lines) == parts
     assert at_width(page, 20).count("15 pF") == 1  # a list
-
-
-WITHOUT = {"corners", "regress", "choose, none passes"}
-
-
-@pytest.mark.parametrize("name", [*VERDICTS, *sorted(STUDIES.keys() - WITHOUT)])
-def test_the_texts_of_a_picture_are_readable(name: str, tmp_path: Path) -> None:
-    with figures() as saved:
-        draw_page(page(name), str(tmp_path / "picture.png"))
-    (figure,) = saved
-    texts = texts_of(figure)
-    assert texts
-    assert overlapping(texts) == []
-    assert cut_off(figure, texts) == []

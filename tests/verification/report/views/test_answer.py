@@ -2,30 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-import taction
-from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.loading import load_scene
-from taction.verification.design.exploration import judge, view_rest
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.solve import solve
-from taction.verification.report.explorer import page_parts as parts
-from taction.verification.report.explorer.page_parts import rest_part, verdict_part
-from taction.verification.report.renderers.markdown import line, markdown
-from taction.verification.report.renderers.notebook import card
-from taction.verification.report.renderers.page import page_html
-from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.answer_view import (
     answer_heading,
     answer_text,
     true_error_text,
 )
-from taction.verification.report.views.waveforms_view import stress_chart
 from taction.verification.verdict.answer_error import AnswerError
 
 SCENE = "scenes/custom-matrix.toml"
@@ -110,14 +98,6 @@ def test_what_is_known() -> None:
     assert answer_heading(one(1.0, 0.25, 1.0)) == far
 
 
-def test_no_board_no_sentence() -> None:
-    lost = one(1.0, 0.25, 1.0, board=None)
-    assert answer_text(lost) == ""
-    far = "the answer is 20 % (of the largest) from the true stress"
-    assert answer_heading(lost) == far
-    assert answer_heading(one(1.0, 0.25, None, board=None)) == ""
-
-
 @pytest.mark.parametrize(
     ("volts", "error", "shown"),
     [
@@ -130,44 +110,3 @@ def test_no_board_no_sentence() -> None:
 def test_within_is_never_too_small(volts: float, error: float, shown: str) -> None:
     answer = replace(one(1.0, 0.25, 1.0, board=volts), board_error=error)
     assert f" within {shown} of the step;" in answer_text(answer)
-
-
-def test_every_medium_has_the_sentence() -> None:
-    verdict = taction.verify(SCENE, engine="statespace")
-    text, page = answer_text(verdict.answer), verdict.page()
-    assert text.startswith("The board as drawn finds the regularised answer within 0.00")
-    far = re.search(
-        r"is ([\d.]+) % \(of the largest, 640 mV\) from the true stress in channel 1, because", text
-    )
-    assert far is not None
-    channels = verdict.measurements.channels
-    off = np.abs(verdict.steady.values - [each.target for each in channels]).max()
-    shown = re.search(r"within ([\d.]+) % of the step, 95 % of built boards within", text)
-    assert shown is not None
-    assert 0.0 <= float(shown[1]) / 100.0 - off / verdict.measurements.amplitude < 2e-7
-    assert text in page_text(page)
-    assert line(text) in markdown(page)
-    assert text in card(page)
-    assert text in page_html(page)
-    assert f"{far[1]} % (of the largest) from the true stress" in stress_chart(verdict).message
-
-
-def test_the_explorer_says_the_same() -> None:
-    scene = load_scene(SCENE)
-    found = judge(scene, "statespace")
-    verdict = taction.verify(SCENE, engine="statespace")
-    drawn = replace(verdict.answer, built=None)  # the explorer judges the board as drawn
-    assert verdict_part(found)["verdict"]["text"].endswith(answer_text(drawn))
-    note = rest_part(view_rest(scene, make_problem(scene)))["stress"]["note"]
-    assert note.endswith(true_error_text(verdict.answer))
-
-
-def test_the_explorer_shows_the_stress_of_the_problem_without_a_unit() -> None:
-    scene = load_scene(SCENE)
-    problem = make_problem(scene)
-    chart = parts.stress_chart(view_rest(scene, problem))
-    assert (chart.y.title, chart.y.unit) == ("stress", "")
-    truth, answer = chart.marks[0], chart.marks[1]
-    np.testing.assert_array_equal(truth.y, problem.stress)
-    network = taction.solve(SCENE)
-    np.testing.assert_allclose(answer.y, network.u, rtol=1e-6, atol=1e-9)

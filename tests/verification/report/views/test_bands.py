@@ -11,24 +11,16 @@ import pytest
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.keys import scene_text
 from taction.netlist_gen.scene.loading import load_scene
-from taction.system.charts import Chart
-from taction.system.documents import plain
-from taction.verification.report.blocks import PICTURE, Table
-from taction.verification.report.documents.verdict import verdict_document
-from taction.verification.report.junit import files_junit
+from taction.verification.report.blocks import PICTURE
 from taction.verification.report.renderers.markdown import markdown
 from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.report.views.answer_view import check_bar
-from taction.verification.report.views.comparison_view import files_view
 from taction.verification.report.views.verdict_view import screen, view
 from taction.verification.report.views.waveforms_view import outputs_chart
-from taction.verification.studies.scene_files import VerifiedFiles
 from taction.verification.verdict.cause import cause
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify
-from tests.support.report_pages import STUDIES, page
 
 BOARD = "scenes/known-readings.toml"
 BAND = "to ±2.5 %"
@@ -56,38 +48,6 @@ def test_verdicts_in_every_medium(file: Path) -> None:
     late = cause([replace(c, outcome=Outcome.FAIL) for c in slow])
     assert late is not None
     assert late.text.startswith(f"settles {BAND} in ")
-
-
-def test_a_time_that_is_not_known_has_its_band_too(file: Path) -> None:
-    """On the screen, in JSON and in JUnit: the record is too short, or the board grows."""
-    short = with_values(load_scene(file), {"checks.settling_time.max": 1e-9})
-    grown = with_values(short, {"design.capacitance": 1e-12})
-    for scene in (short, grown):
-        verdict = verify(scene)
-        found = next(c for c in verdict.checks if c.name == "settling_time")
-        lost = replace(found, value=None, reason="outside after 1 ns, the limit")
-        assert check_bar(lost).name == f"settling {BAND}"
-        document = verdict_document(verdict) | {"file": "a.toml"}
-        (row,) = next(iter(files_view(VerifiedFiles((document,))).blocks())).rows
-        overshoot = row[4].number  # the record of a board that grows has none
-        assert (overshoot is None) is verdict.poles.known_unstable
-        assert next(c["band"] for c in document["checks"] if c["name"] == "settling_time") == 0.025
-        files = VerifiedFiles((document | {"checks": [plain(lost)]},))
-        text = files_junit(files)
-        assert f">fail: - {BAND}, limit 1 ns; outside after 1 ns, the limit<" in text
-
-
-@pytest.mark.parametrize("name", STUDIES)
-def test_columns_and_axes_of_studies(name: str) -> None:
-    titles = []
-    for block in page(name).blocks():
-        if isinstance(block, Table):
-            titles += block.columns
-        elif isinstance(block, Chart):
-            titles += [block.title, block.y.title, block.x.title]
-    for title in titles:
-        if re.match(r"settl(ing|es)( time)?\b", title, re.IGNORECASE):
-            assert re.search(r"to ±[\d.]+ %$", title), title
 
 
 def test_a_board_that_grows_opens_on_its_growth() -> None:

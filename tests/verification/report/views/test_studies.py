@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,14 +11,11 @@ import pytest
 
 import taction
 from taction.netlist_gen.scene.axes import with_values
-from taction.system.charts import Cells, Chart, Columns, Limit, Text, thinned
-from taction.verification.report.blocks import PAGE, Bars, Block, Notes, Page, Table
-from taction.verification.report.renderers.picture import draw_page
-from taction.verification.report.renderers.picture_chart import wrapped
+from taction.system.charts import Cells, Chart, Columns, Limit, thinned
+from taction.verification.report.blocks import PAGE, Bars, Block, Page, Table
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout
-from taction.verification.report.renderers.terminal import shown
 from taction.verification.report.views import tolerance_view as tolerance
-from taction.verification.report.views.sweep_view import SHOWN, Plane, _worth
+from taction.verification.report.views.sweep_view import Plane
 from taction.verification.report.views.tolerance_view import _edges
 from taction.verification.studies.sweep.result import grids
 from taction.verification.studies.tolerance.montecarlo import (
@@ -28,7 +24,6 @@ from taction.verification.studies.tolerance.montecarlo import (
     YieldReport,
 )
 from tests.support.making import make_scene
-from tests.support.printed import shown_at
 from tests.support.report_pages import STATESPACE, STUDIES, VERDICTS, page
 from tests.support.sweeping import grid_plan, make_sample
 
@@ -107,14 +102,6 @@ def ends(plane: Plane) -> list[tuple[float, float, float, float]]:
     return [(*a, *b) for a, b in zip(x.tolist(), y.tolist(), strict=True)]
 
 
-def test_three_axes_are_maps_at_each_value_of_the_third() -> None:
-    found = _charts("sweep, three axes")
-    assert [each.title for each in found] == ["Outcome", "Settling time to ±1 %"] * 2
-    places = ["1 pF"] * 2 + ["9 pF"] * 2
-    for each, place in zip(found, places, strict=True):
-        assert each.message.endswith(f"at stray_capacitance = {place}")
-
-
 def test_the_boundary_of_a_map_is_between_the_points_around_the_crossing_of_onset() -> None:
     scene = make_scene({"channels": 3, "span": 2.0}, analysis=STATESPACE)
     result = taction.sweep(scene, over=("C=1pF:100pF:9", "gain=5Mohm:8Mohm:2"), jobs=1)
@@ -164,18 +151,6 @@ REPORT = YieldReport(
 )
 
 
-def test_the_table_of_causes_fits_a_terminal() -> None:
-    longest = Sensitivity(
-        "v_118.offset_voltage", "input_error", "settling_time", -0.91, 0.15, 118, 0.3125
-    )
-    table = tolerance.causes(replace(REPORT, sensitivities=(longest,)))
-    lines = shown_at(80, [shown(table)], terminal=True).splitlines()
-    assert max(map(len, lines)) <= 80
-    (row,) = [line for line in lines if "offset_voltage" in line]
-    words = "settling time 118 31.25 % v_118.offset_voltage -0.91 ± 0.15 83 %"
-    assert " ".join(row.split()) == words
-
-
 def charts(report: YieldReport) -> list[Any]:
     return [*tolerance.histograms(report)]
 
@@ -201,54 +176,6 @@ def test_bars_beyond_the_limit_are_failures_and_all_samples_are_shown() -> None:
     assert chart.message == "9 of 40 samples (22.5 %) beyond 17.6 µs"
 
 
-def test_samples_without_a_value_are_counted_beside_the_histogram() -> None:
-    lost = (
-        *(make_sample(k, "fail", ("settling_time",), settling_time=None) for k in (40, 41)),
-        make_sample(42, "error", failure="Killed", reason="lost"),
-    )
-    report = replace(REPORT, boards=(*REPORT.boards, *lost), samples=43, quantities=(TIME,))
-    (chart, *_) = charts(report)
-    assert sum(bar.sizes.sum() for bar in marks(chart, Columns)) == len(REPORT.boards)
-    assert chart.message.endswith(", 3 samples without a value, counted as failing")
-    note = "Settling time: 3 samples without a value, counted as failing."
-    assert note in tolerance.spreads(report).note
-    (note,) = tolerance.histograms(replace(report, boards=lost))  # nothing to draw
-    assert note.lines == ("Settling time: 3 samples without a value, counted as failing.",)
-    passing = make_sample(40, settling_time=None)  # nothing asks for its settling time
-    report = replace(REPORT, boards=(*REPORT.boards, passing), quantities=(TIME,))
-    assert charts(report)[0].message.endswith(", 1 sample without a value")
-
-
-@pytest.mark.parametrize(
-    ("passed", "failures", "text"),
-    [
-        (40, {}, "No sample fails a check: no part costs yield."),
-        (39, {}, "The lost samples have no verdict"),
-        (31, {"settling_time": 9}, "No part's influence on a quantity whose check costs yield"),
-    ],
-)
-def test_an_empty_list_of_causes_says_why(passed: int, failures: dict[str, int], text: str) -> None:
-    report = replace(REPORT, sensitivities=(), passed=passed, failures=failures)
-    causes = tolerance.causes(report)
-    assert isinstance(causes, Notes)
-    assert causes.lines[0].startswith(text)
-
-
-def test_a_limit_far_away_is_an_arrow() -> None:
-    chart = histogram(replace(TIME, at_most=1.0))
-    assert chart.x.limits[1] < 3e-5
-    assert [text.text for text in marks(chart, Text)] == ["limit →"]
-
-
-def test_one_value_is_no_histogram() -> None:
-    notes = next(
-        each
-        for each in tolerance.yield_view(REPORT).blocks()
-        if isinstance(each, Notes) and each.title
-    )
-    assert notes.lines == ("Growth rate: every sample has -5 /s.",)
-
-
 @pytest.mark.parametrize("limits", [[], [0.31], [2.0], [0.2, 0.7]])
 def test_a_limit_among_the_values_is_an_edge(limits: list[float]) -> None:
     values = np.linspace(0.0, 1.0, 101)
@@ -258,14 +185,6 @@ def test_a_limit_among_the_values_is_an_edge(limits: list[float]) -> None:
     assert np.diff(edges) == pytest.approx(np.full(len(edges) - 1, edges[1] - edges[0]))
     if limits and limits[0] < 1.0:
         assert np.abs(edges - limits[0]).min() < 1e-12
-
-
-def test_a_study_without_samples_has_a_picture(tmp_path: Path) -> None:
-    empty = replace(
-        REPORT, boards=(), samples=0, passed=0, quantities=(), sensitivities=(), failures={}
-    )
-    draw_page(tolerance.yield_view(empty), tmp_path / "a.svg")
-    assert (tmp_path / "a.svg").read_text().count("<path") > 5
 
 
 LISTS = ("opamp.base=ua741,op27", "C=10pF,20pF")
@@ -293,24 +212,3 @@ def test_the_boundary_is_where_the_growth_rate_passes_through_zero() -> None:
     assert plane.edge is not None
     assert plane.edge.x[:2] == pytest.approx([25e-12, 25e-12])
     assert "interpolated between the points" in plane.note
-
-
-def test_missing_values_are_not_called_small() -> None:
-    data = {name: np.array([1.0, 2.0]) for name in SHOWN}
-    data |= {"overshoot": np.array([NONE, NONE]), "undershoot": np.array([1e-9, NONE])}
-    shown, lines = _worth(data)
-    assert set(SHOWN) - set(shown) == {"overshoot", "undershoot"}
-    assert lines == (
-        "No value at any point: overshoot.",
-        "Under 1 ppm of the step where it has one: undershoot.",
-    )
-
-
-@pytest.mark.parametrize("letters", range(30, 90, 7))
-def test_no_last_line_of_a_title_is_one_short_word(letters: int) -> None:
-    words = "The gain alone trades settling time against overshoot (R and C as they are)."
-    lines = wrapped(words, letters).splitlines()
-    lengths = list(map(len, lines))
-    assert " ".join(lines) == words
-    assert max(lengths) <= letters
-    assert len(lines) == 1 or min(lengths) > 0.4 * max(lengths)

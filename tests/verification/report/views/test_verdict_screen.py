@@ -15,7 +15,6 @@ from taction.verification.report.renderers.terminal import Terminal, print_page
 from taction.verification.report.views.verdict_view import screen
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.paths import SCENES
-from tests.support.report_pages import verdicts
 
 COLUMNS = 80
 SHIPPED = {file.stem: file for file in sorted(SCENES.glob("*.toml"))}
@@ -82,18 +81,3 @@ def test_an_unstable_board_has_its_cause_once() -> None:
     page = verdict.page()
     assert page.title == "paper-breadboard"
     assert re.match(f"{cause}{follows}", page.summary)
-
-
-def test_a_bar_shows_the_part_of_the_limit_and_what_is_beyond_it() -> None:
-    verdict = verdicts()["failing"]
-    rows = [line for line in lines_of(screen(verdict)) if "FAILS" in line]
-    assert rows
-    assert all("############|#" in row for row in rows if "settling" in row)
-
-
-@pytest.mark.parametrize("width", [40, 120])
-def test_another_width_loses_nothing(width: int) -> None:
-    for verdict in verdicts().values():
-        page = screen(verdict)
-        words = " ".join(lines_of(page)).split()
-        assert " ".join(lines_of(page, width)).split() == words
