@@ -72,7 +72,3 @@ def test_a_figure_out_of_range_is_named(change: dict[str, object], text: str) ->
     }  # fmt: skip
     with pytest.raises(ValueError, match=text):
         Transistor(**(figures | change))  # type: ignore[arg-type]
-
-
-def test_every_preset_has_a_source() -> None:
-    assert all(pair.source for pair in load_pairs().values())

@@ -72,35 +72,6 @@ def test_text_that_is_no_unicode_is_escaped(tmp_path: Path) -> None:
     assert (tmp_path / name).read_bytes() == b"content"
 
 
-def test_a_pipe_receives_the_whole_content(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    reader = subprocess.Popen(["cat", str(tmp_path / "pipe")], stdout=subprocess.PIPE)
-    write_atomically(tmp_path / "pipe", b"content")
-    assert reader.communicate(timeout=60)[0] == b"content"
-    assert [path.name for path in tmp_path.iterdir()] == ["pipe"]
-
-
-STREAM = """
-import sys
-from taction.system.output_files import write_atomically
-print("before", flush=True)
-write_atomically(sys.argv[1], "content\\n")
-print("after")
-"""
-
-
-@pytest.mark.parametrize("name", ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"])
-def test_stdout_by_its_name_is_written_in_turn(name: str, tmp_path: Path) -> None:
-    """To a file; the second name also to a pipe."""
-    words = [sys.executable, "-c", STREAM, name]
-    with (tmp_path / "out").open("wb") as file:
-        subprocess.run(words, stdout=file, check=True)
-    texts = [(tmp_path / "out").read_text()]
-    if name == "/dev/fd/1":
-        texts.append(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
-    assert set(texts) == {"before\ncontent\nafter\n"}
-
-
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
@@ -120,35 +91,6 @@ def test_a_name_that_cannot_be_written_is_an_input_error(
         write_atomically(tmp_path / name, "text")
     assert refused.value.file == str(tmp_path / name)
     assert {path.name for path in tmp_path.iterdir()} == {"file", "folder"}
-
-
-READ_ONLY = """
-import os, sys
-from taction.system.errors import InputError
-from taction.system.output_files import write_atomically
-if os.geteuid() == 0:
-    os.seteuid(65534)
-for name in ("closed/new", "open/old"):
-    try:
-        write_atomically(f"{sys.argv[1]}/{name}", "text")
-    except InputError as error:
-        print(error)
-"""
-
-
-def test_a_read_only_folder_and_a_read_only_file(tmp_path: Path) -> None:
-    for name, mode in (("closed", 0o555), ("open", 0o777)):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "old").write_text("old")
-        (tmp_path / name / "old").chmod(0o444)
-        (tmp_path / name).chmod(mode)
-    for folder in (tmp_path, *list(tmp_path.parents)[:3]):
-        if folder.name.startswith(("test", "popen", "pytest")):
-            folder.chmod(0o755)
-    words = [sys.executable, "-c", READ_ONLY, str(tmp_path)]
-    run = subprocess.run(words, capture_output=True, text=True, check=True)
-    assert run.stdout.count("Permission denied; expected a file") == 2
-    assert (tmp_path / "open" / "old").read_text() == "old"
 
 
 def test_a_later_writer_clears_what_a_killed_writer_left(tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
 import jsonschema
-import numpy as np
 import pytest
 
 from taction.system.document_schema import schema, units
@@ -99,13 +98,6 @@ def test_plain_data_of_a_type() -> None:
     json.dumps(plain(OUTER), allow_nan=False)
 
 
-def test_plain_numbers() -> None:
-    values = (math.nan, math.inf, np.float64(2.0), np.array([1.0, math.nan]), 1 - 2j, True)
-    assert plain(values) == [None, None, 2.0, [1.0, None], [1.0, -2.0], True]
-    with pytest.raises(TypeError, match="object has no form"):
-        plain(object())
-
-
 def test_the_way_back() -> None:
     back = read(Outer, json.loads(json.dumps(DATA)))
     assert plain(back) == DATA
@@ -156,15 +148,3 @@ def test_units_of_a_type() -> None:
         "time": "s",
         "twice": "s",
     }
-
-
-@dataclass(frozen=True)
-class Twice:
-    """Has a name of `Inner` with another unit."""
-
-    time: Annotated[float, "V"]
-    inner: Inner
-
-
-def test_a_name_with_two_units_has_its_path() -> None:
-    assert units(Twice) == {"inner.time": "s", "level": "V", "time": "V"}

@@ -9,14 +9,10 @@ from pathlib import Path
 import pytest
 
 from taction.system.foreign_files import (
-    LONGEST,
     UnusableFileError,
-    escaped,
     read_bounded,
     read_ends,
-    shortened,
     visible,
-    visible_lines,
 )
 
 
@@ -45,20 +41,6 @@ def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
             read_ends(name, 1000)
 
 
-def test_of_a_long_text_the_ends_are_read(tmp_path: Path) -> None:
-    file = tmp_path / "log"
-    file.write_text("first\n" + "x" * 10_000 + "\nlast\n")
-    assert read_ends(file, 20_000) == file.read_text()
-    text = read_ends(file, 100)
-    assert text.startswith("first\n")
-    assert text.endswith("\nlast\n")
-    assert f"... {10_012 - 100} bytes" in text
-    assert len(text) < 130
-
-
-BACKSLASH = "\\"
-
-
 @pytest.mark.parametrize(
     ("text", "shown"),
     [
@@ -81,19 +63,3 @@ BACKSLASH = "\\"
 def test_a_text_is_shown_in_one_printable_line(text: str, shown: str) -> None:
     assert visible(text) == shown
     assert visible(text).isprintable()
-
-
-def test_of_several_lines_no_one_is_a_command() -> None:
-    assert visible_lines("a\n::warning::b\n c") == "a\n" + BACKSLASH + "x3a:warning::b\n c"
-
-
-def test_what_is_kept_is_kept() -> None:
-    assert escaped("a\n\tb\x00", "\n\t") == "a\n\tb" + BACKSLASH + "x00"
-
-
-@pytest.mark.parametrize("size", [LONGEST, LONGEST + 1, 10**6])
-def test_a_long_text_keeps_both_ends(size: int) -> None:
-    text = shortened("<" + "x" * (size - 2) + ">")
-    assert len(text) <= LONGEST + 5
-    assert (text[0], text[-1]) == ("<", ">")
-    assert (" ... " in text) == (size > LONGEST)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import signal
 import subprocess
@@ -13,14 +12,10 @@ from pathlib import Path
 import pytest
 
 from taction.system import own_folders
-from taction.system.errors import OutOfDisk
 from taction.system.own_folders import (
-    KEPT,
     clear_abandoned,
-    keep_folder,
     make_own_folder,
     own_folder,
-    remove_own_folder,
 )
 from tests.support.processes import is_running
 
@@ -72,40 +67,11 @@ def test_what_is_not_ours_stays(tmp_path: Path) -> None:
     assert elsewhere.is_dir()
 
 
-def test_a_folder_that_is_kept_gets_another_name(tmp_path: Path) -> None:
-    folder = make_own_folder(tmp_path)
-    (folder / "deck.cir").write_text("deck")
-    kept = keep_folder(folder)
-    clear_abandoned(tmp_path)
-    assert kept.name.startswith(KEPT)
-    assert [path.name for path in kept.iterdir()] == ["deck.cir"]
-    assert keep_folder(kept) == kept
-
-
 def test_the_folder_of_a_block_goes_with_all_that_is_in_it() -> None:
     with own_folder() as folder:
         (folder / "within").mkdir()
         (folder / "within" / "file").touch()
     assert not folder.exists()
-
-
-def test_a_lock_ends_with_the_folder(tmp_path: Path) -> None:
-    gc.collect()  # files of other tests that nobody refers to
-    before = len(list(Path("/proc/self/fd").iterdir())) if sys.platform == "linux" else 0
-    for _ in range(3):
-        remove_own_folder(make_own_folder(tmp_path))
-    after = len(list(Path("/proc/self/fd").iterdir())) if sys.platform == "linux" else 0
-    assert after == before
-    assert own_folders._locks.keys().isdisjoint(map(str, tmp_path.iterdir()))
-
-
-def test_a_variable_that_names_no_folder_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(own_folders.tempfile, "tempdir", None)
-    monkeypatch.setenv("TMPDIR", str(tmp_path / "missing"))
-    with pytest.raises(OutOfDisk, match=r"in .*missing \(TMPDIR\): No such file"):
-        make_own_folder()
 
 
 def test_a_folder_that_another_process_clears_before_the_lock_is_made_again(
@@ -122,11 +88,6 @@ def test_a_folder_that_another_process_clears_before_the_lock_is_made_again(
 
     monkeypatch.setattr(own_folders.tempfile, "mkdtemp", cleared)
     assert str(make_own_folder(tmp_path)) == made[1] != made[0]
-
-
-def test_a_place_that_takes_no_folder_is_named(tmp_path: Path) -> None:
-    with pytest.raises(OutOfDisk, match=r"no folder can be made in .*missing"):
-        make_own_folder(tmp_path / "missing")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")

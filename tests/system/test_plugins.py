@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from taction.system import plugins
 from taction.system.errors import InputError
-from taction.system.plugins import OpenTable, names, offers
+from taction.system.plugins import OpenTable, names
 from taction.verification.studies.running import versions
 from taction.verification.studies.running.versions import own_code, own_version
 from tests.support.plugins import environment
@@ -25,13 +24,6 @@ def table(own: dict[str, int] | None = None) -> OpenTable[int]:
     return OpenTable("taction.opamps", {"one": 1} if own is None else own, int)
 
 
-def test_without_plugins_a_table_holds_what_is_its_own() -> None:
-    assert offers() == ()
-    assert dict(table()) == {"one": 1}
-    with pytest.raises(KeyError):
-        table()["seven"]
-
-
 def test_what_a_package_offers_follows_the_own_entries(plugin: Plugin) -> None:
     numbers = table()
     assert list(numbers) == ["one"]
@@ -43,19 +35,6 @@ def test_what_a_package_offers_follows_the_own_entries(plugin: Plugin) -> None:
     assert numbers["seven"] == 7
     assert names("taction.opamps") == ("eight", "seven")
     assert names("taction.engines") == ()
-
-
-def test_a_table_reads_its_part_of_an_object(plugin: Plugin) -> None:
-    source = "class BOTH:\n    deck = 3\n    engine = 'three'\n"
-    plugin("acme", {"taction.amplifiers": {"cube": "BOTH"}}, source)
-    assert OpenTable("taction.amplifiers", {"a": 1}, int, "deck")["cube"] == 3
-    assert OpenTable("taction.amplifiers", {"a": "one"}, str, "engine")["cube"] == "three"
-    with pytest.raises(InputError) as refused:
-        OpenTable("taction.amplifiers", {"a": "one"}, str, "solver")["cube"]
-    assert str(refused.value) == (
-        "plug-in acme 1.0: taction.amplifiers = 'cube': acme:BOTH.solver is a NoneType;"
-        " expected str"
-    )
 
 
 WRONG = {
@@ -103,11 +82,6 @@ def test_two_packages_cannot_offer_one_name(plugin: Plugin) -> None:
         table()["one"]
 
 
-def test_a_table_has_a_known_group() -> None:
-    with pytest.raises(ValueError, match=r"expected one of taction\.amplifiers, taction\.checks"):
-        OpenTable("taction.opamp", {"one": 1}, int)
-
-
 def test_a_changed_plugin_makes_stored_results_outdated(plugin: Plugin) -> None:
     alone = own_code(), own_version(False)
     folder = plugin("acme", NUMBERS, SOURCE)
@@ -121,22 +95,6 @@ def test_a_changed_plugin_makes_stored_results_outdated(plugin: Plugin) -> None:
         found.add(python("-c", script, env=environment(folder)).stdout.strip())
     assert len(found) == 2
     assert first[0].hex() in found
-
-
-def test_a_package_is_read_whole(tmp_path: Path, plugin: Plugin) -> None:
-    folder = plugin("acme", {"taction.opamps": {"seven": "parts.numbers:SEVEN"}}, "")
-    (folder / "acme.py").unlink()
-    (folder / "acme-1.0.dist-info" / "entry_points.txt").write_text(
-        "[taction.opamps]\nseven = acme.parts.numbers:SEVEN\n"
-    )
-    (folder / "acme" / "parts").mkdir(parents=True)  # `acme` itself is a namespace
-    (folder / "acme" / "parts" / "__init__.py").write_text("")
-    (folder / "acme" / "parts" / "numbers.py").write_text(SOURCE)
-    (folder / "acme" / "parts" / "figures.toml").write_text("a = 1\n")
-    plugins.forget()
-    files = {name.split()[-1] for name, text in plugins.sources() if name.startswith("acme ")}
-    assert files == {"__init__.py", "figures.toml", "numbers.py"}
-    assert table()["seven"] == 7
 
 
 HELP_AND_NAMES = """

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 import pickle
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +14,6 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.verification.studies.running.versions import digest
 from tests.support.making import write_matrix_scene
 
-SOLVER = importlib.import_module("taction.verification.reference.least_squares")
 T = [[1.0, 0.5, 0.1], [0.5, 1.0, 0.5], [0.1, 0.5, 1.0]]
 EPS = [0.3, 0.2, 0.1]
 STRAINS = [[0.3, 0.2, 0.1], [0.1, 0.0, -0.2], [0.0, 0.3, 0.0]]
@@ -75,15 +72,6 @@ def test_what_is_wrong_is_named(
     assert str(caught.value).startswith("Scene.from_arrays: ")
 
 
-def test_a_scene_keeps_its_own_copy() -> None:
-    matrix = np.array(T)
-    made = taction.Scene.from_arrays(matrix, EPS)
-    matrix[0, 0] = 7.0
-    assert make_problem(made).matrix[0, 0] == 1.0
-    with pytest.raises(ValueError, match="read-only"):
-        make_problem(made).matrix[0, 0] = 7.0
-
-
 def test_scenes_with_arrays_compare_travel_and_digest_by_content() -> None:
     other = taction.Scene.from_arrays(T, [0.3, 0.2, 0.2])
     same = taction.Scene.from_arrays(np.array(T), np.array(EPS))
@@ -108,27 +96,6 @@ def test_many_strains_give_what_each_gives_alone(amplifier: str) -> None:
         assert solution.u.tolist() == alone.u.tolist()
         assert solution.trusted
         assert solution.error_bound == alone.error_bound
-
-
-@pytest.mark.parametrize("channels", [3, 310])
-def test_many_strains_factorise_once(
-    channels: int, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
-) -> None:
-    calls, real = [], SOLVER.SVD
-
-    def counted(*words: Any) -> Any:
-        calls.append(words)
-        return real(*words)
-
-    monkeypatch.setattr(SOLVER, "SVD", counted)
-    matrix = np.eye(channels) + 0.01 * rng.standard_normal((channels, channels))
-    strains = rng.standard_normal((4, channels))
-    made = taction.Scene.from_arrays(matrix, strains[0], lam=0.5)
-    solutions = taction.solve(made, strains=strains)
-    assert len(calls) == 1
-    normal = matrix.T @ matrix + 0.5 * np.eye(channels)
-    expected = np.linalg.solve(normal, matrix.T @ strains.T).T
-    assert np.array([each.u for each in solutions]) == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
 def test_verify_and_simulate_take_many_strains_in_order() -> None:
@@ -159,8 +126,3 @@ def test_strains_that_do_not_fit_are_refused(strains: ArrayLike, text: str) -> N
     with pytest.raises(taction.InputError) as caught:
         taction.verify(scene(), strains=strains)
     assert text in str(caught.value)
-
-
-def test_one_file_holds_one_transient(tmp_path: Path) -> None:
-    with pytest.raises(taction.InputError, match="one file holds one transient"):
-        taction.simulate(scene(), strains=STRAINS, output=tmp_path / "a.csv")

@@ -4,18 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
-import sys
-import tempfile
 from pathlib import Path
 
 import pytest
 
 import taction
-from taction.system.charts import Curve, Text
-from taction.system.errors import InputError
-from taction.verification.report.views.board_check_view import _family
-from taction.verification.report.views.stability_view import pole_map
 from tests.support.designer_decks import DECKS
 from tests.support.paths import SCENES
 from tests.support.running import taction as command
@@ -86,16 +79,6 @@ def test_what_is_not_stable_is_no_pass(
     assert run(str(place), "--no-ngspice", *options)[0] == status
 
 
-def test_margins_that_were_not_looked_for_say_so(tmp_path: Path) -> None:
-    """Of a line of 160 stages: each takes the poles of many boards of 160 states."""
-    parts = (f"R{k} n{k} n{k + 1} 1k\nC{k} n{k + 1} 0 {k + 1}n" for k in range(160))
-    place = tmp_path / "line.cir"
-    place.write_text("\n".join(["line", "V1 n0 0 1", *parts, ".end", ""]))
-    found = taction.check(place, outputs="n160", ngspice=False)
-    assert found.poles.known_stable
-    assert {row.doubt for row in found.parts} == {"not looked for"}
-
-
 def test_an_oscillator_is_named_with_its_frequency_and_the_nearest_stable_values() -> None:
     found = taction.check(CASES / "wienosc.cir", ngspice=False)
     (check,) = found.checks
@@ -118,17 +101,6 @@ def test_an_oscillator_is_named_with_its_frequency_and_the_nearest_stable_values
     assert 0.0 < check.uncertainty < 1e-6
 
 
-def test_of_two_oscillators_no_single_part_is_named(tmp_path: Path) -> None:
-    """One part stops one of two equal oscillators; the other goes on."""
-    place = tmp_path / "two.cir"
-    one = "R1{n} a{n} 0 10k\nR2{n} a{n} b{n} 10k\nC1{n} a{n} out{n} 10n\nC2{n} b{n} 0 10n\n"
-    twice = "".join((one + "E1{n} out{n} 0 b{n} 0 3.1\n").format(n=n) for n in "xy")
-    place.write_text(f"two\nVin in 0 1\nRin in ax 1meg\n{twice}.tran 1u 1m\n.end\n")
-    text = " ".join(run(str(place), "--no-ngspice")[1].split())
-    assert "Not stable: oscillates at 1.59" in text
-    assert "No value of one part alone, within a factor of 100, makes it stable." in text
-
-
 def test_the_document_of_an_undecided_deck_says_null(tmp_path: Path) -> None:
     place = tmp_path / "axis.cir"
     place.write_text(AXIS)
@@ -138,20 +110,6 @@ def test_the_document_of_an_undecided_deck_says_null(tmp_path: Path) -> None:
     for point in found["sweeps"][0]["points"]:
         assert point["stable"] is None
         assert point["overshoot"] is point["settling_time"] is None
-
-
-def test_an_unstable_value_of_a_sweep_has_no_readings() -> None:
-    found = taction.check(CASES / "wienosc.cir", over="E1=2,3,4", ngspice=False)
-    stable, edge, unstable = found.sweeps[0].points
-    assert (stable.stable, edge.stable, unstable.stable) == (True, None, False)
-    assert stable.figures["overshoot"] is not None
-    for point in (edge, unstable):
-        assert {*point.figures.values()} == {None}
-
-
-@pytest.mark.parametrize("option", ["margin", "margin=0.5", "margin=200", "oscillates=1"])
-def test_a_value_that_a_check_cannot_have_is_refused(option: str, deck: str) -> None:
-    assert run(deck, "--no-ngspice", "--check", option)[0] == 2
 
 
 def test_a_divider_keeps_every_margin_and_is_swept() -> None:
@@ -170,19 +128,6 @@ def test_a_resistive_loop_with_gain_keeps_no_margin_unproved(tmp_path: Path) -> 
     place.write_text("loop\nV1 in 0 1\nR1 in p 1k\nR2 p out 1k\nE1 out 0 p 0 1.9\n.end\n")
     found = taction.check(place, checks="margin=2", ngspice=False)
     assert found.outcome.value == "inconclusive"
-
-
-def test_a_circuit_that_rings_says_so_first(tmp_path: Path) -> None:
-    """R L C in series: damping ratio R / 2 sqrt(C / L) = 0.0158, overshoot exp(-pi zeta / ...)."""
-    place = tmp_path / "rlc.cir"
-    place.write_text("RLC\nV1 in 0 PULSE(0 1)\nR1 in a 1\nL1 a out 1m\nC1 out 0 1u\n.end\n")
-    status, text = run(str(place), "--no-ngspice")
-    assert status == 0
-    words = " ".join(text.split())
-    assert "Stable, but rings: damping ratio 0.016 at 5.03" in words
-    zeta = 0.5 * math.sqrt(1e-6 / 1e-3)
-    over = 100.0 * math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta**2))
-    assert f"overshoot {over:.3g} %" in words
 
 
 def test_the_document_has_its_schema(deck: str, tmp_path: Path) -> None:
@@ -221,23 +166,6 @@ def test_a_board_without_poles_has_its_divided_voltage(
     assert "has no poles" in text
 
 
-def test_a_check_loads_no_scipy(deck: str) -> None:
-    """Its import is a quarter of the processor time of a check of a small deck."""
-    code = f"import sys, taction; taction.check({deck!r}); print('scipy' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
-
-
-def test_an_output_without_a_limit_of_its_noise_hides_no_other() -> None:
-    """ngspice's .noise of the deck has 39.04 uV at l."""
-    found = taction.check(CASES / "noise-hidden.cir", checks="noise=1mV", ngspice=False)
-    load, out = found.outputs
-    assert load.figures["noise"] == pytest.approx(39.04e-6, rel=1e-3)
-    assert out.figures["noise"] is out.figures["noise_bound"] is None
-    assert found.noise.unknown.startswith("out: the noise has no limit")
-    assert found.outcome.value == "inconclusive"
-
-
 def test_a_step_without_a_param_has_its_first_value() -> None:
     place = CASES / "ltspice_step.net"
     first = taction.check(place, ngspice=False)
@@ -267,53 +195,6 @@ def test_a_card_that_does_not_run_is_named_with_what_answers(
     place.write_text(f"RC\nV1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n\n{card}\n.end\n")
     notes = taction.check(place, ngspice=False).notes
     assert any(says in note for note in notes)
-
-
-def test_a_deck_that_ngspice_refuses_leaves_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ngspice: str
-) -> None:
-    deck = tmp_path / "bad.cir"
-    deck.write_text("x\nV1 in 0 1\nR1 in out {nosuch}\nC1 out 0 1n\n.end\n")
-    place = tmp_path / "place"
-    place.mkdir()
-    monkeypatch.setenv("TMPDIR", str(place))
-    monkeypatch.setattr(tempfile, "tempdir", None)
-    with pytest.raises(InputError, match="does not expand the deck"):
-        taction.check(deck)
-    assert list(place.iterdir()) == []
-
-
-def test_a_pole_map_shows_every_pair_that_is_near() -> None:
-    """Two pairs of a Butterworth filter at 10 kHz; its op-amps have poles at some MHz."""
-    found = taction.check(CASES / "mfb4.cir", ngspice=False)
-    pairs = [row for row in found.pole_rows if row.frequency and row.frequency < 1e5]
-    assert len(pairs) == 2
-    first = pole_map(found.poles).views[0]
-    assert first.x is not None
-    assert first.y is not None
-    for row in pairs:
-        assert row.real is not None
-        assert row.frequency is not None
-        assert first.x[0] < row.real < first.x[1]
-        assert first.y[0] <= row.frequency < first.y[1]
-    texts = [mark.text for mark in pole_map(found.poles).marks if isinstance(mark, Text)]
-    assert any("4 farther" in text for text in texts)
-
-
-def test_a_sweep_shows_the_values_around_a_crossing_first_and_a_family(tmp_path: Path) -> None:
-    place, picture = str(CASES / "ldo.cir"), tmp_path / "ldo.png"
-    status, text = run(place, "--no-ngspice", "--over", "ESR", "--plot", str(picture))
-    assert status == 1
-    assert text.index("Around the crossings") < text.index("Values")
-    assert picture.stat().st_size > 1000
-    (sweep,) = taction.check(place, over="ESR", ngspice=False).sweeps
-    low, high = (sweep.points[n] for n in sweep.beside_crossings(1))
-    assert (low.stable, high.stable) == (False, True)
-    chart = _family(sweep)
-    assert chart is not None
-    assert [curve.line for curve in chart.marks if isinstance(curve, Curve)] == ["dash"] * 4 + [
-        "solid"
-    ] * 3
 
 
 @pytest.mark.parametrize("witness", ["engines_agree", "ac_agrees"])

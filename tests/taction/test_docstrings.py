@@ -19,7 +19,6 @@ LONG = ("explore", "mcp", "reproduce")  # one ends with Ctrl-C, one takes minute
 FUNCTIONS = tuple(name for name in (*JOBS, *STEPS, "Scene.from_arrays") if name not in LONG)
 # What several jobs take, in the order in which each of them takes it.
 SHARED = ("scene", "over", "engine", "strains", "output", "jobs", "cluster", "progress")
-TYPES = {"over", "output"}  # several axes or one, a folder that has to be given
 SECTIONS = ["Parameters", "Returns", "Raises", "Examples"]
 
 
@@ -56,14 +55,6 @@ def test_a_job_takes_the_scene_first_and_the_rest_by_keyword(name: str) -> None:
     assert positional in ([*given][:1], ["first", "second"], [])
     shared = [each for each in given if each in SHARED]
     assert shared == sorted(shared, key=SHARED.index)
-
-
-@pytest.mark.parametrize("keyword", [word for word in SHARED if word not in TYPES])
-def test_a_keyword_means_the_same_in_every_job(keyword: str) -> None:
-    taking = [name for name in JOBS if keyword in parameters(name)]
-    assert len(taking) > 1
-    assert len({str(parameters(name)[keyword].annotation) for name in taking}) == 1
-    assert len({documented(name)[keyword] for name in taking}) == 1
 
 
 @pytest.mark.parametrize("name", JOBS)

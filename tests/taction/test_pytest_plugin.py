@@ -86,17 +86,6 @@ def test_scene_files_are_judged_and_the_fixture_verifies_a_scene_once(
     result.stdout.no_fnmatch_line("*Traceback*")
 
 
-def test_what_could_not_be_decided_is_no_pass(
-    session: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("TACTION_NGSPICE", "no-such-ngspice")
-    scene = write_fast(session.path / "a.scene.toml")
-    scene.write_text(scene.read_text().replace("statespace", "ngspice"))
-    result = run(session)
-    result.assert_outcomes(failed=1)
-    result.stdout.fnmatch_lines(["*no verdict*", "*no-such-ngspice*"])
-
-
 def test_collected_scenes_are_compared_with_a_baseline(session: pytest.Pytester) -> None:
     scene = write_fast(session.path / "a.scene.toml")
     words = ["regress", str(session.path), "--baseline", str(session.path / "b.json"), "--update"]
@@ -108,11 +97,3 @@ def test_collected_scenes_are_compared_with_a_baseline(session: pytest.Pytester)
     result = run(session, option)
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(["*a.scene.toml: changed*", "*tolerances off*"])
-
-
-def test_a_baseline_that_cannot_be_read_ends_the_collection(session: pytest.Pytester) -> None:
-    write_fast(session.path / "a.scene.toml")
-    result = run(session, "--taction-baseline=none.json")
-    result.assert_outcomes(errors=1)
-    result.stdout.fnmatch_lines(["*none.json*No such file*"])
-    result.stdout.no_fnmatch_line("*Traceback*")

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import taction
-from taction.netlist_gen.scene.axes import parse_axes
 from taction.verification.studies.sweep.result import SweepResult
 from tests.support.entries import write_fast
 
@@ -22,25 +20,6 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def result(scene: Path) -> SweepResult:
     over = {"C": ("10pF", "20pF", 2), "topology": ["integrator", "passive"]}
     return taction.sweep(scene, over=over, jobs=1)
-
-
-@pytest.mark.parametrize(
-    ("over", "text"),
-    [
-        ({"C": ("1pF", "1nF", 31)}, "C=1pF:1nF:31"),
-        ({"C": (1e-12, 1e-9, 4, "lin")}, "C=1e-12:1e-09:4:lin"),
-        ({"C": ["1pF", 2e-12]}, "C=1p,2e-12"),
-        ({"C": np.array([1e-12, 3e-12])}, "C=1e-12,3e-12"),
-        ({"opamp.base": ["ua741", "lf353"]}, "opamp.base=ua741,lf353"),
-        ({"normalised": [True, False]}, "normalised=true,false"),
-        ({"C": "1pF:1nF:3"}, "C=1pF:1nF:3"),
-        ("C=1p,2p gain=1M,2M", "C=1p,2p gain=1M,2M"),
-        (["C=1p,2p"], "C=1p,2p"),
-    ],
-)
-def test_axes_are_those_of_the_command_line(scene: Path, over: object, text: str) -> None:
-    asked = taction.load_scene(scene)
-    assert parse_axes(asked, over) == parse_axes(asked, [text])  # type: ignore[arg-type]
 
 
 def test_a_table_has_one_row_a_point(result: SweepResult) -> None:
