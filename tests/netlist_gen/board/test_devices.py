@@ -84,8 +84,3 @@ def test_a_share_of_the_cells_is_stuck_and_the_others_are_as_before(
         assert count == pytest.approx(20_000 * share, abs=4.0 * math.sqrt(20_000 * share))
     others = found[(found > 1e-6) & (found < 9e-6)]
     assert np.std(others) == pytest.approx(1e-8, rel=4.0 / math.sqrt(2.0 * len(others)))
-
-
-def test_standard_deviations_of_all_reasons_add_as_squares() -> None:
-    one = Device(programming_error=(3e-7,), read_noise=0.04)
-    assert one.spread(np.array([1e-5]))[0] == pytest.approx(5e-7, rel=1e-12)

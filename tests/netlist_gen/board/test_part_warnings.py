@@ -9,17 +9,12 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.board.part_warnings import (
-    ANY_PART,
-    LIMITS,
-    AcceptedParts,
-    BrokenLimit,
     broken_limits,
     part_warnings,
 )
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from tests.support.making import make_scene, matrix_problem
-from tests.support.paths import ROOT
 
 GOOD = {"unit_conductance": "10uS", "resistance": "1Mohm", "gain": "100kohm"}
 
@@ -125,18 +120,3 @@ def test_the_largest_strain_counts_and_a_voltage_by_its_resistor() -> None:
     assert found.startswith("1 of 2 strain currents are above 10 mA, up to 15 mA (Veps_1); remedy")
     small = GOOD | {"unit_voltage": "1V"}
     assert part_warnings(synthesise(make_scene(design=small), problem)) == ()
-
-
-def test_a_proposal_may_have_what_the_scene_has_but_for_rounding() -> None:
-    own = {"resistors R above 10 Mohm": BrokenLimit("", 2.0)}
-    accepted = AcceptedParts(own)
-    assert accepted.refused({"resistors R above 10 Mohm": BrokenLimit("", 2.05)}) == ""
-    assert accepted.refused({"resistors R above 10 Mohm": BrokenLimit("", 2.2)}) == next(iter(own))
-    assert accepted.refused({"resistors s below 10 ohm": BrokenLimit("", 1.1)})
-    assert not ANY_PART.refused(own)
-
-
-def test_the_documentation_has_every_limit() -> None:
-    page = (ROOT / "docs" / "parts.md").read_text("utf-8").replace("±", "")
-    for beyond, _, _ in (each for limits in LIMITS for each in limits.beyond()):
-        assert f"| {beyond} |" in page

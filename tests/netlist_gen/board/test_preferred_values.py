@@ -11,10 +11,7 @@ from taction.netlist_gen.board.bill_of_materials import (
     buyable,
     mantissas,
     nearest,
-    series_of,
-    values_between,
 )
-from taction.netlist_gen.scene.design import Design
 
 # Every eighth value of E96 and every sixteenth of E192, as the standard's tables print them.
 E12 = (1.0, 1.2, 1.5, 1.8, 2.2, 2.7, 3.3, 3.9, 4.7, 5.6, 6.8, 8.2)  # IEC 60063
@@ -47,39 +44,9 @@ def test_no_other_preferred_value_is_nearer_by_ratio(ohms: float, series: str) -
     assert abs(np.log(found / ohms)) <= best + 1e-12
 
 
-def test_no_resistor_stays_no_resistor_and_exact_changes_nothing() -> None:
-    ohms = np.array([[np.inf, 1234.5], [1e-3, np.inf]])
-    assert nearest(ohms, "E24").tolist() == [[np.inf, 1200.0], [1e-3, np.inf]]
-    assert nearest(ohms, "exact") is ohms
-
-
-def test_a_series_over_two_decades() -> None:
-    expected = [*E12[6:], *(10.0 * value for value in E12[:4])]
-    assert values_between(3.0, 18.0, "E12").tolist() == pytest.approx(expected, rel=1e-15)
-
-
-def test_ends_belong_to_the_interval() -> None:
-    assert values_between(4.7e-11, 6.8e-11, "E6").tolist() == [4.7e-11, 6.8e-11]
-
-
-def test_three_digits_without_a_series() -> None:
-    assert values_between(0.998, 1.02, "exact").tolist() == [0.998, 0.999, 1.0, 1.01, 1.02]
-
-
 @pytest.mark.parametrize(
     ("value", "series", "expected"),
     [(5.1e-12, "E12", 4.7e-12), (5.2e-12, "E12", 5.6e-12), (12.345, "exact", 12.3)],
 )
 def test_the_nearest(value: float, series: str, expected: float) -> None:
     assert buyable(value, series) == expected
-
-
-def test_the_series_of_a_key() -> None:
-    design = Design(resistor_series="E96", capacitor_series="E6")
-    paths = ("capacitance", "gain", "unit_voltage")
-    assert [series_of(design, f"design.{path}") for path in paths] == ["E6", "E96", "exact"]
-
-
-def test_the_middle_is_geometric_and_the_decade_wraps() -> None:
-    assert nearest(np.array([9.53, 9.54, 0.954]), "E24").tolist() == [9.1, 10.0, 1.0]
-    assert nearest(np.array([4.69e3, 99.3e3]), "E96").tolist() == [4.64e3, 100e3]

@@ -15,7 +15,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.netlist_gen.board.wired_arrays import at_ports, entry_voltages, wire_branches
 from taction.netlist_gen.board.wires import CORNERS, Wires, compensated
-from taction.netlist_gen.deck.deck import header_lines, matrix_lines
+from taction.netlist_gen.deck.deck import matrix_lines
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 
@@ -115,20 +115,6 @@ def test_currents_of_badcrossbar(case: int) -> None:
     assert np.abs(amps - wanted).max() <= 1e-9 * np.abs(wanted).max()
 
 
-def test_currents_of_crosssim_by_the_keys_that_the_page_says(rng: np.random.Generator) -> None:
-    """Sums of drops along lines: an input's enters at output 1, an output's leaves at the end."""
-    G, volts, drops = rng.uniform(1e-4, 1e-3, (4, 3)), rng.uniform(-1.0, 1.0, 3), np.zeros((4, 3))
-    row, column = 1.5, 2.5  # Rp_row and Rp_col, ohm
-    for _ in range(200):
-        amps = G * (volts - drops)
-        inputs, outputs = np.cumsum(amps[::-1], axis=0)[::-1], np.cumsum(amps, axis=1)
-        drops = row * np.cumsum(inputs, axis=0)
-        drops += column * np.cumsum(outputs[:, ::-1], axis=1)[:, ::-1]
-    wires = Wires(word_line=column, bit_line=row, corner="top-right")
-    found = wires.at_ports(G, by_column=True).across @ volts
-    np.testing.assert_allclose(found, amps.sum(axis=1), rtol=1e-9)
-
-
 @pytest.mark.parametrize("by_column", [True, False])
 def test_voltages_of_entries_are_those_of_the_grid(by_column: bool) -> None:
     wires = Wires(700.0, 300.0, 40.0, 90.0, "top-right")
@@ -182,12 +168,6 @@ def wired(**keys: object) -> Scene:
     return taction.Scene.from_arrays(rows, [0.3, 0.1, 0.2], **(options | keys))
 
 
-def test_a_scene_without_resistance_has_no_wires() -> None:
-    plain, ideal = taction.synthesise(wired()), taction.synthesise(wired(corner="top-right"))
-    assert all(matrix.wires is None for matrix in (*plain.matrices, *ideal.matrices))
-    assert matrix_lines(plain.matrices) == matrix_lines(ideal.matrices)
-
-
 def test_the_resistors_of_a_series_are_of_it_after_compensation() -> None:
     scene = wired(word_line=100.0, bit_line=100.0, compensate=True, resistor_series="E96")
     plain = taction.synthesise(wired(word_line=100.0, bit_line=100.0))
@@ -210,11 +190,3 @@ def error_at_ports(circuit: Circuit) -> float:
     parts = [each for each in at_ports(matrix) if not each.is_mesh]
     found = sum(np.where(np.isfinite(each.ohms), 1.0 / each.ohms, 0.0) for each in parts)
     return float(np.abs(found - wanted).max() / wanted.max())
-
-
-def test_wires_are_said_in_the_head_of_the_deck() -> None:
-    asked = wired(word_line=1.73, bit_line=2.0, corner="bottom-left")
-    (line,) = [each for each in header_lines(taction.synthesise(asked)) if "wires" in each]
-    assert "1.73 ohm a pitch of a row" in line
-    assert "bottom-left" in line
-    assert not any("wires" in each for each in header_lines(taction.synthesise(wired())))

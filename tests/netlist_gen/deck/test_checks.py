@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.analysis import OperatingPoint, Transient
+from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit, Omission
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.deck.circuit_checks import tolerances
 from taction.netlist_gen.deck.deck import write_deck
 from tests.support.making import make_scene, matrix_problem
 
@@ -76,13 +75,6 @@ def test_a_value_that_no_part_has_is_refused(kind: str, field: str, value: float
         write_deck(changed(small(), kind, **{field: value}), TRANSIENT)
 
 
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), 0.0])
-def test_a_source_that_no_source_is_is_refused(value: float) -> None:
-    for kind, field in (("currents", "amps"), ("voltages", "volts")):
-        with pytest.raises(ValueError, match="must be finite and above zero"):
-            write_deck(changed(small(), kind, **{field: value}), TRANSIENT)
-
-
 @pytest.mark.parametrize("value", [float("nan"), 0.0, -1.0])
 def test_a_matrix_holds_resistors_only(value: float) -> None:
     circuit = small()
@@ -126,26 +118,3 @@ def test_the_header_holds_no_line_of_its_own(fields: dict[str, Any]) -> None:
 def test_what_a_deck_asks_for_is_checked_too(changes: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r"not a valid name|a file name in a deck|finite"):
         write_deck(small(), **{"analysis": TRANSIENT, **changes})
-
-
-@pytest.mark.parametrize("G0", [1e-12, 3.3e-7, 1e-3])
-def test_tolerances_follow_the_scales_of_the_board(G0: float) -> None:
-    limits = tolerances(small(unit_conductance=G0, unit_voltage=2.0, capacitance="1nF"), 1e-6)
-    assert limits.relative == 1e-6
-    assert limits.current == pytest.approx(1e-9 * G0 * 2.0)
-    assert limits.voltage == pytest.approx(2e-9)
-    assert limits.charge == pytest.approx(1e-9 * 1e-9 * 2.0)
-    assert limits.gmin == pytest.approx(1e-12 * G0)
-    assert ".op\n" in write_deck(small(unit_conductance=G0), OperatingPoint()).text
-
-
-@pytest.mark.parametrize(
-    ("strain", "largest"),
-    [*(([k, -3.0 * k], 3.0 * k) for k in (1e-12, 1.0, 1e6)), ([0.0, 0.0], 1.0)],
-)
-def test_the_tolerance_of_currents_follows_from_the_largest_strain_or_the_units(
-    strain: list[float], largest: float
-) -> None:
-    scene = make_scene(design={"unit_conductance": 1e-5, "unit_voltage": 2.0})
-    circuit = synthesise(scene, matrix_problem([[1.0], [1.0]], strain))
-    assert tolerances(circuit, 1e-6).current == pytest.approx(1e-9 * 2e-5 * largest)

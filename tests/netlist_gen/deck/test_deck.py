@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import tracemalloc
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,13 +14,11 @@ from taction.netlist_gen.analysis import Analysis, OperatingPoint, Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import Deck, write_deck
-from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.loading import load_scene
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.process import find_simulator, simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
-from tests.support.paths import GOLDEN, SCENES
+from tests.support.paths import GOLDEN
 
 T = [[1.0, -0.5], [0.0, 0.25]]
 EPS = [1.0, -1 / 3]
@@ -150,60 +146,3 @@ def test_a_split_deck_gives_the_same_answer(design: dict[str, Any]) -> None:
     analysis = Transient(1e-5, 1e-7)
     a, b = run(write_deck(circuit, analysis)), run(write_deck(circuit, analysis, matrix_file="m"))
     assert b.values[-1] == pytest.approx(a.values[-1], rel=1e-6)
-
-
-@pytest.mark.usefixtures("ngspice")
-def test_the_matrix_file_can_be_swapped() -> None:
-    """Two boards of the same signs: the amplifiers of one with the matrix of the other."""
-    one, other = build(LINEAR), build(LINEAR, [[0.3, -2.0], [0.0, 1.5]], EPS)
-    nodes = ("v_1", "v_2")
-    decks = [
-        write_deck(c, OperatingPoint(), saved=nodes, matrix_file="m.inc") for c in (one, other)
-    ]
-    assert decks[0].text == decks[1].text
-    swapped = run(replace(decks[0], files=decks[1].files)).values[0]
-    assert swapped == pytest.approx(rest_of(other, nodes), rel=1e-9)
-    assert swapped != pytest.approx(rest_of(one, nodes), rel=1e-2)
-    rest = LinearBoard(other).equilibrium
-    assert swapped == pytest.approx([rest["v_1"], rest["v_2"]], rel=1e-6)
-
-
-@pytest.mark.usefixtures("ngspice")
-@pytest.mark.parametrize("G0", [1e-12, 1e-9, 1e-6, 1e-3])
-@pytest.mark.parametrize("solver", ["klu", "noopiter"])
-def test_the_scale_of_the_conductances_does_not_matter(G0: float, solver: str) -> None:
-    """The same board in units of 1/G0 ohm and the time constant kept, with its inverters."""
-    design = {
-        **LINEAR, "unit_conductance": G0, "gain": 1 / G0, "capacitance": 1e-5 * G0,
-        "inverter_resistance": 1 / G0,
-    }  # fmt: skip
-    circuit = build(design)
-    rest = LinearBoard(circuit).equilibrium
-    wanted = [rest["v_1"], rest["v_2"]]
-    found = rest_of(circuit, ("v_1", "v_2"), solver=solver)
-    assert found == pytest.approx(wanted, rel=1e-6)
-    time = run(write_deck(circuit, Transient(1e-3, 1e-7), solver=solver))
-    assert time.values[-1] == pytest.approx(wanted, rel=1e-4)
-
-
-def test_a_large_board_is_written_in_little_memory() -> None:
-    """32,768 resistors as lines, not as objects: 2 MB of text, and not much beside it."""
-    circuit = build(LINEAR, np.random.default_rng(0).standard_normal((128, 128)), np.ones(128))
-    tracemalloc.start()
-    deck = write_deck(circuit, Transient(1e-4, 1e-7))
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert len(re.findall(r"^R[fb]_\d+_\d+ ", deck.text, re.MULTILINE)) == 2 * 128 * 128
-    assert peak < 25e6
-
-
-def test_an_exponential_board_starts_at_every_resolution(ngspice: str) -> None:
-    """The first iteration overflowed at 250 points a period with a longer first step."""
-    scene = load_scene(SCENES / "paper-exponential.toml")
-    circuit = synthesise(scene, make_problem(scene))
-    for points in (180, 250, 300):
-        step = 1.339e-07 * 125 / points
-        deck = write_deck(circuit, Transient(2e-6, step, truncation=(6.28 / points) ** 3 / 6))
-        u_4 = -simulate(deck, find_simulator(), timeout=60)["a_4"]
-        assert np.all(np.isfinite(u_4))
-        assert u_4[0] == pytest.approx(1.0, abs=1e-4)  # v = 0 is u = U0

@@ -18,15 +18,12 @@ import pytest
 from netlist_parser import NetlistParser
 from spicelib import SpiceEditor
 
-from taction.netlist_gen.analysis import OperatingPoint, Transient
+from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import Deck, write_deck
-from taction.netlist_gen.deck.dialects import DIALECTS
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.transients import simulate
 from tests.support.making import make_scene
 from tests.support.other_simulators import Record, distance, gnucap_record, ngspice_record
 from tests.support.paths import SCENES
@@ -122,35 +119,6 @@ def test_ngspice_reads_the_dialect_and_finds_the_same_waveforms(
     assert distance(native(name), found) < 2e-4
 
 
-@pytest.mark.parametrize(
-    ("kind", "dialect"),
-    [
-        *((kind, "ngspice") for kind in ("deadzone", "saturation", "rectifier")),
-        *zip(("deadzone", "saturation", "rectifier"), MODES, strict=True),
-    ],
-)
-def test_decks_of_straight_pieces_err_by_their_steps_alone(
-    kind: str, dialect: str, ngspice: str, tmp_path: Path
-) -> None:
-    """At their own points; between them a straight line leaves the corners of the outputs out.
-
-    Records of different points are 2e-3 apart where they are compared by such lines.
-    """
-    amplifier = {"amplifier": kind, "exponential_slope": 0.03, "ridge_share": 0.0}
-    circuit = synthesise(make_scene({"channels": 3, "span": 2.0}, design=DESIGN | amplifier))
-    board, errors = LinearBoard(circuit), list[float]()
-    steps = (1e-8, 2.5e-9) if (kind, dialect) == ("deadzone", "ngspice") else (1e-8,)
-    for step in steps:
-        run = Transient(1e-5, step)
-        deck = write_deck(circuit, run, dialect=dialect)
-        time, volts = ngspice_record(deck, tmp_path, MODES.get(dialect, ""))
-        instants, places = np.unique(time, return_index=True)
-        exact = simulate.simulate(board, run, nodes=deck.saved, times=instants).values.T
-        errors.append(float(np.abs(volts[:, places] - exact).max() / np.ptp(exact)))
-    assert errors[0] < 4e-4
-    assert all(e < errors[0] / 6.0 for e in errors[1:])  # a quarter of the step, second order
-
-
 @pytest.mark.parametrize("dialect", ["ngspice", "ltspice", "hspice", "xyce", "spectre"])
 @pytest.mark.parametrize("name", LINEAR)
 def test_gnucap_finds_the_same_waveforms_of_linear_boards(
@@ -219,39 +187,6 @@ def test_a_split_deck_in_any_dialect_runs(
     (split,) = decks("paper-exponential", dialect, matrix_file="m.inc")
     found = ngspice_record(split, tmp_path, MODES[dialect])
     assert distance(native("paper-exponential"), found) < 2e-4
-
-
-@pytest.mark.parametrize("dialect", MODES)
-def test_no_line_is_longer_than_hspice_reads(dialect: str, ngspice: str, tmp_path: Path) -> None:
-    design = DESIGN | {"lambda": 1.0, "capacitance": "1nF", "prune": 0.05}
-    circuit = synthesise(make_scene({"channels": 36, "span": 36.0}, design=design))
-    run = Transient(1e-6, 1e-8)
-    native, foreign = (
-        write_deck(circuit, run, dialect=name, matrix_file="m.inc") for name in ("ngspice", dialect)
-    )
-    texts = [foreign.text, *foreign.files.values()]
-    lines = "\n".join(texts).split("\n")
-    assert max(map(len, native.text.split("\n"))) > 1024 > 500 >= max(map(len, lines))
-    expected = ngspice_record(native, tmp_path)
-    assert distance(expected, ngspice_record(foreign, tmp_path, MODES[dialect])) < 2e-4
-
-
-@pytest.mark.parametrize("dialect", [name for name in DIALECTS if name != "ngspice"])
-def test_the_head_says_what_checked_the_deck_and_what_did_not(dialect: str) -> None:
-    (deck,) = decks("known-readings", dialect)
-    head = "\n".join(deck.text.split("\n")[:6])
-    assert re.search(rf"written for {dialect}; .*checked with", head, re.IGNORECASE)
-    assert re.search(rf"not run by\W+{dialect} itself", head, re.IGNORECASE)
-
-
-@pytest.mark.parametrize("dialect", [name for name in DIALECTS if name != "ngspice"])
-def test_other_analyses_are_for_ngspice_only(dialect: str) -> None:
-    circuit = synthesise(scene_of("known-readings"))
-    with pytest.raises(ValueError, match=f"dialect '{dialect}' has transients"):
-        write_deck(circuit, OperatingPoint(), dialect=dialect)
-    charged = Transient(1e-6, 1e-8, voltages={"v_1": 1.0})
-    with pytest.raises(ValueError, match="from zero or rest only"):
-        write_deck(circuit, charged, dialect=dialect)
 
 
 def test_a_source_that_begins_after_the_rest_is_a_wave_in_spectre() -> None:

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from taction import check
-from taction.netlist_gen.deck.elements import CardError
-from taction.netlist_gen.deck.flat_cards import read_cards, stimulus_of
+from taction.netlist_gen.deck.flat_cards import stimulus_of
 from taction.netlist_gen.deck.foreign_deck import read_deck
 from taction.system.errors import InputError, TactionError
 from taction.verification.engines.ngspice import commands
@@ -214,33 +213,6 @@ def test_what_a_source_does(text: str, before: float, after: float, at: float) -
     assert (found.before, found.after, found.at) == (before, after, at)
 
 
-@pytest.mark.parametrize("card", ["q1 a b c m", "d1 a 0 m", "s1 a b c d m", "z1 a b"])
-def test_a_flat_card_that_is_not_linear_is_refused(card: str) -> None:
-    with pytest.raises(CardError, match="is not linear"):
-        read_cards([card])
-
-
-def test_a_card_of_a_listing_that_is_no_part_is_left_out() -> None:
-    """ngspice lists the options and models of a deck among its cards."""
-    flat = read_cards([".options gmin=1e-15", ".model m r(rsh=1)", "r1 a 0 m 5"])
-    assert [part.value for part in flat.parts] == [5.0]
-
-
-def test_lines_that_end_with_two_returns(folder: Path) -> None:
-    """Some converters of line ends write both twice."""
-    text = "t\r\r\nV1 in 0 1\r\r\nR1 in out\r\r\n+ 1k\r\r\nC1 out 0 1n\r\r\n.end\r\r\n"
-    assert read_deck(written(folder, text)).lines == ("v1 in 0 1", "r1 in out 1k", "c1 out 0 1n")
-
-
-def test_cards_of_outputs_may_have_any_characters(folder: Path, ngspice: str) -> None:
-    """The currents that schematics save, and titles of plots."""
-    cards = ".save @v1[i]\n+ v(out) @r1[p]\n.plot tran v(out) title \"50 % of 'x'\"\n"
-    board = read_board(written(folder, f"t\n{RC}{cards}.end\n"))
-    assert [out.node for out in board.circuit.outputs] == ["out"]
-    with pytest.raises(InputError, match="line 2"):
-        read_deck(written(folder, "t\nR@1 in out 1k\n.end\n"))
-
-
 def test_a_file_that_is_included_again_is_read_once(folder: Path, ngspice: str) -> None:
     written(folder, ".subckt half a b\nR1 a b 1k\nR2 b 0 1k\n.ends\nR9 out 0 9k\n", "half.lib")
     written(folder, ".include half.lib\n", "more.lib")
@@ -250,29 +222,11 @@ def test_a_file_that_is_included_again_is_read_once(folder: Path, ngspice: str) 
     assert "half.lib: included again, and read once" in board.notes
 
 
-def test_parts_that_two_subcircuits_include_are_in_both(folder: Path, ngspice: str) -> None:
-    written(folder, "R1 a b 2k\n", "part.inc")
-    block = ".subckt {name} a b\n.include part.inc\n.ends\n"
-    blocks = block.format(name="one") + block.format(name="two")
-    board = read_board(written(folder, f"t\n{RC}{blocks}X1 out x one\nX2 x 0 two\n.end\n"))
-    assert sorted(part.ohms for part in board.circuit.resistors) == [1e3, 2e3, 2e3]
-
-
 def test_a_capacitor_of_nothing_is_left_out(folder: Path, ngspice: str) -> None:
     board = read_board(written(folder, f"t\n{RC}C2 out 0 0\nC3 in out {{0*1n}}\n.end\n"))
     assert [part.card for part in board.circuit.capacitors] == ["C1"]
     assert "less than 1e-24 F, so left out: C2, C3" in board.notes
     assert [knob.name for knob in board.circuit.knobs] == ["R1", "C1"]
-
-
-@pytest.mark.parametrize(
-    ("card", "ohms"), [("R2 out 0 rm 3k", 3e3), ("R2 out 0 3k rm", 3e3), ("R2 out 0 rm r=3k", 3e3)]
-)
-def test_a_value_beside_a_model_counts(card: str, ohms: float, folder: Path, ngspice: str) -> None:
-    model = ".model rm R (tc1=1m tc2=1u rsh=100)\n.model cm C (cj=1m)\nC2 out 0 cm 2n\n"
-    board = read_board(written(folder, f"t\n{RC}{model}{card}\n.end\n"))
-    assert {part.card: part.ohms for part in board.circuit.resistors}["R2"] == ohms
-    assert [part.farads for part in board.circuit.capacitors] == [1e-9, 2e-9]
 
 
 @pytest.mark.parametrize("key", ["temp=77", "dtemp=50"])
@@ -305,24 +259,12 @@ def test_a_choice_of_cards(chosen: int, ohms: float, folder: Path, ngspice: str)
     assert other.value("R2") == 3e3
 
 
-def test_a_choice_without_its_end_is_refused(folder: Path, ngspice: str) -> None:
-    with pytest.raises(InputError, match="endif"):
-        read_board(written(folder, f"t\n{RC}.if (1)\nR2 out 0 2k\n.end\n"))
-
-
 def test_a_table_is_its_slope(folder: Path, ngspice: str) -> None:
     """Before the step the input is in the middle of the table: 2 V a volt."""
     card = "E1 x 0 TABLE {v(out)} = (-1,-2) (1,2)\nR2 x 0 1k\n"
     board = read_board(written(folder, f"t\n{RC}{card}.end\n"))
     (gain,) = [part.value for part in board.circuit.branches if part.card.startswith("Ebe1#g")]
     assert gain == pytest.approx(2.0, rel=1e-9)
-
-
-@pytest.mark.parametrize("card", ["E1 x 0 POLY(2) out 0 in 0 0 0.5 0.25", "B1 x 0 V=2*v(out)+1"])
-def test_nodes_that_ngspice_makes_are_no_outputs(card: str, folder: Path, ngspice: str) -> None:
-    board = read_board(written(folder, f"t\n{RC.replace('out', 'q')}{card.replace('out', 'q')}\n"))
-    assert not any("#" in out.node for out in board.circuit.outputs)
-    assert any("#" in node for node in board.flat.nodes)
 
 
 @pytest.mark.parametrize(
@@ -347,15 +289,6 @@ def test_a_card_with_a_file_or_with_time_is_refused_before_ngspice(
     """The reader refuses, which starts no process; ngspice reads time as 0 at rest."""
     with pytest.raises(InputError, match=f"line 5 .*: {name}"):
         read_deck(written(folder, f"t\n{RC}{card}\n.end\n"))
-
-
-@pytest.mark.parametrize(
-    "card",
-    ["E2 a time value={2*V(time)}", ".func f(time) {2*time}", ".param profile=1", ".meas file=x"],
-)
-def test_time_and_file_may_be_names(card: str, folder: Path) -> None:
-    deck = read_deck(written(folder, f"t\n{RC}{card}\n.end\n"))
-    assert len(deck.cards) + len(deck.left) == 4
 
 
 @pytest.mark.parametrize(

@@ -73,9 +73,3 @@ def test_mistakes_name_key_value_and_what_is_accepted(
         tolerances(text, circuit, tmp_path)
     for word in ("parts.toml", *words):
         assert word in str(error.value)
-
-
-def test_all_mistakes_are_told_at_once(circuit: Circuit, tmp_path: Path) -> None:
-    with pytest.raises(InputError) as error:
-        tolerances('resistor = "x"\ncoils = 1\n[parts]\nR9 = 1\n', circuit, tmp_path)
-    assert len(error.value.complaints) == 3

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from taction.netlist_gen.deck.foreign_lines import number
 from taction.netlist_gen.deck.linear_expressions import polynomial
 from taction.netlist_gen.deck.vendor_subcircuit import (
     flat_subcircuit,
@@ -89,19 +88,6 @@ def test_what_a_subcircuit_does_not_call_is_not_read(tmp_path: Path) -> None:
         *(".subckt m0 a b", "x1 a b m1", ".ends"),
         *(".subckt m1 p q", "r1 p q 1k", ".ends"),
     )
-
-
-def test_a_missing_subcircuit_is_named_with_those_of_the_file() -> None:
-    with pytest.raises(InputError, match="no subcircuit 'lm741'; it has fet100"):
-        vendor_subcircuit(VENDOR, "lm741")
-
-
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [("1m", 1e-3), ("1meg", 1e6), ("2mil", 50.8e-6), ("1e3k", 1e6), ("-3pf", -3e-12), ("+7v", 7.0)],
-)
-def test_numbers_have_the_suffixes_of_spice(text: str, value: float) -> None:
-    assert number(text) == pytest.approx(value, rel=1e-15)
 
 
 def test_a_polynomial_has_the_order_of_spice2() -> None:

@@ -13,9 +13,7 @@ import pytest
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.kicad.board import KicadProject, kicad_project
-from taction.netlist_gen.kicad.drawing import branches
 from taction.netlist_gen.kicad.part_symbols import BoardParts, reference, wiring
-from taction.netlist_gen.kicad.sheet import quoted
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
@@ -70,11 +68,6 @@ def fields(symbol: Any) -> dict[str, str]:
     return {item[1]: item[2] for item in items(symbol, "property")}
 
 
-def test_texts_with_quotes_and_lines_stay_one_text() -> None:
-    text = 'a "quoted" \\ backslash\nand a (second) line'
-    assert parsed(f"(text {quoted(text)})") == ["text", text]
-
-
 def test_symbols_and_references() -> None:
     found = []
     for tree in schematics(project_of(custom())):
@@ -111,20 +104,6 @@ def test_every_package_has_as_many_pins_as_its_op_amps_need(name: str) -> None:
         assert not any(pin.isdigit() for pin in pins)
     else:
         assert max(map(int, pins)) <= {1: 8, 2: 8, 4: 14}[count]
-
-
-def test_a_package_of_another_size_has_no_pin_numbers() -> None:
-    opamp = {"base": "tl084", "channels_per_package": 3}
-    project = project_of(make_scene(design={"opamp": opamp}))
-    assert package_pins(project, "TL084")[:6] == ["A-", "A+", "Aout", "B-", "B+", "Bout"]
-    drawn = (fields(each) for tree in schematics(project) for each in items(tree, "symbol"))
-    unit = next(each for each in drawn if each["Value"] == "TL084")
-    assert unit["MPN"] == ""  # no TL084 has three op-amps
-
-
-def test_what_is_missing_is_said() -> None:
-    decompensated = project_of(make_scene(design={"opamp": "ne5534"}))
-    assert "the compensation capacitor of 22 pF of each op-amp" in decompensated.not_drawn
 
 
 QUAD = {"opamp": "tl074", "strain_input": "voltage"}
@@ -188,38 +167,6 @@ def test_every_part_is_drawn_once(scene: Scene) -> None:
     for number in range(1, 1 + -(-len(circuit.opamps) // size)):
         units = {int(unit) for name, unit in drawn if name == f"U{number}"}
         assert units == set(range(1, size + 2))  # used or not, and the supply
-
-
-def test_the_boxes_are_the_sheets_and_shared_nets_have_one_kind_of_label(scene: Scene) -> None:
-    found = sheets(kicad_project(synthesise(scene), scene).files)
-    first, *below = found
-    boxes = items(found[first], "sheet")
-    assert [fields(box)["Sheetfile"] for box in boxes] == below
-    for box in boxes:
-        path = f"/{items(found[first], 'uuid')[0][1]}/{items(box, 'uuid')[0][1]}"
-        for symbol in items(found[fields(box)["Sheetfile"]], "symbol"):
-            assert items(items(items(symbol, "instances")[0], "project")[0], "path")[0][1] == path
-    alone = Counter(net for tree in found.values() for net in {x[1] for x in items(tree, "label")})
-    across = Counter(
-        net for tree in found.values() for net in {x[1] for x in items(tree, "global_label")}
-    )
-    assert set(alone.values()) <= {1}
-    assert min(across.values()) >= 2
-    assert not alone.keys() & across.keys()
-
-
-def test_no_identifier_stands_twice() -> None:
-    files = kicad_project(synthesise(quad()), quad()).files
-    texts = (text for name, text in files.items() if name.endswith(".kicad_sch"))
-    found = Counter(uuid for text in texts for uuid in re.findall(r"\(uuid [^)]*\)", text))
-    assert set(found.values()) == {1}
-    assert files == kicad_project(synthesise(quad()), quad()).files
-
-
-def test_every_node_is_in_one_branch(scene: Scene) -> None:
-    names = [branch.name for branch in branches(BoardParts(synthesise(scene)))]
-    assert len(set(names)) == len(names)
-    assert not any(name.startswith("more") for name in names)
 
 
 def test_the_wires_are_those_of_the_circuit(scene: Scene) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from taction.netlist_gen.scene.array_files import read_array, read_profile
+from taction.netlist_gen.scene.array_files import read_array
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
@@ -33,12 +32,6 @@ def test_a_numpy_file_in_rows_or_in_columns(scene: Scene, tmp_path: Path, order:
     found = read_array(scene, "problem.matrix", "T.npy", (None, None))
     assert found.dtype == np.float64
     assert np.array_equal(found, wanted)
-
-
-@pytest.mark.parametrize("text", ["1,2,3\n", "1\n2\n3\n", "# c\n\n 1 ,2, 3\n", "\ufeff1,2,3\n"])
-def test_a_vector_may_stand_as_a_row_or_a_column(scene: Scene, tmp_path: Path, text: str) -> None:
-    (tmp_path / "v.csv").write_text(text, encoding="utf-8")
-    assert read_array(scene, "problem.strain", "v.csv", (3,)).tolist() == [1.0, 2.0, 3.0]
 
 
 @pytest.mark.parametrize(
@@ -88,13 +81,6 @@ def test_a_numpy_header_that_lies_takes_no_memory(scene: Scene, tmp_path: Path) 
     file.write_bytes(file.read_bytes().replace(truth, lie))
     with pytest.raises(InputError, match="EOF: reading array data"):
         read_array(scene, "problem.matrix", "T.npy", (None, None))
-
-
-def test_a_pipe_is_no_matrix(scene: Scene, tmp_path: Path) -> None:
-    for name in ("T.csv", "T.npy"):
-        os.mkfifo(tmp_path / name)
-        with pytest.raises(InputError, match="not a regular file"):
-            read_array(scene, "problem.matrix", name, (None, None))
 
 
 T = [[2.0, 0.5, 0.1], [0.5, 1.0, 0.2]]  # two sensors, three channels
@@ -178,9 +164,3 @@ def test_what_is_no_matrix_is_refused(tmp_path: Path, matrix: str, text: str) ->
     with pytest.raises(InputError) as caught:
         load_scene(scene_file(tmp_path, matrix))
     assert text in str(caught.value)
-
-
-def test_a_profile_has_two_columns(scene: Scene, tmp_path: Path) -> None:
-    (tmp_path / "p.csv").write_text("0,1,2\n1,2,3\n")
-    with pytest.raises(InputError, match="shape 2 x 3; expected any x 2"):
-        read_profile(scene, "problem.load.file", "p.csv")

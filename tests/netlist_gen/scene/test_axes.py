@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.scene.axes import (
-    Fixed,
     check_axes,
     fixed_values,
     parse_axes,
@@ -65,12 +64,6 @@ def test_ranges_are_logarithmic_unless_told_otherwise_and_keep_their_ends(scene:
     assert axis.values == (0.0, 2.5e-12, 5e-12, 7.5e-12, 1e-11)
     assert parse_axis(scene, "channels=5:25:5").values == (5, 7, 11, 17, 25)
     assert len(parse_axis(scene, "gain=1M:2M")) == 31
-
-
-def test_lists_are_taken_as_they_stand(scene: Scene) -> None:
-    assert parse_axis(scene, "C=5p, 1e-12,2 pF").values == (5e-12, 1e-12, 2e-12)
-    assert parse_axis(scene, "opamp.base=ua741,lf353").values == ("ua741", "lf353")
-    assert parse_axis(scene, "normalised=true,false").values == (True, False)
 
 
 def test_a_bare_key_takes_a_range_around_its_own_value(scene: Scene) -> None:
@@ -159,28 +152,6 @@ def test_lambda_is_held_where_the_scene_gives_a_resistance() -> None:
         assert facts["lambda"].value == pytest.approx(own, rel=1e-12)
         gain = float(values["design.gain"])
         assert facts["R"].value == pytest.approx(1.0 / (own * gain * 0.3313e-6**2), rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    "fixed", ["lambda=0.5", ["lambda=0.5"], {"lambda": 0.5}, {"design.lambda": "0.5"}]
-)
-def test_the_forms_of_a_fixed_value(fixed: Fixed) -> None:
-    assert fixed_values(make_scene(), fixed) == {"design.lambda": 0.5}
-
-
-@pytest.mark.parametrize(
-    ("fixed", "text"),
-    [
-        ("lamda", "--fix: key = 'lamda': unknown key of this scene; did you mean 'lambda'?"),
-        ("C=2nH", "the unit is 'H'"),
-        ("initial", "give initial=VALUE"),
-    ],
-)
-def test_what_cannot_be_fixed_is_refused(fixed: str, text: str) -> None:
-    with pytest.raises(InputError) as caught:
-        fixed_values(make_scene(), fixed)
-    assert str(caught.value).startswith("--fix")
-    assert text in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from taction.netlist_gen.scene.keys import Key, all_keys
 from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.mistakes import place
 from taction.netlist_gen.scene.scene import parse_scene
 from taction.system.errors import InputError
 from tests.support.paths import SCENES
@@ -111,25 +108,3 @@ def test_every_key_with_every_kind_of_mistake(tmp_path: Path, key: Key) -> None:
         assert found, (kind, str(error))
         assert found[0].accepted
         assert f"  {line}" in found[0].place, (kind, str(error))
-
-
-def test_a_text_of_several_lines_is_no_key() -> None:
-    text = 'name = """\n[design]\ngain = 1\n"""\n[design]\ngain = 2'
-    assert place(text, "design.gain").startswith("line 6, column 1")
-    assert place(text, "checks.noise") == ""
-
-
-def test_a_refused_scene_needs_no_scipy(tmp_path: Path) -> None:
-    file = tmp_path / "board.toml"
-    file.write_text(BOARD.replace("channel = 4", "channel = 8"), encoding="utf-8")
-    program = (
-        "import sys\n"
-        "from taction.cli.main import main\n"
-        "try:\n    main()\n"
-        "except SystemExit as end:\n    print(end.code)\n"
-        "print(*sorted({'scipy', 'matplotlib', 'jinja2'} & set(sys.modules)))\n"
-    )
-    words = [sys.executable, "-c", program, "onset", "--over", "C", str(file)]
-    done = subprocess.run(words, capture_output=True, text=True, check=True)
-    assert "expected 1 to 7" in done.stderr
-    assert done.stdout == "2\n\n"

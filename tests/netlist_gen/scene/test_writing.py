@@ -30,19 +30,6 @@ def test_files_of_another_folder(tmp_path: Path) -> None:
     assert (tmp_path / matrix).resolve() == ROOT / "taction" / "scenes" / scene.problem.matrix  # type: ignore[union-attr]
 
 
-def test_odd_characters_of_a_file_name() -> None:
-    data = {"problem": {"kind": "matrix", "matrix": 'a "b"\\\t\x7fé.csv', "strain": "e.csv"}}
-    scene = parse_scene(data, "scene.toml")
-    assert parse_scene(tomllib.loads(scene_text(scene)), "scene.toml") == scene
-
-
-def test_arrays_in_the_file_come_back() -> None:
-    data = {"problem": {"kind": "matrix", "matrix": [[1.0, 0.1], [-2e-30, 3.0]], "strain": [1, 2]}}
-    scene = parse_scene(data, "scene.toml")
-    assert "matrix = [[1.0, 0.1], [-2e-30, 3.0]]" in scene_text(scene)
-    assert parse_scene(tomllib.loads(scene_text(scene)), "scene.toml") == scene
-
-
 @pytest.mark.parametrize(
     ("key", "value", "text"),
     [

@@ -9,7 +9,6 @@ import pytest
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.topologies.frame.entries import pruned
 from tests.support.making import make_scene, matrix_problem
 
 T = [[1.0, 0.0, -1.0], [2.0, 0.0, 1.0], [0.0, 0.0, 0.0]]
@@ -42,10 +41,6 @@ def test_an_exponential_board(design: dict[str, Any], inverters: str, bias: bool
     assert found[inverters] == "their columns have no negative entry"
     assert "antilog stages and bias current" not in found
     assert ("bias current" in found) is bias
-
-
-def test_a_full_opamp_leaves_nothing_of_itself_out() -> None:
-    assert not [what for what in omissions(opamp="tl084") if what.startswith("op-amp")]
 
 
 PRUNED = [[2.0, -0.01, 0.0], [0.5, 1.0, 0.019], [0.002, 0.0, -0.015]]
@@ -85,12 +80,3 @@ def test_the_omission_has_the_numbers() -> None:
     )
     assert found["4 matrix resistors"] == "2 entries of T are zero"
     assert "2 inverters of w" in found
-
-
-def test_nothing_is_pruned_without_the_key() -> None:
-    matrix = np.array(PRUNED)
-    assert pruned(matrix, 0.0) is matrix
-    for prune in (0.0, 5e-4):
-        circuit = board(prune)
-        assert circuit.realised == pytest.approx(matrix, rel=1e-14)
-        assert not [item for item in circuit.omissions if "pruned" in item.what]

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 import taction
-from taction.netlist_gen.kicad.board import kicad_project
 from tests.support.paths import SCENES
 from tests.support.plugins import recipe
 from tests.support.running import taction as command
@@ -113,17 +112,6 @@ def test_a_sweep_and_an_onset_move_its_key(
     crossings = found["crossings"]
     assert [each["confirmed"] for each in crossings] == [confirmed] * 2
     assert 100e-12 < min(each["value"] for each in crossings) < 10e-9
-
-
-def test_card_picture_and_schematic_show_it(folder: Path) -> None:
-    scene = taction.load_scene(written(folder))
-    board = taction.synthesise(scene)
-    assert "Cc = 470 pF" in " ".join(
-        f"{fact.symbol} = {fact.text}" for fact in board.facts.values()
-    )
-    assert "capacitance of every cable" in board._repr_html_()
-    assert "Ccable_11" in "".join(kicad_project(board, scene).files.values())
-    assert "shielded" in repr(board)
 
 
 def test_a_fault_of_its_facts_is_caught(plugin: Plugin) -> None:

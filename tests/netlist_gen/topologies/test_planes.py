@@ -132,19 +132,6 @@ def test_the_matrix_and_all_other_resistors_come_from_the_series() -> None:
 
 
 @pytest.mark.parametrize("topology", ["integrator", "passive"])
-@pytest.mark.parametrize(
-    ("series", "farads"), [("exact", 12.5e-12), ("E6", 15e-12), ("E12", 12e-12)]
-)
-def test_only_c_comes_from_the_capacitor_series(topology: str, series: str, farads: float) -> None:
-    """The limit is the geometric mean: of 12 and 15 pF in E12, of 10 and 15 pF in E6."""
-    changes = {"topology": topology, "capacitance": "12.5pF", "stray_capacitance": "12.5pF"}
-    circuit = build(design(**changes, gain="1Mohm", capacitor_series=series), [[0.1]], [1.0])
-    values = {part.name.partition("_")[0]: part.farads for part in circuit.capacitors}
-    assert values == {"c": farads, "stray": 12.5e-12}
-    assert circuit.value("C") == farads
-
-
-@pytest.mark.parametrize("topology", ["integrator", "passive"])
 def test_a_linear_board_rests_at_the_tikhonov_solution(topology: str) -> None:
     A, eps = [[0.3, -0.2, 0.0], [0.1, 0.4, 0.25], [0.0, 0.2, -0.3]], [1.0, -0.5, 0.25]
     scene = design(topology=topology, gain="1Mohm", unit_voltage=2.0)
