@@ -8,9 +8,10 @@ halved: some value between a board that is too fast and one that is too slow may
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from itertools import product
+from itertools import chain, pairwise, product
 from typing import Any
 
 import numpy as np
@@ -138,6 +139,14 @@ class Search:
     found: list[Trial] = field(default_factory=list)  # the nearest that is good; of a list all
     complete: bool = True  # the work sufficed
 
+    @contextmanager
+    def ending_with_the_work(self) -> Iterator[None]:
+        """End a search whose work is used up; what it found stays."""
+        try:
+            yield
+        except OutOfWorkError:
+            self.complete = False
+
 
 def search_key(
     trials: Trials,
@@ -162,46 +171,41 @@ def search_key(
     for side in sides:
         values = np.clip(begin * 10.0 ** (side * exponents), *limits).tolist()
         ways.append([one.own, *map(one.bought, values[edge is None :])])
-    tried = [value for way in ways for value in way]
-    search = Search((path,), min(tried), max(tried))
-    for step in range(len(ways[0]) - 1):
-        for way in ways:
-            _search_between(trials, search, one, way[step], way[step + 1], accept)
-            if search.found or not search.complete:
-                return search
+    search = Search((path,), min(map(min, ways)), max(map(max, ways)))
+    with search.ending_with_the_work():
+        for inner, outer in chain(*zip(*map(pairwise, ways), strict=True)):
+            _search_between(trials, search, one, inner, outer, accept)
+            if search.found:
+                break
     return search
 
 
 def _search_between(
     trials: Trials, search: Search, one: SearchRange, inner: float, outer: float, accept: Accept
 ) -> None:
-    """Add the accepted trial nearest to `inner` from there to `outer`, as far as one is seen."""
-    beyond, scene = set[tuple[str, bool]](), trials.scene
+    """Keep the accepted trial nearest to `inner` from there to `outer`, as far as one is seen."""
 
-    def tried(value: float) -> bool:
-        nonlocal beyond
+    def causes(value: float) -> set[tuple[str, bool]]:
         trial = trials.at({one.path: value})
-        accepted = accept(trial)
-        beyond = set() if accepted else _causes(scene, trial)
-        search.found = [trial] if accepted else search.found
-        return accepted
+        if accept(trial):
+            search.found = [trial]
+            return set()
+        return _causes(trials.scene, trial)
 
-    try:
-        tried(outer)
-        failing = beyond
-        if inner == outer or failing & _causes(scene, trials.at({one.path: inner})):
-            return
-        between = values_between(min(inner, outer), max(inner, outer), one.series).tolist()
-        values = [value for value in between if value not in (inner, outer)]
-        values = values if inner < outer else values[::-1]
-        while values:
-            middle = len(values) // 2
-            if tried(values[middle]) or failing & beyond:
-                values, failing = values[:middle], beyond
-            else:
-                values = values[middle + 1 :]
-    except OutOfWorkError:
-        search.complete = False
+    failing = causes(outer)
+    if inner == outer or failing & _causes(trials.scene, trials.at({one.path: inner})):
+        return
+    between = values_between(min(inner, outer), max(inner, outer), one.series).tolist()
+    values = [value for value in between if value not in (inner, outer)][
+        :: 1 if inner < outer else -1
+    ]
+    while values:
+        middle = len(values) // 2
+        here = causes(values[middle])
+        if not here or failing & here:
+            values, failing = values[:middle], here
+        else:
+            values = values[middle + 1 :]
 
 
 def search_list(trials: Trials, path: str, values: Iterable[Value]) -> Search:
@@ -212,18 +216,16 @@ def search_list(trials: Trials, path: str, values: Iterable[Value]) -> Search:
 def search_pair(trials: Trials, paths: tuple[str, str]) -> Search | None:
     """Return the search over two keys together, on a grid; None where a key has no value."""
     ranges = [SearchRange.around(trials.scene, path, 10.0**PAIR_DECADES) for path in paths]
-    if None in ranges:
-        return None
     exponents = np.linspace(-PAIR_DECADES, PAIR_DECADES, PLACES).tolist()
     rows: list[Values] = [
         {
-            one.path: one.bought(one.own * 10.0**exponent)
-            for one, exponent in zip(ranges, pair, strict=True)
-            if one is not None
+            one.path: one.bought(one.own * 10.0**by)
+            for one, by in zip(ranges, pair, strict=True)
+            if one
         }
         for pair in sorted(product(exponents, repeat=2), key=lambda pair: math.hypot(*pair))
     ]
-    return _search_rows(trials, paths, rows, 1)
+    return None if None in ranges else _search_rows(trials, paths, rows, 1)
 
 
 def _search_rows(
@@ -231,14 +233,12 @@ def _search_rows(
 ) -> Search:
     """Return the search over changes in their order, until `enough` are good."""
     search = Search(paths)
-    try:
+    with search.ending_with_the_work():
         for row in rows:
             if is_good(trial := trials.at(row)):
                 search.found.append(trial)
                 if len(search.found) >= enough:
                     break
-    except OutOfWorkError:
-        search.complete = False
     return search
 
 

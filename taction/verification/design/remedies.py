@@ -4,15 +4,13 @@ Every failed check has its own keys (`mending_keys`). Over each key one search g
 the scene's value to the nearest value with which the state-space engine's verdict passes. What an
 unstable board needs is solved on the poles first: the search begins at the edge of the nearest
 stable range. Where no single key mends a transient, two knobs are changed together. A board that
-rests beyond the limit is judged at rest; where no change mends all, the nearest of these is
-followed. Lambda, and with it the solution, stays.
+rests far beyond the limit is judged at rest. Lambda, and with it the solution, stays.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -81,6 +79,18 @@ class StableRange:
         """The factor from the scene's value to stability."""
         return None if self.edge is None else self.edge / self.own
 
+    def nearest(self, edges: Edges) -> StableRange:
+        """Return the stable range of `edges` that is nearest to the scene's value."""
+
+        def distance(ends: tuple[float, float]) -> float:
+            return max(math.log(ends[0] / self.own), math.log(self.own / ends[1]), 0.0)
+
+        if not edges.stable_ranges:
+            return self
+        low, high = min(edges.stable_ranges, key=distance)
+        least, most = (low if low > edges.low else None), (high if high < edges.high else None)
+        return replace(self, low=least, high=most, found=True)
+
 
 def stable_ranges(trials: Trials, paths: Iterable[str] = ()) -> tuple[StableRange, ...]:
     """Return the nearest stable range of each key that has a positive value in the scene.
@@ -103,30 +113,17 @@ def stable_ranges(trials: Trials, paths: Iterable[str] = ()) -> tuple[StableRang
     for path in tuple(paths) or (*knobs_with_margin(trials.scene), *OTHERS):
         key = find_key(trials.scene, path)
         own = own_value(trials.scene, key)
-        if own is not None and 0.0 < own < math.inf:
-            empty = StableRange(key.path, key.unit, own, own / REACH, own * REACH)
-            try:
-                found.append(_nearest(empty, _edges(trials, key.path, own)))
-            except OutOfWorkError:
-                text = "not searched: the work of the search was used up"
-                found.append(replace(empty, reason=text))
-            except (InputError, NoVerdictError) as error:
-                found.append(replace(empty, reason=str(error)))
+        if own is None or not 0.0 < own < math.inf:
+            continue
+        one = StableRange(key.path, key.unit, own, own / REACH, own * REACH)
+        try:
+            one = one.nearest(_edges(trials, key.path, own))
+        except OutOfWorkError:
+            one = replace(one, reason="not searched: the work of the search was used up")
+        except (InputError, NoVerdictError) as error:
+            one = replace(one, reason=str(error))
+        found.append(one)
     return tuple(found)
-
-
-def _nearest(empty: StableRange, edges: Edges) -> StableRange:
-    """Return the stable range that is nearest to the scene's value; without one `empty`."""
-
-    def distance(ends: tuple[float, float]) -> float:
-        return max(math.log(ends[0] / empty.own), math.log(empty.own / ends[1]), 0.0)
-
-    nearest = min(edges.stable_ranges, key=distance, default=None)
-    if nearest is None:
-        return empty
-    low, high = nearest
-    low_end, high_end = (low if low > edges.low else None), (high if high < edges.high else None)
-    return replace(empty, low=low_end, high=high_end, found=True)
 
 
 def _edges(trials: Trials, path: str, own: float) -> Edges:
@@ -290,8 +287,6 @@ def find_remedies(
     if transient and len(knobs) > 1 and not found.intersection(knobs):
         pair = search_pair(trials, (knobs[0], knobs[1]))
         searches |= {} if pair is None else {"pair": pair}
-    if not found:
-        _follow_nearest(trials)
     passing = [trial for search in searches.values() for trial in search.found[:SHOWN]]
     opamps = (t.values[OPAMP] for t in trials.tried if {OPAMP} == {*t.values} and _stable(t))
     return Remedies(
@@ -319,25 +314,13 @@ def _mended(failed: Sequence[str], trial: Trial) -> tuple[str, ...]:
     return tuple(name for name in failed if trial.passed(name))
 
 
-def _follow_nearest(trials: Trials) -> None:
-    """Follow, for each set of keys, the transient of the board that rests nearest to the answer."""
-    nearest: dict[frozenset[str], Trial] = {}
-    for trial in sorted(trials.tried, key=lambda trial: trial.rest):
-        if trial.rest:
-            nearest.setdefault(frozenset(trial.values), trial)
-    with suppress(OutOfWorkError):
-        for trial in nearest.values():
-            trials.whole(trial)
-
-
 def _best(trials: Trials, failed: Sequence[str]) -> list[Trial]:
-    """Return the first trial that mends most checks, for each set of keys."""
+    """Return the first trial with a transient that mends most checks, for each set of keys."""
     best: dict[frozenset[str], Trial] = {}
-    most = max(
-        (len(_mended(failed, t)) for t in trials.tried if not (t.refused or t.rest)), default=0
-    )
-    for trial in trials.tried:
-        if most and not (trial.refused or trial.rest) and len(_mended(failed, trial)) == most:
+    judged = [trial for trial in trials.tried if trial.record.simulator and not trial.refused]
+    most = max((len(_mended(failed, trial)) for trial in judged), default=0)
+    for trial in judged:
+        if most and len(_mended(failed, trial)) == most:
             best.setdefault(frozenset(trial.values), trial)
     return list(best.values())
 
@@ -352,26 +335,20 @@ def _change(trials: Trials, failed: Sequence[str], trial: Trial) -> Change:
 
 
 def _search(trials: Trials, path: str, edge: float | None) -> Search | None:
-    """Return the search over a key; None where it has no values."""
-    values = _listed(trials.scene, path)
-    if values is None:
+    """Return the search over a key: over its list, the nearest first, or outwards."""
+    design = trials.scene.design
+    lists: dict[str, Callable[[], Sequence[Value]]] = {
+        OPAMP: lambda: _opamps(trials.scene),
+        "design.resistor_series": lambda: SERIES[SERIES.index(design.resistor_series) + 1 :],
+        "design.prune": lambda: [
+            each for each in (design.prune / 3.0, design.prune / 10.0, 0.0) if design.prune
+        ],
+        "design.supply": lambda: [volts for volts in SUPPLIES if volts > design.supply],
+    }
+    if path not in lists:
         return search_key(trials, path, edge)
+    values = lists[path]()
     return search_list(trials, path, values) if values else None
-
-
-def _listed(scene: Scene, path: str) -> Sequence[Value] | None:
-    """Return the values of a key that has a list of them, the nearest first; else None."""
-    design = scene.design
-    if path == OPAMP:
-        return _opamps(scene)
-    if path == "design.resistor_series":
-        finer = SERIES[SERIES.index(design.resistor_series) + 1 :]
-        return finer
-    if path == "design.prune":
-        return [design.prune / 3.0, design.prune / 10.0, 0.0] if design.prune else []
-    if path == "design.supply":
-        return sorted((v for v in SUPPLIES if v > design.supply), key=lambda v: v - design.supply)
-    return None
 
 
 def _opamps(scene: Scene) -> list[Value]:

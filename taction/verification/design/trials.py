@@ -69,7 +69,6 @@ class Trial:
     record: Record  # of the verdict, or why there is none
     # Which of its parts cannot be bought, or the layout undoes, or why there is no verdict.
     refused: str = ""
-    rest: float = 0.0  # without a transient: how far the board rests off, times the limit
 
     @property
     def plain_values(self) -> dict[str, Value]:
@@ -127,7 +126,7 @@ class Trials:
     `scene`: lambda is a number.
     `work`: most work of all trials together: a design of few states is 1 (`Trials.spend`).
     `accepted`: parts beyond the limits that are not refused, by default those of the scene.
-    `rest_first`: a board that rests beyond the limit has no transient, but by `whole`.
+    `rest_first`: a board that rests far beyond the limit is judged without a transient.
     InputError: the problem of the scene cannot be made.
     """
 
@@ -208,20 +207,6 @@ class Trials:
                 self._known[key] = Trial(dict(changes), record, reason)
         return self._known[key]
 
-    def whole(self, trial: Trial) -> Trial:
-        """Return a trial with its transient.
-
-        OutOfWorkError: the work that is left does not suffice for it.
-        """
-        if not trial.rest:
-            return trial
-        self._known.pop(tuple(sorted(trial.values.items())))
-        rest_first, self.rest_first = self.rest_first, False
-        try:
-            return self.at(trial.values)
-        finally:
-            self.rest_first = rest_first
-
     def _try(self, changes: dict[str, Any]) -> Trial:
         """Verify a change; a board whose poles show that it is unstable needs no transient."""
         scene = at_small_signal(self.scene_at(changes))
@@ -234,7 +219,7 @@ class Trials:
         if self.rest_first:
             rest = rest_distance(board, ideal_answer(ideal_network(self.problem, scene), scene))
             if rest > CLEARLY * limit:
-                return Trial(changes, _resting_off(rest, limit), rest=rest / limit)
+                return Trial(changes, _resting_off(rest, limit))
         ringing = 1.0 / max(found.damping_ratio, TINY)
         if not board.circuit.is_linear and ringing > LONGEST:
             ratio = f"{found.damping_ratio:.2g}"
