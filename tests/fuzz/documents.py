@@ -16,7 +16,7 @@ from taction.netlist_gen.board.opamp_choice import as_opamp
 from taction.netlist_gen.scene.imported_opamps import from_document, to_document
 from taction.system.documents import plain
 from taction.system.errors import Complaint, InputError
-from taction.verification.design.explorer_settings import Start
+from taction.verification.design.exploration import Start
 from taction.verification.report.explorer.session import Session
 from taction.verification.report.renderers.terminal import page_text
 from tests.fuzz.edits import BYTE_EDITS, edited

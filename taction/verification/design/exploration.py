@@ -1,37 +1,247 @@
-"""What the explorer shows of a board: rest, poles with curves, limits, stable values, verdict.
+"""The back end of the explorer: settings, and rest, poles, curves, limits, verdict of a board.
 
-Each step is a function of the results of the step before it. For a linear board of ten channels all
-steps but the verdict (`judge`) take about ten milliseconds together. The verdict takes longer than
-a movement of the hand and runs in a process of its own.
+The settings, values of the keys that the page changes, give the scene that has them, its command
+line and its file. What the page shows of this scene is found in steps, each a function of the
+results before it. For a linear board of ten channels all but the verdict (`judge`) take about ten
+milliseconds together; the verdict runs in a process of its own.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+import re
+import shlex
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.inverse_problem import InverseProblem
+from taction.netlist_gen.scene.axes import OPAMP, with_values
+from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.keys import Value, find_key, own_value, scene_text
+from taction.netlist_gen.scene.problem_keys import MOST_NAME, NAME_PATTERN
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.array_types import Floats
-from taction.system.errors import EngineError, TactionError
-from taction.system.quantities import show, show_rate, spaced
-from taction.verification.design.explorer_settings import Control, Settings, Start
+from taction.system.errors import Complaint, EngineError, InputError, TactionError
+from taction.system.quantities import EXAMPLES, number, parse, show, show_rate, spaced
+from taction.verification.design.trials import LAMBDA, with_lambda_held
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
 from taction.verification.reference.ideal_answer import ideal_network
+from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.reference.solve import solve
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.margin import stable_values
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.headroom import PartLoads, describe
+from taction.verification.verdict.input_spread import outputs_at_rest
 from taction.verification.verdict.record import ERROR, Record
 from taction.verification.verdict.transient_plan import settled_after
 from taction.verification.verdict.verify import Verdict, verify
+
+STRAY, VARIANCE = "design.stray_capacitance", "problem.noise.variance"
+AROUND, AROUND_LAMBDA = 30.0, 1000.0  # times and divided by the scene's value
+LEAST_STRAY, MOST_STRAY = 1e-14, 1e-10  # F
+LEAST_NOISE, MOST_NOISE = 1e-8, 1.0  # variance, of the mean square of the strain
+STEPS, DIGITS = 1000, 4  # places of a slider, and digits of their values
+CELLS = 9  # of a slider: one verdict in the middle of each
+ZERO_PART = 0.04  # of a slider whose value may be zero: its lower end
+
+SUFFIX = ".toml"
+NO_NUMBER = "expected a plain, finite number"
+
+
+@dataclass(frozen=True, slots=True)
+class Control:
+    """A key with a logarithmic slider; all values are in `unit`, which a plain number has not."""
+
+    path: str
+    unit: str
+    symbol: str  # on the page, as the name
+    name: str
+    low: float  # ends of the slider
+    high: float
+    own: float  # the scene's value
+    has_zero: bool = False  # the lower end of the slider is zero
+
+    def chosen(self, place: float) -> float:
+        """Return the value that a hand means at a place: of four digits, or the scene's own."""
+        if abs(place - self.place(self.own)) < 0.5 / STEPS:
+            return self.own
+        return float(f"{self.value(place):.{DIGITS}g}")
+
+    def value(self, place: float) -> float:
+        """Return the value at a place of the slider from 0 to 1."""
+        start = ZERO_PART if self.has_zero else 0.0
+        if place < start or (self.has_zero and place == 0.0):
+            return 0.0
+        share = min((place - start) / (1.0 - start), 1.0)
+        return self.high if share == 1.0 else self.low * (self.high / self.low) ** share
+
+    def place(self, value: float) -> float:
+        """Return the place of a value on the slider, from 0 to 1; the nearest end outside of it."""
+        if value <= 0.0:
+            return 0.0
+        start = ZERO_PART if self.has_zero else 0.0
+        share = math.log(value / self.low) / math.log(self.high / self.low)
+        return round(start + (1.0 - start) * min(max(share, 0.0), 1.0), 12)
+
+
+def controls(scene: Scene, problem: InverseProblem) -> tuple[Control, ...]:
+    """Return the controls of a scene whose lambda is a number."""
+    topology = topology_of(scene)
+    facts = topology.facts(scene)
+    found = []
+    for knob in (knob for knob in topology.knobs(scene) if knob.margin):
+        name = knob.key.rpartition(".")[2].replace("_", " ")
+        found.append(_control(scene, knob.key, facts[knob.name].symbol, name, AROUND))
+    if facts["lambda"].value > 0.0:
+        found.append(_control(scene, LAMBDA, "λ", "regularisation", AROUND_LAMBDA))
+    strain = float(np.mean(problem.strain**2)) or 1.0
+    for path, symbol, name, low, high in (
+        (STRAY, "stray", "capacitance", LEAST_STRAY, MOST_STRAY),
+        (VARIANCE, "σ²", "strain noise variance", LEAST_NOISE * strain, MOST_NOISE * strain),
+    ):
+        control = _control(scene, path, symbol, name, 10.0)
+        if control.own > 0.0:
+            low, high = min(low, control.low), max(high, control.high)
+        found.append(replace(control, low=low, high=high, has_zero=True))
+    return tuple(found)
+
+
+def _control(scene: Scene, path: str, symbol: str, name: str, around: float) -> Control:
+    key = find_key(scene, path)
+    own = float(own_value(scene, key) or 0.0)
+    return Control(path, key.unit, symbol, name, own / around, own * around, own)
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """The scene at the beginning of an exploration, lambda a number, and the keys that change."""
+
+    scene: Scene
+    problem: InverseProblem
+    controls: tuple[Control, ...]
+
+    @classmethod
+    def of(cls, scene: Scene) -> Start:
+        """Begin with a scene; raises `InputError` and `SolverError` as `resolve_lambda`."""
+        scene = resolve_lambda(scene)
+        problem = make_problem(scene)
+        return cls(scene, problem, controls(scene, problem))
+
+    @property
+    def lam(self) -> float:
+        """Lambda of the scene."""
+        return float(own_value(self.scene, find_key(self.scene, LAMBDA)) or 0.0)
+
+    def control(self, path: str) -> Control:
+        """Return the control of a key; raises `InputError` for a key without one."""
+        known = {control.path: control for control in self.controls}
+        if path not in known:
+            text = f"expected one of {', '.join(known)}"
+            raise InputError("explore", Complaint("key", repr(path), text))
+        return known[path]
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Values that differ from those of the scene, by the paths of controls, and a preset."""
+
+    values: Mapping[str, float] = field(default_factory=dict)
+    opamp: str = ""  # empty: the scene's op-amp
+
+    @classmethod
+    def of(cls, start: Start, values: Mapping[str, float], opamp: str = "") -> Settings:
+        """Keep the values that differ from those of the scene."""
+        own = {control.path: control.own for control in start.controls}
+        changed = {path: float(v) for path, v in values.items() if float(v) != own[path]}
+        return cls(changed, opamp)
+
+    def changes(self, start: Start) -> dict[str, Value]:
+        """Return what to change in the scene; no rule chooses another lambda."""
+        changed: dict[str, Value] = {**self.values}
+        if self.opamp:
+            changed[OPAMP] = self.opamp
+        if changed and start.scene.lambda_rule:
+            return {LAMBDA: start.lam, **changed}
+        return with_lambda_held(start.scene, changed, start.lam)
+
+    def scene(self, start: Start) -> Scene:
+        """Return the scene with these values; raises `InputError` for one that its key refuses."""
+        changed = self.changes(start)
+        return with_values(start.scene, changed) if changed else start.scene
+
+    def problem(self, start: Start, scene: Scene) -> InverseProblem:
+        """Return the problem of `scene`, made anew only where the noise differs."""
+        return make_problem(scene) if VARIANCE in self.values else start.problem
+
+    def command(self, start: Start) -> str:
+        """Return the command line that verifies these values."""
+        words = ["taction", "verify", str(start.scene.file)]
+        for path, value in self.changes(start).items():
+            words += ["--set", f"{path}={value if isinstance(value, str) else repr(value)}"]
+        return shlex.join(words)
+
+    def save(self, start: Start, name: str) -> Path:
+        """Write the scene with these values beside the scene's own file, and return the new file.
+
+        InputError: `name` is no plain name that ends with ``.toml``, the file exists, or it cannot
+          be written.
+        """
+
+        def refused(reason: str) -> InputError:
+            return InputError("save", Complaint("file", repr(name), reason))
+
+        stem = name.removesuffix(SUFFIX)
+        plain = re.fullmatch(NAME_PATTERN, stem) and len(stem) <= MOST_NAME
+        if not name.endswith(SUFFIX) or not plain:
+            raise refused(
+                f"expected the name of a new file that ends with {SUFFIX!r}, without a folder, as"
+                f" scenes have it: letters, digits, '.', '_' and '-', {MOST_NAME} at most"
+            )
+        file = start.scene.folder / name
+        try:
+            with file.open("x", encoding="utf-8") as stream:
+                stream.write(scene_text(self.scene(start), start.scene.folder))
+        except FileExistsError:
+            text = "the file exists, and stays as it is; expected the name of a new file"
+            raise refused(text) from None
+        except (OSError, ValueError) as error:
+            raise refused(str(error)) from None
+        return file
+
+
+def read_value(control: Control, text: str) -> float:
+    """Return the value that a user typed for a control, in its unit.
+
+    InputError: the text is no value in the unit of the control, or a number without a unit: of a
+      field that shows pF, nobody can say what 10 means.
+
+    Examples
+    --------
+    >>> read_value(Control("design.capacitance", "F", "C", "", 1e-12, 1e-9, 1e-11), "12 pF")
+    1.2e-11
+    """
+    text = text.strip()
+    try:
+        value = parse(text, control.unit) if control.unit else number(text)
+        if control.unit and value != 0.0 and text[-1] in "0123456789.":
+            like = EXAMPLES[control.unit]
+            reason = f"the unit is missing; expected a value with its unit, such as {like!r}"
+        elif math.isfinite(value):
+            return value
+        else:
+            reason = NO_NUMBER
+    except ValueError as error:
+        reason = str(error) if control.unit else NO_NUMBER
+    raise InputError("explore", Complaint(control.path, repr(text[:40]), reason))
+
 
 POINTS = 500  # of a curve without fast ringing
 PER_PERIOD = 20.0  # points of a curve with ringing, before it is thinned
@@ -40,8 +250,6 @@ WINDOW = 10.0  # times the longest rise time of a verdict: the window of the fir
 RISEN, TIMES_RISE = 0.9, 6.0  # of a channel's step; the window of the rise in times of it
 SEARCHED = 400  # instants at which the rise is looked for
 EARLIEST = 1e-5  # of the record: the first of them
-
-CELLS = 9  # of a slider: one verdict in the middle of each
 ON_THE_AXIS = "a pole is so close to the axis that rounding decides whether the board is stable"
 GROWS = "the board is unstable: the smallest disturbance {how}, until the op-amps limit it"
 LIMITED = (
@@ -160,11 +368,8 @@ def view_rest(scene: Scene, problem: InverseProblem) -> RestView:
     board = LinearBoard(synthesise(scene, problem))
     scales = time_scales(board, initial=scene.analysis.initial)
     network = ideal_network(problem, scene)
-    rest = np.array(
-        [output.sign * board.equilibrium[output.node] for output in board.circuit.outputs]
-    )
     answer = AnswerError.of(network, solve(network.problem), problem.stress)
-    return RestView(scene, problem, board, scales, answer, rest)
+    return RestView(scene, problem, board, scales, answer, outputs_at_rest(board))
 
 
 def view_poles(view: RestView) -> PoleView:
@@ -256,32 +461,27 @@ def _curves(verdict: Verdict) -> ExplorerCurves:
     return ExplorerCurves(time, outputs, min(WINDOW * max(rises, default=stop), stop), stop)
 
 
-@dataclass(frozen=True, slots=True)
-class Spot:
-    """A value of one slider; all others are as they stand."""
-
-    control: Control
-    cell: int
-    settings: Settings
-
-
 def others(control: Control, settings: Settings) -> Settings:
     """Return what the outcomes along a slider depend on: all values but its own."""
     values = {path: v for path, v in settings.values.items() if path != control.path}
     return replace(settings, values=values)
 
 
-def spots(start: Start, settings: Settings) -> list[Spot]:
-    """Return the middles of the cells of all sliders, those nearest to the present values first."""
-    found = []
-    for control in start.controls:
+def spots(start: Start, settings: Settings) -> Iterator[tuple[Control, int, Settings]]:
+    """Yield the middles of the cells of all sliders, those nearest to the present values first.
+
+    A slider, the number of the cell, and the settings there: all others are as they stand.
+    """
+
+    def distance(cell: tuple[Control, int]) -> int:
+        control, place = cell
         here = control.place(settings.values.get(control.path, control.own))
-        for cell in range(CELLS):
-            place = (cell + 0.5) / CELLS
-            values = {**settings.values, control.path: control.chosen(place)}
-            spot = Spot(control, cell, Settings.of(start, values, settings.opamp))
-            found.append((round(CELLS * abs(place - here)), spot))
-    return [spot for _, spot in sorted(found, key=lambda each: each[0])]
+        return round(CELLS * abs((place + 0.5) / CELLS - here))
+
+    cells = ((control, cell) for control in start.controls for cell in range(CELLS))
+    for control, cell in sorted(cells, key=distance):
+        values = {**settings.values, control.path: control.chosen((cell + 0.5) / CELLS)}
+        yield control, cell, Settings.of(start, values, settings.opamp)
 
 
 def outcome_of(scene: Scene) -> tuple[str, str]:

@@ -10,7 +10,7 @@ its verdict at the large-signal level might.
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -33,7 +33,7 @@ from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify
 
-OPAMP = "design.opamp"
+OPAMP, LAMBDA = "design.opamp", "design.lambda"
 KEPT = {"level", "input_errors"}  # keys of an op-amp that say how it is simulated
 
 VERDICT = 10.0  # designs: the work of a verdict
@@ -165,15 +165,10 @@ class Trials:
 
         Another op-amp has its own figures; level and input errors stay what the scene asks for.
         """
-        held = not {"design.lambda", "design.resistance"}.intersection(changes)
         opamp = self.scene.design.opamp
         asked = KEPT & opamp.model_fields_set if OPAMP in changes else ()
         kept = {f"{OPAMP}.{name}": getattr(opamp, name) for name in sorted(asked)}
-        return {
-            **kept,
-            **changes,
-            **({"design.lambda": self.lam} if held and moves_lambda(self.scene, changes) else {}),
-        }
+        return {**kept, **with_lambda_held(self.scene, changes, self.lam)}
 
     def scene_at(self, changes: Mapping[str, Value]) -> Scene:
         """Return the scene with a change and the same lambda.
@@ -264,10 +259,12 @@ def broken_at_rest(board: LinearBoard) -> Mapping[str, BrokenLimit]:
         return broken_limits(board.circuit)
 
 
-def moves_lambda(scene: Scene, changes: Container[str]) -> bool:
-    """Whether a change of these keys would change lambda."""
+def with_lambda_held(scene: Scene, changes: Mapping[str, Value], lam: float) -> dict[str, Value]:
+    """Return changes with lambda, if they would change it and do not give it."""
+    given = {LAMBDA, "design.resistance"}.intersection(changes)
     knobs = topology_of(scene).knobs(scene)
-    return any(knob.key in changes and "lambda" in knob.moves for knob in knobs)
+    moved = any(knob.key in changes and "lambda" in knob.moves for knob in knobs)
+    return {**changes, **({LAMBDA: lam} if moved and not given else {})}
 
 
 def knobs_with_margin(scene: Scene) -> tuple[str, ...]:

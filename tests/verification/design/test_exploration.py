@@ -15,19 +15,17 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import parse_scene
 from taction.system.errors import InputError
 from taction.verification.design.exploration import (
-    judge,
-    view_boundary,
-    view_limits,
-    view_poles,
-    view_rest,
-)
-from taction.verification.design.explorer_settings import (
     LAMBDA,
     STRAY,
     VARIANCE,
     Settings,
     Start,
+    judge,
     read_value,
+    view_boundary,
+    view_limits,
+    view_poles,
+    view_rest,
 )
 from tests.support.paths import SCENES
 

@@ -16,15 +16,18 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.design.exploration import (
     CELLS,
+    STEPS,
+    Control,
     ExplorerCurves,
     Judgement,
     PoleView,
     RestView,
+    Settings,
+    Start,
     view_limits,
     view_poles,
     view_rest,
 )
-from taction.verification.design.explorer_settings import STEPS, Control, Settings, Start
 from taction.verification.report.blocks import Bars
 from taction.verification.report.renderers.plotly import plotly_spec
 from taction.verification.report.texts import figure, quantity, readable

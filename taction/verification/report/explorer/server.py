@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError
-from taction.verification.design.explorer_settings import Start
+from taction.verification.design.exploration import Start
 from taction.verification.report.explorer.page_parts import Part, start_part
 from taction.verification.report.explorer.session import ExplorerJob, Session
 from taction.verification.report.renderers.page import FILES as PAGE_FILES

@@ -17,14 +17,17 @@ from taction.system.documents import read
 from taction.system.errors import EngineError, InputError, TactionError
 from taction.system.quantities import readable
 from taction.verification.design.exploration import (
+    STEPS,
     Judgement,
+    Settings,
+    Start,
     judge,
     others,
     outcome_of,
+    read_value,
     spots,
     view_boundary,
 )
-from taction.verification.design.explorer_settings import STEPS, Settings, Start, read_value
 from taction.verification.report.explorer.page_parts import (
     Part,
     SliderLook,
@@ -208,12 +211,12 @@ class Session:
     async def _judge_along(self, settings: Settings, number: int) -> None:
         """Find the outcome of the checks along each slider, as long as the hand rests."""
         known = self._known_along(settings)
-        for spot in spots(self.start, settings):
-            outcomes, began = known[spot.control.path], time.monotonic()
-            if spot.cell in outcomes:
+        for control, cell, there in spots(self.start, settings):
+            outcomes, began = known[control.path], time.monotonic()
+            if cell in outcomes:
                 continue
             try:
-                scene = spot.settings.scene(self.start)
+                scene = there.scene(self.start)
                 found = await self.judging.run(
                     self, lambda: number == self._number, outcome_of, scene
                 )
@@ -221,7 +224,7 @@ class Session:
                 found = ERROR, str(error).partition("\n")[0]
             if found is None or number != self._number:
                 return
-            outcomes[spot.cell] = found
+            outcomes[cell] = found
             self._tell(**along_part(self.start, known))
             if time.monotonic() - began > SLOW:  # 45 of them would take minutes
                 return

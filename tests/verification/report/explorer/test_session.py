@@ -17,7 +17,7 @@ import taction
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import InputError
 from taction.verification.design import exploration
-from taction.verification.design.explorer_settings import Settings, Start
+from taction.verification.design.exploration import Settings, Start
 from taction.verification.report.explorer import server, session
 from taction.verification.report.explorer.session import ExplorerJob, Session
 from taction.verification.studies.running.pool import WorkerDiedError
@@ -139,8 +139,8 @@ class Stub:
 
 def test_strips_have_the_outcome_of_the_command() -> None:
     start = Start.of(load_scene(SCENES / "paper-breadboard.toml"))
-    spot = next(s for s in exploration.spots(start, Settings()) if s.cell == 3)
-    scene = spot.settings.scene(start)
+    settings = next(s for _, cell, s in exploration.spots(start, Settings()) if cell == 3)
+    scene = settings.scene(start)
     verdict = taction.verify(scene, engine="statespace")
     failed = [check.name for check in verdict.checks if check.outcome is Outcome.FAIL]
     assert failed
