@@ -1,4 +1,4 @@
-"""Table of planted faults in docs/witnesses.md; ``python -m tests.mutation.table`` writes it."""
+"""Table of planted faults in docs/verdict.md; ``python -m tests.mutation.table`` writes it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from taction.verification.verdict.checks import Outcome
 from tests.mutation.catalogue import MUTATIONS
 from tests.support.paths import ROOT
 
-PAGE = ROOT / "docs" / "witnesses.md"
+PAGE = ROOT / "docs" / "verdict.md"
 TABLE = re.compile(r"(<!-- planted faults -->\n).*(<!-- end -->\n)", re.DOTALL)
 ENGINES = {"statespace": "state space", "ngspice": "ngspice"}
 

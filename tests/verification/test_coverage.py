@@ -20,7 +20,7 @@ LOOSE = 0.01  # analysis.error: far above the error of the run that counts as tr
 READINGS = ("settling_time", "rise_time", "overshoot", "undershoot", "steady_state")
 COVERED, TIGHT = 0.99, 5.0  # share of the numbers; times the true error: median of the bounds
 TAIL = 1e-5  # of the step: a larger bound is of what may follow the record
-LEVEL = 1e-6  # of the step, or of a time: to this readings are known (docs/witnesses.md)
+LEVEL = 1e-6  # of the step, or of a time: to this readings are known (docs/verdict.md)
 
 
 def check_coverage(compared: list[TruthComparison]) -> None:

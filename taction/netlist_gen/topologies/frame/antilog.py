@@ -4,7 +4,7 @@ The collector currents of two equal transistors with one emitter node have the r
 ``exp((v_b2 - v_b1) / V_T)`` (NPN; PNP: of the opposite sign). One op-amp drives the emitters so
 that transistor 1 carries I_ref, the divider sets one base to ``v V_T / Ve``, the other base is on
 ground, so transistor 2 carries ``I_ref exp(v / Ve)``. The second op-amp turns this current into a
-voltage by ``R_t = U0 / I_ref``. `docs/exponential-stage.md` derives it.
+voltage by ``R_t = U0 / I_ref``. `docs/network.md` derives it.
 """
 
 from __future__ import annotations
