@@ -25,6 +25,7 @@ from tests.support.random_circuits import random_cards
 SEEDS = int(os.environ.get("TACTION_RANDOM_CIRCUITS", "60"))
 EARLIER = (
     168, 484, 558, 563, 583, 1121, 1358, 1463, 1694, 1783, 2307, 2322, 2455, 2494, 2639, 2853, 2931,
+    6236,
 )  # fmt: skip
 """Seeds of which a pole was outside its bound, or one too many."""
 REFUSED = (

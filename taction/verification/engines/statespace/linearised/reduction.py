@@ -212,7 +212,10 @@ class _Reduction:
         self.jump = self.jump[:, d] + moved
         if mass.any():
             sizes = np.abs(charge) + np.abs(mass) @ np.abs(P)
-            if np.any((np.abs(self.M) < sizes / DECIDED) & (sizes > 0.0)):
+            # P has the rounding of all that cancels in it
+            terms = np.abs(inverse) @ (np.abs(K[np.ix_(a, q)]) + np.abs(own) @ np.abs(P))
+            least = (np.abs(charge) + np.abs(mass) @ terms) / DECIDED
+            if np.any((np.abs(self.M) < least) & (sizes > 0.0)):
                 self.worst = math.inf
             self.M[np.abs(self.M) < 4.0 * ROUNDED * sizes] = 0.0
             self.turned = True
