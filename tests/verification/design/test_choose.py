@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +15,6 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.keys import scene_text
 from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
 from taction.verification.design.choice_plan import (
@@ -27,7 +25,7 @@ from taction.verification.design.choice_plan import (
     choice_plan,
 )
 from taction.verification.design.choose import best_designs, design_scene, designs
-from taction.verification.report.views.choose_view import _level, view
+from taction.verification.report.views.choose_view import view
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, computed
 from taction.verification.verdict.checks import Check, Outcome
@@ -79,11 +77,6 @@ def test_the_grid_has_values_that_can_be_bought() -> None:
     assert design.opamp.level == "small-signal"  # above 90 % of a limit: inconclusive
 
 
-def test_all_presets_but_the_ideal_one() -> None:
-    names = choice_plan(scene(), ChoiceRequest(gains="2.3M:2.3M", points=1)).axes[0].values
-    assert set(names) == set(OPAMPS) - {"ideal"}
-
-
 def test_g0_moves_for_an_op_amp_whose_input_errors_miss_the_limit() -> None:
     """25 nA in 14.4 Mohm are 0.36 V, beside outputs of 0.2 V; a uA741 without errors stays."""
     plan = choice_plan(scene(), ChoiceRequest(["lt1028"], points=3))
@@ -110,14 +103,6 @@ def test_a_named_op_amp_passes_on_the_tuned_board_and_the_page_says_that_g0_move
     best = synthesise(choice.best[0].scene)
     assert broken_limits(best) == {}
     assert best.value("G0") > 10e-6
-
-
-def test_series_join_values() -> None:
-    series = scene().design.model_copy(update={"capacitor_series": "E6"})
-    plan = choice_plan(
-        scene().model_copy(update={"design": series}), ChoiceRequest(["tl084"], points=21)
-    )
-    assert len(values_of(plan, CAPACITANCE)) == 13  # 1 pF to 100 pF: six a decade
 
 
 @pytest.mark.parametrize(
@@ -188,17 +173,6 @@ def test_an_unstable_design_has_no_share() -> None:
     assert not best_designs([design])
 
 
-@pytest.mark.parametrize(("outcome", "is_empty"), [("inconclusive", True), ("fail", False)])
-def test_a_design_that_is_not_decided_has_no_colour(outcome: str, is_empty: bool) -> None:
-    """A settling time of half its limit does not say why the check does not pass."""
-    plan = choice_plan(scene(), ChoiceRequest(["tl084"], "10pF:10pF", "1M:1M", 1))
-    with Store(":memory:") as store:
-        store_records(plan, store, {0: record(settling=5e-4, outcome=outcome)})
-        (design,) = designs(plan, store)
-    assert design.worst_share is None
-    assert math.isnan(_level(design)) == is_empty
-
-
 def test_a_written_scene_is_the_design() -> None:
     plan = choice_plan(scene(), TWO)
     with Store(":memory:") as store:
@@ -251,39 +225,11 @@ def test_no_design_passes(tmp_path: Path) -> None:
     assert "0 of 1 designs pass" in found.stdout
 
 
-def test_limits_that_look_like_a_slip_are_asked_about(tmp_path: Path) -> None:
-    words = ["choose", FILE, "--opamps", "ne5534", "--points", "1", "--jobs", "1"]
-    words += ["--settling", "10", "--overshoot", "5", "--store", str(tmp_path / "a.sqlite")]
-    text = command(*words).stderr
-    assert "question: checks.settling_time.max = 10 has no unit and is 10 s" in text
-    assert "question: checks.overshoot: max = 5 is 500 % of the step" in text
-    assert "taction: computing 1 of 1 points" in text
-
-
-@pytest.mark.parametrize("option", [["--overshoot", "x"], ["--margin", "2x"], ["--plot", "a.xyz"]])
-def test_options_that_cannot_be(option: list[str]) -> None:
-    found = command("choose", FILE, *option)
-    assert found.exit_code == 2
-
-
-def test_a_folder_with_files_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text("", encoding="utf-8")
-    found = command("choose", FILE, "-o", str(tmp_path))
-    assert found.exit_code == 2
-    assert "holds 'mine.toml', not written by this command" in found.stderr
-
-
 def test_a_board_without_a_capacitor_is_chosen_by_its_own_keys() -> None:
     found = taction.choose(ROOT / "scenes" / "ridge.toml", opamps="opa189", points=2, jobs=1)
     keys = ("design.feedback_conductance", "design.unit_conductance")
     assert {design.keys for design in found.designs} == {keys}
     assert len({tuple(design.values[key] for key in keys) for design in found.designs}) == 4
-
-
-def test_several_topologies_are_chosen_one_by_one() -> None:
-    refused = command("choose", FILE, "--topology", "all")
-    assert refused.exit_code == 2
-    assert "A choice is of one topology" in " ".join(refused.stderr.split())
 
 
 def test_the_table_says_what_verify_says_of_every_design() -> None:

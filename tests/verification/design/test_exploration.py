@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +15,10 @@ from taction.netlist_gen.scene.scene import parse_scene
 from taction.system.errors import InputError
 from taction.verification.design.exploration import (
     LAMBDA,
-    STRAY,
     VARIANCE,
     Settings,
     Start,
     judge,
-    read_value,
     view_boundary,
     view_limits,
     view_poles,
@@ -88,16 +85,6 @@ def test_the_boundary_is_the_same_from_an_unstable_board(start: Start) -> None:
     assert edges == pytest.approx([edges[1]] * 3, rel=1e-6)
 
 
-def test_an_unstable_board_says_so(start: Start) -> None:
-    settings = Settings.of(start, {CAPACITANCE: 5e-12})
-    view = view_rest(settings.scene(start), start.problem)
-    poles = view_poles(view)
-    assert poles.state == "unstable"
-    assert "unstable" in poles.doubts[0]
-    assert view_limits(view, poles) == ()
-    assert np.abs(poles.response.curves(poles.response.stop).outputs).max() > 1.0
-
-
 def test_op_amps_that_cannot_follow_are_named() -> None:
     start = Start.of(load_scene(SCENES / "custom-matrix.toml"))
     view = view_rest(start.scene, start.problem)
@@ -118,30 +105,6 @@ def test_the_gain_leaves_lambda(start: Start) -> None:
     )
     assert after.targets == pytest.approx(before.targets, rel=1e-9)
     assert settings.changes(start)[LAMBDA] == start.control(LAMBDA).own
-
-
-def test_the_scene_itself_has_no_changes(start: Start) -> None:
-    own = {control.path: control.own for control in start.controls}
-    settings = Settings.of(start, own)
-    assert settings.changes(start) == {}
-    assert settings.scene(start) is start.scene
-
-
-def test_noise_changes_the_strain(start: Start) -> None:
-    settings = Settings.of(start, {VARIANCE: 1e-4})
-    scene = settings.scene(start)
-    noisy = settings.problem(start, scene)
-    assert 0.0 < np.abs(noisy.strain - start.problem.strain).max() < 0.1
-    assert Settings().problem(start, start.scene) is start.problem
-
-
-def test_the_command_has_the_present_values(start: Start) -> None:
-    values = {CAPACITANCE: 1.234e-11, GAIN: 5e6, STRAY: 0.0, VARIANCE: 1e-5}
-    settings = Settings.of(start, values, "tl084")
-    words = settings.command(start).split()
-    given = [word for before, word in pairwise(words) if before == "--set"]
-    scene = with_settings(load_scene(BREADBOARD), given)
-    assert scene.model_dump() == settings.scene(start).model_dump()
 
 
 def test_a_saved_scene_reads_as_the_values(start: Start, tmp_path: Path) -> None:
@@ -197,15 +160,6 @@ def test_sliders_are_logarithmic_and_find_the_scene(start: Start) -> None:
     assert start.control(VARIANCE).chosen(0.0) == 0.0
 
 
-def test_typed_values(start: Start) -> None:
-    assert read_value(start.control(CAPACITANCE), " 12p ") == 1.2e-11
-    assert read_value(start.control(GAIN), "5 MΩ") == 5e6
-    assert read_value(start.control(LAMBDA), "0.25") == 0.25
-    for path, text in ((CAPACITANCE, "12 ohm"), (LAMBDA, "a"), (LAMBDA, "inf"), (GAIN, "")):
-        with pytest.raises(InputError):
-            read_value(start.control(path), text)
-
-
 def test_a_verdict_is_that_of_verify(start: Start) -> None:
     scene = Settings.of(start, {CAPACITANCE: 1.5e-11}).scene(start)
     found, verdict = judge(scene, "statespace"), taction.verify(scene, engine="statespace")
@@ -227,10 +181,3 @@ def test_a_closed_loop_board_has_its_own_slider_and_its_whole_margin() -> None:
     assert margin == pytest.approx(start.controls[0].own / stable[-1][0], rel=1e-6)
     assert margin is not None
     assert margin > scene.checks.stability.margin
-
-
-def test_a_verdict_that_cannot_be_had_says_why() -> None:
-    data = {**ONE, "problem": {"kind": "matrix", "matrix": "none.csv", "strain": "none.csv"}}
-    found = judge(parse_scene(data, "none.toml"), "statespace")
-    assert found.record.outcome == "error"
-    assert "none.csv" in found.record.reason

@@ -28,8 +28,6 @@ from taction.verification.design.fresh_scene import (
     FreshScene,
     exceeded,
     fresh_scene,
-    next_round_value,
-    noise_of,
     with_limits,
 )
 from taction.verification.studies.tolerance.varied_board import prepare
@@ -104,11 +102,6 @@ def test_the_values_are_of_a_series_can_be_bought_and_are_all_used(plain: Path) 
     E96 = {round(10.0 ** (k / 96.0), 2) for k in range(96)}
     assert set(np.round(ohms / decades, 9).tolist()) <= E96
     assert not broken_limits(circuit)
-
-
-def test_rounding_goes_up() -> None:
-    values = [0.0101, 0.02, 0.021, 0.051, 9e-4, 0.0]
-    assert [next_round_value(v) for v in values] == [0.02, 0.02, 0.05, 0.1, 1e-3, 0.0]
 
 
 SIGMA = 0.01
@@ -224,13 +217,6 @@ def test_a_problem_without_an_answer_is_refused(
         fresh(tmp_path, noise=noise)
 
 
-def test_a_strain_of_zeros_has_no_loads(tmp_path: Path) -> None:
-    write(tmp_path, np.eye(2), np.zeros(2))
-    design = {"opamp": {"base": "tl084", "input_errors": "none"}}
-    found = fresh(tmp_path, design=design)
-    assert "nothing moves with this strain: U0 is that of the scene" in found.scaling.notes
-
-
 def test_a_noise_that_explains_nothing_and_the_noise_that_does(tmp_path: Path) -> None:
     """The residual has M - N degrees of freedom, and here the length that the noise has.
 
@@ -247,22 +233,6 @@ def test_a_noise_that_explains_nothing_and_the_noise_that_does(tmp_path: Path) -
     proposed = float(str(caught.value).rpartition("--noise ")[2])
     assert proposed == pytest.approx(0.03, rel=0.01)
     assert "noise 0.03" in fresh(tmp_path, noise=proposed, any_part=True).rule
-
-
-def test_a_noise_in_percent_is_of_the_largest_strain() -> None:
-    strain = np.array([0.2, -0.5])
-    assert noise_of("2%", strain) == pytest.approx(0.01, rel=1e-15)
-    assert noise_of("0.01", strain) == noise_of(0.01, strain) == 0.01
-    for wrong in ("-1%", "0", "much", "1e999", "%", "nan"):
-        with pytest.raises(InputError, match="expected a positive number such as"):
-            noise_of(wrong, strain)
-
-
-def test_a_file_that_exists_stays(tmp_path: Path, problem: tuple[Matrix, Matrix]) -> None:
-    file = tmp_path / "board.toml"
-    file.write_text("mine", encoding="utf-8")
-    assert new(*write(tmp_path, *problem), "-o", str(file)).exit_code == 2
-    assert file.read_text("utf-8") == "mine"
 
 
 def gaussian() -> tuple[Matrix, Matrix]:
@@ -287,11 +257,3 @@ def test_a_decaying_kernel_gives_a_board_that_passes(tmp_path: Path) -> None:
     assert f"leaves out {np.count_nonzero(kept != T)} of the entries" in found.stdout
     assert f"changes by {share:.2g} %" in found.stdout
     assert verify(scene.with_engine("statespace")).outcome.value == "pass"
-
-
-def test_a_given_pruning_stays(tmp_path: Path) -> None:
-    file = tmp_path / "board.toml"
-    arguments = write(tmp_path, *gaussian())
-    arguments += ["--lambda", "90", "--prune", "0.01", "--opamp", "opa189"]
-    assert new(*arguments, str(file)).exit_code == 0
-    assert load_scene(file).design.prune == 0.01

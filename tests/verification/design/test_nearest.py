@@ -7,8 +7,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
-import pytest
-
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.design.nearest import Search, search_key, search_list, search_pair
@@ -64,12 +62,6 @@ def test_the_nearest_value_of_three_digits() -> None:
     assert value_of(found) == 3.15e-11
 
 
-def test_the_nearest_value_of_a_series_below() -> None:
-    slow = trials(lambda c, _: ["fast"] if c > 0.31 else [], series="E12")
-    found = search_range(slow, C)
-    assert value_of(found) == 2.7e-12
-
-
 def test_a_window_between_two_failures_of_different_checks() -> None:
     """It is 2 % wide; the values of the walk are half a decade apart."""
 
@@ -118,13 +110,6 @@ def test_the_walk_from_an_edge_goes_away_from_the_scene() -> None:
     assert made.count < 16
 
 
-def test_nothing_found_says_from_where_to_where() -> None:
-    found = search_range(trials(lambda *_: ["fast"]), C)
-    assert found.found == []
-    assert (found.least, found.most) == pytest.approx((1e-13, 1e-9))
-    assert found.complete
-
-
 def test_work_that_ends_keeps_what_was_found() -> None:
     found = search_range(trials(lambda c, _: ["fast"] if c < 1.3 else [], most=3), C)
     assert found.found
@@ -164,9 +149,3 @@ def test_two_keys_where_neither_alone_does() -> None:
     assert c >= 5.0
     assert c * s <= 1.0
     assert math.hypot(math.log10(c), math.log10(s)) < 1.4
-
-
-def test_a_key_without_a_value_is_left_out() -> None:
-    made = trials(lambda *_: [])
-    assert search_range(made, "design.stray_capacitance") is not None
-    assert search_range(made, "design.prune") is None

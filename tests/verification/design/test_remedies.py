@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 from dataclasses import replace
 from functools import cache
@@ -14,13 +13,10 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import Point, with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
-from taction.transients import what_to_change
 from taction.verification.design import trials
 from taction.verification.design.remedies import (
-    LIMIT,
     Remedies,
     find_remedies,
-    mending_keys,
     stable_ranges,
 )
 from taction.verification.design.trials import OutOfWorkError, Trials
@@ -108,44 +104,10 @@ def test_a_limit_on_the_settling_time_of_a_slow_board() -> None:
     assert slower.outcome.value == "fail"
 
 
-def test_a_series_of_the_scene_is_kept() -> None:
-    changes = {"checks.stability.margin": 4.0, "design.capacitor_series": "E12"}
-    found = find_remedies(verify(paper(changes, "tuned-breadboard")), LONG)
-    assert found.changes[0].values == {"design.capacitance": 1.8e-11}  # 4 times 4.134 pF is 16.5
-
-
-def test_volts_that_no_opamp_has() -> None:
-    scene = load_scene(ROOT / "tests/data/cases/impossible-volts.toml").with_engine("statespace")
-    found = find_remedies(verify(scene), LONG)
-    (change,) = found.changes
-    volts = change.values["design.unit_voltage"]
-    assert isinstance(volts, float)
-    verdict = verify(with_values(scene, change.values))
-    assert verdict.outcome.value == "pass"
-    assert 0.8 < verdict.parts.loads[0].share <= 0.9  # two digits below 90 %
-    assert {each.paths for each in found.without} == {("design.opamp",), ("design.supply",)}
-
-
 def test_rounded_resistors_are_named_as_the_cause() -> None:
     scene = paper({"design.resistor_series": "E24"}, "tuned-breadboard")
     found = find_remedies(verify(scene), LONG)
     assert found.changes[0].values == {"design.resistor_series": "exact"}
-
-
-def test_keys_that_the_topology_does_not_read_mend_nothing() -> None:
-    """A board of one loop has no constraint plane whose gain could change."""
-    loop, plane = (mending_keys(load_scene(ROOT / "scenes" / f"{name}.toml"))["steady_state"]
-                   for name in ("inverse", "paper-breadboard"))  # fmt: skip
-    assert set(plane) - set(loop) == {"design.gain"}
-    assert "design.unit_conductance" in loop
-
-
-def test_where_nothing_mends_the_searched_keys_are_named() -> None:
-    scene = paper({"checks.noise.max": 1e-6}, "tuned-breadboard")
-    found = find_remedies(verify(scene), LONG)
-    assert not found.changes
-    text = remedies_text(scene, found)
-    assert "no tried value of C from 100 fF to 1 nF makes the board pass" in text
 
 
 def test_a_limit_of_the_work_says_what_it_left_out() -> None:
@@ -178,10 +140,6 @@ def test_the_work_is_counted_and_kept() -> None:
     assert trials.spent == 1.0 + (board.state_space.n / 70.0) ** 3
 
 
-def test_a_pass_needs_no_change() -> None:
-    assert find_remedies(verify(paper())) is None
-
-
 def scan_stable(scene: Scene, over: str) -> float:
     """The upper end of the stable range by the scan of `onset`."""
     found = onset(scene, over=over, transients=False)
@@ -202,20 +160,6 @@ def test_distances_from_stability() -> None:
     assert "stable from C = 9.023 pF, 1.805 times" in distance_text(ranges["design.capacitance"])
 
 
-def test_the_command_ends_with_the_changes(tmp_path: Path) -> None:
-    text = (ROOT / "scenes" / "tuned-breadboard.toml").read_text("utf-8")
-    file = tmp_path / "slow.toml"
-    file.write_text(text.replace("10pF", "100pF"), encoding="utf-8")
-    arguments = ["verify", str(file), "--engine", "statespace"]
-    shown = command(*arguments, "--changes", "1e6")
-    assert shown.exit_code == 1
-    assert "C = 77.3 pF (verified)" in shown.stdout
-    document = json.loads(command(*arguments, "--json").stdout)
-    assert document["what_to_change"]["failed"] == ["settling_time"]
-    silent = command(*arguments, "--changes", "0")
-    assert "what to change" not in silent.stdout
-
-
 def test_margins_of_an_unstable_board(tmp_path: Path) -> None:
     text = (ROOT / "scenes" / "tuned-breadboard.toml").read_text("utf-8")
     file = tmp_path / "ringing.toml"
@@ -226,18 +170,6 @@ def test_margins_of_an_unstable_board(tmp_path: Path) -> None:
     document = json.loads(command(*arguments, "--json").stdout)
     edge = document["stability"]["margins"]["design.capacitance"]["edge"]
     assert edge == pytest.approx(4.1337e-12, rel=1e-4)
-
-
-def test_another_opamp_keeps_the_level_and_the_input_errors_of_the_scene() -> None:
-    scene = paper({"design.opamp.input_errors": "none", "design.opamp.level": "small-signal"})
-    trials = Trials(scene)
-    changed = trials.scene_at({"design.opamp": "ua741"}).design.opamp
-    assert (changed.base, changed.input_errors, changed.level) == ("ua741", "none", "small-signal")
-    assert changed.gbw is None  # a figure of the scene's own op-amp
-
-
-def test_the_command_allows_the_work_that_the_search_is_made_for() -> None:
-    assert inspect.signature(what_to_change).parameters["changes"].default == LIMIT
 
 
 def test_a_board_that_rings_too_long_is_not_simulated_and_its_reason_is_shown(

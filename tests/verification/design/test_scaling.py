@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +17,9 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
 from taction.system.quantities import parse
-from taction.verification.design.scaling import NO_C, Scaled, find_scaling
+from taction.verification.design.scaling import find_scaling
 from taction.verification.verdict.verify import verify
-from tests.support.making import make_scene, write_matrix_scene
+from tests.support.making import write_matrix_scene
 from tests.support.paths import ROOT
 from tests.support.running import taction as command
 
@@ -69,16 +68,6 @@ def test_a_larger_capacitance_is_named() -> None:
     assert any("C is another than the scene's" in note for note in found.notes)
 
 
-def test_no_note_contradicts_a_pass() -> None:
-    """The limits of a new scene are set after C was searched: what failed then may pass."""
-    scene = shipped("tuned-breadboard", "ideal")
-    scaling = replace(find_scaling(scene), notes=(f"{NO_C}: it settles late", "s is not balanced"))
-    passing = verify(scene.with_engine("statespace"))
-    late = with_values(scene, {"checks.settling_time.max": 1e-9}).with_engine("statespace")
-    assert Scaled.of(scaling, passing).scaling.notes == ("s is not balanced",)
-    assert Scaled.of(scaling, verify(late)).scaling.notes == scaling.notes
-
-
 def test_a_smaller_gain_lets_the_outputs_use_the_swing() -> None:
     """With the balanced s the slew rate keeps the outputs of this board at 16 % of the swing."""
     found = find_scaling(shipped("tuned-breadboard", "tl084"))
@@ -88,12 +77,6 @@ def test_a_smaller_gain_lets_the_outputs_use_the_swing() -> None:
     assert any("it sets U0" in note for note in slow.notes)
 
 
-def test_parts_without_limits_keep_the_voltage() -> None:
-    found = find_scaling(make_scene({"channels": 2, "span": 1.2}, design={"opamp": "ideal"}))
-    assert found.circuit.value("U0") == 1.0
-    assert "the op-amps have no limits: U0 is that of the scene" in found.notes
-
-
 def test_a_matrix_that_no_resistors_have(tmp_path: Path) -> None:
     path = write_matrix_scene(tmp_path, [[1.0, 1e-7], [1e-7, 1.0]], [1.0, 0.5])
     with pytest.raises(InputError, match=r"small entries with design\.prune = 1e-06"):
@@ -101,12 +84,6 @@ def test_a_matrix_that_no_resistors_have(tmp_path: Path) -> None:
     assert find_scaling(load_scene(path), accepted=ANY_PART).matrix_ohms[1] > 10e6
     other = load_scene(write_matrix_scene(tmp_path, [[1.0, 1e-3]], [1.0]))
     assert find_scaling(other).matrix_ohms[1] < 10e6
-
-
-def test_a_lambda_that_no_resistors_have(tmp_path: Path) -> None:
-    path = write_matrix_scene(tmp_path, [[1.0]], [1.0], "[design]\nlambda = 1e12")
-    with pytest.raises(InputError, match="no s and R between 10 and 1e"):
-        find_scaling(load_scene(path))
 
 
 def test_the_command_writes_a_scene_that_passes(tmp_path: Path) -> None:

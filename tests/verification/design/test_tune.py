@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-import re
 from collections.abc import Sequence
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,14 +13,11 @@ from click.testing import Result
 import taction
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import EngineError, InputError
 from taction.verification.design import tune as tune_module
 from taction.verification.design.trials import Trial
 from taction.verification.design.tune import Tuning, frontier
-from taction.verification.report.renderers.picture import draw_blocks
-from taction.verification.report.views.design_view import _tradeoff
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene
 from tests.support.running import taction as command
@@ -120,14 +114,6 @@ def test_a_frontier_leaves_out_what_is_beaten_unstable_or_never_settles() -> Non
     assert frontier([*beaten, *best, *no_design]) == tuple(best)
 
 
-def test_two_keys_do_no_worse_than_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tune_module, "GRID", {1: 7, 2: 7})
-    one = tune(scene(), ["gain"], overshoot=0.02)
-    two = tune(scene(), ["gain", "C"], overshoot=0.02)
-    assert set(two.after.values) == {"design.gain", "design.capacitance"}
-    assert two.after.settling_time < one.after.settling_time
-
-
 def test_the_scene_s_own_limits_are_the_defaults(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tune_module, "GRID", {1: 5})
     asked = scene(checks={"overshoot": {"max": 0.07}, "stability": {"margin": 1.2}})
@@ -196,12 +182,6 @@ def test_a_range_is_kept_and_its_edge_is_named(monkeypatch: pytest.MonkeyPatch) 
     assert not tuned().at_edges
 
 
-@pytest.mark.parametrize("text", ["gain=2M:1M", "gain=1M", "gain=0:1M", "gain=1F:2F"])
-def test_ranges_that_are_none(text: str) -> None:
-    with pytest.raises(InputError, match="gain"):
-        tune(scene(), [text])
-
-
 def test_resistors_that_nobody_sells_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """The gain would like to grow beyond the 40 Mohm that the scene has."""
     monkeypatch.setattr(tune_module, "GRID", {1: 5})
@@ -211,48 +191,3 @@ def test_resistors_that_nobody_sells_are_refused(monkeypatch: pytest.MonkeyPatch
     assert found.after.values["design.gain"] <= 1.05 * 40e6
     found = tune(huge, ["gain=10M:400M"], overshoot=0.9, any_part=True)
     assert found.after.values["design.gain"] > 1.05 * 40e6
-
-
-def test_the_command_shows_what_to_write_into_the_scene(tmp_path: Path) -> None:
-    file = tmp_path / "slow.toml"
-    file.write_text(TEXT, encoding="utf-8")
-    written = tmp_path / "tuned.toml"
-    found = run(str(file), "--overshoot", "0.02", "-o", str(written))
-    assert found.exit_code == 0, found.stderr
-    assert "before" in found.stdout
-    assert "\nresistance = " in found.stdout
-    scene = load_scene(written)
-    assert scene.checks.overshoot.max == 0.02
-    assert verify(scene).outcome.value == "pass"
-
-
-@pytest.mark.parametrize(
-    "option", [["--overshoot", "0"], ["--margin", "0.5"], ["--plot", "a.xyz"], ["--over", ""]]
-)
-def test_options_that_cannot_be(tmp_path: Path, option: list[str]) -> None:
-    file = tmp_path / "slow.toml"
-    file.write_text(TEXT, encoding="utf-8")
-    assert run(str(file), *option).exit_code == 2
-
-
-def test_a_picture_of_a_board_that_never_settled(tmp_path: Path) -> None:
-    found = tuned()
-    before = make_trial(found.before.values, left=("stability",))
-    unsettled = replace(found, before=before)
-    path = tmp_path / "t.svg"
-    draw_blocks("t", [_tradeoff(unsettled)], path=path)
-    assert "<svg" in path.read_text()
-
-
-@pytest.mark.parametrize(
-    ("limits", "text"),
-    [
-        ({"overshoot": 0.0}, "an overshoot of 0 %"),
-        ({"margin": 0.0}, "checks.stability.margin = 0.0: must be 1 or more"),
-        ({"reach": 0.0}, "--reach: FACTOR = 0.0: expected a factor above 1"),
-    ],
-)
-def test_an_explicit_zero_is_no_default(limits: dict[str, float], text: str) -> None:
-    scene = load_scene("scenes/tuned-breadboard.toml").with_engine("statespace")
-    with pytest.raises((EngineError, InputError), match=re.escape(text)):
-        tune(scene, ["gain=2.2M:2.4M"] if "reach" not in limits else ["gain"], **limits)

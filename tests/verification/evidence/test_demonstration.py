@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -45,29 +44,3 @@ def test_the_numbers_of_the_story_are_those_of_the_boards(told: Demonstration) -
     assert all("2.42 ms" in text for text in (works, settles))
     lam = {round(step.verdict.circuit.value("lambda"), 12) for step in told.steps}
     assert len(lam) == 1
-
-
-def test_the_report_is_written_where_it_is_asked_for(
-    told: Demonstration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    verdicts = (step.verdict for step in told.steps)
-    monkeypatch.setattr(demonstration, "verify", lambda *_: next(verdicts))
-    file = tmp_path / "story.html"
-    assert taction.demo(file).file == str(file)
-    page = file.read_text("utf-8")
-    assert all(step.text.partition(".")[0] in page for step in told.steps)
-    with pytest.raises(taction.InputError, match=r"expected a file that ends in \.html"):
-        taction.demo(tmp_path / "story.pdf")
-
-
-def test_without_the_packages_of_reports_the_story_is_told_all_the_same(
-    told: Demonstration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    verdicts = (step.verdict for step in told.steps)
-    monkeypatch.setattr(demonstration, "verify", lambda *_: next(verdicts))
-    page = "taction.verification.report.output_checks.PACKAGES"
-    monkeypatch.setattr(page, ("no_such_package",))
-    said: list[str] = []
-    assert taction.demo(tmp_path / "story.html", progress=said.append).file is None
-    assert [line.startswith("no report: ") for line in said] == [False, False, False, True]
-    assert "taction[report]" in said[-1]

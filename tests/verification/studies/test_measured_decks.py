@@ -252,12 +252,6 @@ def test_a_single_supply_shifts_all_voltages(tmp_path: Path) -> None:
     assert found[1][1] - found[1][0] == pytest.approx(-0.01, rel=1e-3)
 
 
-def test_only_parts_of_the_board_are_listed(tmp_path: Path) -> None:
-    lines = "Vp vp 0 12\nVm vm 0 -12\nVref ref 0 0\nV1 in 0 PULSE(0 10m)\n"
-    found = with_opamp(tmp_path, lines + INVERTER.format(low="vm"), ngspice=False)
-    assert {part.name for part in found.parts} == {"R1", "R2", "C2"}
-
-
 def test_a_parameter_moves_the_point(tmp_path: Path) -> None:
     """The conductance of a diode follows a .param that sets its current."""
     text = ".param amps=1m\n.model dd d(is=1e-14)\nI1 0 out {amps}\nD1 out 0 dd\nC1 out 0 1u"
@@ -361,36 +355,6 @@ def test_a_capacitance_of_nothing_is_left_out(tmp_path: Path) -> None:
     assert "less than 1e-24 F, so left out: C2" in found.notes
 
 
-SWITCHES = """V1 in 0 dc 1 ac 1
-Vs in m 0
-R1 m a 1k
-.subckt one a b
-S1 a b a 0 vt1
-.model vt1 vswitch(ron={{1*100}} roff=100meg von={on} voff={off})
-.ends
-.subckt two a b c d
-Vt c d 0
-W1 a b Vt vt1
-.model vt1 iswitch(ron=200 roff=100meg ion={on}m ioff={off}m)
-.ends
-X1 a out one
-X2 m out m e two
-R2 e 0 1k
-R3 out 0 1k
-C1 out 0 1n"""
-
-
-@pytest.mark.parametrize(("on", "off", "ohms"), [(0.5, 0.1, (100.0, 200.0)), (9, 8, (1e8, 1e8))])
-def test_switches_of_pspice_with_one_name_are_those_of_their_subcircuits(
-    tmp_path: Path, on: float, off: float, ohms: tuple[float, float]
-) -> None:
-    """Both are closed, or open: by the voltage at `a` (0.5 to 1 V), and by 1 mA through R2."""
-    found = checked(tmp_path, SWITCHES.format(on=on, off=off))
-    assert agrees(found)
-    siemens = 1.0 / (1e3 + ohms[0]) + 1.0 / ohms[1] + 1e-3
-    assert found.poles.rightmost.real == pytest.approx(-siemens / 1e-9, rel=1e-3)
-
-
 def test_a_polynomial_of_the_third_degree_of_two_inputs(tmp_path: Path) -> None:
     """Its coefficients after 1, x, y, xx, xy, yy are those of xxx, xxy, xyy and yyy."""
     cards = ["V1 x 0 dc 2 ac 1", "V2 y 0 3", "E1 u 0 poly(2) x 0 y 0 0 0 0 0 0 0 1 10 100 1000"]
@@ -432,14 +396,6 @@ def test_every_sweep_of_ngspice_is_about_the_same_point(tmp_path: Path) -> None:
     assert found.poles.stable
 
 
-def test_a_step_that_no_node_follows_is_none(tmp_path: Path) -> None:
-    """A diode to ground beside a source that steps, and an output of neither: 0 V of 0 V."""
-    text = ".model dx d(is=1e-14)\nV1 in 0 pulse(0 1 1u)\nD1 a 0 dx\nR1 a 0 1k\nR2 in 0 1k"
-    found = checked(tmp_path, f"{text}\nC1 a 0 1n", outputs="a")
-    assert found.amplitude == 0.0
-    assert agrees(found)
-
-
 def test_the_ground_of_a_subcircuit_is_ground(tmp_path: Path) -> None:
     """``gnd`` that is no port, with 1 kohm in parallel to 1 kohm at 1 nF; as a port it is one."""
     text = """V1 in gnd pwl 0 1 1u 1 2u 2 r=1u
@@ -458,11 +414,6 @@ X2 in out high"""
     assert any("a pwl that repeats" in note for note in found.notes)
 
 
-def test_subcircuits_alone_are_no_circuit(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no part outside its subcircuits"):
-        checked(tmp_path, ".subckt a x\nR1 x 0 1k\n.ends")
-
-
 def test_a_point_that_ngspice_does_not_find_again_is_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -470,16 +421,3 @@ def test_a_point_that_ngspice_does_not_find_again_is_none(
     monkeypatch.setattr(operating_point, "TRIED", ())
     with pytest.raises(InputError, match="by a transient only"):
         checked(tmp_path, "I1 0 out 1m\nD1 out 0 dd\n.model dd d(is=1e-14)\nC1 out 0 1u")
-
-
-def test_resistances_that_are_not_in_series_are_refused(tmp_path: Path) -> None:
-    """The body diode of a VDMOS lies before the resistance of its drain; ngspice's .ac tells it."""
-    text = """V1 in 0 dc 3.5 ac 1
-Rg in g 10k
-Vdd dd 0 20
-Rd dd out 10
-M1 out g 0 pow
-.model pow vdmos(vto=3 kp=5 rd=2 rs=0.1 rg=3 cgdmin=10p cgdmax=200p cgs=300p cjo=20n is=1e-12)
-"""
-    with pytest.raises(InputError, match="M1: its inner resistances are not in series"):
-        checked(tmp_path, text)

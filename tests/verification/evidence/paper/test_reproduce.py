@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import mpmath as mp
 import numpy as np
@@ -14,17 +13,11 @@ from scipy.linalg import toeplitz
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
-from taction.system.errors import SimulatorNotFound
-from taction.verification.evidence.paper import findings
-from taction.verification.evidence.paper import reproduce as module
 from taction.verification.evidence.paper.boards import stage_rise_time
 from taction.verification.evidence.paper.findings import (
-    Chapter,
     ClaimOutcome,
     Finding,
-    Sentence,
     load_claims,
-    weigh,
 )
 from taction.verification.evidence.paper.reproduce import CHAPTERS, PaperSection, Reproduction
 from taction.verification.evidence.paper.scaling import condition_number, tikhonov
@@ -43,36 +36,6 @@ def test_every_claim_has_a_chapter_and_its_own_name() -> None:
     assert len({claim.id for claim in claims}) == len(claims)
     assert all(claim.claim and claim.place for claim in claims)
     assert all(claim.expected is not ClaimOutcome.NOT_RUN for claim in claims)
-
-
-def test_the_paper_uses_the_scenes_of_the_scenes_folder() -> None:
-    assert findings.SCENES.resolve() == SCENES.resolve()
-    scene = findings.paper_scene("paper-breadboard")
-    assert scene.file.resolve() == SCENES / "paper-breadboard.toml"
-    assert scene.model_dump() == load_scene(SCENES / "paper-breadboard.toml").model_dump()
-
-
-def test_a_claim_that_holds_only_under_its_condition_says_so() -> None:
-    assert weigh(True) is ClaimOutcome.HOLDS
-    assert weigh(False, True) is ClaimOutcome.CONDITION
-    assert weigh(False) is ClaimOutcome.FAILS
-    assert weigh(True, fitted=True) is ClaimOutcome.FITTED
-    assert weigh(False, fitted=True) is ClaimOutcome.FAILS
-
-
-@pytest.mark.parametrize(
-    ("template", "text"),
-    [
-        ("{x:.2g}", "0.12"),
-        ("{x:.3g%}", "12.3 %"),
-        ("{both:.3g%} of the seeds", "12.3, 50 % of the seeds"),
-        ("{t:s}, {t:s.2}", "1.234 us, 1.2 us"),
-        ("{both[1]:.1f} {word}", "0.5 yes"),
-    ],
-)
-def test_sentences_are_filled_with_numbers_lists_and_quantities(template: str, text: str) -> None:
-    values = {"x": 0.1234, "both": [0.1234, 0.5], "t": 1.234e-6, "word": "yes"}
-    assert Sentence().format(template, **values) == text
 
 
 def reproduction(*outcomes: ClaimOutcome) -> Reproduction:
@@ -94,40 +57,6 @@ def test_another_verdict_than_the_expected_one_fails(
     outcomes: tuple[ClaimOutcome, ...], expected: str
 ) -> None:
     assert reproduction(*outcomes).outcome == expected
-
-
-def test_what_could_not_be_run_is_said_for_each_of_its_claims(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def without_simulator(quick: bool) -> Chapter:
-        raise SimulatorNotFound("no executable 'ngspice'")
-
-    monkeypatch.setattr(module, "CHAPTERS", {"hardware": ("title", without_simulator)})
-    result = module.reproduce(quick=True)
-    claims = [claim for claim in load_claims() if claim.chapter == "hardware"]
-    assert [finding.claim for finding in result.findings] == claims
-    assert {finding.outcome for finding in result.findings} == {ClaimOutcome.NOT_RUN}
-    assert "no executable" in result.findings[0].ours
-    assert result.outcome == "inconclusive"
-
-
-def test_a_run_says_how_long_it_takes_and_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    def chapter(name: str, quick: bool) -> Chapter:
-        claims = [c for c in load_claims() if c.chapter == name and (c.quick or not quick)]
-        return Chapter(tuple(Finding(c, "", "", c.expected) for c in claims))
-
-    names = sorted({claim.chapter for claim in load_claims()})
-    monkeypatch.setattr(
-        module, "CHAPTERS", {name: (name, partial(chapter, name)) for name in names}
-    )
-    for quick, seconds in ((False, module.WHOLE), (True, module.SHORT)):
-        lines: list[str] = []
-        result = module.reproduce(quick=quick, progress=lines.append)
-        assert result.outcome == "pass"
-        claims, chapters = len(result.findings), len(names)
-        assert lines[0] == f"{claims} claims in {chapters} chapters: about {seconds} s"
-        assert lines[1] == f"{names[0]} (1 of {chapters})"
-        assert [line.split(" (")[0] for line in lines[1:]] == names
 
 
 def test_the_gradient_flow_obeys_its_equation() -> None:

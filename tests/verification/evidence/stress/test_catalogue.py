@@ -71,11 +71,6 @@ def test_no_true_values_of_cases_that_are_gone() -> None:
     assert set(STORED) <= {case.name for case in ALL}
 
 
-@pytest.mark.parametrize("case", REFUSED, ids=name_of)
-def test_a_refused_scene_has_no_deck(case: Case) -> None:
-    assert (case.truth, deck_digest(case)) == (None, None)
-
-
 def test_every_case_has_its_own_name_and_an_outcome_that_exists() -> None:
     refusals = {name for name, kind in vars(errors).items() if isinstance(kind, type)}
     words = {word for case in ALL for each in case.outcome.values() for word in each}

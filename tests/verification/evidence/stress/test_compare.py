@@ -13,7 +13,6 @@ from taction.verification.evidence.stress.judge import (
     TrueValues,
     TruthComparison,
     compare,
-    worst,
     wrong_checks,
 )
 from taction.verification.verdict.verify import Verdict, verify
@@ -44,13 +43,6 @@ def test_a_number_is_wrong_beyond_its_error_and_the_accuracy_of_the_scene(
     number: TruthComparison, outside: bool, wrong: bool
 ) -> None:
     assert (number.outside, number.wrong) == (outside, wrong)
-
-
-def test_the_worst_number_has_the_largest_share_of_its_error() -> None:
-    numbers = (stated(1.01, 0.1), stated(1.001, 0.002), stated(1.0, 1.0))
-    assert worst(numbers) is numbers[1]
-    assert worst((*numbers, stated(1.0, 1.0, truth=math.nan))).truth != 1.0  # type: ignore[union-attr]
-    assert worst(()) is None
 
 
 def run(name: str, **limits: object) -> tuple[Verdict, TrueValues]:

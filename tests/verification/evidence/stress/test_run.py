@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import pytest
 
-from taction.system.errors import Interrupted
 from taction.verification.evidence.stress import run_cases as running
 from taction.verification.evidence.stress.catalogue import (
     Case,
@@ -20,7 +19,6 @@ from taction.verification.evidence.stress.run_cases import (
     CaseRun,
     StressReport,
     run_case,
-    stress,
 )
 from taction.verification.report.views.evidence_view import headline
 from taction.verification.verdict.checks import Outcome
@@ -117,34 +115,6 @@ def test_an_unforeseen_exception_is_a_wrong_outcome(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(running, "verify", broken)
     run = run_case(one("two-channels"), "statespace")
     assert (run.outcome, run.judgement) == ("ZeroDivisionError", CaseJudgement.WRONG_OUTCOME)
-
-
-@pytest.mark.usefixtures("ngspice")
-def test_runs_are_in_the_order_of_the_catalogue() -> None:
-    said: list[str] = []
-    report = stress(only=("two-channels", "wrong-shape"), progress=said.append, jobs=2)
-    assert [(run.case.name, run.engine) for run in report.runs] == [
-        ("wrong-shape", "statespace"),
-        ("two-channels", "ngspice"),
-        ("two-channels", "statespace"),
-    ]
-    assert (report.exit_status, report.count()) == (0, {"right": 3})
-    assert said[0] == "cases: 2"
-    assert len(said) == 5
-    assert said[-1].startswith("3 of 3 done: ")
-    assert report.versions.keys() == {"taction", "numpy", "scipy", "ngspice"}
-
-
-def test_ctrl_c_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
-    def stopped(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(running, "verify", stopped)
-    with pytest.raises(Interrupted) as end:
-        stress(only=("two-channels",), jobs=1)
-    report = end.value.result
-    assert report.interrupted
-    assert report.exit_status == 130
 
 
 def report_of(*judgements: CaseJudgement) -> StressReport:

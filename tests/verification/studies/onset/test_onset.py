@@ -19,10 +19,8 @@ from taction.netlist_gen.board.parts import (
     ResistorMatrix,
 )
 from taction.netlist_gen.deck.deck import write_deck
-from taction.netlist_gen.scene.design import Design
 from taction.netlist_gen.scene.loading import load_scene
 from taction.spice_models.opamp import OpAmp
-from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.families import Family
 from taction.verification.stability.poles import poles
@@ -31,7 +29,6 @@ from taction.verification.studies.onset.onset import (
     board_over,
     confirmations,
     onset,
-    parse_onset_axis,
 )
 from taction.verification.studies.onset.transient_trial import TransientTest, along
 from tests.support.boards import bare, single_mode, window
@@ -180,20 +177,6 @@ def test_without_ngspice_crossings_are_found_and_stay_undecided(
     assert "ngspice is needed" in finding.confirmation.reason
 
 
-@pytest.mark.parametrize("text", ["channels=5:9:3", "opamp.base=ua741,lf353", "C=1p", "sensors"])
-def test_an_onset_needs_a_continuous_range(text: str) -> None:
-    scene = load_scene(TUNED)
-    with pytest.raises(InputError, match="--over"):
-        parse_onset_axis(scene, text)
-
-
-def test_an_axis_without_a_range_reaches_a_factor_of_30_to_both_sides() -> None:
-    found = taction.onset(TUNED, over="gain", transients=False)
-    assert (found.axis.values[0], found.axis.values[-1]) == pytest.approx(
-        (2.3e6 / 30.0, 2.3e6 * 30.0)
-    )
-
-
 def test_winding_numbers_count_what_the_poles_say() -> None:
     found = taction.onset(TUNED, over="C=2pF:20pF:13", transients=False)
     assert len(found.counts) == len(found.findings) + 1
@@ -201,17 +184,3 @@ def test_winding_numbers_count_what_the_poles_say() -> None:
     assert found.counts[0].poles > 0
     assert all(c.winding == c.poles for c in found.counts)
     assert not found.disagreement
-
-
-def test_a_series_does_not_round_the_axis_of_c() -> None:
-    """The board oscillates below 4.13 pF, where E6 has no limit between two values."""
-    scene = load_scene(TUNED)
-    design = scene.design.model_copy(update={"capacitor_series": "E6"})
-
-    def values(design: Design) -> list[float]:
-        changed = scene.model_copy(update={"design": design})
-        crossed = onset(changed, over="C=3.6pF:8pF:5", transients=False).scan.edges
-        return [crossing.value for crossing in crossed]
-
-    assert values(design) == values(scene.design)
-    assert values(design) == [pytest.approx(4.13e-12, rel=0.01, abs=0.0)]

@@ -7,7 +7,6 @@ import os
 import re
 import signal
 import socket
-import time
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -91,18 +90,6 @@ def test_a_worker_with_another_source_and_another_ngspice_is_refused(
         assert store.count() == 0
 
 
-def test_a_worker_that_lacks_our_functions_is_named_with_both_versions(tmp_path: Path) -> None:
-    gone = "verification/studies/sweep/plan.py"
-    with ExitStack() as stack:
-        file = stack.enter_context(scheduler(tmp_path))
-        worker(stack, file, source=another_taction(tmp_path / "other", "0.1.7", without=gone))
-        store = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
-        workers = stack.enter_context(cluster(address(file)))
-        with pytest.raises(NoVerdictError, match=r"is the same taction \(.*\) installed there"):
-            sweep_points(small_plan(2), store, workers)
-        assert store.count() == 0
-
-
 def small_plan(points: int, engine: str = "statespace") -> Plan:
     scene = small_scene()
     return Plan(scene, parse_axes(scene, [f"C=50p:500p:{points}"]), engine)
@@ -132,11 +119,6 @@ def test_an_address_that_cannot_be_one_is_refused_before_dask_is_asked(
     assert str(refused.value) == f"--cluster: ADDRESS = {text!r}: {module.EXPECTED}"
 
 
-@pytest.mark.parametrize("text", ["tcp://head_1.site:8786", "tls://[::1]:1", "127.0.0.1:65535"])
-def test_addresses_that_dask_knows(text: str) -> None:
-    assert module.ADDRESS.fullmatch(text)
-
-
 def test_a_program_that_never_answers(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -147,23 +129,6 @@ def test_a_program_that_never_answers(
             with pytest.raises(InputError, match="no Dask scheduler answers"), cluster(each):
                 pass
     assert capfd.readouterr() == ("", "")
-
-
-def test_a_worker_is_no_scheduler(tmp_path: Path) -> None:
-    with ExitStack() as stack:
-        file = stack.enter_context(scheduler(tmp_path))
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            port = free.getsockname()[1]
-        worker(stack, file, "--worker-port", str(port))
-        end = time.monotonic() + 60
-        while time.monotonic() < end:
-            try:
-                socket.create_connection(("127.0.0.1", port)).close()
-                break
-            except ConnectionRefusedError:
-                time.sleep(0.05)
-        with pytest.raises(InputError, match="a Dask worker answers there; expected the scheduler"):
-            stack.enter_context(cluster(f"tcp://127.0.0.1:{port}"))
 
 
 def test_no_worker_comes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -106,13 +106,6 @@ def _note(log: str, number: int) -> int:
     return number
 
 
-def test_an_idle_worker_may_die_too(pool: LocalPool) -> None:
-    for pid in pids(pool):
-        os.kill(pid, signal.SIGKILL)
-    time.sleep(0.2)
-    assert pool.submit(pow, 2, 5).result(60) == 32
-
-
 def test_a_task_that_kills_every_worker_is_given_up(pool: LocalPool) -> None:
     poison = pool.submit(os.abort)
     sound = [pool.submit(pow, 2, k) for k in range(6)]

@@ -55,15 +55,6 @@ def test_json_has_one_record_a_point(folder: Path) -> None:
     assert (again["ran"], again["points"]) == (0, document["points"])
 
 
-def test_the_table_and_the_default_database(folder: Path) -> None:
-    done = taction(*OVER)
-    assert done.exit_code == 0, done.output
-    assert (folder / "scene.sqlite").exists()
-    assert "6 of 6 points: 6 pass" in done.stdout
-    assert "6 computed now, 0 from scene.sqlite" in done.stdout
-    assert "200 pF" in done.stdout
-
-
 def test_a_strict_sweep_ends_with_1_if_a_point_fails(folder: Path) -> None:
     failing = ("--over", "checks.steady_state.tolerance=1e-15,0.5", "-o", "a.sqlite")
     assert taction(*failing).exit_code == 0
@@ -71,14 +62,6 @@ def test_a_strict_sweep_ends_with_1_if_a_point_fails(folder: Path) -> None:
     assert done.exit_code == 1, done.output
     assert "1 pass, 1 fail" in done.stdout
     assert taction("--over", "checks.steady_state.tolerance=0.4,0.5", "--strict").exit_code == 0
-
-
-def test_the_database_has_the_name_of_the_scenes_file(folder: Path) -> None:
-    text = (folder / "scene.toml").read_text()
-    (folder / "scene.toml").write_text(f'name = "another"\n{text}')
-    assert taction("--over", "C=50pF,60pF").exit_code in {0, 1}
-    assert (folder / "scene.sqlite").exists()
-    assert not (folder / "another.sqlite").exists()
 
 
 def test_no_verdict_at_any_point_ends_with_3(folder: Path) -> None:
@@ -133,18 +116,6 @@ def test_zipped_axes_share_a_dimension(folder: Path) -> None:
         assert dict(data.sizes) == {"C": 2, "lambda": 2}
         assert data.gain.dims == ("C",)
         assert data.gain.values.tolist() == [1e5, 5e4]
-
-
-@pytest.mark.parametrize(
-    ("over", "ending"), [(OVER, "svg"), (OVER[:2], "png"), (("--over", "initial=zero,rest"), "svg")]
-)
-def test_pictures(folder: Path, over: tuple[str, ...], ending: str) -> None:
-    done = taction(*over, "--plot", f"a.{ending}")
-    assert done.exit_code == 0, done.output
-    picture = (folder / f"a.{ending}").read_bytes()
-    assert len(picture) > 10_000
-    if ending == "svg":
-        assert b"<svg" in picture
 
 
 def test_what_cannot_be_written_is_refused_before_any_work(folder: Path) -> None:

@@ -14,7 +14,6 @@ from taction.netlist_gen.scene.axes import parse_axes, with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import (
-    InputError,
     NoVerdictError,
     OutOfDisk,
     SimulationError,
@@ -28,7 +27,6 @@ from taction.verification.studies.sweep.plan import (
     SweepCounts,
     compute_points,
     grid_points,
-    plan_sweep,
     sweep_points,
 )
 from taction.verification.studies.sweep.result import records
@@ -192,45 +190,12 @@ def failing(error: Exception) -> Workers:
     return Workers(Failing(1), 1)
 
 
-def test_a_skewed_worker_ends_the_sweep(tmp_path: Path) -> None:
-    workers = failing(NoVerdictError("node7 has ngspice-39 instead of ngspice-46"))
-    with pytest.raises(NoVerdictError, match="node7 has ngspice-39 instead of ngspice-46"):
-        run(plan("C=50p"), tmp_path / "a.sqlite", workers)
-    with Store(str(tmp_path / "a.sqlite")) as store:
-        assert store.count() == 0
-
-
 def test_a_point_that_no_worker_survives_is_a_row(tmp_path: Path) -> None:
     workers = failing(WorkerDiedError("abrupt end"))
     count, rows = run(plan("C=50p,60p"), tmp_path / "a.sqlite", workers)
     assert count.outcomes == {"error": 2}
     assert rows[0]["failure"] == "WorkerDiedError"
     assert "killed" in rows[0]["reason"]
-
-
-def test_workers_without_taction_or_without_a_scheduler_are_named(tmp_path: Path) -> None:
-    path = tmp_path / "a.sqlite"
-    with pytest.raises(NoVerdictError, match="is the same taction"):
-        run(plan("C=50p"), path, failing(ModuleNotFoundError("No module named 'verification'")))
-    closed = ThreadPoolExecutor(1)
-    closed.shutdown()
-    with pytest.raises(NoVerdictError, match="the same command continues"):
-        run(plan("C=50p"), path, Workers(closed, 1))
-
-
-def test_the_engine_is_no_axis() -> None:
-    with pytest.raises(InputError, match="sweep once with each"):
-        plan_sweep(scene(), "engine=ngspice,statespace", None)
-
-
-def test_progress_counts_every_point(tmp_path: Path, workers: Workers) -> None:
-    seen: list[str] = []
-    run(plan("C=50p:100p:5"), tmp_path / "a.sqlite", workers, progress=seen.append)
-    wanted = [
-        "computing 5 of 5 points",
-        *(f"{done} of 5 points; {done} pass" for done in range(1, 6)),
-    ]
-    assert [line.partition(",")[0] for line in seen] == wanted
 
 
 @pytest.mark.parametrize("kind", [OutOfDisk, SimulatorNotFound])

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +12,6 @@ from click.testing import Result
 from taction.netlist_gen.board.variation import vary
 from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.system.array_types import Floats
-from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.tolerance_view import corner_view
@@ -27,9 +24,8 @@ from taction.verification.studies.tolerance.corners import (
 )
 from taction.verification.studies.tolerance.montecarlo import SampleCollection, run_samples
 from taction.verification.studies.tolerance.varied_board import evaluate, prepare
-from tests.support.making import make_scene
 from tests.support.running import taction as command
-from tests.support.studying import DAMPED, QUIET, one_thread, scene_file, small_scene
+from tests.support.studying import DAMPED, QUIET, one_thread, small_scene
 
 WORN = {"resistor": 0.05, "capacitor": 0.1, "distribution": "uniform"}
 FEW = QUIET | {"capacitor": 0.1, "temperature": 30.0}
@@ -122,34 +118,6 @@ def test_a_corner_of_one_s_own_by_kind_and_by_name() -> None:
     assert corner.result == evaluate(study, 0, z)
 
 
-def test_an_unknown_component_is_named() -> None:
-    study = prepare(small_scene(tolerances=WORN))
-    with pytest.raises(InputError, match="Rf_9_9: neither a component that varies nor one of"):
-        named_corners(study, [("mine", {"Rf_9_9": 1.0})])
-
-
-def test_the_command(tmp_path: Path) -> None:
-    scene = scene_file(tmp_path)
-    found = taction(scene, "--jobs", "1", "--engine", "statespace")
-    assert found.exit_code == 1, found.stderr
-    assert "worst steady" in found.stdout
-    assert "first order" in found.stdout
-    assert "fails steady state" in found.stdout
-    mine = ["--corner", "resistor=0", "--corner", "capacitor=1,Rf_1_1=-1"]
-    own = taction(scene, *mine, "--engine", "statespace", "--json")
-    document = json.loads(own.stdout)
-    assert [corner["name"] for corner in document["corners"]] == mine[1::2]
-    assert document["corners"][0]["result"]["outcome"] == "pass"
-    assert document["corners"][1]["deviations"] == {"Rf_1_1": -1.0, "Cc_1": 1.0, "Cc_2": 1.0}
-
-
-@pytest.mark.parametrize("text", ["capacitor", "capacitor=", "capacitor=x", "Cc_1=nan", "a=inf"])
-def test_a_deviation_that_is_none(tmp_path: Path, text: str) -> None:
-    found = taction(scene_file(tmp_path), "--corner", text)
-    assert found.exit_code == 2
-    assert f"KEY=Z = {text!r}: expected KEY=Z" in found.stderr
-
-
 def test_the_directions_are_those_of_every_corner_of_all_resistors_of_two_kinds() -> None:
     """Two resistors R and the DC gains vary: no corner of a channel is worse than its direction."""
     tolerances = QUIET | {"resistor": 0.02, "opamp_gain": 0.5}
@@ -198,13 +166,3 @@ def test_the_worst_corner_at_rest_is_the_first_direction() -> None:
     printed = page_text(corner_view(study))
     assert "first order" in printed
     assert all(name in printed for name in first.largest)
-
-
-def test_a_board_where_nothing_moves_has_corners_without_a_verdict(tmp_path: Path) -> None:
-    problem = {"kind": "matrix", "matrix": [[1.0, 0.3], [-0.2, 0.8]], "strain": [0.0, 0.0]}
-    scene = make_scene(problem=problem, design={"capacitance": "1nF", "lambda": 0.1})
-    with one_thread() as workers:
-        study = worst_of(prepare(scene.with_engine("statespace"), full_margin=True), workers)
-    assert study.outcome == "inconclusive"
-    assert study.directions == ()
-    assert "not decided: steady state, settling time" in page_text(corner_view(study))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sqlite3
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -75,11 +74,6 @@ def test_samples_of_another_seed_or_scene_are_not_found(
     assert found(path) == found(path, seed=7) == [SAMPLES[0], None, SAMPLES[1]]
 
 
-def test_samples_of_another_taction_or_ngspice_are_not_found(tmp_path: Path) -> None:
-    other = replace(STUDY, version=f"{STUDY.version} and more")
-    assert found(filled(tmp_path / "a", other)) == [None] * 3
-
-
 def test_only_what_is_missing_is_drawn_and_the_yield_is_the_same(tmp_path: Path) -> None:
     path, fresh, again = str(tmp_path / "a"), SampleCollection(6), SampleCollection(6)
     with Store(path) as store, one_thread() as workers:
@@ -104,16 +98,6 @@ def test_a_damaged_sample_is_named(tmp_path: Path, record: str) -> None:
     again = taction(*words)
     assert again.exit_code == 2
     assert "the database is damaged and was not changed" in again.stderr
-
-
-def test_a_file_of_lines_of_json_is_named_and_left_alone(tmp_path: Path) -> None:
-    file = tmp_path / "s.jsonl"
-    file.write_text(json.dumps({"kind": "taction samples 1", "seed": 1}) + '\n{"number": 0}\n')
-    before = file.read_bytes()
-    run = taction("montecarlo", scene_file(tmp_path), "-n", "3", "-o", str(file))
-    assert run.exit_code == 2
-    assert "the file is no SQLite database" in run.stderr
-    assert file.read_bytes() == before
 
 
 def test_sweep_and_samples_share_a_file(tmp_path: Path) -> None:
@@ -162,12 +146,6 @@ def test_the_spread_has_the_limit() -> None:
     spread = next(each for each in report.quantities if each.name == "noise")
     assert (spread.unit, spread.at_most, spread.missing) == ("V", middle, 0)
     assert spread.low < middle < spread.high
-
-
-def test_without_a_limit_there_is_no_noise() -> None:
-    study = prepare(scene(None))
-    assert evaluate(study, 0, np.zeros(len(study.varied))).value("noise") is None
-    assert "noise" not in {quantity.name for quantity in quantities(study.scene)}
 
 
 def test_a_point_of_a_sweep_has_it_and_the_table_a_column() -> None:

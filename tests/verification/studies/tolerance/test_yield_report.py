@@ -15,7 +15,7 @@ from click.testing import Result
 from scipy.stats import binom, binomtest
 
 from taction.netlist_gen.board.variation import draw
-from taction.system.errors import InputError, NoVerdictError
+from taction.system.errors import NoVerdictError
 from taction.verification.studies.running.pool import WorkerDiedError, Workers, local
 from taction.verification.studies.tolerance import montecarlo as yield_report
 from taction.verification.studies.tolerance.montecarlo import (
@@ -30,7 +30,6 @@ from taction.verification.studies.tolerance.varied_board import (
     evaluate,
     prepare,
 )
-from taction.verification.verdict import verify as verify_together
 from tests.support.running import taction as command
 from tests.support.studying import QUIET, one_thread, scene_file, small_scene, stored_samples
 from tests.support.sweeping import make_sample
@@ -154,27 +153,6 @@ def test_a_lost_worker_costs_its_sample_only() -> None:
     assert samples[0].lost == "its worker was killed: gone"
 
 
-def test_a_bug_costs_its_sample_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = study()
-    monkeypatch.setattr(verify_together, "verify", lambda *_, **__: 1 / 0)
-    with one_thread() as workers:
-        samples = drawn(asked, 3, workers)
-    assert {s.outcome for s in samples} == {"error"}
-    assert samples[0].lost == "unforeseen: ZeroDivisionError: division by zero"
-
-
-def test_workers_that_are_gone_are_an_error() -> None:
-    class Gone(Executor):
-        def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
-            future: Future[Any] = Future()
-            future.cancel()
-            future.set_running_or_notify_cancel()
-            return future
-
-    with pytest.raises(NoVerdictError, match="the workers are gone"):
-        drawn(study(), 9, Workers(Gone(), 2))
-
-
 def test_a_worker_with_another_taction_is_refused() -> None:
     asked = study()
     other = replace(asked, version="taction 0.0.7")
@@ -242,23 +220,6 @@ def test_a_component_with_a_large_tolerance_is_ranked_first() -> None:
     assert settling[0].standard_error == pytest.approx(1.0 / math.sqrt(40.0))
 
 
-def test_no_tolerance_is_an_error_that_names_the_table() -> None:
-    with pytest.raises(InputError, match="tolerances: every tolerance is zero"):
-        prepare(small_scene(tolerances=QUIET))
-
-
-def test_one_sample_alone_is_the_one_of_the_batch(tmp_path: Path) -> None:
-    scene, file = scene_file(tmp_path), tmp_path / "s.sqlite"
-    assert taction(scene, "-n", "6", "--jobs", "1", "-o", str(file)).exit_code == 0
-    stored = next(row for row in stored_samples(file) if row["number"] == 4)
-    alone = json.loads(taction(scene, "--sample", "4", "--json").stdout)
-    assert alone["sample"] == stored
-    # A verification in full reads times off the exact solution, not off points.
-    assert alone["settling_time"] == pytest.approx(stored["settling_time"], rel=1e-6)
-    # 8 of the matrix, 12 other resistors, 2 capacitors, 8 op-amps without a bandwidth.
-    assert len(alone["deviations"]) == 30
-
-
 def test_the_smallest_yield_decides_the_exit_status(tmp_path: Path) -> None:
     scene, file = scene_file(tmp_path), str(tmp_path / "s.sqlite")
     found = json.loads(taction(scene, "-n", "12", "--jobs", "1", "-o", file, "--json").stdout)
@@ -270,13 +231,6 @@ def test_the_smallest_yield_decides_the_exit_status(tmp_path: Path) -> None:
     strict.mkdir()
     hard = scene_file(strict, "[tolerances]\nresistor = 0.5\n")
     assert taction(hard, "-n", "12", "--jobs", "1", "--min-yield", "1").exit_code == 1
-
-
-@pytest.mark.parametrize("width", ["0", "60%", "x", "-1%"])
-def test_a_width_that_is_none(tmp_path: Path, width: str) -> None:
-    found = taction(scene_file(tmp_path), "--until", width)
-    assert found.exit_code == 2
-    assert "expected a half width such as 1%" in found.stderr
 
 
 def test_ngspice_takes_the_same_way(tmp_path: Path, ngspice: str) -> None:

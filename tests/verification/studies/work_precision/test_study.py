@@ -5,16 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from taction.system.documents import plain
 from taction.system.errors import EngineError, SimulatorNotFound
-from taction.verification.report.renderers.page import write_page
-from taction.verification.report.renderers.picture import draw_page
-from taction.verification.report.views.accuracy_view import view
 from taction.verification.studies.work_precision import study as study_module
 from taction.verification.studies.work_precision.methods import (
     METHODS,
@@ -115,24 +110,6 @@ def test_the_cheapest_setting_reaches_the_error_and_is_the_cheapest(
     assert (found.outcome, replace(found, points=ideal).outcome) == ("pass", "inconclusive")
 
 
-def test_document_and_picture(found: WorkPrecisionStudy, tmp_path: Path) -> None:
-    document = plain(found)
-    assert [m["name"] for m in document["methods"]] == [m.name for m in FEW]
-    assert document["machine"]["ngspice"] is not None
-    assert document["stretch"].endswith("30 periods of the fastest mode")
-    first = document["methods"][0]
-    assert first["order_theory"] == 2.0
-    assert first["order"] == pytest.approx(2.0, abs=0.15)
-    late = replace(found.points[0], status="timeout", error=None)
-    page = view(replace(found, points=(late, *found.points[1:])))
-    draw_page(page, tmp_path / "a.svg")
-    picture = (tmp_path / "a.svg").read_text(encoding="utf-8")
-    assert "timed out" in picture
-    write_page(page, str(tmp_path / "a.html"))
-    assert "timed out at 16 points per period" in (tmp_path / "a.html").read_text("utf-8")
-    assert picture.count("</svg>") == 1
-
-
 def sleeps(task: MethodTask, setting: float) -> MethodRun:
     import time
 
@@ -164,17 +141,6 @@ def test_a_time_out_and_a_failure_are_points_with_their_reasons(
     found = accuracy(ringing_scene(), budget=1e-9)
     assert (found.points[0].status, found.outcome) == ("failed", "inconclusive")
     assert found.points[0].note == "EngineError: no answer"
-
-
-def test_a_budget_of_no_time_runs_the_coarsest_setting_and_names_the_others(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    methods = [named("state space, implicit", ladder=(1e-3, 1e-5)), FEW[2]]
-    monkeypatch.setattr(study_module, "METHODS", methods)
-    found = accuracy(ringing_scene(), budget=1e-9)
-    assert found.outcome == "pass"
-    assert [point.setting for point in found.points][:1] == [1e-3]
-    assert "state space, implicit, 1e-05 tolerance: not run, no time is left" in (found.omissions)
 
 
 def test_without_ngspice_and_without_linearity_it_says_what_it_left_out(
@@ -215,14 +181,3 @@ def test_a_clean_ladder_gives_its_order_and_an_outlier_does_not_change_it() -> N
     errors = [0.05 * h**3 for h in STEPS]
     assert order(errors) == pytest.approx(3.0, abs=1e-12)
     assert order([1e-5, *errors[1:]]) == pytest.approx(3.0, abs=1e-12)
-
-
-def test_what_is_not_asymptotic_and_what_is_at_the_floor_is_left_out() -> None:
-    """Saturation above, the reference's error of 1e-6 below: the three between remain."""
-    errors = [min(8.0 * h**2, 0.9) + 1e-6 * (k > 6) for k, h in enumerate(STEPS)]
-    assert order(errors, 1e-4) == pytest.approx(2.0, abs=1e-12)
-
-
-def test_two_points_show_no_order() -> None:
-    assert order([1e-2, 1e-3]) is None
-    assert order([0.9, 0.8, 0.7]) is None
