@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,19 +13,9 @@ from taction.netlist_gen.board.opamp_choice import as_opamp
 from taction.netlist_gen.board.parts import Capacitor, OpAmpCell, Resistor
 from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
 from taction.spice_models.imported import ImportedOpAmp
-from taction.spice_models.opamp import OpAmp
 from taction.system.errors import InputError
-from taction.verification.characterise.characterise import open_loop
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.studies.vendor_model import import_opamp
-
-
-def test_the_crossing_of_unity_gain_is_found_between_the_points() -> None:
-    # |A| = 1 at f with f^2 (1 + (f/2 MHz)^2) = (1 MHz)^2, nearly: f = 1 MHz sqrt(2 (sqrt(2) - 1))
-    frequency, margin = open_loop(OpAmp("two", 1e5, gbw=1e6, second_pole=2e6)).crossing()
-    assert frequency == pytest.approx(1e6 * math.sqrt(2.0 * (math.sqrt(2.0) - 1.0)), rel=1e-6)
-    assert margin == pytest.approx(90.0 - math.degrees(math.atan(frequency / 2e6)), abs=1e-3)
-
 
 PINS = ("inp", "inn", "vcc", "vee", "out")
 TWO_POLES = """
@@ -167,16 +156,6 @@ def test_wrong_pins_are_refused(
         imported(tmp_path, TWO_POLES, pins)
 
 
-def test_a_missing_file_and_a_hostile_one_are_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"nowhere.cir.*No such file"):
-        import_opamp(str(tmp_path / "nowhere.cir"), "amp", PINS, 15.0)
-    text = "* x\n.subckt amp 1 2 3 4 5\na1 1 2 m\n.model m d_process(process_file=x)\n.ends\n"
-    with pytest.raises(
-        InputError, match=r"amp.cir: line 3 = 'a1 1 2 m': a code model of ngspice .A. is not"
-    ):
-        imported(tmp_path, text)
-
-
 # Stages of transistors and of the expressions of PSpice; the gain from `half` to the output is 1.
 # A current of 30 uA into 3 pF: 10 V/us. The ends are 12 V of the supplies less 0.1 V of the switch.
 PSPICE = """* made up for this test
@@ -291,14 +270,6 @@ def test_what_is_no_opamp_is_refused_with_the_reason(
 ) -> None:
     with pytest.raises(InputError, match=reason):
         imported(tmp_path, text)
-
-
-def test_what_is_unusual_for_an_opamp_is_said(ngspice: str, tmp_path: Path) -> None:
-    found = imported(tmp_path, ONE_POLE.replace("1e5", "150").replace("16u", "4m")).doubts
-    assert found == (
-        "the dc gain is 150, usual is 1000 to 1e+10",
-        "the unity gain bandwidth is 5.968 Hz, usual is 1000 to 1e+10 Hz",
-    )
 
 
 def test_a_compensation_capacitor_stands_between_its_two_ports(

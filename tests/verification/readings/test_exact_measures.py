@@ -136,8 +136,3 @@ def test_a_channel_that_never_leaves_the_band_settles_at_once_without_doubt():
     assert still
     assert all(c.settling_time.value == 0.0 for c in still)
     assert all(0.0 < c.settling_time.uncertainty < 1e-20 for c in still)
-
-
-def test_what_comes_to_rest_beyond_its_target_overshoots_by_as_much() -> None:
-    found = measure_exact(lags(2, 1e-6), np.array([0.99]), band=0.05).channels[0]
-    assert found.overshoot == pytest.approx(0.01 / 0.99, rel=1e-9)

@@ -12,13 +12,6 @@ from taction.verification.readings.record import RecordTrace, lagrange
 from taction.verification.readings.trace import Crossings
 
 
-def simulator_times(points=200, step=1e-6):
-    """Small steps at the beginning, even ones after, and two that are cut to meet the end."""
-    head = np.concatenate([[0.0], np.cumsum(step * 1.3 ** np.arange(-20.0, 0.0))])
-    tail = head[-1] + step * np.arange(1, points)
-    return np.concatenate([head, tail, tail[-1] + step * np.array([0.4, 0.8])])
-
-
 @pytest.mark.parametrize("points", [2, 4, 6])
 def test_polynomials_of_the_stencils_degree_are_exact(rng, points):
     time = np.cumsum(rng.uniform(0.5, 1.5, 40)) / 40
@@ -156,13 +149,6 @@ def first(trace, level):
     return Crossings(at, width)
 
 
-def test_never_above_and_still_above():
-    time = np.linspace(0, 1, 11)
-    trace = RecordTrace(time, time[None])
-    assert np.isnan(last(trace, 2.0).time[0])
-    assert last(trace, 0.5).time[0] == 1.0
-
-
 def test_many_rows_at_once_are_exponentials_crossings(rng):
     """A row, a time constant: ``tau ln(1/level)`` each way."""
     time = np.sort(np.concatenate([[0.0, 9.0], rng.uniform(0, 9, 900)]))
@@ -177,40 +163,6 @@ def test_many_rows_at_once_are_exponentials_crossings(rng):
             assert each.uncertainty.max() < 1e-3
     above = first(RecordTrace(time, -decays), -0.5)
     assert above.time.tolist() == [0.0, 0.0, 0.0]  # from the first point on
-
-
-def test_of_several_falls_and_rises_the_last_and_the_first_count():
-    time = np.linspace(0, 2 * np.pi, 401)
-    y = np.array([np.sin(time), np.sin(2 * time)])
-    found = last(RecordTrace(time, y), 0.5)
-    truth = np.pi * np.array([11 / 6, 23 / 12])
-    assert (np.abs(found.time - truth) <= found.uncertainty).all()
-    rows = np.concatenate([y, -y]) - 1.0  # of a step from -1
-    sooner = first(RecordTrace(time, rows), 0.5)
-    truth = np.pi * np.array([1 / 6, 1 / 12, 7 / 6, 7 / 12])
-    assert (np.abs(sooner.time - truth) <= sooner.uncertainty).all()
-
-
-def test_a_peak_between_points_is_seen():
-    time = np.arange(0, 12, 0.5) + 0.25
-    y = np.exp(-0.05 * time) * np.cos(np.pi * time / 2)  # peaks near 0, 4, 8: between points
-    level = 0.5 * (y[15:17].max() + np.exp(-0.4))  # below the peak near 8, above its points
-    found = last(RecordTrace(time, np.maximum(y, -0.1)[None]), level)
-    assert y[12:].max() < level
-    grid = np.linspace(0, 12, 2_000_001)
-    truth = grid[np.exp(-0.05 * grid) * np.cos(np.pi * grid / 2) > level][-1]
-    assert abs(found.time[0] + time[0] - truth) <= found.uncertainty[0]
-
-
-def test_highest_finds_the_top_of_a_coarse_sine():
-    time = np.linspace(0, 3, 31)
-    rows = np.array([np.sin(time), np.cos(time), time])
-    trace = RecordTrace(time, rows)
-    np.testing.assert_allclose(trace.highest(1.0)[0], [1.0, 1.0, 3.0], atol=3e-6)
-    tops, doubts = trace.highest(-1.0)
-    truth = np.array([0.0, -np.cos(3.0), 0.0])
-    np.testing.assert_allclose(tops, truth, atol=3e-6)
-    assert np.all(np.abs(tops - truth) <= doubts)
 
 
 @settings(max_examples=40)

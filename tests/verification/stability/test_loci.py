@@ -18,7 +18,7 @@ from taction.spice_models.opamp import OpAmp
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.edges import Edges
-from taction.verification.stability.loci import LociSearch, _Trace
+from taction.verification.stability.loci import LociSearch
 from taction.verification.stability.poles import count_unstable, poles
 from taction.verification.stability.port_response import PortResponse
 from tests.support.boards import lag_board, single_mode, window
@@ -128,22 +128,6 @@ def test_loci_by_modes_are_those_of_solves_of_the_equations(name: str) -> None:
         assert np.all(nearest < 1e-9 * np.abs(whole).max(axis=1, keepdims=True))
 
 
-def test_a_part_of_a_mirrored_board_needs_no_solve_at_each_frequency(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Its current drives even and odd modes alike."""
-    circuit = synthesise(load_scene(SCENES / "paper-breadboard.toml"))
-    (part, *_) = circuit.capacitors_of(Role.SIGNAL_CAPACITOR)
-    ports = PortResponse.of_parts(LinearBoard(circuit), [part])
-    omega = np.geomspace(1e3, 1e8, 7)
-    wanted = [ports.exact(1j * each) for each in omega.tolist()]
-    solves, exact = list[complex](), PortResponse.exact
-    monkeypatch.setattr(PortResponse, "exact", lambda self, s: solves.append(s) or exact(self, s))
-    (found,) = ports.at(omega)
-    assert np.allclose(found, wanted, rtol=1e-7)
-    assert len(solves) == 2
-
-
 def test_a_large_board_has_the_crossings_of_the_dense_one(monkeypatch: pytest.MonkeyPatch) -> None:
     circuit = synthesise(load_scene(SCENES / "tuned-breadboard.toml"))
     dense = capacitor_loci(circuit)
@@ -177,16 +161,3 @@ def test_random_boards_cross_where_their_poles_do(seed: int) -> None:
     for share in np.geomspace(0.011, 0.99, 23).tolist():
         counted = poles(circuit.turned("C", share * farads)).unstable_count
         assert counted == found.unstable_at(share)
-
-
-def test_a_share_of_zero_is_far_below_every_interval() -> None:
-    """Where the parts alone carry the current, w is 1 and the share ``1 - 1/w`` is 0."""
-
-    class AllCurrent:
-        def at(self, omega: np.ndarray) -> list[np.ndarray]:
-            return [np.broadcast_to(np.eye(2, dtype=complex), (len(omega), 2, 2))]
-
-    trace = _Trace(AllCurrent(), math.log(1e-3), 0.0)  # type: ignore[arg-type]
-    loci = trace.loci(np.array([1.0, 2.0]))
-    assert np.all(np.isfinite(loci))
-    assert loci.real.max() < math.log(1e-9)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 
-import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -15,29 +14,24 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_value
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
-from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability import edge_search as module
 from taction.verification.stability import margin as margin_module
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.loci import LociSearch
 from taction.verification.stability.margin import (
-    REACH,
     Margin,
     MarginSearch,
     find_margin,
     margins_together,
-    stable_values,
 )
 from taction.verification.stability.poles import Poles, poles
-from taction.verification.stability.port_response import PortResponse
 from taction.verification.studies.onset.onset import onset
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run_checks import run_checks
-from tests.support.boards import lag_board, window
+from tests.support.boards import lag_board
 from tests.support.measured import evidence
 from tests.support.paths import CASES, SCENES
-from tests.support.poles import rounded_poles
 
 FILE = SCENES / "tuned-breadboard.toml"
 SCENE = load_scene(FILE)
@@ -111,14 +105,6 @@ def test_a_window_between_two_samples_of_the_old_scan_sets_the_margin() -> None:
     assert find_margin(synthesise(inside, make_problem(inside))).factor == 0.0
 
 
-@pytest.mark.parametrize("width", [1e-1, 1e-3, 1e-4, 1e-5])
-def test_the_margin_ends_at_a_narrow_window(width: float) -> None:
-    gain = 8.0 * (1.0 + (width / 4.0) ** 2)
-    margin = find_margin(lag_board(1.5, gain))
-    assert 1.5 / margin.factor == pytest.approx(window(gain)[1], rel=1e-7)
-    assert margin.doubt == ""
-
-
 @pytest.mark.parametrize("offset", [1e-16, -1e-14])
 def test_a_window_within_rounding_is_no_pass(offset: float) -> None:
     margin = find_margin(lag_board(1.5, 8.0 * (1.0 + offset)))
@@ -140,23 +126,6 @@ def test_poles_and_winding_numbers_that_differ_leave_a_doubt(
     assert margin.doubt.endswith("2 poles are unstable and the winding number is 0")
 
 
-def test_without_loci_no_margin_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> Edges:
-        raise EngineError("no state-space form")
-
-    monkeypatch.setattr(PortResponse, "at", refuse)
-    assert find_margin(board()).doubt == "no state-space form"
-
-
-def test_a_margin_without_a_crossing() -> None:
-    unknown = find_margin(board(), found=rounded_poles(np.array([1e-12 + 1e6j])))
-    assert (unknown.factor, unknown.doubt) == (0.0, "the board itself may be stable or unstable")
-    unstable = find_margin(board("design.gain", 5e6), "gain")
-    assert (unstable.factor, unstable.text) == (0.0, "the board is unstable")
-    quiet = find_margin(board("design.gain", 1e5))
-    assert (quiet.factor, quiet.text) == (REACH, "no crossing up to C/100")
-
-
 def test_verify_reports_both_margins_when_asked() -> None:
     arguments = ["verify", str(FILE), "--engine", "statespace", "--json"]
     runner = CliRunner()
@@ -165,19 +134,6 @@ def test_verify_reports_both_margins_when_asked() -> None:
     assert found["margins"]["gain"]["factor"] == pytest.approx(2.04498, rel=1e-5)
     assert found["margins"]["gain"]["doubt"] == ""
     assert "margins" not in json.loads(runner.invoke(main, arguments).stdout)["stability"]
-
-
-@pytest.mark.parametrize("own", [0.1, 1.0, 3.0])  # RC in tau: inside and outside the window
-def test_a_window_is_found_from_both_sides(own: float) -> None:
-    """K = 9: unstable between the roots of the closed form, stable on both sides."""
-    low, high = window(9.0)
-    board = lag_board(own, 9.0)
-    found = stable_values(board)
-    farads = board.value("C") / own  # RC = tau
-    assert len(found.stable_ranges) == 2
-    (first, below), (above, last) = found.stable_ranges
-    assert (below / farads, above / farads) == pytest.approx((low, high), rel=1e-9)
-    assert (first, last) == (found.low, found.high)
 
 
 def test_poles_find_a_window_that_the_loci_miss(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import mpmath as mp
 import numpy as np
 import pytest
@@ -59,34 +57,12 @@ def test_an_unstable_board_is_given_time_to_show_it() -> None:
     assert 0.0 < scales.growth_time <= scales.stop < np.inf
 
 
-def test_modes_that_cannot_be_told_apart_are_given_time_too() -> None:
-    """Poles of 1e27 /s beside 1e6 /s: the amplitudes of the growing modes are not known."""
-    scales = time_scales(paper_board(1e-29))
-    fastest = scales.poles.real.max()
-    assert fastest > 0.0
-    assert 1.0 / fastest <= scales.growth_time < np.inf
-
-
 def test_a_board_without_oscillating_poles_has_no_frequency() -> None:
     found = rounded_poles(np.array([-3.0, -1.0], dtype=np.complex128))
     assert (found.rightmost, found.stable) == (-1.0, True)
     assert (found.damping_ratio, found.frequency) == (1.0, 0.0)
     nothing = rounded_poles(np.zeros(0, dtype=np.complex128))
     assert nothing.stable
-
-
-def test_defective_modes_are_given_time() -> None:
-    scales = time_scales(lags(5, 1e-6))
-    assert scales.slowest == pytest.approx(1e-6, rel=0.05)
-    x = scales.stop / 1e-6
-    left = np.exp(-x) * sum(x**k / np.prod(np.arange(1.0, k + 1.0)) for k in range(5))
-    assert left < 1e-4
-
-
-def test_a_board_without_a_step_still_has_time_scales() -> None:
-    scales = time_scales(replace(paper_board(), currents=()))
-    assert 0.0 < scales.stop < np.inf
-    assert 0.0 < scales.max_step < np.inf
 
 
 @pytest.mark.parametrize(("opamp", "gain", "unstable"), [("ua741", 1e3, 0), ("tl084", 3e5, 10)])

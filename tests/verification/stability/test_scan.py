@@ -106,21 +106,6 @@ def test_crossings_within_one_grid_interval_are_told_apart() -> None:
     assert found.stable_ranges == ()
 
 
-def test_modes_that_cross_at_the_same_value_are_listed_by_frequency() -> None:
-    found = scan(poles_of(lambda x: x - 0.3 + 1j, lambda x: 2 * (x - 0.3) + 5j), GRID)
-    assert places(found) == pytest.approx([0.3, 0.3], rel=1e-6)
-    assert [c.frequency for c in found.edges] == pytest.approx([0.5 / np.pi, 2.5 / np.pi])
-    assert [(c.below, c.above) for c in found.edges] == [(0, 4), (0, 4)]
-
-
-def test_rounding_at_a_crossing_does_not_make_several_of_it(rng: np.random.Generator) -> None:
-    def read(value: float) -> Poles:
-        noise = 1e-8 * float(rng.standard_normal())
-        return pair(np.log(value) - 0.3 + noise + 1j)
-
-    assert places(scan(read, GRID)) == pytest.approx([0.3], abs=1e-6)
-
-
 def test_a_linear_scan_reaches_zero() -> None:
     found = scan(
         lambda v: rounded_poles(np.array([0.3 - v, -5.0], dtype=complex)),
@@ -178,9 +163,3 @@ def test_a_pole_on_the_axis_to_within_rounding_is_no_crossing_and_no_stable_rang
     assert high == 10.0
     ((low, high),) = found.unresolved
     assert (low, high) == (0.1, pytest.approx(1.0, abs=0.1))
-
-
-def test_a_crossing_leaves_nothing_unresolved() -> None:
-    found = scan(poles_of(lambda x: 1e-3 * x + 1e6j), GRID)
-    assert places(found) == pytest.approx([0.0], abs=1e-6)
-    assert found.unresolved == ()

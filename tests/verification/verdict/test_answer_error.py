@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import taction
-from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.array_types import Floats
@@ -18,7 +17,6 @@ from taction.system.errors import SolverError
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.solve import solve
 from taction.verification.report.documents.verdict import budget_parts, verdict_document
-from taction.verification.report.views.answer_view import answer_text
 from taction.verification.verdict import answer_error
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.verify import Verdict, verify
@@ -119,18 +117,6 @@ def test_the_yield_of_a_pass_is_said_aloud() -> None:
     assert "passes as drawn" not in str(loose)
 
 
-def test_the_yield_of_a_large_board_is_said_to_be_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
-    """38 array elements have 152 slopes at 4 outputs."""
-    monkeypatch.setattr(answer_error, "MOST_SLOPES", 20)
-    found = taction.verify("scenes/custom-matrix.toml", engine="statespace")
-    assert found.outcome.value == "pass"
-    (line,) = [text for text in str(found).splitlines() if "passes as drawn" in text]
-    assert "how many built boards pass is not known for so many parts (resistors 1 %," in line
-    assert "of built boards within" not in str(found)
-    answer = verdict_document(found)["answer"]
-    assert (answer["built_error"], answer["yield_at_most"]) == (None, 1.0)
-
-
 def test_an_unstable_board_finds_no_answer() -> None:
     slow = {"base": "ideal", "dc_gain": 1e5, "gbw": "200kHz", "second_pole": "300kHz"}
     verdict = judged(STRESS, T @ STRESS, opamp=slow, capacitance="1pF")
@@ -161,21 +147,6 @@ def test_a_board_that_need_not_rest_there_has_no_sentence(
     assert found["true_error"] > 0.0
 
 
-def test_a_board_of_another_problem_has_no_sentence() -> None:
-    """The synthesis is given a lambda that is not the scene's."""
-    scene = load_scene("scenes/custom-matrix.toml").with_engine("statespace")
-    circuit = synthesise(scene.with_lambda(0.02, ""), make_problem(scene))
-    verdict = verify(scene, circuit=circuit)
-    assert "same_problem" in {check.name for check in verdict.checks}
-    assert (verdict.answer.board, answer_text(verdict.answer)) == (None, "")
-
-
-def test_an_answer_that_cannot_be_trusted_has_no_error() -> None:
-    network = IdealNetwork(T, T @ STRESS, LAM, 1e-6)
-    found = AnswerError.of(network, solve(network.problem), STRESS, "no certificate")
-    assert (found.channel, found.true_error, found.regularisation, found.noise) == (None,) * 4
-
-
 def test_rounding_of_the_strain_is_no_noise() -> None:
     """A strain that was multiplied in another order differs in its last bits."""
     eps = np.array([math.fsum(row * STRESS) for row in T])
@@ -185,11 +156,6 @@ def test_rounding_of_the_strain_is_no_noise() -> None:
     assert found.noise == 0.0
     louder = replace(network, eps=eps * (1.0 + 1e-12))
     assert AnswerError.of(louder, solve(louder.problem), STRESS).has_noise
-
-
-def test_channels_of_a_symmetric_board_are_equal() -> None:
-    assert answer_error.worst_channel(np.array([0.2, 0.3 - 1e-16, 0.3, -0.3 - 1e-15])) == 1
-    assert answer_error.worst_channel(np.zeros(3)) == 0
 
 
 def test_a_noiseless_problem_that_cannot_be_solved(monkeypatch: pytest.MonkeyPatch) -> None:

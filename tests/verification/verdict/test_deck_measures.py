@@ -79,12 +79,6 @@ def test_known_readings_are_measured_in_every_dialect(
     assert 21.97e-6 < found["t_rise_2"] < 22.10e-6
 
 
-def test_the_results_of_results_are_in_the_words_of_ltspice() -> None:
-    deck = taction.netlist(SCENES / "known-readings.toml", dialect="ltspice", measure=True)
-    line = next(line for line in deck.text.split("\n") if line.startswith(".meas tran t_settle "))
-    assert re.fullmatch(r"\.meas tran t_settle PARAM last\+1e\+99\*\(end>[0-9.e-]+\)", line)
-
-
 def test_an_edited_capacitor_has_the_readings_of_its_override(ngspice: str, tmp_path: Path) -> None:
     deck = measured("known-readings")
     text = re.sub(r"(?m)^(Cc_\d .*) 1.5e-11$", r"\1 2.2e-11", deck.text)
@@ -124,17 +118,3 @@ def test_measures_that_no_free_program_checks_are_refused(dialect: str) -> None:
         InputError, match=rf"--dialect = {dialect}: --measure: .*expected ngspice, ltspice, hspice$"
     ):
         taction.netlist(SCENES / "known-readings.toml", dialect=dialect, measure=True)
-
-
-@pytest.mark.parametrize(
-    ("name", "dialect", "says"),
-    [
-        ("paper-exponential", "spectre", r"paper-exponential.toml: design.amplifier = 'exponent"),
-        ("known-readings", "pspice", r"dialect = 'pspice': expected one of ngspice, ltspice"),
-    ],
-)
-def test_a_dialect_is_known_and_names_the_key_that_it_refuses(
-    name: str, dialect: str, says: str
-) -> None:
-    with pytest.raises(InputError, match=says):
-        taction.netlist(SCENES / f"{name}.toml", dialect=dialect)

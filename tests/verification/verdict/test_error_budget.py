@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,13 +20,11 @@ from taction.verification.report.blocks import Table
 from taction.verification.report.documents.verdict import budget_parts, verdict_document
 from taction.verification.report.views.verdict_view import budget_table
 from taction.verification.verdict import verify as module
-from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart, Link, chained
+from taction.verification.verdict.error_budget import ErrorBudget
 from taction.verification.verdict.scene_deck import pruning_of
 from taction.verification.verdict.verify import Verdict, verify
-from tests.support.making import make_scene, matrix_problem, write_matrix_scene
+from tests.support.making import make_scene, matrix_problem
 from tests.support.oracle import optimum
-from tests.support.running import document
-from tests.support.running import taction as command
 
 T = np.array([[1.0, -0.3, 0.05], [0.2, 0.8, 0.1], [0.0, 0.25, 1.1], [0.4, -0.1, 0.3]])
 STRESS = np.array([0.9, 0.3, 0.6])
@@ -184,19 +181,6 @@ def test_an_unstable_board_has_no_second_solution() -> None:
     assert verdict.budget.summed == pytest.approx(verdict.budget.total.channels, rel=1e-9)
 
 
-def test_a_solution_that_fails_says_so_and_the_next_part_contains_it() -> None:
-    from taction.system.errors import EngineError
-
-    def fails() -> Floats:
-        raise EngineError("no equilibrium")
-
-    links = [Link("a", "first against second", fails), Link("b", "third", np.array([1.5, 1.0]))]
-    parts = tuple(chained(np.array([1.0, 2.0]), links))
-    assert parts[0] == ErrorPart("a", None, "first against second: no equilibrium")
-    assert parts[1].channels == (0.5, -1.0)
-    assert ErrorBudget(parts).summed == (0.5, -1.0)
-
-
 def test_table_and_document_have_every_part_the_sum_and_the_total() -> None:
     verdict = judged("linear")
     record = verdict_document(verdict)["error_budget"]
@@ -271,19 +255,6 @@ def test_other_amplifiers_have_a_bound_too(amplifier: str) -> None:
     assert 0.0 < found.value <= found.bound < found.value * (1.0 + 1e-6)
 
 
-def test_a_board_that_leaves_nothing_out_has_no_such_part() -> None:
-    names = [part.name for part in taction.verify(scene(1e-3)).budget]
-    assert names == [
-        "regularisation",
-        "strain_noise",
-        "resistors",
-        "opamps",
-        "unsettled",
-        "simulator",
-    ]
-    assert ErrorPart("x", 1.0, "y").bound is None
-
-
 SMALL_T = [[2.0, -0.01, 0.0], [0.5, 1.0, 0.019], [0.002, 0.0, -0.015]]
 
 
@@ -304,26 +275,3 @@ def test_parts_and_volts() -> None:
     once = pruning_of(small(0.01))
     assert found.change == pytest.approx(2.0 * once.change, rel=1e-9)
     assert "saves 15 resistors and 4 op-amps" in found.text
-
-
-def test_nothing_pruned_is_nothing_to_compare() -> None:
-    assert pruning_of(small(0.0)) is None
-    assert pruning_of(small(1e-4)) is None
-
-
-def test_a_board_that_only_pruning_makes_possible() -> None:
-    """1/R is 25.01 uS; T loads the first channel with 25.02 uS, and with 25 uS when pruned."""
-    found = pruning_of(small(0.01, topology="passive", lam=0.2501))
-    assert found.resistors is None
-    assert found.text.endswith("with the whole T the board cannot be built")
-
-
-def test_the_command_prints_change_and_saving(tmp_path: Path) -> None:
-    file = write_matrix_scene(tmp_path, SMALL_T, [1.0, 2.0, 0.1], "[design]\nprune = 0.01")
-    result = command("netlist", str(file), "--explain", "--json")
-    assert result.exit_code == 0
-    found = document(result)["pruning"]
-    assert found["change"] < found["bound"]
-    assert "pruning: moves the steady state by" in result.stderr
-    plain = command("netlist", str(file), "--json")
-    assert document(plain)["pruning"] is None  # no solve without --explain

@@ -14,7 +14,6 @@ import pytest
 import taction
 from taction.netlist_gen.analysis import OperatingPoint
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.board.variation import parameters
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.imported_opamps import from_document, to_document
 from taction.netlist_gen.scene.loading import load_scene
@@ -118,20 +117,6 @@ def test_the_onset_is_confirmed_by_the_netlist(write: Callable[..., Scene]) -> N
     assert finding.confirmation.confirmed
 
 
-def test_noise_of_an_imported_opamp_is_not_known(write: Callable[..., Scene]) -> None:
-    verdict = verify(write(checks={"noise": {"max": 1.0}}))
-    (noise,) = (check for check in verdict.checks if check.name == "noise")
-    assert noise.outcome is Outcome.INCONCLUSIVE
-    assert "noise of an imported op-amp is not known" in noise.reason
-
-
-def test_tolerances_leave_the_netlist_as_it_is(write: Callable[..., Scene]) -> None:
-    scene = write()
-    kinds = {each.kind for each in parameters(synthesise(scene), scene.tolerances)}
-    assert "resistor" in kinds
-    assert not kinds & {"opamp_gbw", "opamp_gain"}
-
-
 @pytest.mark.parametrize(
     ("changes", "tables", "text"),
     [
@@ -165,15 +150,6 @@ def test_a_file_that_does_not_fit_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=text):
         synthesise(write(changes, **tables))
-
-
-def test_a_document_is_read_as_it_was_written(document: dict[str, Any]) -> None:
-    name, opamp = from_document(json.loads(json.dumps(document)))
-    assert name == "fet100"
-    assert opamp.linear is not None
-    again = to_document(name, opamp)
-    assert again["linear"] == document["linear"]
-    assert again["netlist"][1:-1] == document["netlist"][1:-1]
 
 
 def test_a_board_knows_the_measured_limits_and_errors(write: Callable[..., Scene]) -> None:
@@ -216,8 +192,3 @@ def test_a_scene_takes_the_measured_figures_where_it_says_so(write: Callable[...
     assert vendor.imported is not None
     assert macromodel == replace(vendor, imported=None)
     assert macromodel.dc_gain == vendor.imported.figures.dc_gain
-
-
-def test_figures_are_those_of_a_file(write: Callable[..., Scene]) -> None:
-    with pytest.raises(InputError, match="expected 'file' beside it"):
-        write(design={"opamp": {"base": "ua741", "model": "figures"}})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -14,14 +13,12 @@ from taction.netlist_gen.board.circuit import GROUND, Circuit, Output
 from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.board.parts import OpAmpCell, Resistor
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import opamp_subcircuit
-from taction.system.errors import InputError
 from taction.verification.engines.ngspice.process import find_simulator, simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.verdict.checks import Outcome
@@ -150,27 +147,6 @@ def test_the_largest_errors_are_three_standard_deviations() -> None:
             expected = abs(each.mean) + 3.0 * each.sigma
             assert abs(getattr(most, name)) == pytest.approx(expected)
     assert most.rejection_error > typical.rejection_error
-
-
-def test_a_scene_that_asks_for_none_has_no_card_of_them() -> None:
-    scene = load_scene(SCENES / "custom-matrix.toml")
-    circuit = synthesise(scene)
-    (name,) = circuit.models
-    circuit = replace(circuit, models={name: replace(circuit.models[name], input_errors=False)})
-    changed = {name: replace(circuit.models[name], offset_voltage=7.0, bias_current=3.0)}
-    decks = [write_deck(c, OperatingPoint()) for c in (circuit, replace(circuit, models=changed))]
-    assert decks[0] == decks[1]
-
-
-def test_errors_that_no_op_amp_can_have_are_refused() -> None:
-    with pytest.raises(ValueError, match="offset_voltage = nan: must be finite"):
-        replace(UA741, offset_voltage=math.nan)
-    with pytest.raises(ValueError, match=r"common_mode_rejection = -1\.0: must be above 0"):
-        replace(UA741, common_mode_rejection=-1.0)
-    opamp = {"base": "ideal", "output_resistance": 75.0, "output_current": 0.1}
-    scene = make_scene(design={"opamp": {**opamp, "offset_voltage": "1mV"}})
-    with pytest.raises(InputError, match="need a finite gbw"):
-        choose_opamp(scene)
 
 
 ERRORS = {"base": "tl084", "offset_voltage": "3mV", "bias_current": "20nA", "offset_current": "4nA"}

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
@@ -15,7 +14,6 @@ from taction.netlist_gen.board.variation import draw, parameters, vary, with_res
 from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.spice_models.input_errors import spreads
 from taction.system.array_types import Floats
-from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.verdict.checks import Outcome
@@ -129,19 +127,6 @@ def test_the_verdict_takes_the_worse_of_one_sign_and_of_95_percent() -> None:
     assert "95 % of the boards" in alike.reason
 
 
-def test_a_figure_that_no_sheet_has_is_named() -> None:
-    paper = {
-        **DESIGN,
-        "opamp": {"base": "ideal", "dc_gain": 1e5, "gbw": "1MHz", "input_errors": "typical"},
-    }
-    warnings = verify(make_scene(problem=PROBLEM, design=paper)).warnings
-    assert any("input errors not known" in text for text in warnings)
-    silent = {**DESIGN, "opamp": {**paper["opamp"], "input_errors": "none"}}
-    assert not any(
-        "not known" in t for t in verify(make_scene(problem=PROBLEM, design=silent)).warnings
-    )
-
-
 def test_the_distributions_follow_from_typical_and_largest_sizes() -> None:
     (model,) = board().models.values()
     most = dict(model.guaranteed)
@@ -246,22 +231,6 @@ def test_the_verdict_counts_what_the_scene_asks_for() -> None:
     assert "also by temperature or supply" in after.reason
     lacking = [text for text in found(opamp=UA741, **HOT).warnings if "not known" in text]
     assert lacking == ["op-amp ua741: bias drift not known, so left out"]
-
-
-@pytest.mark.parametrize(
-    ("design", "text"),
-    [
-        ({"temperature": "70..0degC"}, "expected two temperatures, such as '0..70degC'"),
-        ({"temperature": 70}, "expected two temperatures"),
-        ({"temperature": "0..700degC"}, "between -55 and 125 degrees C"),
-        ({"temperature_coefficient": 1e-4}, "needs temperature, such as '0..70degC'"),
-        ({"opamp": {"base": "ua741", "offset_drift": "10uV"}}, "10uV/K"),
-    ],
-)
-def test_mistakes_in_the_surroundings_are_named(design: dict[str, Any], text: str) -> None:
-    with pytest.raises((InputError, ValidationError)) as caught:
-        make_scene(problem=PROBLEM, design={**DESIGN, **design})
-    assert text in str(caught.value)
 
 
 @pytest.mark.parametrize(

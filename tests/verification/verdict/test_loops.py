@@ -16,7 +16,6 @@ import taction
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import plain
-from taction.system.errors import InputError
 from taction.verification.evidence.stress.judge import compare
 from taction.verification.report.documents.verdict import VerdictBody
 from taction.verification.verdict.checks import Outcome
@@ -223,11 +222,6 @@ def test_the_margin_of_inv_is_where_the_slowest_inputs_let_a_mode_grow() -> None
         assert abs(check.value - edge) <= check.uncertainty <= 2e-6 * edge
         assert check.outcome is outcome
     assert f"G0 can shrink by the factor {edge:.4g}" in check.reason
-
-
-def test_keys_of_the_wrong_topology_are_refused_with_their_names() -> None:
-    with pytest.raises(InputError, match=r"design\.lambda"):
-        taction.verify(scene("pinv", **{"lambda": 0.1}))
 
 
 def test_the_onset_over_gf_is_confirmed_on_both_sides(ngspice: str) -> None:

@@ -17,7 +17,6 @@ from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.errors import EngineError
 from taction.verification.engines.ngspice.process import find_simulator, start
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
@@ -139,14 +138,6 @@ def check_of(noise: OutputNoise | None, limit: float | None = 1e-3) -> Check | N
     return next((check for check in found if check.name == "noise"), None)
 
 
-def test_a_scene_without_a_limit_has_no_check() -> None:
-    assert check_of(None, None) is None
-    verdict = verify(small().with_engine("statespace"))
-    assert verdict.noise is None
-    assert verdict_document(verdict)["noise"] is None
-    assert "noise" not in {part.name for part in verdict.budget}
-
-
 @pytest.mark.parametrize(
     ("rms", "simulated", "unstated", "outcome", "reason"),
     [
@@ -231,28 +222,6 @@ def test_a_board_whose_noise_has_no_bound_is_undecided(design: dict[str, Any], r
     assert next(part for part in verdict.budget if part.name == "noise").value is None
 
 
-@pytest.mark.parametrize(
-    ("opamp", "outcome", "reason"),
-    [
-        ({"base": "ideal"}, Outcome.PASS, "op-amp ideal is ideal and has no noise: only resistors"),
-        (
-            {"base": "ideal", "gbw": "1MHz"},
-            Outcome.INCONCLUSIVE,
-            "voltage noise of op-amp ideal_changed is not given: set design.opamp.voltage_noise",
-        ),
-        ({"base": "ideal", "gbw": "1MHz", "voltage_noise": "9nV/rtHz"}, Outcome.PASS, "channel"),
-    ],
-)
-def test_an_ideal_opamp_says_what_its_noise_is(
-    opamp: dict[str, Any], outcome: Outcome, reason: str
-) -> None:
-    scene = small(checks={"noise": {"max": "1mV"}}, opamp=opamp).with_engine("statespace")
-    check = next(check for check in verify(scene).checks if check.name == "noise")
-    assert check.outcome is outcome
-    assert reason in check.reason
-    assert ("ideal" in check.reason.split("; 1/f")[0]) is ("voltage_noise" not in opamp)
-
-
 POLES = {
     "one pole": [-1e3 + 0j],
     "two poles": [-1.0 + 0j, -1e9 + 0j],
@@ -273,12 +242,3 @@ def test_every_step_is_a_part_of_the_distance_to_the_nearest_pole(name: str) -> 
         distance = np.abs(1j * math.tau * f[:, None] - poles).min(axis=1)
         step = math.tau * f * math.log(10.0) / band.density
         assert (step <= (1.0 + 1e-9) * STEP * distance).all()
-
-
-@pytest.mark.parametrize("damping", [1e-6, 1e-12])
-def test_resonances_without_end_are_refused(damping: float) -> None:
-    """By their number, and by a step that no float has."""
-    centres = 1e6 + np.arange(200.0) if damping == 1e-6 else np.array([1e6])
-    poles = np.concatenate([-damping + 1j * centres, -damping - 1j * centres])
-    with pytest.raises(EngineError, match="more than 20000 frequencies"):
-        noise_bands(poles)

@@ -86,11 +86,6 @@ def test_without_a_verdict_there_is_a_record_too() -> None:
     assert read(Record, plain(record)) == record
 
 
-def test_what_is_not_finite_is_none() -> None:
-    rule = type(FIGURES["wanted_error"])("V", lambda source: source)  # type: ignore[arg-type]
-    assert rule.figure(math.inf).value is None
-
-
 def check(name: str, outcome: str = "pass", value: float | None = 1.0) -> Check:
     return Check(name, Outcome(outcome), value, 0.125, None, None, "s", "")
 
@@ -112,13 +107,6 @@ def make(value: float | None = 1.0, bound: float | None = 0.25, **changes: Any) 
 def one(first: Record, second: Record, group: str, times: float = 1.0) -> Difference:
     (found,) = compare(first, second, within_uncertainties(times), groups=(group,))
     return found
-
-
-def test_equal_records_have_no_difference() -> None:
-    found = compare(make(), make(), within_uncertainties())
-    assert {each.off for each in found} == {0.0}
-    groups = ["outcome", "checks", "values", "figures", "states", "channels"]
-    assert [each.group for each in found] == groups
 
 
 @pytest.mark.parametrize(("value", "beyond"), [(1.5, False), (1.51, True), (0.4, True)])
@@ -165,10 +153,3 @@ def test_words_and_values_of_checks() -> None:
         1.0,
         0.25,
     )
-
-
-def test_channels_and_states() -> None:
-    second = make(channels=(Channel(1, "oscillating", {"final": 2.5}, {"final": 0.25}),))
-    assert one(make(), second, "states").second == "oscillating"
-    found = one(make(), second, "channels")
-    assert (found.channel, found.unit, found.off) == (1, "V", 2.0)

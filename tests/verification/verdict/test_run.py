@@ -14,7 +14,7 @@ import pytest
 
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene, parse_scene
-from taction.system.errors import EngineError, InputError, StepTooSmall
+from taction.system.errors import EngineError, StepTooSmall
 from taction.system.progress import Clock
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.transients import simulate
@@ -33,7 +33,7 @@ from taction.verification.verdict.run import (
     observe,
 )
 from taction.verification.verdict.simulation import StateSpaceError, Waiting, choose_engine
-from taction.verification.verdict.transient_plan import AIM, TransientPlan, state_space_tolerance
+from taction.verification.verdict.transient_plan import AIM, TransientPlan
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene, ringing_scene
 from tests.support.paths import SCENES
@@ -85,16 +85,6 @@ def test_all_errors_follow_from_the_other_record(monkeypatch: pytest.MonkeyPatch
     assert 0 < errors.readings["settling_time"] < 1e-2 * found.settling_time.value
 
 
-def test_two_records_that_prove_nothing_agree(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Both end just inside their bands: readings are there, but no proof of settling."""
-    _, whole = paper()
-    _, settled, _ = recorded(whole, whole, float(whole.time[-1]), monkeypatch)
-    part = cut(whole, 1.01 * settled.settling_time.value)
-    _, found, errors = recorded(part, part, float(part.time[-1]), monkeypatch)
-    assert found.settling_time is None
-    assert errors.readings["settling_time"] == 0.0
-
-
 def test_a_record_that_settles_beside_one_that_does_not_leaves_it_open(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -105,13 +95,6 @@ def test_a_record_that_settles_beside_one_that_does_not_leaves_it_open(
     assert found.settling_time is not None
     assert errors.readings["settling_time"] == math.inf
     assert math.isfinite(errors.readings["rise_time"])
-
-
-def test_error_and_points_exclude_each_other() -> None:
-    with pytest.raises(InputError, match=r"'error' excludes 'points_per_period'"):
-        make_scene(analysis={"error": 1e-4, "points_per_period": 125})
-    with pytest.raises(InputError, match="error"):
-        make_scene(analysis={"error": 1.5})
 
 
 def test_auto_takes_the_cheapest_engine_unless_both_are_to_be_compared(ngspice: str) -> None:
@@ -219,12 +202,6 @@ def test_the_state_space_states_what_it_reached() -> None:
     curved = verify(scene).accuracy
     assert curved.reached
     assert curved.method == "Radau IIA"
-
-
-def test_tolerances_stay_where_an_engine_can_follow() -> None:
-    assert state_space_tolerance(1e-4) == pytest.approx(2e-5)
-    assert state_space_tolerance(1e-15) == 1e-10
-    assert state_space_tolerance(0.5) == 1e-3
 
 
 def test_only_a_known_miss_of_a_stepping_engine_is_tried_again() -> None:

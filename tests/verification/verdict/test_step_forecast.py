@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
@@ -116,19 +115,6 @@ def test_even_steps_err_as_the_trapezoidal_rule_does(points: float) -> None:
     assert forecast.steps == pytest.approx(stop / step, rel=0.05)
 
 
-def test_a_smaller_error_never_costs_fewer_steps() -> None:
-    model, _ = model_of(breadboard(3.3e-11, 1e6))
-    found = [model.cheapest(error) for error in (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)]
-    assert all(a.steps < b.steps for a, b in itertools.pairwise(found))
-    assert found[0].error <= 1e-2
-    assert found[-1].error <= 1e-6
-
-
-def test_what_no_step_reaches_gets_the_smallest_error() -> None:
-    model, _ = model_of(breadboard(3.3e-11, 1e6))
-    assert model.cheapest(0.0).error == min(model.cheapest(0.0).error, model.cheapest(1e-9).error)
-
-
 @pytest.mark.parametrize("error", [1e-3, 1e-5])
 @pytest.mark.parametrize("circuit", [paper_board(), single_mode(2.2e-5), lags(3, 1e-6)])
 def test_a_cubic_through_the_instants_of_a_record_errs_as_little_as_asked(
@@ -145,13 +131,6 @@ def test_a_cubic_through_the_instants_of_a_record_errs_as_little_as_asked(
     amplitude = np.abs(exact.final - exact.start).max()
     assert np.abs(cubic - exact.at(between)).max() <= 3.0 * error * amplitude
     assert len(times) < 400 + stop * np.abs(exact.poles).max() / error**0.25
-
-
-def test_a_run_ends_where_its_steps_are_used_up() -> None:
-    model, stop = model_of(breadboard(1e-10, 1e6))
-    forecast = model.cheapest(1e-4)
-    assert model.reached(forecast, 2.0 * forecast.steps) == pytest.approx(stop)
-    assert 0.0 < model.reached(forecast, 0.5 * forecast.steps) < 0.9 * stop
 
 
 def test_a_large_board_is_forecast_by_its_coarse_image() -> None:

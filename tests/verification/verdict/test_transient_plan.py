@@ -21,13 +21,11 @@ from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.transient_plan import (
     UNSTABLE_SECONDS,
     TransientPlan,
-    coarser,
     plan_transient,
-    seconds_per_step,
     wanted_error,
 )
 from taction.verification.verdict.verify import verify
-from tests.support.boards import board, paper_board, two_pole
+from tests.support.boards import paper_board
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
 
@@ -120,47 +118,12 @@ def test_a_growing_record_of_the_exact_engine_shows_every_period(share: float) -
     assert bool(plan.notes) == (plan.transient.stop < 0.999 * scales.growth_time)
 
 
-def test_the_larger_side_of_a_matrix_decides_the_cost_of_a_step() -> None:
-    boards = [
-        LinearBoard(board(np.ones((rows, columns)), np.ones(rows), two_pole(1e6, 5e-12)))
-        for rows, columns in ((6, 1), (1, 6), (6, 6))
-    ]
-    assert len({seconds_per_step(each) for each in boards}) == 1
-
-
-def test_a_given_stop_is_kept_however_short() -> None:
-    assert planned(make_scene(analysis={"stop": 1e-12}))[0].transient.stop == 1e-12
-
-
 def test_a_board_without_visible_modes_has_no_plan() -> None:
     still = TimeScales(
         *(time_scales(paper_board()).poles[:0],) * 2, np.zeros(0), 0.0, (), math.inf, 0.0, 0.0
     )
     with pytest.raises(EngineError, match="no stop time can be chosen"):
         plan_transient(make_scene(), LinearBoard(paper_board()), still)
-
-
-def test_figures_of_a_deck_have_six_digits() -> None:
-    transient = planned(breadboard())[0].transient
-    for value in (transient.stop, transient.max_step, transient.truncation, transient.charge):
-        assert value == float(f"{value:.6g}")
-
-
-def test_a_coarser_run_is_coarser_everywhere() -> None:
-    fine = planned(breadboard())[0].transient
-    twice = coarser(fine, 2.0)
-    assert twice.max_step == 2 * fine.max_step
-    assert twice.truncation == 8 * fine.truncation
-    assert twice.begin == 2 * fine.begin
-    assert twice.stop == fine.stop
-
-
-def test_a_long_run_is_announced() -> None:
-    quick, _ = planned(breadboard(design__capacitance=1e-9, design__gain=1e5))
-    assert quick.remark == ""
-    slow, _ = planned(breadboard(analysis__error=1e-6))
-    assert slow.remark.startswith(f"about {slow.seconds:.0f} s for ")
-    assert "--engine statespace" in slow.remark
 
 
 def test_the_coarse_image_of_a_large_board_does_not_decide_whether_the_outputs_grow() -> None:

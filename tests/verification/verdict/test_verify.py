@@ -195,13 +195,6 @@ def test_a_simulation_out_of_time() -> None:
         verify(scene)
 
 
-def test_progress_is_told_by_stage() -> None:
-    told: list[str] = []
-    verify(shipped("tuned-breadboard", analysis={"engine": "statespace"}), told.append)
-    assert told[:3] == ["synthesis", "poles", "simulation"]
-    assert "reference (while the simulation runs)" in told
-
-
 @pytest.mark.usefixtures("ngspice")
 @pytest.mark.parametrize(
     ("name", "engine"), [("paper-breadboard", "ngspice"), ("paper-exponential", "statespace")]

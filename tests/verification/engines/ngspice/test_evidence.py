@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taction.netlist_gen.analysis import NoiseAnalysis, NoiseBand, OperatingPoint
+from taction.netlist_gen.analysis import NoiseAnalysis, NoiseBand
 from taction.system.errors import (
     BadEvidence,
     DidNotLoad,
@@ -23,10 +23,8 @@ from taction.system.errors import (
 from taction.system.raw_file import write_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.evidence import (
-    LONGEST_LINE,
     Ending,
     accepted_waveforms,
-    important_lines,
     integrated_noise,
 )
 from taction.verification.engines.ngspice.executable import find_simulator
@@ -153,15 +151,6 @@ def test_what_ngspice_got_over_is_a_flag_once(tmp_path: Path) -> None:
     )
 
 
-def test_important_lines_are_few_and_each_once() -> None:
-    log = "Note: x\n" + "".join(f"line {i}\nline {i}\n\n" for i in range(100))
-    lines = important_lines(log).splitlines()
-    assert len(lines) == 13
-    assert (lines[0], lines[6], lines[-1]) == ("line 0", "... 88 lines", "line 99")
-    assert important_lines("Note: x\n") == "Note: x"
-    assert important_lines("x" * 10_000_000) == "x" * LONGEST_LINE
-
-
 KT = 1.380649e-23 * 300.15
 R, L, C = 1e4, 1e-6, 1e-12
 RC = noise_bands(np.array([-1.0 / (R * C) + 0j]))
@@ -222,13 +211,6 @@ def test_other_frequencies_than_asked_for_are_refused() -> None:
             noise(replace(deck, analysis=NoiseAnalysis(bands)))
     with pytest.raises(BadEvidence, match="4 plots; 2 were asked for"):
         noise(replace(deck, analysis=NoiseAnalysis(RC[:1])))
-
-
-@pytest.mark.usefixtures("ngspice")
-def test_another_analysis_is_refused() -> None:
-    assert isinstance(divider().analysis, OperatingPoint)
-    with pytest.raises(BadEvidence, match="OperatingPoint, not Noise"):
-        noise(divider())
 
 
 @pytest.mark.parametrize(

@@ -8,18 +8,14 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.parts import Resistor
 from taction.system.array_types import Floats, Ints
 from taction.verification.engines.statespace.equations.mirror_symmetry import (
     DenseMatrix,
-    evened,
-    proposed_image,
-    proposed_mirror,
 )
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import ModalFlow, exact_solution
 from taction.verification.stability.poles import poles
-from tests.support.boards import board, kernel, lags, paper_board, strain, two_pole
+from tests.support.boards import board, kernel, strain, two_pole
 from tests.support.decomposing import decompose
 
 ODD, EVEN = np.array([4, 3, 2, 1, 0]), np.array([5, 4, 3, 2, 1, 0])
@@ -44,15 +40,6 @@ def with_one_resistor_off(circuit: Circuit, by: float) -> Circuit:
     ohms = forward.ohms.copy()
     ohms[2, 0] *= 1.0 + by
     return replace(circuit, matrices=(replace(forward, ohms=ohms), *circuit.matrices[1:]))
-
-
-def test_names_propose_the_image() -> None:
-    names = ("x_1", "v_1", "x_2", "v_2", "ve", "x_10", "xv_1.p1", "xv_2.p1", "c")
-    wanted = ["x_10", "v_2", "x_2", "v_1", "ve", "x_1", "xv_2.p1", "xv_1.p1", "c"]
-    image = proposed_image(names)
-    assert [names[k] for k in image] == wanted
-    assert np.array_equal(image[image], np.arange(len(names)))
-    assert proposed_mirror(("v", "w_1", "w")) is None
 
 
 @pytest.mark.parametrize("image", [ODD, EVEN, np.array([0, 2, 1, 3])])
@@ -151,36 +138,6 @@ def test_a_board_that_is_not_quite_its_own_image_is_taken_whole(by: float) -> No
     t = np.linspace(0.0, 1e-4, 101)
     one, other = exact_solution(circuit).at(t), exact_solution(off).at(t)
     assert np.abs(one - other).max() <= (1e-11 + 10.0 * by) * np.abs(one).max()
-
-
-def test_a_board_without_images_is_taken_whole() -> None:
-    lonely = replace(
-        paper_board(), resistors=(*paper_board().resistors, Resistor("R", "v0", "0", 1e6))
-    )
-    assert len(LinearBoard(small_board(1)).state_space.blocks) == 1
-    assert len(LinearBoard(lags(3, 1e-6)).state_space.blocks) == 1
-    assert len(LinearBoard(lonely).state_space.blocks) == 1
-
-
-def test_values_of_images_that_differ_by_rounding_are_evened() -> None:
-    values, places = np.array([1.0, 3.0, 1.0 + 2e-15]), np.array([0, 2, 4])
-    found = evened(values, places, ODD)
-    assert found[0] == found[2] == pytest.approx(1.0, rel=1e-14)
-    apart = np.array([1.0, 3.0, 1.0 + 1e-12])
-    assert evened(apart, places, ODD) is apart
-    outside = np.array([1.0, 3.0])
-    assert evened(outside, np.array([0, 1]), ODD) is outside
-
-
-def test_a_symmetric_strain_drives_no_odd_mode() -> None:
-    circuit = small_board(7)
-    space, flow = LinearBoard(circuit).state_space, exact_solution(circuit).flow
-    assert len(space.blocks) == 2
-    assert isinstance(flow, ModalFlow)
-    even, odd = map(np.linalg.eigvals, [block.A for block in space.blocks])
-    for pole in flow.poles:
-        assert np.abs(even - pole).min() < 1e-7 * abs(pole)
-    assert len(flow.poles) <= np.sum(even.imag >= 0.0) < 0.7 * (len(even) + len(odd))
 
 
 def test_a_growing_mode_is_never_left_out() -> None:

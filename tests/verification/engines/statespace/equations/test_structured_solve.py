@@ -13,9 +13,6 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.equations.structured_solve import Structure, coarsen
-from taction.verification.engines.statespace.linearised import (
-    rightmost_poles as rightmost_poles_module,
-)
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.engines.statespace.linearised.rightmost_poles import (
@@ -26,7 +23,7 @@ from taction.verification.engines.statespace.linearised.rightmost_poles import (
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.poles import count_unstable, poles
-from tests.support.boards import board, kernel, paper_board, single_mode, strain, two_pole
+from tests.support.boards import board, kernel, paper_board, strain, two_pole
 from tests.support.drawn_boards import drawn_board
 
 
@@ -79,11 +76,6 @@ def test_the_sensitivities_of_a_large_board_are_the_dense_ones(
     np.testing.assert_allclose(found, dense, rtol=0.0, atol=1e-9 * np.abs(dense).max())
 
 
-def test_a_factorisation_without_a_solver_does_not_solve() -> None:
-    with pytest.raises(EngineError, match="without a solver"):
-        Structure(stamp(paper_board())).factor(1e6, solver=False).solve(np.zeros(112))
-
-
 @pytest.mark.parametrize("C", [10e-12, 8e-12, 5e-12])
 def test_the_winding_number_counts_what_the_eigenvalues_say(C: float) -> None:
     circuit = paper_board(C)
@@ -118,20 +110,6 @@ def test_a_pole_within_rounding_of_the_line_is_never_counted_wrong(circuit: Circ
         assert counts[-1] == last
 
 
-@pytest.mark.parametrize("ratio", [0.02, 0.0209, 1.0, 47.9, 48.1])
-def test_the_count_follows_the_single_modes_window(ratio: float) -> None:
-    inside = 24.0 - np.sqrt(575.0) < ratio < 24.0 + np.sqrt(575.0)
-    assert count_unstable(single_mode(ratio * 0.455e-6)) == (2 if inside else 0)
-
-
-def test_a_line_through_a_cells_pole_is_refused() -> None:
-    structure = Structure(stamp(single_mode(1e-9)))
-    _, cells = cell_poles(structure)
-    assert len(cells) == 3
-    with pytest.raises(EngineError, match="pole of a single cell lies on the line"):
-        count_right(structure, float(cells[0].real))
-
-
 @pytest.mark.parametrize(
     "circuit", [wide_board(40), wide_board(40, C=5e-12), exponential_board(40)]
 )
@@ -153,12 +131,6 @@ def test_the_errors_of_the_rightmost_poles_hold(seed: int) -> None:
     missed = modes.poles.real > found.poles[0].real + found.errors[0] + modes.pole_errors
     assert not missed.any()
     assert found.errors[0] <= 1e-3 * abs(found.poles[0])
-
-
-def test_a_search_that_goes_on_to_the_right_gives_no_pole(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rightmost_poles_module, "ROUNDS", 1)
-    with pytest.raises(EngineError, match="farther right"):
-        rightmost_poles(LinearBoard(drawn_board(0, 20)))
 
 
 def test_a_coarse_board_is_a_guide_to_the_whole() -> None:

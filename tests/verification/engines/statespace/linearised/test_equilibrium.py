@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -13,14 +12,12 @@ from hypothesis import strategies as st
 
 from taction.netlist_gen.board.circuit import Output
 from taction.netlist_gen.board.parts import CurrentSource, OpAmpCell, Resistor
-from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.spice_models.opamp import KNEE, OpAmp
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.equilibrium import (
-    limited_equilibrium,
     rounding,
     solve_loop,
 )
@@ -35,7 +32,6 @@ from tests.support.boards import (
     strain,
     two_pole,
 )
-from tests.support.making import make_scene
 
 
 def test_the_single_mode_divides_by_its_loop_gain() -> None:
@@ -63,14 +59,6 @@ def test_an_ideal_exponential_board_rests_at_the_entropy_optimum(s: float) -> No
     assert np.abs(gradient).max() < 1e-4 * scale
 
 
-def test_op_amps_of_finite_gain_move_the_equilibrium_by_about_one_over_their_gain() -> None:
-    T, eps = kernel(7, 3.0), np.maximum(strain(7, 3.0), 0.05)
-    ideal = LinearBoard(board(T, eps, IDEAL, exponential=True, bias=True)).equilibrium
-    real = LinearBoard(board(T, eps, two_pole(1e6, 1e-11), exponential=True, bias=True)).equilibrium
-    shift = max(abs(ideal[f"a{n}"] - real[f"a{n}"]) for n in range(7))
-    assert 1e-6 < shift < 1e-3
-
-
 @given(
     seed=st.integers(0, 2**16),
     strength=st.floats(-8.0, 12.0),
@@ -94,11 +82,6 @@ def test_a_loop_with_positive_feedback_and_no_solution_is_refused() -> None:
         solve_loop(np.array([[-1.0]]), np.array([2.0]), gain_of(("exponential",)))
 
 
-def test_an_undriven_amplifier_beyond_the_range_of_floats_is_refused() -> None:
-    with pytest.raises(EngineError, match="no equilibrium found"):
-        solve_loop(np.zeros((1, 1)), np.array([1e4]), gain_of(("exponential",)))
-
-
 def test_a_node_without_a_path_is_named() -> None:
     circuit = paper_board()
     floating = replace(circuit, resistors=(*circuit.resistors, Resistor("Rx", "p", "q", 1.0)))
@@ -117,11 +100,6 @@ def test_coordinates_invert_and_slopes_are_slopes(kind: str) -> None:
     x, d = np.linspace(-2.0, 2.0, 9), 1e-5
     x = np.setdiff1d(x, gain.breaks or ())
     assert (gain.value(x + d) - gain.value(x - d)) / (2 * d) == pytest.approx(gain.slope(x), 1e-8)
-
-
-def test_an_unknown_kind_is_refused() -> None:
-    with pytest.raises(EngineError, match="no amplifier kind 'cubic'"):
-        gain_of(("cubic",))
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -183,16 +161,3 @@ def test_a_short_circuit_takes_the_largest_current() -> None:
     amps = open_loop(opamp, 1.0, 1e-3) / 1e-3
     beyond = math.log(math.expm1((14.0 - 75.0 * amps) / 15.0)) / 100.0
     assert amps == pytest.approx(25e-3 * (1.0 + beyond), rel=1e-5)
-
-
-def test_a_start_far_beyond_the_range_of_exp_is_no_warning() -> None:
-    """exp(1e6) is infinite: the start is given up, and numpy says nothing."""
-    made = make_scene(
-        {"channels": 2, "span": 1.0}, design={"amplifier": "exponential", "exponential_slope": 0.1}
-    )
-    circuit = synthesise(made)
-    descriptor = LinearBoard(circuit).descriptor
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        found = limited_equilibrium(descriptor, np.full(descriptor.size, 1e5))
-    assert found is None or found.values == pytest.approx(LinearBoard(circuit).equilibrium.values)

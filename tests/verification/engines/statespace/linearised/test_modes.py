@@ -73,15 +73,6 @@ def test_slow_poles_do_not_lose_the_digits_of_the_fast_ones(decades: float, seed
     assert np.all(np.abs(modes.left @ modes.right - np.eye(len(A))) <= modes.defect + EPS)
 
 
-def test_equal_poles_of_separate_parts_keep_a_basis() -> None:
-    part = stiff(12.0, 1)
-    zero = np.zeros_like(part)
-    modes = decompose(np.block([[part, zero], [zero, part]]))
-    assert modes.defect < 1e-9
-    off = np.abs(modes.poles[:, None] - true_poles(part)).min(axis=1)
-    assert np.all(off <= 1e-10 * np.abs(modes.poles))
-
-
 def chain(channels: int, C: float, gain: float) -> LinearBoard:
     """A board for first differences: equal op-amps drive one another in chains of equal poles."""
     T = np.eye(channels) - np.eye(channels, k=1)
@@ -151,16 +142,3 @@ def test_a_chain_of_lags_is_one_block(count: int, pole: complex, spread: float) 
     assert modes.poles[0].real == pytest.approx(-0.01, rel=1e-12)
     assert modes.alone[0]
     assert modes.alone.sum() < n or spread == 1e-3
-
-
-def test_blocks_have_their_own_poles() -> None:
-    """Against 60 digits; matrices of two sizes."""
-    matrices = [stiff(decades, 1, n) for decades in (3.0, 12.0) for n in (3, 4)]
-    modes, truth = decompose(*matrices), np.concatenate([true_poles(A) for A in matrices])
-    off = np.abs(modes.poles[:, None] - truth).min(axis=1)
-    assert np.all(off <= np.minimum(modes.pole_errors, 1e-10 * np.abs(modes.poles)))
-
-
-def test_a_matrix_that_is_not_finite_is_refused() -> None:
-    with pytest.raises(np.linalg.LinAlgError):
-        decompose(-np.eye(2), np.full((2, 2), np.nan))

@@ -15,20 +15,13 @@ from taction.netlist_gen.board.parts import (
     Resistor,
     VoltageSource,
 )
-from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.loading import load_scene
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.linearised import linear_board as board_module
-from taction.verification.engines.statespace.linearised import state_space as state_space_module
 from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
 )
-from taction.verification.verdict import transient_plan
-from taction.verification.verdict.verify import verify
-from tests.support.boards import bare, kernel, paper_board, single_mode, strain
-from tests.support.paths import SCENES
+from tests.support.boards import bare, kernel, paper_board, strain
 
 
 def poles_of(**parts: Any) -> Floats:
@@ -138,44 +131,3 @@ def recorded(
 
     monkeypatch.setattr(module, name, wrapped)
     return calls
-
-
-def test_the_linearisation_of_a_linear_board_needs_no_equilibrium(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    solved = recorded(monkeypatch, board_module, "solve_equilibrium")
-    board = LinearBoard(single_mode(1e-6))
-    assert board.state_space.n > 0
-    assert not solved
-    assert (board.equilibrium["v"] != 0.0, board.rest["v"]) == (True, 0.0)
-    assert len(solved) == 2
-
-
-@pytest.mark.parametrize(
-    ("scene", "values"),
-    [
-        ("tuned-breadboard", {"analysis.engine": "statespace", "analysis.error": 1e-4}),
-        ("tuned-breadboard", {"analysis.engine": "ngspice"}),
-        ("tuned-breadboard", {"analysis.engine": "ngspice", "analysis.error": 1e-4}),
-        ("paper-exponential", {"analysis.engine": "statespace", "analysis.error": 1e-3}),
-    ],
-)
-def test_one_verification_computes_nothing_twice(
-    ngspice: str, monkeypatch: pytest.MonkeyPatch, scene: str, values: dict[str, float | str]
-) -> None:
-    """Also where the first try of a step misses the error, as the third scene's is made to do."""
-    monkeypatch.setattr(transient_plan, "AIM", 3.0)
-    stamped = recorded(monkeypatch, board_module, "stamp")
-    factorised = recorded(monkeypatch, board_module, "dense_response")
-    solved = recorded(monkeypatch, board_module, "solve_equilibrium")
-    linearised = recorded(monkeypatch, board_module, "linearise")
-    decomposed = recorded(monkeypatch, state_space_module, "modes_of")
-    verdict = verify(with_values(load_scene(SCENES / f"{scene}.toml"), values))
-    assert sum(circuit is verdict.circuit for (circuit,) in stamped) == 1
-    for calls in (factorised, linearised):
-        assert len({id(descriptor) for descriptor, *_ in calls}) == len(calls)
-    assert len({(id(descriptor), *switch) for descriptor, _, *switch in solved}) == len(solved)
-    matrices = [tuple(block.A.tobytes() for block in blocks) for blocks, *_ in decomposed]
-    assert len(set(matrices)) == len(matrices)
-    if values["analysis.engine"] == "ngspice":
-        assert verdict.accuracy.tries == 2

@@ -10,9 +10,7 @@ import pytest
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Output
 from taction.netlist_gen.board.parts import Capacitor, Resistor
-from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients import reduced_transient
 from taction.verification.engines.statespace.transients.exact import exact_solution
@@ -20,33 +18,8 @@ from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.verdict.simulation import state_space_error
 from tests.support.boards import IDEAL, board, kernel, lags, paper_board, strain
 from tests.support.drawn_boards import drawn_board
-from tests.support.precise import precise_step
 
 TAU = 1e-6
-
-
-@pytest.fixture(scope="module")
-def fifty_digits() -> tuple[list[float], Floats]:
-    """Seven channels at 4 ms / 2^j, all states."""
-    return precise_step(stamp(paper_board()), 2.0**-8, 22)
-
-
-def test_seven_channels_against_fifty_digits(fifty_digits: tuple[list[float], Floats]) -> None:
-    times, precise = fifty_digits
-    circuit = paper_board()
-    descriptor = stamp(circuit)
-    charged = np.flatnonzero(descriptor.dense.mass.any(axis=1)).tolist()
-    states = [descriptor.names[place] for place in charged]
-    nodes = (*circuit.signal_nodes, "c3", "xXw3.p1")
-    wanted = precise[:, [states.index(name) for name in nodes]]
-    solution = exact_solution(circuit, nodes=nodes)
-    error, amplitude = np.abs(solution.at(np.array(times)) - wanted), np.abs(wanted).max(axis=0)
-    assert np.all(error <= 1e-11 * amplitude)
-    assert error.max() <= solution.error
-    # And relative to each single value, but for those near a zero crossing or the start.
-    large = np.abs(wanted) > 0.1 * amplitude
-    assert large.sum() > 50
-    assert np.all(error[large] <= 1e-10 * np.abs(wanted)[large])
 
 
 @pytest.mark.parametrize("count", [2, 5])
@@ -62,19 +35,6 @@ def test_a_defective_board_has_powers_of_the_time(count: int) -> None:
     values, slopes = solution.flow.pair(t)
     assert 1.0 + values == pytest.approx(solution.at(t), abs=1e-12)
     assert slopes[:, 0] == pytest.approx(slope, abs=1e-9 / TAU)
-
-
-def test_the_uniform_record_is_the_same_solution() -> None:
-    circuit = paper_board()
-    record = simulate(circuit, Transient(stop=1e-3, max_step=1.1e-6))
-    assert record.time[-1] == 1e-3
-    assert np.diff(record.time).max() <= 1.1e-6
-    assert record.engine == "statespace"
-    wanted = exact_solution(circuit).at(record.time)
-    assert record.values == pytest.approx(wanted, abs=1e-14)
-    few = simulate(circuit, Transient(1e-3, 1e-6), nodes=("w3", "0"), times=np.array([1e-5, 1e-3]))
-    assert few.nodes == ("w3", "0")
-    assert few["0"].tolist() == [0.0, 0.0]
 
 
 def test_modes_that_have_faded_are_not_missed() -> None:
@@ -110,14 +70,6 @@ def test_a_capacitor_at_a_voltage_source_starts_discharged() -> None:
     )
     t = np.linspace(0.0, 5e-6, 11)
     assert exact_solution(circuit).at(t)[:, 0] == pytest.approx(np.exp(-t / 1e-6), rel=1e-12)
-
-
-def test_what_is_not_linear_or_not_there_is_refused() -> None:
-    T, eps = kernel(3, 1.0), strain(3, 1.0)
-    with pytest.raises(EngineError, match="not linear"):
-        exact_solution(board(T, eps, IDEAL, exponential=True))
-    with pytest.raises(EngineError, match="no node or op-amp state 'nowhere'"):
-        exact_solution(paper_board(), nodes=("nowhere",))
 
 
 def test_a_diverging_board_gives_what_comes_before_the_range_of_floats_ends() -> None:
@@ -169,15 +121,6 @@ def test_the_stated_error_of_a_large_board_holds(
     assert stated.how.startswith("difference to a run with fewer patterns")
     assert np.abs(stated.record.values - exact).max() <= stated.volts
     assert stated.volts <= 5e-4 * np.abs(exact[0] - exact[-1]).max()
-
-
-def test_every_unknown_of_the_board_follows_the_patterns() -> None:
-    board, analysis = LinearBoard(drawn_board(1)), Transient(STOP, 1e-6)
-    names, times = board.descriptor.names, np.geomspace(1e-8, STOP, 50)
-    found = reduced_transient.simulate(board, analysis, nodes=names, times=times, tolerance=1e-4)
-    assert found is not None
-    exact = exact_solution(board, nodes=names).at(times)
-    np.testing.assert_allclose(found.values, exact, rtol=0.0, atol=1e-3 * np.abs(exact).max())
 
 
 def test_a_board_that_grows_or_needs_too_many_states_is_left_to_steps(

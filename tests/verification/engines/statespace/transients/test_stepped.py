@@ -35,13 +35,11 @@ from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     initial_unknowns,
 )
-from taction.verification.engines.statespace.transients import radau_integrator as integrator
 from taction.verification.engines.statespace.transients.radau import STAGES
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.engines.statespace.transients.stepped import (
     SteppedCurve,
     Task,
-    halved,
 )
 from taction.verification.engines.statespace.transients.straight_pieces import (
     StraightPieces,
@@ -49,7 +47,6 @@ from taction.verification.engines.statespace.transients.straight_pieces import (
     shortened,
 )
 from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
-from taction.verification.evidence.stress.catalogue import load_catalogue
 from taction.verification.verdict.build import large_signal
 from taction.verification.verdict.simulation import on_curve, state_space_error
 from tests.support.boards import bare, board, kernel, lone_amplifier, strain, two_pole
@@ -103,21 +100,6 @@ def test_seven_channels_against_scipy(initial: str) -> None:
     assert found.cost.factorisations > 0
 
 
-def test_the_transient_ends_at_the_equilibrium() -> None:
-    circuit = breadboard()
-    record = simulate(circuit, Transient(3e-3, 1e-6))
-    rest = LinearBoard(circuit).equilibrium
-    assert record.time[-1] == 3e-3
-    wanted = [rest[node] for node in record.nodes]
-    assert record.values[-1] == pytest.approx(wanted, rel=1e-8)
-
-
-def test_from_rest_nothing_moves_without_strain() -> None:
-    circuit = replace(breadboard(), currents=())
-    record = simulate(circuit, Transient(1e-4, 1e-6, initial="rest"))
-    assert np.abs(record.values / record.values[0] - 1.0).max() < 1e-9
-
-
 def test_an_amplifier_fed_through_resistors_alone() -> None:
     # No capacitance at its input: v = (a + 3 w) / 4 + ..., algebraic in its own output.
     circuit = replace(
@@ -158,17 +140,6 @@ def test_any_bounded_strain_ends_or_diverges_without_overflow(scale: float, R: f
         assert partial.values[-1] == pytest.approx(record.values[-1])
 
 
-def test_what_cannot_be_simulated_is_refused() -> None:
-    with pytest.raises(EngineError, match="no amplifier kind 'cubic'"):
-        simulate(lone_amplifier("cubic"), Transient(1e-4, 1e-6))
-    loaded = replace(lone_amplifier(), capacitors=(Capacitor("C", "v", "a", 1e-9),))
-    with pytest.raises(EngineError, match="capacitor at the output"):
-        simulate(loaded, Transient(1e-4, 1e-6))
-    far = Transient(1e-4, 1e-6, voltages={"v": 1e4})
-    with pytest.raises(EngineError, match="beyond the range of floats in the initial state"):
-        simulate(lone_amplifier(), far)
-
-
 @pytest.mark.parametrize("current", ["0.29mA", "0.3mA", "0.5mA"])
 def test_an_op_amp_that_rests_beyond_its_current_limit(ngspice: str, current: str) -> None:
     """Its clamp rests at 5e5 V, which is no voltage of the board; against ngspice at fine steps."""
@@ -203,29 +174,6 @@ def test_inputs_without_charge_jump_on_a_large_board_too(
     assert found == pytest.approx(wanted, abs=2e-4)
 
 
-def test_points_of_a_board_that_diverges_follow_its_size_not_the_number_of_steps() -> None:
-    """They were 111,183, then 194,939, and doubled with each halving: a run did not end."""
-    case = next(case for case in load_catalogue() if case.name == "avx512-equilibrium")
-    circuit = synthesise(case.scene("statespace"))
-    # A finer tolerance would be below what rounding leaves with the kernels of old processors.
-    plan = Transient(3.26693e-4, 3e-7, initial="zero")
-    first = simulate(circuit, plan, resolved=True, tolerance=1e-2)
-    better = halved(first, resolved=True)
-    assert isinstance(first.curve, SteppedCurve)
-    assert isinstance(better.curve, SteppedCurve)
-    assert np.abs(first.values).max() > 1e8
-    assert better.curve.dense.steps == pytest.approx(2 * first.curve.dense.steps, abs=2)
-    *_, before, end = better.curve.dense.ends
-    assert end == pytest.approx(2.6873e-5, abs=end - before)  # of finer runs, to one step
-    assert 10_000 < len(better.time) < 1.2 * len(first.time)
-    # Between points the curve moves by less than 2 % of the largest voltage so far.
-    middle = 0.5 * (better.time[1:] + better.time[:-1])
-    away = better.curve.at(middle) - 0.5 * (better.values[1:] + better.values[:-1])
-    size = np.maximum.accumulate(np.abs(better.values).max(axis=1))
-    bend = np.abs(away).max(axis=1) / np.maximum(size[1:], first.curve.unit)
-    assert 0.0 < bend.max() < 0.02
-
-
 def beside_ngspice(circuit: Circuit, analysis: Transient, times: Floats) -> tuple[Floats, Floats]:
     """Return the outputs at `times` by the engine, and by ngspice."""
     found, simulator = simulate(circuit, analysis, times=times, tolerance=5e-5), find_simulator()
@@ -233,13 +181,6 @@ def beside_ngspice(circuit: Circuit, analysis: Transient, times: Floats) -> tupl
     record = start(deck, simulator, timeout=60.0).result()
     wanted = [np.interp(times, record.time, record[node]) for node in found.nodes]
     return found.values, np.stack(wanted, axis=1)
-
-
-def test_a_board_without_a_solution_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(integrator, "SMALLEST", 20)  # no step is allowed
-    circuit = replace(breadboard(), name="seven")
-    with pytest.raises(EngineError, match=r"'seven': no solution after 0.0 s: .*--engine"):
-        simulate(circuit, Transient(2e-5, 1e-7))
 
 
 SCENES = Path(__file__).parents[5] / "scenes"
@@ -405,11 +346,3 @@ def test_a_board_that_would_jump_at_a_break_is_refused_in_words(sign: float) -> 
         simulate(jumping, Transient(stop, RC))
     delayed = own_driver(1.1, "saturation", 10.0 * amps, farads=1e-12)
     assert simulate(delayed, Transient(stop, RC)).values[-1] == pytest.approx([sign])
-
-
-def test_an_amplifier_may_start_on_its_break_and_drive_itself() -> None:
-    """It was refused: the voltages beside which a jump counts were still zero."""
-    board = own_driver(0.5, "rectifier", -1e-5)
-    curve = curve_of(board, 10.0 * RC)
-    assert segments_of(curve)[-1] == (0,)
-    assert np.abs(curve.at(np.linspace(0.0, 10.0 * RC, 50))).max() < 1e-8

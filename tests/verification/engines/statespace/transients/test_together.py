@@ -119,13 +119,3 @@ def test_without_a_basis_of_modes_steps_work_in_the_states() -> None:
     t = np.linspace(0.0, 3.0, 60)
     wanted = [(1.0 + t) * np.exp(-t), np.exp(-t), np.exp(-30.0 * t)]
     assert work.out[0].checked("drawn").at(t) == pytest.approx(np.array(wanted).T, abs=1e-7)
-
-
-def test_each_mode_has_the_place_of_its_conjugate() -> None:
-    A = np.array([[-1.0, 5.0, 0.0], [-5.0, -1.0, 0.0], [0.0, 0.0, -3.0]])
-    modes = decompose(A)
-    assert modes.poles[modes.mates] == pytest.approx(modes.poles.conj())
-    assert np.allclose(modes.right[:, modes.mates], modes.right.conj())
-    mirrored = LinearBoard(exponential(3, 20e-12)).state_space
-    assert len(mirrored.blocks) == 2
-    assert np.allclose(mirrored.modes.right[:, mirrored.modes.mates], mirrored.modes.right.conj())
