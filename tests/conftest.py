@@ -70,6 +70,20 @@ def strict(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(after_result, "FAILURES", ())
 
 
+@pytest.fixture(scope="session", autouse=True)
+def one_job_here() -> Iterator[None]:
+    """A study of one job runs in a thread of this process; two or more have theirs, as always."""
+    from taction.verification.studies.running import study
+    from tests.support.studying import one_thread
+
+    local = study.local
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            study, "local", lambda jobs=None: one_thread() if jobs in (None, 1) else local(jobs)
+        )
+        yield
+
+
 @pytest.fixture(scope="session")
 def ngspice() -> str:
     """Path of the ngspice executable; without one the test skips, in CI it fails."""
@@ -99,7 +113,7 @@ def quick_stories(monkeypatch: pytest.MonkeyPatch) -> None:
     from taction.verification.evidence.paper import findings, reproduce
     from taction.verification.studies.work_precision import study
 
-    few = tuple(replace(method, ladder=method.ladder[:2]) for method in study.METHODS[::2])
+    few = tuple(replace(method, ladder=method.ladder[:2]) for method in study.METHODS[::3])
     monkeypatch.setattr(study, "REPEATS", 1)
     monkeypatch.setattr(study, "METHODS", few)
     quick = {name: reproduce.CHAPTERS[name] for name in ("kernels", "equations")}

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from lxml import etree
 
+from tests.support.entries import write_fast
 from tests.support.paths import SCENES
 from tests.support.running import document, python, taction
 
@@ -34,19 +35,16 @@ def temporary(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
     return named
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["a'quote", "line\nbreak", "$HOME;`x` {\\"],
-)
 def test_a_temporary_folder_may_have_any_name(
-    name: str, tmp_path: Path, ngspice: str, temporary: Callable[[str], None]
+    tmp_path: Path, ngspice: str, temporary: Callable[[str], None]
 ) -> None:
-    place = tmp_path / name
+    place = tmp_path / "a'quote, a line\nbreak, $HOME;`x` {\\"
     place.mkdir()
     temporary(str(place))
-    done = taction("verify", str(SCENE), "--engine", "ngspice")
+    scene = str(write_fast(tmp_path / "a.toml"))
+    done = taction("verify", scene, "--engine", "ngspice")
     assert done.exit_code == 0, done.stderr
-    words = ("sweep", str(SCENE), "--over", "C=50p,60p", "--engine", "ngspice", "--jobs", "1")
+    words = ("sweep", scene, "--over", "C=10p", "--engine", "ngspice", "--jobs", "1")
     done = taction(*words, "-o", str(tmp_path / "a.sqlite"), "--json")
     assert done.exit_code == 0, done.stderr
     assert "error" not in document(done)["outcomes"]
@@ -56,11 +54,12 @@ def test_a_temporary_folder_may_have_any_name(
 def test_a_temporary_folder_that_is_missing_is_named_and_no_point_is_stored(
     tmp_path: Path, ngspice: str
 ) -> None:
-    words = ("sweep", str(SCENE), "--over", "C=50p,60p", "--engine", "ngspice", "--jobs", "1")
+    scene = str(write_fast(tmp_path / "a.toml"))
+    words = ("sweep", scene, "--over", "C=10p", "--engine", "ngspice", "--jobs", "1")
     done = run(*words, "-o", str(tmp_path / "a.sqlite"), TMPDIR="/missing")
     assert done.returncode == 3
     assert "no folder can be made in /missing (TMPDIR)" in done.stderr
-    assert document(taction(*words, "-o", str(tmp_path / "a.sqlite"), "--json"))["ran"] == 2
+    assert document(taction(*words, "-o", str(tmp_path / "a.sqlite"), "--json"))["ran"] == 1
 
 
 def test_a_regression_with_a_name_that_is_no_text(tmp_path: Path) -> None:

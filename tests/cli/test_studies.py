@@ -60,7 +60,7 @@ def test_a_wrong_outcome_has_status_1(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def regress(*words: object) -> Result:
-    return taction("regress", *map(str, words))
+    return taction("regress", *map(str, words), "--jobs", "1")
 
 
 @pytest.fixture
