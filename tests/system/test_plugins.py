@@ -83,9 +83,9 @@ def test_two_packages_cannot_offer_one_name(plugin: Plugin) -> None:
 
 
 def test_a_changed_plugin_makes_stored_results_outdated(plugin: Plugin) -> None:
-    alone = own_code(), own_version(False)
+    alone = own_code(), own_version()
     folder = plugin("acme", NUMBERS, SOURCE)
-    first = own_code(), own_version(False)
+    first = own_code(), own_version()
     assert first[0] != alone[0]
     assert ("acme 1.0" in first[1], "acme" in alone[1]) == (True, False)
     script = f"from {versions.__name__} import own_code as f; print(f().hex())"

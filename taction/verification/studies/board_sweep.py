@@ -36,7 +36,6 @@ from taction.verification.studies.measured_board import MeasuredBoard, measure_b
 from taction.verification.studies.part_influence import influences
 from taction.verification.studies.questions import QUESTIONS, Wanted, units
 from taction.verification.studies.running.pool import HERE
-from taction.verification.studies.running.versions import own_version
 from taction.verification.studies.tolerance.corners import CornerStudy, worst_of
 from taction.verification.studies.tolerance.montecarlo import (
     SampleCollection,
@@ -82,7 +81,6 @@ class VariedDeck(Varied):
             quantities=tuple(_quantities(asked)),
             target=found.rest,
             step_amplitude=found.amplitude or float(np.abs(found.rest).max(initial=0.0)) or 1.0,
-            version=own_version(False),
             params=params,
             deck=deck,
             asked=asked,

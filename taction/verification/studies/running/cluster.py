@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import logging
 import pickle
+import platform
 import re
 import warnings
 from collections.abc import Callable, Iterator
@@ -13,8 +14,9 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any, TypeVar
 
-from taction.system.errors import Complaint, InputError, NoVerdictError
+from taction.system.errors import Complaint, InputError, NoVerdictError, SimulationError
 from taction.verification.studies.running.pool import Workers
+from taction.verification.studies.running.versions import own_version, simulator_name
 
 T = TypeVar("T")
 
@@ -125,14 +127,31 @@ class _Call:
         return self._parts[0], self._parts[1:]
 
 
+def _versions() -> tuple[str, str]:
+    """Return taction, and ngspice; the latter is empty where there is none."""
+    simulator = ""
+    with suppress(SimulationError):
+        simulator = simulator_name()
+    return own_version(), simulator
+
+
+def _computed(versions: tuple[str, str], function: Callable[..., T], *args: Any) -> T:
+    """Call a function in a worker; NoVerdictError where taction or ngspice is another one."""
+    here = _versions()
+    if here[0] != versions[0] or (here[1] and versions[1] and here[1] != versions[1]):
+        text = f"{platform.node()} has {', '.join(here)} instead of {', '.join(versions)}"
+        raise NoVerdictError(f"{text}; a study needs equal versions everywhere")
+    return function(*args)
+
+
 class _Cluster(Executor):
     """Dask's executor; see `_Call`."""
 
     def __init__(self, executor: Any) -> None:
-        self._executor = executor
+        self._executor, self._versions = executor, _versions()
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        call = pickle.dumps(_Call(fn, *args))
+        call = pickle.dumps(_Call(_computed, self._versions, fn, *args))
         try:
             future: Future[T] = self._executor.submit(pickle.loads, call)
         except Exception as error:  # that of a closed client has no base class of its own

@@ -19,9 +19,9 @@ from pydantic import BaseModel
 
 from taction import netlist_gen, spice_models, system, verification
 from taction.system import plugins
-from taction.system.errors import NoVerdictError, SimulationError
+from taction.system.errors import SimulationError
 from taction.system.processes import THREADS
-from taction.verification.engines.ngspice.executable import Simulator, find_simulator
+from taction.verification.engines.ngspice.executable import find_simulator
 
 
 def digest(*values: object) -> bytes:
@@ -69,30 +69,20 @@ def own_code() -> bytes:
 
 
 @plugins.cached
-def own_version(ngspice: bool) -> str:
-    """Return taction, its source, its plug-ins and ngspice, as far as they can change a result.
-
-    SimulatorNotFound, SimulatorTooOld: no ngspice was found, or it is too old.
-    """
+def own_version() -> str:
+    """Return taction, its source and its plug-ins, as far as they can change a result."""
     added = sorted(set(map(plugins.distribution, plugins.offers())))
-    name = simulator_name(find_simulator()) if ngspice else "no ngspice"
-    source = f"taction {metadata.version('taction')} ({own_code().hex()[:8]})"
-    return ", ".join((source, *added, name))
+    return ", ".join((f"taction {metadata.version('taction')} ({own_code().hex()[:8]})", *added))
 
 
-def check_version(version: str) -> None:
-    """Raise NoVerdictError if this process has another version than the study."""
-    try:
-        here = own_version(not version.endswith("no ngspice"))
-    except SimulationError as error:
-        here = f"no usable ngspice ({str(error).partition('. ')[0]})"
-    if here != version:
-        text = f"{platform.node()} has {here} instead of {version}"
-        raise NoVerdictError(f"{text}; a study needs equal versions everywhere")
+def simulator_name(engine: str = "ngspice") -> str:
+    """Return version and matrix solver of ngspice, which can change a result of `engine`.
 
-
-def simulator_name(simulator: Simulator) -> str:
-    """Return version and matrix solver of an ngspice, the properties that can change a result."""
+    Empty for another engine. SimulatorNotFound, SimulatorTooOld: there is no usable ngspice.
+    """
+    if engine != "ngspice":
+        return ""
+    simulator = find_simulator()
     return f"{simulator.engine} {simulator.solver_option}"
 
 

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -35,17 +35,10 @@ from taction.system.array_types import Ints
 from taction.system.errors import MACHINE_FAILURES, Complaint, InputError, Interrupted, TactionError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.progress import Notice, Progress
-from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.pool import Workers
 from taction.verification.studies.running.study import attempted, study, workers_at
-from taction.verification.studies.running.versions import (
-    check_version,
-    digest,
-    own_code,
-    own_version,
-    simulator_name,
-)
+from taction.verification.studies.running.versions import digest, own_code, simulator_name
 from taction.verification.studies.store import Store
 from taction.verification.verdict.record import ERROR, Record
 from taction.verification.verdict.simulation import choose_engine
@@ -121,8 +114,7 @@ def grid_points(plan: Plan, places: Iterable[int] | None = None) -> Iterator[Gri
     """
     scene = plan.scene.model_dump(by_alias=True, exclude={"name", "regression", "analysis"})
     analysis = plan.scene.analysis.model_dump(exclude={"engine", "timeout"})
-    simulator = simulator_name(find_simulator()) if plan.engine == "ngspice" else ""
-    base = digest(own_code(), scene, analysis, simulator, plan.engine)
+    base = digest(own_code(), scene, analysis, simulator_name(plan.engine), plan.engine)
     named = files_of(plan.scene)
 
     @cache
@@ -188,8 +180,7 @@ def sweep_points(
     if not missing:
         return count
     progress(Notice(f"computing {len(missing)} of {count.total} points"))
-    compute = partial(compute_points, own_version(plan.engine == "ngspice"))
-    for key, record in study(workers, compute, _requests(plan, missing), len(missing)):
+    for key, record in study(workers, compute_points, _requests(plan, missing), len(missing)):
         if isinstance(record, BaseException):
             text = f"the worker was killed several times (out of memory?): {record}"
             record = Record.without_verdict(type(record).__name__, text, plan.engine)
@@ -218,16 +209,14 @@ def _requests(plan: Plan, places: Iterable[int]) -> Iterator[tuple[bytes, Reques
             yield point.key, request
 
 
-def compute_points(version: str, *points: Request | Record) -> list[Record | None]:
+def compute_points(*points: Request | Record) -> list[Record | None]:
     """Compute points; a verification that fails gives a record, too, and a record is its own.
 
     Of several points those are computed that the engine solves together; each other one is None,
-    and needs a call of its own. `version` is that of the process that runs the sweep.
+    and needs a call of its own.
 
-    NoVerdictError: this process has another version of taction or ngspice, or it can compute no
-      point; the point itself may be right.
+    NoVerdictError: this process can compute no point; the point itself may be right.
     """
-    check_version(version)
     if len(points) == 1:
         return [point if isinstance(point, Record) else _computed(point) for point in points]
     requests = {k: point for k, point in enumerate(points) if isinstance(point, Request)}

@@ -28,7 +28,7 @@ from taction.system.results import Result
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.pool import Workers
 from taction.verification.studies.running.study import workers_at
-from taction.verification.studies.running.versions import digest
+from taction.verification.studies.running.versions import digest, own_code, simulator_name
 from taction.verification.studies.store import Store
 from taction.verification.studies.tolerance.varied_board import (
     BoardSample,
@@ -286,7 +286,8 @@ def _correlation(z: Floats, values: Floats) -> Floats:
 def sample_keys(board: VariedBoard, seed: int) -> Callable[[int], bytes]:
     """Return the function that gives the key of a sample in a store, by its number."""
     problem = (board.problem.matrix, board.problem.strain)
-    base = digest(board.version, board.scene, *problem, board.nominal, seed)
+    versions = own_code(), simulator_name(board.engine)
+    base = digest(*versions, board.scene, *problem, board.nominal, seed)
     return lambda number: digest(base, number)
 
 

@@ -34,7 +34,6 @@ from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answe
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.pool import Workers
 from taction.verification.studies.running.study import attempted, study
-from taction.verification.studies.running.versions import check_version, own_version
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import ERROR, Record, finite, signed_errors
 from taction.verification.verdict.simulation import choose_engine
@@ -118,7 +117,6 @@ class Varied(ABC):
     quantities: tuple[Quantity, ...]  # what is reported of the samples
     target: Floats  # (N,): the outputs at rest that are wanted, V
     step_amplitude: float  # largest step of any output, V; not a number without a step
-    version: str  # of the process that runs the study
 
     def by_statespace(self) -> Varied:
         """Return the same board with samples by the state-space engine."""
@@ -156,10 +154,8 @@ def _unpickled(kind: type[Varied], packed: bytes) -> Varied:
 def evaluate(board: Varied, number: int, z: Floats) -> BoardSample:
     """Verify the board with deviations `z`; a verification that fails gives a sample, too.
 
-    NoVerdictError: this process has other versions of taction or ngspice than `board`, or it can
-      compute no sample; the sample itself may be right.
+    NoVerdictError: this process can compute no sample; the sample itself may be right.
     """
-    check_version(board.version)
     return attempted(partial(board.measured, number, z), partial(_without_verdict, number, board))
 
 
@@ -168,7 +164,6 @@ def _evaluate_together(*requests: tuple[Varied, int, Floats]) -> list[BoardSampl
     board = requests[0][0]
     if len(requests) == 1:
         return [evaluate(*requests[0])]
-    check_version(board.version)
     return board.measured_together([(number, z) for _, number, z in requests])
 
 
@@ -298,7 +293,6 @@ def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
         quantities=quantities(scene),
         target=ideal.target,
         step_amplitude=float(np.abs(ideal.target - ideal.start).max()) or math.nan,
-        version=own_version(choose_engine(scene) == "ngspice"),
         scene=scene,
         problem=problem,
         ideal=ideal,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -20,18 +19,16 @@ from taction.system.errors import (
     SimulatorNotFound,
 )
 from taction.verification.studies.running.pool import WorkerDiedError, Workers
-from taction.verification.studies.running.versions import own_version
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import (
     Plan,
     SweepCounts,
-    compute_points,
     grid_points,
     sweep_points,
 )
 from taction.verification.studies.sweep.result import records
 from taction.verification.verdict import verify as module_of_batches
-from taction.verification.verdict.verify import Request, verify
+from taction.verification.verdict.verify import verify
 from tests.support.making import NEAR_IDEAL, make_scene, write_matrix_scene
 from tests.support.studying import IDEAL
 
@@ -163,19 +160,6 @@ def test_a_changed_file_is_another_problem(tmp_path: Path, workers: Workers) -> 
     assert [run(sweep_of, path, workers)[0].ran for _ in range(2)] == [1, 0]
     write_matrix_scene(tmp_path, [[1.0, 0.3], [0.2, 1.0]], [1.0, 0.5], design)
     assert run(sweep_of, path, workers)[0].ran == 1
-
-
-def test_another_version_at_the_worker_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    job = Request(scene())
-    text = f"has {re.escape(own_version(False))} instead of taction 0.0.9, no ngspice"
-    with pytest.raises(NoVerdictError, match=text):
-        compute_points("taction 0.0.9, no ngspice", job)
-    monkeypatch.setenv("TACTION_NGSPICE", "/missing/ngspice")
-    own_version.cache_clear()
-    text = "has no usable ngspice .no executable '/missing/ngspice'. instead of taction, ngspice-46"
-    with pytest.raises(NoVerdictError, match=text):
-        compute_points("taction, ngspice-46", job)
-    own_version.cache_clear()
 
 
 def failing(error: Exception) -> Workers:

@@ -18,7 +18,6 @@ from taction.system.documents import plain
 from taction.system.errors import TactionError
 from taction.system.reading_definitions import READINGS
 from taction.verification.studies.running.pool import HERE
-from taction.verification.studies.running.versions import own_version
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import compute_points as compute
 from taction.verification.studies.sweep.plan import plan_sweep, sweep_points
@@ -55,7 +54,7 @@ def of_sweep(scene: Scene) -> dict[str, Any]:
     except TactionError as error:
         return without_verdict(error, engine)
     asked = Request(scene, problem)
-    (result,) = compute(own_version(engine == "ngspice"), asked)
+    (result,) = compute(asked)
     assert result is not None
     return dict(plain(result))
 
