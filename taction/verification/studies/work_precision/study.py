@@ -12,7 +12,7 @@ import statistics
 import time as clock
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise, zip_longest
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -194,7 +194,7 @@ def accuracy(
     scene : path or Scene
         The board.
     budget : float
-        Wall time for the runs, s; the finest settings are left out when it is used up.
+        Wall time for the runs, s, shared by the methods; finer settings are left out then.
     progress : callable, optional
         Receives the name of each stage, with what is left of the budget.
 
@@ -227,135 +227,123 @@ def accuracy(
         stop = min(stop, scene.analysis.stop)
     transient = even_transient(scene, scales, BASE_POINTS, stop)
     task = MethodTask(circuit, transient, network, initial_voltages(scene, network))
-    usable, left_out = _applicable(task)
-    problems, points = dict[str, References](), list[SettingResult]()
+    runs, left_out = list[Pair](), list[str]()
+    usable = list(_applicable(task, left_out))
     with Worker() as worker:
-        study = _Runs(task, worker, started + budget, progress, left_out)
-        found = list(study.runs(usable))
+        for k, method in enumerate(usable):
+            left = started + budget - clock.perf_counter()
+            if runs and left <= 0.0:
+                left_out.append(f"{method.name}: not run, no time is left")
+                continue
+            progress(f"{method.name}, {max(left, 0.0):.0f} s left")
+            runs += _ladder(worker, task, method, left / (len(usable) - k), left_out)
         progress("references")
-        for name in dict.fromkeys(point.method.problem for point, _ in found):
-            pairs = [pair for pair in found if pair[0].method.problem == name]
-            problems[name], compared = study.compared(name, pairs)
+        problems, points = dict[str, References](), list[SettingResult]()
+        for name in dict.fromkeys(point.method.problem for point, _ in runs):
+            pairs = [pair for pair in runs if pair[0].method.problem == name]
+            limit = max(started + budget - clock.perf_counter(), LEAST_TIME)
+            problems[name], compared = _compared(worker, task, pairs, limit, left_out)
             points += compared
+    seconds, machine = clock.perf_counter() - started, describe_machine()
+    omissions = tuple(left_out)
     made = WorkPrecisionStudy(
-        scene,
-        tuple(points),
-        problems,
-        transient,
-        period,
-        tuple(left_out),
-        describe_machine(),
-        clock.perf_counter() - started,
+        scene, tuple(points), problems, transient, period, omissions, machine, seconds
     )
     if made.outcome != "pass":
         progress(Notice("no run of the board has a known error; give a larger --budget"))
     return made
 
 
-def _applicable(task: MethodTask) -> tuple[list[Method], list[str]]:
-    """Return the methods that this board and this machine can run, and what is left out."""
-    refused = dict[str, str]()
+def _applicable(task: MethodTask, left_out: list[str]) -> Iterator[Method]:
+    """Yield the methods that this board and this machine can run; `left_out` gets the others."""
+    missing = ""
     try:
         find_simulator()
     except SimulationError as error:
-        reason = str(error).splitlines()[0]
-        refused |= {each.name: reason for each in METHODS if each.engine == "ngspice"}
-    if not task.is_exact:
-        linear = "too many unknowns for dense matrices"
-        refused[EXACT] = linear if task.circuit.is_linear else "the board is not linear"
-    reasons = [f"{m.name}: not run, {refused[m.name]}" for m in METHODS if m.name in refused]
-    return [each for each in METHODS if each.name not in refused], reasons
+        missing = str(error).splitlines()[0]
+    linear = "too many unknowns for dense matrices"
+    inexact = (
+        "" if task.is_exact else linear if task.circuit.is_linear else "the board is not linear"
+    )
+    for method in METHODS:
+        reason = missing if method.engine == "ngspice" else inexact * (method.name == EXACT)
+        if reason:
+            left_out.append(f"{method.name}: not run, {reason}")
+        else:
+            yield method
 
 
 Pair = tuple[SettingResult, MethodRun | None]
 """A setting, and its last run; None where it has none."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Runs:
-    """The runs of a task in a worker process, until `end` on the clock."""
+def _ladder(
+    worker: Worker, task: MethodTask, method: Method, seconds: float, left_out: list[str]
+) -> Iterator[Pair]:
+    """Yield the settings of a method, coarse to fine, with their last runs, for about `seconds`.
 
-    task: MethodTask
-    worker: Worker
-    end: float  # s
-    progress: Progress
-    left_out: list[str]  # grows
-
-    @property
-    def left(self) -> float:
-        """What is left of the budget, s, at least `LEAST_TIME`."""
-        return max(self.end - clock.perf_counter(), LEAST_TIME)
-
-    def runs(self, methods: Sequence[Method]) -> Iterator[Pair]:
-        """Yield every setting with its last run, the coarsest of all methods first."""
-        over, first = set[str](), True
-        for level in zip_longest(*([(m, s) for s in m.ladder] for m in methods)):
-            for method, setting in filter(None, level):
-                point, left = SettingResult(method, setting), self.end - clock.perf_counter()
-                if method.name in over or (left <= 0.0 and not first):
-                    reason = "a coarser one timed out" if method.name in over else "no time is left"
-                    self.left_out.append(f"{method.name}, {point.name}: not run, {reason}")
-                    continue
-                self.progress(f"{method.name}, {point.name}, {max(left, 0.0):.0f} s left")
-                first, found = False, self.repeated(point)
-                if found[0].status == "timeout":
-                    over.add(method.name)
-                yield found
-
-    def repeated(self, point: SettingResult) -> Pair:
-        """Run a setting up to `REPEATS` times, as long as half of the budget's rest lasts."""
-        method, limit, run = point.method, 0.5 * self.left, None
-        stop = self.task.ideal_stop if method.problem == "ideal" else self.task.transient.stop
-        end, times = clock.perf_counter() + limit, list[float]()
-        while len(times) < REPEATS and clock.perf_counter() + sum(times[:1]) < end:
-            try:
-                run = self.worker.call(limit, method.run, self.task, point.setting)
-            except TimeoutError as error:
-                if run is not None:
-                    break
-                return replace(point, status="timeout", seconds=limit, note=str(error)), None
-            except FAILURES as error:
-                note = f"{type(error).__name__}: {error}".splitlines()[0]
-                return replace(point, status="failed", note=note), None
-            times.append(run.seconds)
-        if run is None:
-            return point, None
-        found = replace(
+    Each runs up to `REPEATS` times, the coarsest in any case; `left_out` gets the first that does
+    not.
+    """
+    end, stop = clock.perf_counter() + seconds, task.transient.stop
+    stop = task.ideal_stop if method.problem == "ideal" else stop
+    for place, setting in enumerate(method.ladder):
+        point, times, run = SettingResult(method, setting), list[float](), None
+        if place and clock.perf_counter() > end:
+            left_out.append(f"{method.name}: not run from {point.name} on, no time is left")
+            return
+        limit = max(end - clock.perf_counter(), LEAST_TIME)
+        try:
+            while len(times) < REPEATS and (not times or clock.perf_counter() + times[0] < end):
+                run = worker.call(limit, method.run, task, setting)
+                times.append(run.seconds)
+        except TimeoutError as error:
+            if run is None:
+                yield replace(point, status="timeout", seconds=limit, note=str(error)), None
+                return
+        except FAILURES as error:
+            note = f"{type(error).__name__}: {error}".splitlines()[0]
+            yield replace(point, status="failed", note=note), None
+            continue
+        assert run is not None  # noqa: S101 - the loop runs once at least
+        point = replace(
             point,
             seconds=statistics.median(times),
             steps=run.steps,
             factorisations=run.factorisations,
             mean_step=stop / run.steps if run.steps else None,
         )
-        return found, run.thinned
+        yield point, run.thinned
 
-    def compared(
-        self, problem: str, pairs: Sequence[Pair]
-    ) -> tuple[References, list[SettingResult]]:
-        """Solve a problem at all instants of its runs; return the settings with their errors.
 
-        The method of the first solution is compared with the second.
-        """
-        known = [run.time for _, run in pairs if run is not None]
-        time, solved = np.unique(np.concatenate([[0.0], *known])), dict[str, Floats]()
-        for name, solve in solutions(self.task, problem).items() if known else ():
-            try:
-                solved[name] = self.worker.call(self.left, solve, self.task, times=time).u
-            except (TimeoutError, *FAILURES) as error:
-                self.left_out.append(f"reference of the {problem}, {name}: {error}")
-        if not solved:
-            return References((), None, math.nan), [point for point, _ in pairs]
-        first, *others = solved.values()
-        amplitude = float(np.abs(first - first[0]).max())
-        if not amplitude:
-            raise EngineError("the step moves no output of this board: nothing to study")
-        floor = float(np.abs(others[0] - first).max() / amplitude) if others else None
-        points = []
-        for point, run in pairs:
-            names = [name for name in solved if name != point.method.name]
-            if run is not None and names:
-                u = solved[names[0]][np.searchsorted(time, run.time)]
-                apart = float(np.abs(run.u - u).max() / amplitude)
-                point = replace(point, error=apart, reference=names[0])
-            points.append(point)
-        return References(tuple(solved), floor, amplitude), points
+def _compared(
+    worker: Worker, task: MethodTask, pairs: Sequence[Pair], limit: float, left_out: list[str]
+) -> tuple[References, list[SettingResult]]:
+    """Solve a problem at all instants of its runs; return the settings with their errors.
+
+    The method of the first solution is compared with the second. Each may take `limit`, s.
+    """
+    problem = pairs[0][0].method.problem
+    known = [run.time for _, run in pairs if run is not None]
+    time, solved = np.unique(np.concatenate([[0.0], *known])), dict[str, Floats]()
+    for name, solve in solutions(task, problem).items() if known else ():
+        try:
+            solved[name] = worker.call(limit, solve, task, times=time).u
+        except (TimeoutError, *FAILURES) as error:
+            left_out.append(f"reference of the {problem}, {name}: {error}")
+    if not solved:
+        return References((), None, math.nan), [point for point, _ in pairs]
+    first, *others = solved.values()
+    amplitude = float(np.abs(first - first[0]).max())
+    if not amplitude:
+        raise EngineError("the step moves no output of this board: nothing to study")
+    floor = float(np.abs(others[0] - first).max() / amplitude) if others else None
+    points = []
+    for point, run in pairs:
+        names = [name for name in solved if name != point.method.name]
+        if run is not None and names:
+            u = solved[names[0]][np.searchsorted(time, run.time)]
+            apart = float(np.abs(run.u - u).max() / amplitude)
+            point = replace(point, error=apart, reference=names[0])
+        points.append(point)
+    return References(tuple(solved), floor, amplitude), points
