@@ -49,7 +49,7 @@ class SceneFile(pytest.File):
         from taction.verification.studies.regression.baseline import load_baseline
 
         try:
-            baseline, _ = load_baseline(self.config.invocation_params.dir / file)
+            baseline = load_baseline(self.config.invocation_params.dir / file)
         except InputError as error:
             raise self.CollectError(str(error)) from None
         yield SceneItem.from_parent(self, name="regress", baseline=baseline)
@@ -64,10 +64,9 @@ class SceneItem(pytest.Item):
 
     def runtest(self) -> None:
         """Verify the scene; SceneFailed without a pass, or if the baseline differs."""
-        from taction.verification.studies.regression.baseline import git_commit
         from taction.verification.studies.regression.regress import Status, compare_scene
 
-        result = compare_scene(self.path, self._entry, git_commit(self.path.parent).revision)
+        result = compare_scene(self.path, self._entry)
         if result.fails or result.status in (Status.NO_VERDICT, Status.BAD_INPUT):
             raise SceneFailed(result)
 

@@ -14,7 +14,6 @@ def entry(**changes: Any) -> Entry:
     fields: dict[str, Any] = {
         "name": "one",
         "fingerprint": "f" * 64,
-        "revision": "a" * 40,
         "taction": "0.1.0",
         "solved_by": "ngspice-46, KLU, trapezoidal",
         "outcome": "pass",

@@ -42,7 +42,6 @@ from taction.verification.report.views import stability_view as onset
 from taction.verification.report.views import tolerance_view as tolerance
 from taction.verification.report.views.sweep_view import view as sweep_report
 from taction.verification.report.views.verdict_view import view as verdict_report
-from taction.verification.studies.regression.baseline import Commit
 from taction.verification.studies.regression.regress import RegressionReport, SceneResult, Status
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import SweepCounts, grid_points
@@ -57,7 +56,6 @@ from taction.verification.studies.tolerance.montecarlo import (
 from taction.verification.studies.tolerance.varied_board import prepare
 from taction.verification.studies.work_precision.methods import METHODS, Method
 from taction.verification.studies.work_precision.study import (
-    References,
     SettingResult,
     WorkPrecisionStudy,
 )
@@ -203,13 +201,14 @@ def _setting(method: Method, setting: float, k: int) -> SettingResult:
 
 
 def work_precision() -> WorkPrecisionStudy:
-    """Return a study with four settings of each method of the board."""
-    methods = [method for method in METHODS if method.problem == "board"]
-    points = [_setting(m, s, k) for m in methods for k, s in enumerate(m.ladder[:4])]
+    """Return a study with four settings of each method."""
+    points = [_setting(m, s, k) for m in METHODS for k, s in enumerate(m.ladder[:4])]
     return WorkPrecisionStudy(
         scene=small_scene(),
         points=tuple(points),
-        problems={"board": References((HOSTILE,), 1e-7, 1.0)},
+        references=(HOSTILE,),
+        floor=1e-7,
+        amplitude=1.0,
         transient=Transient(1e-3, 1e-6),
         period=1e-5,
         omissions=(HOSTILE,),
@@ -231,7 +230,7 @@ def _regression() -> Page:
         SceneResult("gone.toml", Status.MISSING, reason=HOSTILE, baseline=entry()),
     )
     return regression.regression_view(
-        RegressionReport(HOSTILE, "baseline.json", Commit(), results, updated=False)
+        RegressionReport(HOSTILE, "baseline.json", results, updated=False)
     )
 
 

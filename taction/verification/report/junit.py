@@ -122,11 +122,10 @@ def _verdict_suite(document: Document) -> ET.Element:
 
 
 def _scene_suite(result: SceneResult, report: RegressionReport) -> ET.Element:
-    properties = {"status": result.status.value, "revision": report.commit.revision}
+    properties = {"status": result.status.value}
     if result.entry is not None:
         properties["simulator"] = result.entry.solved_by
     if result.baseline is not None:
-        properties["baseline_revision"] = result.baseline.revision
         properties["baseline_simulator"] = result.baseline.solved_by
     tests = _scene_tests(result, report)
     return junit_suite(_path(result, report), tests, result.seconds, **properties)
@@ -143,14 +142,13 @@ def _scene_tests(result: SceneResult, report: RegressionReport) -> Iterator[JUni
     if result.baseline is None:
         yield JUnitTest("baseline", "skipped", "new: not in the baseline")
         return
-    lines = [*remarks(result), *_origin(report)]
     end = "skipped" if report.updated or not result.fails else "failure"
     for group in dict.fromkeys(d.group for d in result.differences):
         name, changes = f"baseline {group}", [d for d in result.changes if d.group == group]
         if not changes:
             yield JUnitTest(name)
         else:
-            text = "\n".join([*map(change_line, changes), *lines])
+            text = "\n".join([*map(change_line, changes), *remarks(result)])
             yield JUnitTest(name, end, changes_line(changes), text)
 
 
@@ -180,8 +178,7 @@ def regression_annotations(report: RegressionReport) -> Iterator[str]:
         lines = remarks(replace(each, notes=()))
         moved = [change for change in each.changes if change.group != "checks"]
         if moved:
-            origin = (f" ({line})" for line in _origin(report))
-            lines.append("".join((changes_line(moved), *origin)))
+            lines.append(changes_line(moved))
         prefix = f"{each.file}: " if each.status is Status.MISSING else ""
         texts = (prefix + line for line in lines)
         yield from _annotations("error", file, f"taction regress ({each.status.value})", texts)
@@ -192,11 +189,6 @@ def regression_annotations(report: RegressionReport) -> Iterator[str]:
 def _is_wrong(result: SceneResult, report: RegressionReport) -> bool:
     failed = result.failed if report.updated else result.fails
     return failed or result.status in (Status.NO_VERDICT, Status.BAD_INPUT)
-
-
-def _origin(report: RegressionReport) -> list[str]:
-    """Return the line that names the commit of the baseline; none where it is unknown."""
-    return [f"baseline of {report.written.text}"] if report.written.text else []
 
 
 def _path(result: SceneResult, report: RegressionReport) -> str:

@@ -18,7 +18,6 @@ from taction.verification.studies.work_precision.study import (
     WorkPrecisionStudy,
 )
 
-PROBLEMS = {"board": "the whole board", "ideal": "the network with ideal op-amps"}
 MARKS = ("circle", "square", "diamond", "triangle-down", "triangle-up", "star", "cross", "hexagon")
 LINES: tuple[Line, ...] = ("solid", "dash", "dot", "dashdot")
 LOWEST = 1e-15  # place of an error of exactly 0
@@ -35,20 +34,14 @@ def view(study: WorkPrecisionStudy) -> Page:
     """Return the page of a work-precision study."""
     took = quantity(study.seconds, "s", 3)
     machine = ", ".join(f"{k} {v}" for k, v in study.machine.items() if v is not None)
-    sections = []
-    for name in study.problems:
-        title = f"Error against run time: {PROBLEMS[name]}"
-        sections += [
-            Section(title, partial(_charts, study, name), media="page picture"),
-            Section(f"Runs: {PROBLEMS[name]}", tuple(_runs(study, name)), media="terminal page"),
-        ]
     return Page(
         title=study.scene.name,
         command="taction self accuracy",
         summary=_summary(study),
         lines=(study.stretch,),
         sections=(
-            *sections,
+            Section("Error against run time", partial(_charts, study), media="page picture"),
+            Section("Runs", tuple(_runs(study)), media="terminal page"),
             Section("Order of convergence", _orders(study), media="terminal page"),
             Section("Cheapest settings", _cheapest(study), media="terminal page"),
             Section("Left out", Notes("", study.omissions), media="terminal page"),
@@ -68,9 +61,9 @@ def _summary(study: WorkPrecisionStudy) -> str:
     return f"{text} in {quantity(point.seconds, 's', 3)}."
 
 
-def _methods(study: WorkPrecisionStudy, problem: str) -> dict[Method, tuple[str, str, Line]]:
-    """Return the methods of a problem with their colour, mark and line."""
-    methods = dict.fromkeys(p.method for p in study.points if p.method.problem == problem)
+def _methods(study: WorkPrecisionStudy) -> dict[Method, tuple[str, str, Line]]:
+    """Return the methods with their colour, mark and line."""
+    methods = dict.fromkeys(p.method for p in study.points)
     looks = (
         (SERIES[k % len(SERIES)], MARKS[k % len(MARKS)], LINES[k // len(SERIES) % len(LINES)])
         for k in range(len(methods))
@@ -83,36 +76,31 @@ def _known(study: WorkPrecisionStudy, method: Method) -> list[SettingResult]:
     return [p for p in study.of(method) if p.error is not None and p.seconds is not None]
 
 
-def _charts(study: WorkPrecisionStudy, problem: str) -> Iterator[Content]:
-    known = [p for method in _methods(study, problem) for p in _known(study, method)]
+def _charts(study: WorkPrecisionStudy) -> Iterator[Content]:
+    known = [p for method in _methods(study) for p in _known(study, method)]
     if len(known) < 2:
         text = f"{len(known) or 'No'} run has a known error: there is nothing to compare."
         yield f"{text} A larger --budget gives more runs."
         return
     best = min(known, key=lambda p: (p.error or 0.0, p.seconds or 0.0))
     said = f"the most accurate is {best.method.name}, {_error_text(best)}"
-    time, name = Axis("wall time, median", "s", "log"), PROBLEMS[problem]
-    marks = tuple(_work(study, problem))
-    yield Chart(f"Runs by time and error, {name}", time, ERROR, marks, said, WORK)
-    unit, step = 1.0, Axis("mean step", "s", "log")
-    if problem == "board":
-        unit = study.period
-        step = Axis("mean step (periods of the fastest ringing)", "", "log")
-    orders = {m.order: m for m in study.ladders if m.method.problem == problem}
+    time = Axis("wall time, median", "s", "log")
+    yield Chart("Runs by time and error", time, ERROR, tuple(_work(study)), said, WORK)
+    step = Axis("mean step (periods of the fastest ringing)", "", "log")
+    orders = {m.order: m for m in study.ladders}
     largest = max((order for order in orders if order is not None), default=None)
     said = ""
     if largest is not None:
         said = f"{orders[largest].method.name} has the largest order, {largest:.3g}"
-    title = f"Error against the mean step, {name}"
-    yield Chart(title, step, ERROR, tuple(_steps(study, problem, unit)), said, STEPS)
+    yield Chart("Error against the mean step", step, ERROR, tuple(_steps(study)), said, STEPS)
 
 
-def _work(study: WorkPrecisionStudy, problem: str) -> Iterator[Mark]:
+def _work(study: WorkPrecisionStudy) -> Iterator[Mark]:
     """Yield the errors over the median run times."""
-    if floor := study.problems[problem].floor:
-        yield Limit(floor, "y", "error of the reference", "muted")
+    if study.floor:
+        yield Limit(study.floor, "y", "error of the reference", "muted")
     top = 1.0
-    for method, (colour, mark, line) in _methods(study, problem).items():
+    for method, (colour, mark, line) in _methods(study).items():
         points = _known(study, method)
         times = np.array([p.seconds for p in points], dtype=np.float64)
         texts = tuple(f"{method.name} {p.name}: error {_error_text(p)}" for p in points)
@@ -120,9 +108,8 @@ def _work(study: WorkPrecisionStudy, problem: str) -> Iterator[Mark]:
         top = max(top, float(errors.max(initial=top)))
         yield Curve(times, errors, method.name, colour, line, mark, width=1.2, hover=texts)
     for point in study.points:  # at the upper edge, since the error of this run has no bound
-        known = point.method.problem == problem and point.status == "timeout"
-        if known and point.seconds is not None:
-            look, place = _methods(study, problem)[point.method][0], np.array([point.seconds])
+        if point.status == "timeout" and point.seconds is not None:
+            look, place = _methods(study)[point.method][0], np.array([point.seconds])
             text = f"timed out at {point.name}"
             yield Curve(place, np.array([top]), text, look, "", "x", size=9.0, label="",
                         hover=(text,))  # fmt: skip
@@ -136,11 +123,11 @@ def _error_text(point: SettingResult) -> str:
     return f"{point.error:.1e} in {quantity(point.seconds, 's', 3)}"
 
 
-def _steps(study: WorkPrecisionStudy, problem: str, unit: float) -> Iterator[Mark]:
-    """Yield the errors over the mean steps in a unit, s, with the orders of convergence."""
-    for method, (colour, mark, _) in _methods(study, problem).items():
+def _steps(study: WorkPrecisionStudy) -> Iterator[Mark]:
+    """Yield the errors over the mean steps in periods, with the orders of convergence."""
+    for method, (colour, mark, _) in _methods(study).items():
         known = [p for p in study.of(method) if None not in (p.error, p.mean_step)]
-        steps = np.array([p.mean_step for p in known], dtype=np.float64) / unit
+        steps = np.array([p.mean_step for p in known], dtype=np.float64) / study.period
         texts = tuple(f"{method.name} {p.name}: {p.error:.2e}" for p in known)
         order, name = study.order(method), method.name
         if order is not None:
@@ -149,15 +136,14 @@ def _steps(study: WorkPrecisionStudy, problem: str, unit: float) -> Iterator[Mar
         yield Curve(steps, _errors(known), name, colour, "dot", mark, size=5.0, hover=texts)
 
 
-def _runs(study: WorkPrecisionStudy, problem: str) -> Iterator[Content]:
-    points = [point for method in _methods(study, problem) for point in study.of(method)]
+def _runs(study: WorkPrecisionStudy) -> Iterator[Content]:
+    points = [point for method in _methods(study) for point in study.of(method)]
     columns = {
         **fields("method = method.name; setting = known_setting; status; time = seconds 3"),
         **fields("steps; factorisations"),
         "largest error": lambda each: Cell(_power(each.error), each.error),
     }
-    title = f"Wall times and errors of {PROBLEMS[problem]}"
-    yield Table.of(title, points, columns, _scale_text(study, problem))
+    yield Table.of("Wall times and errors", points, columns, _scale_text(study))
     notes = (f"{p.method.name}, {p.name}: {p.status} {p.note}" for p in points if p.note)
     yield from notes
 
@@ -166,15 +152,14 @@ def _power(value: float | None) -> str:
     return "–" if value is None else f"{value:.1e}"
 
 
-def _scale_text(study: WorkPrecisionStudy, problem: str) -> str:
-    """Return how the errors of a problem are measured."""
-    found = study.problems[problem]
+def _scale_text(study: WorkPrecisionStudy) -> str:
+    """Return how the errors are measured."""
     text = "Largest error over time and outputs, over the step. Reference: "
-    text += found.references[0] if found.references else "none, all failed"
-    if len(found.references) > 1:
-        text += f", checked by {found.references[1]}; the largest difference of the two is"
-        text += f" {_power(found.floor)}"
-    return f"{text}; step {quantity(found.amplitude, 'V')}."
+    text += study.references[0] if study.references else "none, all failed"
+    if len(study.references) > 1:
+        text += f", checked by {study.references[1]}; the largest difference of the two is"
+        text += f" {_power(study.floor)}"
+    return f"{text}; step {quantity(study.amplitude, 'V')}."
 
 
 def _cheapest(study: WorkPrecisionStudy) -> Table:

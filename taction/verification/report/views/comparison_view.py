@@ -55,7 +55,6 @@ EXITS: dict[int, charts.Outcome] = {0: "pass", 1: "fail"}
 
 def regression_view(report: RegressionReport) -> Page:
     """Return the page of a regression run."""
-    revision = (("revision", report.commit.revision), ("baseline", _baseline(report)))
     changes = tuple(content for each in report.results for content in _scene(each, "terminal"))
     scenes = (
         Section(f"{result.file}: {result.status.value}", tuple(_scene(result, "page")))
@@ -74,7 +73,7 @@ def regression_view(report: RegressionReport) -> Page:
             Section("Scenes", _scenes(report.results), media="terminal page"),
             Section("Changes", changes, media="terminal"),
             *scenes,
-            origin_section(None, revision),
+            origin_section(None, (("baseline", report.baseline),)),
         ),
     )
 
@@ -86,7 +85,6 @@ def _scenes(results: Sequence[SceneResult]) -> Table:
         "checks": _passing,
         "tolerances off": lambda each: None if each.worst is None else _off(each.worst),
         "simulator": lambda each: each.entry and each.entry.solved_by.partition(",")[0],
-        "baseline from": lambda each: each.baseline and each.baseline.revision[:12],
     }
     return Table.of("Scenes", results, columns)
 
@@ -157,13 +155,7 @@ def changes_line(changes: Sequence[Difference]) -> str:
 def headline(report: RegressionReport) -> str:
     """Return the counts of the run as one line of text."""
     counts = ", ".join(f"{count} {status}" for status, count in report.count().items())
-    text = f"{report.folder} against {_baseline(report)}: {counts}"
-    return f"{text}; at {report.commit.text}" if report.commit.text else text
-
-
-def _baseline(report: RegressionReport) -> str:
-    """Return the file of the baseline and its commit."""
-    return report.baseline + (f" of {report.written.text}" if report.written.text else "")
+    return f"{report.folder} against {report.baseline}: {counts}"
 
 
 def off_text(off: float) -> str:

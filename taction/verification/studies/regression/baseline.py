@@ -1,15 +1,12 @@
 """The baseline of a regression run: a JSON file with one entry per scene.
 
-The head names the commit at which it was written; nothing depends on the time of the run, so the
-same results give the same bytes.
+Nothing depends on the time of the run, so the same results give the same bytes.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import shutil
-import subprocess
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib import metadata
@@ -26,33 +23,9 @@ from taction.system.reading_definitions import READINGS
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import Verdict
 
-FORMAT = 3
+FORMAT = 4
 MARK = "taction_baseline"
 MOVE_AWAY = "rename it, and `--update` writes a new baseline"
-UNKNOWN = "unknown"
-
-
-@dataclass(frozen=True, slots=True)
-class Commit:
-    """A git commit and its date, as ``2026-11-27``; without git the revision is ``"unknown"``.
-
-    Examples
-    --------
-    >>> Commit("0123456789abcdef", "2026-11-27").text, Commit().text
-    ('commit 0123456789ab, 2026-11-27', '')
-    """
-
-    revision: str = UNKNOWN
-    date: str = ""
-
-    @property
-    def text(self) -> str:
-        """The first twelve digits and the date; empty where it is unknown."""
-        known = self.revision != UNKNOWN
-        return ", ".join(filter(None, (f"commit {self.revision[:12]}", self.date))) if known else ""
-
-
-NO_COMMIT = Commit()
 
 
 ALWAYS = ("step_amplitude", "growth_rate", "frequency", "margin")
@@ -67,9 +40,7 @@ class Entry:
 
     name: str
     fingerprint: str  # SHA-256 of the scene and its files, without the tolerances
-    # `revision`, `taction`: git commit, and version.
-    revision: str
-    taction: str
+    taction: str  # version
     solved_by: str  # engine with its version, matrix solver and integration method
     speed: Annotated[float, "1/s"]  # magnitude of the rightmost pole, 1/s
     # What is compared: `ALWAYS`, `STABLE` and the same of the channels.
@@ -98,12 +69,11 @@ Baseline = Mapping[str, Entry]
 """Entries by the name of the scene's file."""
 
 
-def observe(verdict: Verdict, revision: str) -> Entry:
-    """Return the entry of a verdict; `revision` is the commit checked out."""
+def observe(verdict: Verdict) -> Entry:
+    """Return the entry of a verdict."""
     return Entry(
         name=verdict.scene.name,
         fingerprint=fingerprint(verdict.scene),
-        revision=revision,
         taction=metadata.version("taction"),
         solved_by=verdict.waveforms.simulator,
         speed=abs(verdict.poles.rightmost),
@@ -157,11 +127,10 @@ class BaselineFile:
 
     taction_baseline: int  # the format
     scenes: dict[str, Entry]
-    commit: Commit = NO_COMMIT  # at which it was written
 
 
-def load_baseline(path: str | Path) -> tuple[dict[str, Entry], Commit]:
-    """Read the entries of a baseline, and the commit at which it was written.
+def load_baseline(path: str | Path) -> dict[str, Entry]:
+    """Read the entries of a baseline.
 
     InputError: the file cannot be read, is damaged, is no baseline, or has another format.
     """
@@ -186,35 +155,15 @@ def load_baseline(path: str | Path) -> tuple[dict[str, Entry], Commit]:
         raise unusable(MARK, repr(data[MARK]), reason + MOVE_AWAY)
     try:
         found = read(BaselineFile, data)
-        if json.loads(baseline_text(found.scenes, found.commit)) != data:
+        if json.loads(baseline_text(found.scenes)) != data:
             raise ValueError("scenes: has a key that no baseline has, or lacks one")
     except ValueError as error:
         place, _, what = str(error).rpartition(": ")
         raise damaged(place or "scenes", f": {what}") from None
-    return found.scenes, found.commit
+    return found.scenes
 
 
-def baseline_text(entries: Baseline, written: Commit = NO_COMMIT) -> str:
-    """Return a baseline as the text of its file; `written` is the commit that it names."""
-    file = {MARK: FORMAT, "commit": written, "scenes": dict(sorted(entries.items()))}
+def baseline_text(entries: Baseline) -> str:
+    """Return a baseline as the text of its file."""
+    file = {MARK: FORMAT, "scenes": dict(sorted(entries.items()))}
     return json.dumps(plain(file), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def git_commit(folder: Path) -> Commit:
-    """Return the commit checked out in the repository of `folder`; without git an unknown one."""
-    git = shutil.which("git")
-    if git is None:
-        return NO_COMMIT
-    words = ("show", "-s", "--no-show-signature", "--format=%H %cs", "HEAD")
-    try:
-        run = subprocess.run(
-            [git, "-C", str(folder), *words],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            timeout=20.0,
-            check=False,
-        )
-    except (OSError, subprocess.TimeoutExpired):
-        return NO_COMMIT
-    return Commit(*run.stdout.split()) if run.returncode == 0 else NO_COMMIT

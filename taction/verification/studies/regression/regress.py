@@ -20,13 +20,10 @@ from taction.verification.studies.regression.baseline import (
     ALWAYS,
     CHANNEL_ALWAYS,
     CHANNEL_STABLE,
-    NO_COMMIT,
     STABLE,
     Baseline,
-    Commit,
     Entry,
     baseline_text,
-    git_commit,
     load_baseline,
     observe,
 )
@@ -105,8 +102,8 @@ class SceneResult:
     DOCUMENT = (
         *("file", "status", "outcome = entry.record.outcome", "reason", "notes"),
         *("simulator = entry.solved_by", "baseline.outcome = baseline.record.outcome"),
-        *("baseline.revision = baseline.revision", "baseline.taction = baseline.taction"),
-        *("baseline.simulator = baseline.solved_by", "baseline.fingerprint = baseline.fingerprint"),
+        *("baseline.taction = baseline.taction", "baseline.simulator = baseline.solved_by"),
+        "baseline.fingerprint = baseline.fingerprint",
         *("worst # of the differences, over what is allowed", "checks"),
         *("differences # the baseline is the first", "seconds [s]"),
     )
@@ -153,24 +150,18 @@ class SceneResult:
 
 @dataclass(frozen=True, slots=True)
 class RegressionReport(Result):
-    """Comparison of a folder with its baseline.
-
-    `commit` is checked out; at `written` the baseline was written.
-    """
+    """Comparison of a folder with its baseline."""
 
     VIEW = "taction.verification.report.views.comparison_view:regression_view"
     DOCUMENT = (
-        *("exit_status", "folder", "baseline", "revision = commit.revision"),
-        *("baseline_commit = written", "updated", "interrupted"),
+        *("exit_status", "folder", "baseline", "updated", "interrupted"),
         *("counts = count", "scenes = results"),
     )
 
     folder: str
     baseline: str
-    commit: Commit
     results: tuple[SceneResult, ...]
     updated: bool
-    written: Commit = NO_COMMIT
 
     @property
     def interrupted(self) -> bool:
@@ -252,10 +243,9 @@ def regress(
     """
     check_folder(str(baseline), "--baseline")
     fresh = update and not Path(baseline).exists()
-    entries, written = ({}, NO_COMMIT) if fresh else load_baseline(baseline)
-    files, commit = find_scenes(folder), git_commit(Path(folder))
+    entries, files = {} if fresh else load_baseline(baseline), find_scenes(folder)
     names = [printable(path.name) for path in files]
-    arguments = [(entries.get(name), commit.revision) for name in names]
+    arguments = [(entries.get(name),) for name in names]
     found = for_each_file(compare_scene, files, arguments, jobs=jobs, progress=progress)
     results = [
         SceneResult(name, Status.NOT_RUN, reason="interrupted")
@@ -270,17 +260,15 @@ def regress(
         SceneResult(name, Status.MISSING, reason=reason, baseline=entries[name])
         for name in sorted(set(entries) - set(names))
     ]
-    report = RegressionReport(str(folder), str(baseline), commit, tuple(results), update, written)
+    report = RegressionReport(str(folder), str(baseline), tuple(results), update)
     if update:
-        kept = updated_baseline(report, entries)
-        same = written.text and kept == entries
-        write_atomically(baseline, baseline_text(kept, written if same else commit))
+        write_atomically(baseline, baseline_text(updated_baseline(report, entries)))
     if report.interrupted:
         raise Interrupted("the finished scenes are in the report", report)
     return report
 
 
-def compare_scene(path: Path, then: Entry | None, revision: str) -> SceneResult:
+def compare_scene(path: Path, then: Entry | None) -> SceneResult:
     """Verify one scene and compare it with its entry; bad input gives a result, too."""
     started, file = time.perf_counter(), printable(path.name)
     try:
@@ -292,7 +280,7 @@ def compare_scene(path: Path, then: Entry | None, revision: str) -> SceneResult:
         reason = large if isinstance(error, MemoryError) else str(error)
         seconds = time.perf_counter() - started
         return SceneResult(file, Status.NO_VERDICT, reason=reason, baseline=then, seconds=seconds)
-    now = observe(verdict, revision)
+    now = observe(verdict)
     differences = () if then is None else compare_entry(now, then, verdict.scene.regression)
     changed = any(difference.beyond for difference in differences)
     return SceneResult(

@@ -11,16 +11,14 @@ import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.deck import write_deck
 from taction.system.array_types import Floats
-from taction.system.errors import EngineError
 from taction.system.foreign_files import read_ends
 from taction.system.own_folders import own_folder
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
@@ -31,15 +29,12 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.dense import record_times
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.reference.dynamics import IdealNetwork, ScaledNetwork, ideal_linear
 from taction.verification.verdict.measure import outputs
 from taction.verification.verdict.transient_plan import coarser
 
 BASE_POINTS = 125.0  # points per period of the task's transient
 COMPARED = 1000  # instants of a record that are compared with the reference, about
 LONGEST = 86400.0  # s: the study ends the process of a run that takes too long
-IDEAL_STOP = 10.0  # times R C: the slowest mode has decayed to 5e-5
-Integrator = Literal["Radau", "BDF", "LSODA", "DOP853"]
 STEPS = re.compile(r"^Accepted timepoints = (\d+)", re.MULTILINE)
 ITERATIONS = re.compile(r"^Total iterations = (\d+)", re.MULTILINE)
 
@@ -50,13 +45,6 @@ class MethodTask:
 
     circuit: Circuit
     transient: Transient  # with `BASE_POINTS` points on the period of the fastest ringing
-    network: IdealNetwork  # the same scene with ideal op-amps
-    v0: Floats  # signal-node voltages of the ideal network at t = 0, (N,), V
-
-    @property
-    def ideal_stop(self) -> float:
-        """Stop time of the ideal network, s."""
-        return IDEAL_STOP * self.network.RC
 
     @property
     def is_exact(self) -> bool:
@@ -119,43 +107,12 @@ def implicit(task: MethodTask, tolerance: float, *, times: Floats | None = None)
     return _of_record(task, found)
 
 
-def integrate(
-    task: MethodTask, tolerance: float, method: Integrator, *, times: Floats | None = None
-) -> MethodRun:
-    """Run an integrator of SciPy on the ideal network; without `times` at the ends of its steps.
-
-    EngineError: the integration fails.
-    """
-    started, network, scaled = clock.perf_counter(), task.network, ScaledNetwork(task.network)
-    unit, stop = network.RC, task.ideal_stop
-    options: dict[str, Any] = {"jac": scaled.jacobian}
-    if times is not None:
-        stop, options = float(times[-1]), {"t_eval": times / unit}
-    with np.errstate(all="ignore"):
-        solution = solve_ivp(
-            scaled.slope, (0.0, stop / unit), task.v0 / network.unit, method,
-            rtol=tolerance, atol=tolerance, **options,
-        )  # fmt: skip
-        u = network.U0 * scaled.g.g(solution.y).T
-    complete = solution.success and len(u) == (len(solution.t) if times is None else len(times))
-    # LSODA can report success with values that are not numbers.
-    if not complete or not np.all(np.isfinite(solution.y)) or not np.all(np.isfinite(u)):
-        raise EngineError(f"{method} gave up: {solution.message}")
-    seconds, steps = clock.perf_counter() - started, len(solution.t) - 1
-    return MethodRun(solution.t * unit, u, seconds, steps, int(solution.nlu))
-
-
-def modes(task: MethodTask, *, times: Floats) -> MethodRun:
-    """Return the exact solution of an ideal network with linear amplifiers."""
-    return MethodRun(times, ideal_linear(task.network, task.v0).outputs(times), 0.0, 0, 1)
-
-
 def _of_record(task: MethodTask, waveforms: Waveforms) -> MethodRun:
     cost, u = waveforms.cost, outputs(task.circuit, waveforms)
     return MethodRun(waveforms.time, u, cost.seconds, cost.points, cost.factorisations)
 
 
-TOLERANCES = tuple(10.0**-k for k in range(2, 12))
+TOLERANCES = tuple(10.0**-k for k in range(2, 11))
 POINTS = (16.0, 32.0, 64.0, 125.0, 250.0, 500.0, 1000.0)
 
 
@@ -164,53 +121,35 @@ class Method:
     """One integration method of one engine."""
 
     name: str
-    engine: Literal["ngspice", "statespace", "scipy"]
-    problem: Literal["board", "ideal"]  # the whole circuit, or the network with ideal op-amps
+    engine: Literal["ngspice", "statespace"]
     setting: str  # name of the ladder's quantity; empty for a method without a step
     ladder: tuple[float, ...]  # coarse to fine
     run: Callable[..., MethodRun]  # of task and setting
-    order: float | None  # in theory; None for a method without an order or of variable order
+    order: float | None  # in theory; None for a method without a step
     theory: str  # the order in words
 
 
-EXACT, VARIES = "state space, exact", "1 to 5, chosen by the integrator"
+EXACT = "state space, exact"
 
 METHODS: tuple[Method, ...] = (
     Method(
-        "ngspice trapezoidal", "ngspice", "board", "points per period", POINTS,
+        "ngspice trapezoidal", "ngspice", "points per period", POINTS,
         partial(ngspice, method="trapezoidal"), 2.0, "2",
     ),
     Method(
-        "ngspice Gear", "ngspice", "board", "points per period", POINTS,
+        "ngspice Gear", "ngspice", "points per period", POINTS,
         partial(ngspice, method="gear"), 2.0, "2 (ngspice's default maximum order)",
     ),
-    Method(EXACT, "statespace", "board", "", (0.0,), exact, None, "no step: rounding alone"),
+    Method(EXACT, "statespace", "", (0.0,), exact, None, "no step: rounding alone"),
     Method(
-        "state space, implicit", "statespace", "board", "tolerance", TOLERANCES[:-1], implicit,
+        "state space, implicit", "statespace", "tolerance", TOLERANCES, implicit,
         10.0, "10 (dense output of nine Radau IIA stages; 17 at the ends of steps)",
-    ),
-    Method(
-        "ideal network, Radau", "scipy", "ideal", "tolerance", TOLERANCES,
-        partial(integrate, method="Radau"), 5.0, "5",
-    ),
-    Method(
-        "ideal network, BDF", "scipy", "ideal", "tolerance", TOLERANCES,
-        partial(integrate, method="BDF"), None, VARIES,
-    ),
-    Method(
-        "ideal network, LSODA", "scipy", "ideal", "tolerance", TOLERANCES,
-        partial(integrate, method="LSODA"), None, "1 to 12, chosen by the integrator",
     ),
 )  # fmt: skip
 
 
-def solutions(task: MethodTask, problem: str) -> dict[str, Callable[..., MethodRun]]:
-    """Return two solutions of a problem by their names, the better first."""
-    dop853 = {"DOP853 at 1e-13": partial(integrate, tolerance=1e-13, method="DOP853")}
-    if problem == "ideal" and task.circuit.is_linear:
-        return {"exact modes": modes, **dop853}
-    if problem == "ideal":
-        return {**dop853, "LSODA at 1e-13": partial(integrate, tolerance=1e-13, method="LSODA")}
+def solutions(task: MethodTask) -> dict[str, Callable[..., MethodRun]]:
+    """Return two solutions of the board by their names, the better first."""
     # Of a large board a smaller tolerance gains nothing over rounding errors.
     tight = 1e-9 if LinearBoard(task.circuit).descriptor.is_large else 1e-12
     found: dict[str, Callable[..., MethodRun]] = {EXACT: exact} if task.is_exact else {}

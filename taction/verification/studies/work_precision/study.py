@@ -28,7 +28,6 @@ from taction.system.quantities import show
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
-from taction.verification.reference.ideal_answer import ideal_network, initial_voltages
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.pool import FAILURES, Worker
 from taction.verification.studies.running.versions import describe_machine
@@ -102,8 +101,8 @@ class Ladder:
     """A method with the results of its settings, and its order of convergence."""
 
     DOCUMENT = (
-        *("name = method.name", "engine = method.engine", "problem = method.problem"),
-        *("setting = method.setting", "order", "order_theory = method.order"),
+        *("name = method.name", "engine = method.engine", "setting = method.setting"),
+        *("order", "order_theory = method.order"),
         *("order_theory_says = method.theory", "points"),
     )
 
@@ -113,31 +112,23 @@ class Ladder:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class References:
-    """Up to two solutions of one problem, with which runs are compared."""
-
-    DOCUMENT = ("references", "reference_error = floor", "step_amplitude [V] = amplitude")
-
-    references: tuple[str, ...]  # their names, the one that runs are compared with first
-    # Largest difference of the two over the step amplitude; None where one failed.
-    floor: float | None
-    amplitude: float  # step amplitude, V: the largest distance of an output from its start
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class WorkPrecisionStudy(Result):
     """A work-precision study of one scene."""
 
     VIEW = "taction.verification.report.views.accuracy_view:view"
     DOCUMENT = (
         *("scene = scene.name", "file = scene.file", "stop [s] = transient.stop"),
-        *("stretch", "period [s]", "problems", "methods = ladders", "omissions"),
+        *("stretch", "period [s]", "references", "reference_error = floor"),
+        *("step_amplitude [V] = amplitude", "methods = ladders", "omissions"),
         *("machine", "seconds [s]"),
     )
 
     scene: Scene
     points: tuple[SettingResult, ...]  # by method and setting, coarse to fine
-    problems: dict[str, References]  # of "board" and "ideal"
+    references: tuple[str, ...]  # their names, the one that runs are compared with first
+    # Largest difference of the two over the step amplitude; None where one failed.
+    floor: float | None
+    amplitude: float  # step amplitude, V: the largest distance of an output from its start
     transient: Transient  # the part of the transient that was studied
     period: float  # of the fastest ringing, or 2 pi / |p| of the fastest mode, s
     omissions: tuple[str, ...]  # methods and settings that were not run, and why
@@ -152,7 +143,7 @@ class WorkPrecisionStudy(Result):
 
     @property
     def outcome(self) -> str:
-        """``pass`` if a run of the board has a known error, else ``inconclusive``."""
+        """``pass`` if a run has a known error, else ``inconclusive``."""
         return "inconclusive" if self.cheapest(math.inf) is None else "pass"
 
     @property
@@ -167,16 +158,14 @@ class WorkPrecisionStudy(Result):
 
     def order(self, method: Method) -> float | None:
         """Return the order of convergence of one method; None of a method without a step."""
-        floor = self.problems[method.problem].floor or 0.0
-        return convergence(self.of(method), floor) if method.setting else None
+        return convergence(self.of(method), self.floor or 0.0) if method.setting else None
 
     def cheapest(self, error: float, engines: Iterable[str] | None = None) -> SettingResult | None:
-        """Return the fastest setting for the board whose error is at most `error`, or None."""
+        """Return the fastest setting whose error is at most `error`, or None."""
         accurate = [
             (point.seconds, point)
             for point in self.points
-            if point.method.problem == "board"
-            and (engines is None or point.method.engine in engines)
+            if (engines is None or point.method.engine in engines)
             and point.seconds is not None
             and point.error is not None
             and point.error <= error
@@ -218,16 +207,14 @@ def accuracy(
     ('tuned-breadboard', True)
     """
     started, scene = clock.perf_counter(), read_scene(scene)
-    problem = make_problem(scene)
-    circuit, network = synthesise(scene, problem), ideal_network(problem, scene)
+    circuit = synthesise(scene, make_problem(scene))
     scales = time_scales(circuit, initial=scene.analysis.initial)
     period = BASE_POINTS * scales.max_step_for(BASE_POINTS)
     stop = PERIODS * period
     if scene.analysis.stop != "auto":
         stop = min(stop, scene.analysis.stop)
     transient = even_transient(scene, scales, BASE_POINTS, stop)
-    task = MethodTask(circuit, transient, network, initial_voltages(scene, network))
-    runs, left_out = list[Pair](), list[str]()
+    task, runs, left_out = MethodTask(circuit, transient), list[Pair](), list[str]()
     usable = list(_applicable(task, left_out))
     with Worker() as worker:
         for k, method in enumerate(usable):
@@ -238,19 +225,30 @@ def accuracy(
             progress(f"{method.name}, {max(left, 0.0):.0f} s left")
             runs += _ladder(worker, task, method, left / (len(usable) - k), left_out)
         progress("references")
-        problems, points = dict[str, References](), list[SettingResult]()
-        for name in dict.fromkeys(point.method.problem for point, _ in runs):
-            pairs = [pair for pair in runs if pair[0].method.problem == name]
-            limit = max(started + budget - clock.perf_counter(), LEAST_TIME)
-            problems[name], compared = _compared(worker, task, pairs, limit, left_out)
-            points += compared
-    seconds, machine = clock.perf_counter() - started, describe_machine()
-    omissions = tuple(left_out)
+        limit = max(started + budget - clock.perf_counter(), LEAST_TIME)
+        time = np.unique(np.concatenate([[0.0], *(run.time for _, run in runs if run)]))
+        solved = _solved(worker, task, time, limit, left_out) if len(time) > 1 else {}
+    floor, amplitude = None, math.nan
+    if solved:
+        first, *others = solved.values()
+        amplitude = float(np.abs(first - first[0]).max())
+        if not amplitude:
+            raise EngineError("the step moves no output of this board: nothing to study")
+        floor = float(np.abs(others[0] - first).max() / amplitude) if others else None
     made = WorkPrecisionStudy(
-        scene, tuple(points), problems, transient, period, omissions, machine, seconds
+        scene,
+        tuple(_compared(pair, time, solved, amplitude) for pair in runs),
+        tuple(solved),
+        floor,
+        amplitude,
+        transient,
+        period,
+        tuple(left_out),
+        describe_machine(),
+        clock.perf_counter() - started,
     )
     if made.outcome != "pass":
-        progress(Notice("no run of the board has a known error; give a larger --budget"))
+        progress(Notice("no run has a known error; give a larger --budget"))
     return made
 
 
@@ -286,7 +284,6 @@ def _ladder(
     not.
     """
     end, stop = clock.perf_counter() + seconds, task.transient.stop
-    stop = task.ideal_stop if method.problem == "ideal" else stop
     for place, setting in enumerate(method.ladder):
         point, times, run = SettingResult(method, setting), list[float](), None
         if place and clock.perf_counter() > end:
@@ -316,34 +313,29 @@ def _ladder(
         yield point, run.thinned
 
 
-def _compared(
-    worker: Worker, task: MethodTask, pairs: Sequence[Pair], limit: float, left_out: list[str]
-) -> tuple[References, list[SettingResult]]:
-    """Solve a problem at all instants of its runs; return the settings with their errors.
+def _solved(
+    worker: Worker, task: MethodTask, time: Floats, limit: float, left_out: list[str]
+) -> dict[str, Floats]:
+    """Return up to two solutions at instants (P,), s, by name: outputs (P, N), V.
 
-    The method of the first solution is compared with the second. Each may take `limit`, s.
+    Each may take `limit`, s; `left_out` gets the reason of one that fails.
     """
-    problem = pairs[0][0].method.problem
-    known = [run.time for _, run in pairs if run is not None]
-    time, solved = np.unique(np.concatenate([[0.0], *known])), dict[str, Floats]()
-    for name, solve in solutions(task, problem).items() if known else ():
+    solved = dict[str, Floats]()
+    for name, solve in solutions(task).items():
         try:
             solved[name] = worker.call(limit, solve, task, times=time).u
         except (TimeoutError, *FAILURES) as error:
-            left_out.append(f"reference of the {problem}, {name}: {error}")
-    if not solved:
-        return References((), None, math.nan), [point for point, _ in pairs]
-    first, *others = solved.values()
-    amplitude = float(np.abs(first - first[0]).max())
-    if not amplitude:
-        raise EngineError("the step moves no output of this board: nothing to study")
-    floor = float(np.abs(others[0] - first).max() / amplitude) if others else None
-    points = []
-    for point, run in pairs:
-        names = [name for name in solved if name != point.method.name]
-        if run is not None and names:
-            u = solved[names[0]][np.searchsorted(time, run.time)]
-            apart = float(np.abs(run.u - u).max() / amplitude)
-            point = replace(point, error=apart, reference=names[0])
-        points.append(point)
-    return References(tuple(solved), floor, amplitude), points
+            left_out.append(f"reference, {name}: {error}")
+    return solved
+
+
+def _compared(
+    pair: Pair, time: Floats, solved: dict[str, Floats], amplitude: float
+) -> SettingResult:
+    """Return a setting with its error beside the first solution that is not of its method."""
+    point, run = pair
+    name = next((name for name in solved if name != point.method.name), None)
+    if run is None or name is None:
+        return point
+    u = solved[name][np.searchsorted(time, run.time)]
+    return replace(point, error=float(np.abs(run.u - u).max() / amplitude), reference=name)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +11,10 @@ import pytest
 
 from taction.netlist_gen.scene.check_keys import Regression
 from taction.netlist_gen.scene.loading import load_scene
-from taction.system.documents import plain
 from taction.system.errors import InputError
 from taction.verification.studies.regression.baseline import (
-    Commit,
     baseline_text,
     fingerprint,
-    git_commit,
     load_baseline,
     observe,
 )
@@ -32,7 +28,7 @@ def test_a_baseline_is_read_as_it_was_written(tmp_path: Path) -> None:
     entries = {"b.toml": entry(name="b"), "a.toml": entry(alternatives={"settling_time": None})}
     file = tmp_path / "baseline.json"
     file.write_text(baseline_text(entries))
-    assert load_baseline(file) == (entries, Commit())
+    assert load_baseline(file) == entries
     assert baseline_text(dict(reversed(entries.items()))) == baseline_text(entries)
 
 
@@ -44,13 +40,13 @@ def broken(change: dict[str, Any]) -> str:
 
 WRONG = {
     "": "damaged, no JSON",
-    '{"taction_baseline": 3, "scenes": {': "damaged, no JSON",
+    '{"taction_baseline": 4, "scenes": {': "damaged, no JSON",
     "\x00\x01": "damaged, no JSON",
     "[" * 100_000: "damaged, no JSON",
     "[1, 2]": "no baseline of taction",
     '{"scenes": {}}': "no baseline of taction",
     '{"taction_baseline": 1, "scenes": {}}': "taction_baseline = 1: another format",
-    '{"taction_baseline": 3}': "scenes: damaged",
+    '{"taction_baseline": 4}': "scenes: damaged",
     broken({"step_amplitude": "much"}): r"scenes\.a\.toml\.step_amplitude = 'much': damaged",
     broken({"step_amplitude": float("nan")}): r"scenes\.a\.toml\.step_amplitude = nan: damaged",
     broken({"growth_rate": None}): "growth_rate",
@@ -74,50 +70,15 @@ def test_a_missing_file_names_the_option_that_makes_it(tmp_path: Path) -> None:
         load_baseline(tmp_path)
 
 
-def test_the_revision_is_git_s_own_or_unknown(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
-    assert git_commit(tmp_path) == Commit()
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert git_commit(tmp_path) == Commit()
-    monkeypatch.undo()
-
-    def git(*words: str) -> str:
-        who = ("-c", "user.name=n", "-c", "user.email=e@example.org")
-        run = subprocess.run(["git", "-C", tmp_path, *who, *words], capture_output=True, text=True)
-        return run.stdout.strip()
-
-    try:
-        git("init", "-q")
-    except FileNotFoundError:
-        pytest.skip("no git")
-    assert git_commit(tmp_path) == Commit()  # no commit yet
-    git("commit", "-q", "--allow-empty", "-m", "first")
-    commit = git_commit(tmp_path)
-    assert commit.revision == git("rev-parse", "HEAD")
-    assert len(commit.revision) == 40
-    assert commit.date == git("log", "-1", "--format=%cs")
-    file = tmp_path / "b.json"
-    file.write_text(baseline_text({"a.toml": entry()}, commit))
-    assert json.loads(file.read_text())["commit"] == plain(commit)
-    assert load_baseline(file) == ({"a.toml": entry()}, commit)
-    file.write_text(baseline_text({}))
-    assert load_baseline(file) == ({}, Commit())
-    file.write_text('{"taction_baseline": 3, "commit": 3, "scenes": {}}')
-    with pytest.raises(InputError, match=r"commit.*damaged"):
-        load_baseline(file)
-
-
 @pytest.fixture(scope="module")
 def verdict(tmp_path_factory: pytest.TempPathFactory) -> Verdict:
     return verify(load_scene(write_fast(tmp_path_factory.mktemp("scene") / "fast.toml")))
 
 
 def test_measures_are_the_verdict_s_own(verdict: Verdict) -> None:
-    entry, m = observe(verdict, "abc"), verdict.measurements
+    entry, m = observe(verdict), verdict.measurements
     record = entry.record
-    assert (record.outcome, entry.revision, entry.solved_by) == ("pass", "abc", "statespace, exact")
+    assert (record.outcome, entry.solved_by) == ("pass", "statespace, exact")
     assert record.channels[1].figures["final"] == m.channels[1].final == verdict.u[-1, 1]
     assert record.value("settling_time") == m.settling_time.value  # type: ignore[union-attr]
     assert record.value("growth_rate") == verdict.poles.rightmost.real
@@ -127,7 +88,7 @@ def test_measures_are_the_verdict_s_own(verdict: Verdict) -> None:
 
 def test_of_an_unstable_board_no_transient_is_compared(tmp_path: Path) -> None:
     scene = load_scene(write_fast(tmp_path / "fast.toml", capacitance="1pF"))
-    entry = observe(verify(scene), "abc")
+    entry = observe(verify(scene))
     assert entry.record.outcome == "fail"
     assert entry.record.value("growth_rate") > 0  # type: ignore[operator]
     found = compare_entry(entry, entry, Regression())

@@ -163,12 +163,12 @@ def test_an_entry_within_its_tolerances_stays_as_it_is(
 ) -> None:
     """So small changes cannot add up, and the file has no needless difference."""
     write_fast(tmp_path / "a.toml")
-    older = {"a.toml": replace(passing["a.toml"], revision="older")}
+    older = {"a.toml": replace(passing["a.toml"], taction="older")}
     kept = updated_baseline(run(tmp_path, older, update=True), older)
     assert baseline_text(kept) == baseline_text(older)
     write_fast(tmp_path / "a.toml", capacitance="10.001pF")  # the same numbers, another scene
     renewed = updated_baseline(run(tmp_path, older, update=True), older)
-    assert renewed["a.toml"].revision != "older"
+    assert renewed["a.toml"].taction != "older"
 
 
 def test_ctrl_c_keeps_what_was_done(
@@ -178,10 +178,10 @@ def test_ctrl_c_keeps_what_was_done(
         write_fast(tmp_path / f"{name}.toml", capacitance="10.5pF")
     judge = module.compare_scene
 
-    def interrupted(path: Path, then: Entry | None, revision: str) -> SceneResult:
+    def interrupted(path: Path, then: Entry | None) -> SceneResult:
         if path.name == "b.toml":
             raise KeyboardInterrupt
-        return judge(path, then, revision)
+        return judge(path, then)
 
     monkeypatch.setattr(module, "compare_scene", interrupted)
     old = passing | {"c.toml": passing["a.toml"]}

@@ -13,7 +13,6 @@ from taction.netlist_gen.scene.axes import parse_axes, with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import (
-    NoVerdictError,
     OutOfDisk,
     SimulationError,
     SimulatorNotFound,
