@@ -96,7 +96,7 @@ def _check_reports(verdict: Verdict) -> None:
     """Fail unless the verdict can be printed, and written as JSON and as a baseline."""
     assert verdict.outcome.value.upper() in page_text(view(verdict))
     assert json.dumps(plain(verdict_document(verdict)), allow_nan=False)
-    text = baseline_text({"scene.toml": observe(verdict, "abc")})
+    text = baseline_text({"scene.toml": observe(verdict)})
     assert json.loads(text)["scenes"]["scene.toml"]["outcome"] == verdict.outcome.value
 
 

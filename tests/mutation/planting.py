@@ -390,8 +390,8 @@ def in_the_baseline(change: Callable[[Scene], Scene]) -> Plant:
     """The baseline is that of the changed scene; the check `regression` compares with it."""
 
     def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
-        then, verdict = observe(verify(change(scene)), "unknown"), verify(scene)
-        found = compare_entry(observe(verdict, "unknown"), then, scene.regression)
+        then, verdict = observe(verify(change(scene))), verify(scene)
+        found = compare_entry(observe(verdict), then, scene.regression)
         outcome = Outcome.FAIL if any(each.beyond for each in found) else Outcome.PASS
         check = Check("regression", outcome, None, None, None, None, "", "")
         checks = (*verdict.checks, check)

@@ -24,6 +24,7 @@ def document(result: Result) -> Any:
     def refuse(word: str) -> None:
         raise AssertionError(f"{word} is no JSON")
 
+    assert result.stdout, result.stderr
     return json.loads(result.stdout, parse_constant=refuse)
 
 
