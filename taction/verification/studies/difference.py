@@ -9,13 +9,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from taction.netlist_gen.scene.loading import read_toml
 from taction.system.array_types import Floats
-from taction.system.documents import Inline, read
+from taction.system.documents import OPTIONAL, read
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.reading_definitions import READINGS
@@ -110,11 +110,11 @@ def compare_verdicts(
 
 @dataclass(frozen=True, slots=True)
 class StoredKey:
-    """A key of a scene, or a value of a deck."""
+    """A key of a scene or a value of a deck, base units; a file has the SHA-256 of its content."""
 
     value: Value | None
     unit: str | None = None
-    sha256: str | None = None
+    sha256: Annotated[str | None, OPTIONAL] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,20 +124,12 @@ class _StoredStability:
 
 
 @dataclass(frozen=True, slots=True)
-class _StoredChannel:
-    index: int
-    state: str
-    figures: Annotated[dict[str, float | None], Inline(dict.fromkeys(CHANNEL_FIGURES, ""))]
-    uncertainties: dict[str, float | None]
-
-
-@dataclass(frozen=True, slots=True)
 class _StoredVerdict:
     """What is compared of the document of a verdict."""
 
     outcome: str
     checks: tuple[Check, ...]
-    channels: tuple[_StoredChannel, ...]
+    channels: tuple[Channel, ...]
     step_amplitude: float | None
     stability: _StoredStability
     engine: str
@@ -146,28 +138,17 @@ class _StoredVerdict:
 
     @property
     def record(self) -> Record:
-        """What is compared; the bound of an equilibrium is that of the check of all."""
-        found = self.stability
-        (rate, speed), bound = found.rightmost_pole, found.rightmost_pole_uncertainty
-        share = next((c.uncertainty for c in self.checks if c.name == "steady_state"), None)
-        amplitude, error = self.step_amplitude, self.step_amplitude_uncertainty
-        rest = None if share is None or amplitude is None else share * amplitude
-        turns = None if bound is None else bound / math.tau
-        values = (rate, speed / math.tau, amplitude), (bound, turns, error)
-        figures, bounds = (dict(zip(FIGURES, each, strict=True)) for each in values)
-        channels = (
-            Channel(
-                each.index, each.state, each.figures, each.uncertainties | {"equilibrium": rest}
-            )
-            for each in self.channels
-        )
+        """What is compared."""
+        (rate, speed), bound = astuple(self.stability)
+        values = rate, speed / math.tau, self.step_amplitude
+        bounds = bound, None if bound is None else bound / math.tau, self.step_amplitude_uncertainty
         return Record(
             self.outcome,
             self.engine,
-            figures=figures,
-            uncertainties=bounds,
+            figures=dict(zip(FIGURES, values, strict=True)),
+            uncertainties=dict(zip(FIGURES, bounds, strict=True)),
             checks=self.checks,
-            channels=tuple(channels),
+            channels=self.channels,
         )
 
 

@@ -5,19 +5,20 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, replace
 from operator import attrgetter
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
 from taction.netlist_gen.board.opamp_choice import choose_opamp
-from taction.netlist_gen.scene.keys import Key, Value, all_keys, files_of, own_value
+from taction.netlist_gen.scene.keys import Key, all_keys, files_of, own_value
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.documents import OPTIONAL, plain
+from taction.system.documents import plain
 from taction.system.errors import TactionError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.output_files import printable
 from taction.verification.design.remedies import Remedies, StableRange, stable_ranges
 from taction.verification.stability.margin import Margin
+from taction.verification.studies.difference import StoredKey
 from taction.verification.verdict.active_sets import VisitedSet
 from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart, difference
 from taction.verification.verdict.headroom import Load
@@ -25,16 +26,7 @@ from taction.verification.verdict.record import Record, finite
 from taction.verification.verdict.verify import Verdict
 
 
-@dataclass(frozen=True, slots=True)
-class KeyValue:
-    """A key of the scene in base units; a file has the SHA-256 of its content."""
-
-    value: Value | None
-    unit: str | None
-    sha256: Annotated[str | None, OPTIONAL] = None
-
-
-def scene_keys(scene: Scene) -> dict[str, KeyValue]:
+def scene_keys(scene: Scene) -> dict[str, StoredKey]:
     """Return the value and the unit of each key by its path, as a scene file has it.
 
     A file has the SHA-256 of its content beside its name, so that two scenes with the same name in
@@ -45,7 +37,7 @@ def scene_keys(scene: Scene) -> dict[str, KeyValue]:
     for key in all_keys(scene):
         file = files.get(key.path)
         content = None if file is None else _content(scene, file)
-        found[key.path] = KeyValue(_value(scene, key), key.unit or None, content)
+        found[key.path] = StoredKey(_value(scene, key), key.unit or None, content)
     return found
 
 
