@@ -21,9 +21,10 @@ import numpy as np
 from taction.netlist_gen.board.variation import draw
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
+from taction.system.documents import taken
 from taction.system.errors import Complaint, InputError, Interrupted
 from taction.system.progress import Notice, Progress
-from taction.system.quantities import banded, fraction, percent
+from taction.system.quantities import fraction, percent
 from taction.system.results import Result
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.pool import Workers
@@ -47,28 +48,18 @@ QUANTILES = (0.05, 0.5, 0.95)
 CHECK_OF = {"growth_rate": "stability", "margin": "stability"}  # of a quantity of another name
 
 
-@dataclass(frozen=True, slots=True)
-class QuantitySpread:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class QuantitySpread(Quantity):
     """Distribution of a quantity over the samples.
 
     `low`, `median` and `high` are the `QUANTILES`, each the value of one sample: infinite for the
     time of a sample that never settles or rises, not a number without samples.
     """
 
-    name: str
-    unit: str  # "s", "step" (fraction of the step amplitude), "1/s" or "ratio"
-    at_least: float | None  # accepted by the scene's check
-    at_most: float | None
     low: float
     median: float
     high: float
     missing: int  # samples without the quantity
-    band: float | None = None  # of a settling time, fraction of the step amplitude
-
-    @property
-    def title(self) -> str:
-        """The name in words."""
-        return banded(self.name, self.band)
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,9 +216,7 @@ def _spread(quantity: Quantity, samples: list[BoardSample]) -> QuantitySpread:
     low = median = high = math.nan
     if len(known):
         low, median, high = np.quantile(known, QUANTILES, method="inverted_cdf").tolist()
-    least, most = quantity.limits
-    found = (low, median, high, missing)
-    return QuantitySpread(quantity.name, quantity.unit, least, most, *found, band=quantity.band)
+    return taken(QuantitySpread, quantity, low=low, median=median, high=high, missing=missing)
 
 
 def _sensitivities(

@@ -25,7 +25,7 @@ from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.documents import INLINE
+from taction.system.documents import HIDDEN, INLINE
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import banded
 from taction.system.reading_definitions import EXCURSIONS
@@ -83,8 +83,8 @@ class Quantity:
     """A reported quantity, its unit, the direction that is worse, and what its check accepts."""
 
     name: str
-    unit: str
-    worse: float = 1.0  # 1: larger, -1: smaller
+    unit: str  # "s", "step" (fraction of the step amplitude), "1/s", "V" or "ratio"
+    worse: Annotated[float, HIDDEN] = 1.0  # 1: larger, -1: smaller
     at_least: float | None = None
     at_most: float | None = None
     band: float | None = None  # of a settling time, fraction of the step amplitude

@@ -132,7 +132,12 @@ SAMPLES = [
     )
     for k in range(40)
 ]
-TIME = QuantitySpread("settling_time", "s", None, 1.76e-5, 1e-5, 1.5e-5, 2e-5, 0)
+TIME = QuantitySpread(
+    "settling_time", "s", at_most=1.76e-5, low=1e-5, median=1.5e-5, high=2e-5, missing=0
+)
+RATE = QuantitySpread(
+    "growth_rate", "1/s", at_most=0.0, low=-5.0, median=-5.0, high=-5.0, missing=0
+)
 REPORT = YieldReport(
     name="three",
     engine="statespace",
@@ -146,7 +151,7 @@ REPORT = YieldReport(
     high=0.87,
     failures={"settling_time": 10},
     reasons={},
-    quantities=(TIME, QuantitySpread("growth_rate", "1/s", None, 0.0, -5.0, -5.0, -5.0, 0)),
+    quantities=(TIME, RATE),
     sensitivities=(Sensitivity("Cc_1", "capacitor", "settling_time", -0.9, 0.15),),
 )
 

@@ -17,6 +17,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
 from taction.verification.report.views.sweep_view import columns_of
 from taction.verification.studies.store import Store
+from taction.verification.studies.tolerance import montecarlo
 from taction.verification.studies.tolerance.montecarlo import (
     SampleCollection,
     run_samples,
