@@ -141,6 +141,17 @@ def test_no_worker_comes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert said == ["the cluster has no worker: waiting for one, 0.5 s"]
 
 
+def test_a_worker_computes_for_its_own_versions_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One without ngspice computes, too: a point that needs ngspice says so."""
+    ours, simulator = module._versions()
+    monkeypatch.setattr(module, "simulator_name", lambda: simulator or "ngspice-46 klu")
+    for same in ((ours, simulator), (ours, "")):
+        assert module._computed(same, max, 1, 2) == 2
+    for other in (("taction 0.0.9", simulator), (ours, "ngspice-39 noopiter")):
+        with pytest.raises(NoVerdictError, match=f"instead of {other[0][:11]}.*equal versions"):
+            module._computed(other, max, 1, 2)
+
+
 @pytest.mark.parametrize("victim", ["scheduler", "worker"])
 def test_a_cluster_that_dies_keeps_what_is_stored(
     victim: str,

@@ -75,6 +75,15 @@ def test_samples_of_another_seed_or_scene_are_not_found(
     assert found(path) == found(path, seed=7) == [SAMPLES[0], None, SAMPLES[1]]
 
 
+@pytest.mark.parametrize(("name", "value"), [("own_code", b"other"), ("simulator_name", "other")])
+def test_samples_of_another_taction_or_ngspice_are_not_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, value: bytes | str
+) -> None:
+    path = filled(tmp_path / "a")
+    monkeypatch.setattr(montecarlo, name, lambda *engine: value)
+    assert found(path) == [None] * 3
+
+
 def test_only_what_is_missing_is_drawn_and_the_yield_is_the_same(tmp_path: Path) -> None:
     path, fresh, again = str(tmp_path / "a"), SampleCollection(6), SampleCollection(6)
     with Store(path) as store, one_thread() as workers:

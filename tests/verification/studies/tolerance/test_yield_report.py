@@ -14,7 +14,6 @@ from click.testing import Result
 from scipy.stats import binom, binomtest
 
 from taction.netlist_gen.board.variation import draw
-from taction.system.errors import NoVerdictError
 from taction.verification.studies.running.pool import WorkerDiedError, Workers, local
 from taction.verification.studies.tolerance import montecarlo as yield_report
 from taction.verification.studies.tolerance.montecarlo import (
@@ -150,13 +149,6 @@ def test_a_lost_worker_costs_its_sample_only() -> None:
     samples = drawn(study(), 9, workers)
     assert [s.number for s in samples if s.undecided] == [0, 3, 6]
     assert samples[0].lost == "its worker was killed: gone"
-
-
-def test_a_worker_with_another_taction_is_refused() -> None:
-    asked = study()
-    other = replace(asked, version="taction 0.0.7")
-    with one_thread() as workers, pytest.raises(NoVerdictError, match=r"instead of taction 0\.0"):
-        drawn(other, 3, workers)
 
 
 def test_until_stops_at_the_first_narrow_interval_in_order_of_the_numbers() -> None:
