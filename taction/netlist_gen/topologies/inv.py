@@ -16,7 +16,6 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Role
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.entries import place_strain
 from taction.netlist_gen.topologies.frame.loops import Loop, LoopBoard
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
@@ -49,9 +48,8 @@ class Inverse(Loop):
         stages = {n: board.inputs(f"x_{n}", f"xp_{n}", board.T[n - 1]) for n in board.channels}
         for n, stage in stages.items():
             board.parts.stage(f"v_{n}", stage.other, stage.first, f"v_{n}")
-            strain = float(board.strain[n - 1])
-            place_strain(board.parts, board.scene, board.facts, n, stage.first, strain)
-        self.array(board, Role.FORWARD, {n: f"v_{n}" for n in board.channels}, stages)
+            board.place_strain(n, stage.first)
+        board.array(Role.FORWARD, {n: f"v_{n}" for n in board.channels}, stages)
 
 
 TOPOLOGY = Inverse()

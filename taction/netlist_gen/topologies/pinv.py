@@ -16,7 +16,6 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Role
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.entries import place_strain
 from taction.netlist_gen.topologies.frame.loops import Inputs, Loop, LoopBoard
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
@@ -47,13 +46,12 @@ class PseudoInverse(Loop):
         columns = {n: board.inputs(f"b_{n}", f"bm_{n}", board.T[:, n - 1]) for n in board.channels}
         for k, stage in rows.items():
             board.first_stage(f"c_{k}", stage, f"w_{k}")
-            strain = float(board.strain[k - 1])
-            place_strain(board.parts, board.scene, board.facts, k, stage.first, strain)
+            board.place_strain(k, stage.first)
         for n, stage in columns.items():
             board.parts.stage(f"v_{n}", stage.first, stage.other, f"v_{n}")
         self.more_rows(board, columns)
-        self.array(board, Role.FORWARD, {n: f"v_{n}" for n in board.channels}, rows)
-        self.array(board, Role.FEEDBACK, {k: f"w_{k}" for k in board.sensors}, columns)
+        board.array(Role.FORWARD, {n: f"v_{n}" for n in board.channels}, rows)
+        board.array(Role.FEEDBACK, {k: f"w_{k}" for k in board.sensors}, columns)
 
     def more_rows(self, board: LoopBoard, columns: dict[int, Inputs]) -> None:
         """Place rows of both arrays besides those of T."""

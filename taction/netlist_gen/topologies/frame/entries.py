@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,6 +18,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Bools, Floats
+from taction.system.quantities import spaced
 
 KINDS = (
     *("opamps", "amplifiers", "transistors", "resistors", "matrices"),
@@ -56,19 +56,6 @@ class Parts:
         part = boards.Capacitor(name, *ends, farads)
         self.capacitors.append(part)
         self.roles[role].add(part.card)
-
-    def circuit(self, scene: Scene, model: OpAmp, **stated: Any) -> Circuit:
-        """Return the board of these parts; `stated` are the other fields of `Circuit`."""
-        parts: dict[str, Any] = {kind: tuple(getattr(self, kind)) for kind in KINDS}
-        return Circuit(
-            name=scene.name,
-            amplifier=scene.design.amplifier,
-            models={model.name: model},
-            supply=scene.design.supply,
-            roles={role: frozenset(names) for role, names in self.roles.items()},
-            **parts,
-            **stated,
-        )
 
     def matrix(self, role: str, matrix: boards.ResistorMatrix) -> None:
         """Place a matrix of resistors."""
@@ -119,25 +106,108 @@ class Parts:
             self.resistor(Role.INVERTER_RESISTOR, f"{name}_{end}", (node, summing), self.inverter)
 
 
-class Numbered(ABC):
-    """The numbers of channels and sensors of a board while it is built, from 1."""
+@dataclass(slots=True)
+class GrowingBoard:
+    """A board while its topology places its parts; channels and sensors count from 1."""
 
-    __slots__ = ()
+    scene: Scene
+    problem: InverseProblem
+    facts: Mapping[str, Fact]
+    model: OpAmp
+    T: Floats = field(init=False)  # (M, N), after pruning
+    parts: Parts = field(init=False)
 
-    @property
-    @abstractmethod
-    def present(self) -> Bools:
-        """Where T has an entry, (M, N)."""
+    def __post_init__(self) -> None:
+        design = self.scene.design
+        self.T = pruned(self.problem.matrix, design.prune)
+        own = design.stray_capacitance, design.inverter_resistance, design.resistor_series
+        self.parts = Parts(self.model.name, *own)
 
     @property
     def channels(self) -> range:
         """The channels."""
-        return range(1, self.present.shape[1] + 1)
+        return range(1, self.T.shape[1] + 1)
 
     @property
     def sensors(self) -> list[int]:
         """The sensors whose rows of T have an entry."""
-        return (1 + np.flatnonzero(self.present.any(axis=1))).tolist()
+        return (1 + np.flatnonzero(self.T.any(axis=1))).tolist()
+
+    def place_strain(self, k: int, sink: str) -> None:
+        """Place the source of the strain of sensor `k`, in volts with a resistor 1/G0, and noise.
+
+        Without strain the resistor ends at ground, so that the noise gain is that of the others.
+        """
+        parts, design, name = self.parts, self.scene.design, f"eps_{k}"
+        strain, conductance = float(self.problem.strain[k - 1]), self.facts["G0"].value
+        volts = strain * self.facts["U0"].value
+        if design.strain_input == "voltage":
+            node = f"e_{k}" if strain else GROUND
+            parts.resistor(Role.STRAIN_RESISTOR, f"e_{k}", (node, sink), 1.0 / conductance)
+            if strain:
+                parts.voltages.append(boards.VoltageSource(name, node, volts, switched=True))
+        elif strain:
+            amps = strain * conductance * self.facts["U0"].value
+            parts.currents.append(boards.CurrentSource(name, sink, amps))
+        if design.sensor_noise > 0.0:
+            parts.noises.append(boards.NoiseCurrent(name, sink, design.sensor_noise))
+
+    def circuit(self, rows: str, own: Iterable[Omission], **stated: Any) -> Circuit:
+        """Return the board; `rows`: letter of the sensors' outputs, `own`: what is left out."""
+        kinds: dict[str, Any] = {kind: tuple(getattr(self.parts, kind)) for kind in KINDS}
+        sensors = self.channels if rows == "v" else self.sensors
+        return Circuit(
+            name=self.scene.name,
+            amplifier=self.scene.design.amplifier,
+            topology=self.scene.design.topology,
+            models={self.model.name: self.model},
+            supply=self.scene.design.supply,
+            roles={role: frozenset(names) for role, names in self.parts.roles.items()},
+            signal_nodes=tuple(f"v_{n}" for n in self.channels),
+            constraint_nodes=tuple(f"{rows}_{k}" for k in sensors),
+            omissions=(*self._entries_left_out(), *own, *self._simplest_parts()),
+            **{"facts": self.facts} | kinds | stated,
+        )
+
+    def _entries_left_out(self) -> Iterator[Omission]:
+        """Yield what pruning, and zeros of T and of the strain, leave out on the board."""
+        whole, strain = self.problem.matrix, self.problem.strain
+        out = whole - self.T
+        if count := int(np.count_nonzero(out)):
+            largest = np.abs(out).max() / np.abs(whole).max()
+            norm = np.linalg.norm(out) / np.linalg.norm(whole)
+            yield Omission(
+                f"{2 * count} pruned matrix resistors",
+                f"{count} entries of T are below design.prune = {self.scene.design.prune:g} of the"
+                f" largest entry, the largest of them at {largest:.3g}; their norm is {norm:.2g} of"
+                " the norm of T",
+            )
+        if zeros := int(np.count_nonzero(whole == 0)):
+            yield Omission(f"{2 * zeros} matrix resistors", f"{zeros} entries of T are zero")
+        seen = self.T.any(axis=1)
+        if rows := int(np.count_nonzero(~seen)):
+            why = "their rows of T are all zeros: they would see no output"
+            yield Omission(f"{rows} constraint nodes", why)
+        if silent := int(np.count_nonzero((strain == 0) & seen)):
+            yield Omission(
+                f"{silent} strain {self.scene.design.strain_input}s", "their strain is zero"
+            )
+
+    def _simplest_parts(self) -> Iterator[Omission]:
+        """Yield what the op-amps and the summing nodes do not have."""
+        for figure, empty in ABSENT.items():
+            if getattr(self.model, figure) == empty:
+                what = {"gbw": "first pole"}.get(figure, spaced(figure))
+                what = what.replace("differential", "differential input")
+                yield Omission(f"op-amp {what}", f"{self.model.name}.{figure} is {empty:g}")
+        if self.scene.design.stray_capacitance == 0:
+            yield Omission("stray capacitors", "design.stray_capacitance is 0")
+
+
+ABSENT = {"gbw": math.inf, "second_pole": math.inf, "input_resistance": math.inf,
+          "differential_capacitance": 0.0, "input_capacitance": 0.0,
+          "output_resistance": 0.0}  # fmt: skip
+"""Figures of an op-amp that does not have them."""
 
 
 def matrix_resistors(matrix: Floats, scene: Scene) -> tuple[Floats, Bools]:
@@ -153,80 +223,3 @@ def pruned(matrix: Floats, fraction: float) -> Floats:
         return matrix
     size = np.abs(matrix)
     return np.where(size < fraction * size.max(), 0.0, matrix)
-
-
-def omitted(
-    scene: Scene, problem: InverseProblem, kept: Floats, model: OpAmp, own: Iterable[Omission]
-) -> tuple[Omission, ...]:
-    """Return what a board omits, its `own` parts among it; `kept` (M, N) is T after pruning."""
-    left = _left_out_of_the_matrix(problem, kept, scene.design.strain_input)
-    pruning = _pruning(problem.matrix, scene.design.prune)
-    return (*pruning, *left, *own, *_simplest_parts(model, scene))
-
-
-def _pruning(matrix: Floats, fraction: float) -> Iterator[Omission]:
-    """Yield what `pruned` takes out of both resistor matrices."""
-    out = matrix - pruned(matrix, fraction)
-    count = int(np.count_nonzero(out))
-    if not count:
-        return
-    largest = np.abs(out).max() / np.abs(matrix).max()
-    norm = np.linalg.norm(out) / np.linalg.norm(matrix)
-    why = (
-        f"{count} entries of T are below design.prune = {fraction:g} of the largest entry, the"
-        f" largest of them at {largest:.3g}; their norm is {norm:.2g} of the norm of T"
-    )
-    yield Omission(f"{2 * count} pruned matrix resistors", why)
-
-
-def place_strain(
-    parts: Parts, scene: Scene, facts: Mapping[str, Fact], k: int, sink: str, strain: float
-) -> None:
-    """Place the source of the strain of sensor `k`, in volts with a resistor 1/G0, and its noise.
-
-    Without strain the resistor ends at ground, so that the noise gain is that of the others.
-    """
-    design, name = scene.design, f"eps_{k}"
-    conductance, unit = facts["G0"].value, facts["U0"].value
-    if design.strain_input == "voltage":
-        node = f"e_{k}" if strain else GROUND
-        parts.resistor(Role.STRAIN_RESISTOR, f"e_{k}", (node, sink), 1.0 / conductance)
-        if strain:
-            parts.voltages.append(boards.VoltageSource(name, node, strain * unit, switched=True))
-    elif strain:
-        parts.currents.append(boards.CurrentSource(name, sink, strain * conductance * unit))
-    if design.sensor_noise > 0.0:
-        parts.noises.append(boards.NoiseCurrent(name, sink, design.sensor_noise))
-
-
-def _left_out_of_the_matrix(
-    problem: InverseProblem, T: Floats, strain_input: str
-) -> Iterator[Omission]:
-    """Yield what the entries of `T` (M, N), after pruning, leave out on the board."""
-    zeros = int(np.count_nonzero(problem.matrix == 0))
-    if zeros:
-        yield Omission(f"{2 * zeros} matrix resistors", f"{zeros} entries of T are zero")
-    rows = int(np.count_nonzero(~T.any(axis=1)))
-    if rows:
-        why = "their rows of T are all zeros: they would see no output"
-        yield Omission(f"{rows} constraint nodes", why)
-    silent = int(np.count_nonzero((problem.strain == 0) & T.any(axis=1)))
-    if silent:
-        yield Omission(f"{silent} strain {strain_input}s", "their strain is zero")
-
-
-def _simplest_parts(model: OpAmp, scene: Scene) -> Iterator[Omission]:
-    """Yield what the op-amps and the summing nodes of a scene do not have."""
-    figures = (
-        ("first pole", "gbw", math.inf),
-        ("second pole", "second_pole", math.inf),
-        ("input resistance", "input_resistance", math.inf),
-        ("differential input capacitance", "differential_capacitance", 0.0),
-        ("input capacitance", "input_capacitance", 0.0),
-        ("output resistance", "output_resistance", 0.0),
-    )
-    for what, figure, empty in figures:
-        if getattr(model, figure) == empty:
-            yield Omission(f"op-amp {what}", f"{model.name}.{figure} is {empty:g}")
-    if scene.design.stray_capacitance == 0:
-        yield Omission("stray capacitors", "design.stray_capacitance is 0")

@@ -21,7 +21,7 @@ is at every input and output: an output drives a whole line of an array.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -44,151 +44,13 @@ from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.entries import (
-    Numbered,
-    Parts,
-    matrix_resistors,
-    omitted,
-    pruned,
-)
+from taction.netlist_gen.topologies.frame.entries import GrowingBoard, matrix_resistors
 from taction.netlist_gen.topologies.frame.topology import Topology
-from taction.system.array_types import Bools, Floats
+from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Array:
-    """An array of conductances with the signs of T."""
-
-    role: str  # `Role.FORWARD`: columns drive and rows sum; else rows drive and columns sum
-    name: str  # of its resistors in the deck
-    T: Floats  # (M, N): the entries
-    drives: tuple[str, ...]  # nodes of the drivers
-    sinks: tuple[str, ...]  # the input of each op-amp that takes the array
-    others: tuple[str, ...]  # its other input
-
-    @property
-    def by_column(self) -> bool:
-        """Whether columns drive."""
-        return self.role == Role.FORWARD
-
-    def of_driver(self, place: int) -> Floats:
-        """Return the entries of a driver, from 0."""
-        return self.T[:, place] if self.by_column else self.T[place]
-
-
-class Way(ABC):
-    """How the entries of an array get their signs."""
-
-    # whether negative entries end at the other input of an op-amp
-    uses_other_input: ClassVar[bool] = False
-
-    @abstractmethod
-    def connect(self, parts: Parts, scene: Scene, array: Array) -> None:
-        """Place the resistors of an array, and what its negative entries need."""
-
-    def facts(self, T: Floats) -> dict[str, Fact]:
-        """Return what a board with the matrix `T` states besides."""
-        return {}
-
-
-class Inverters(Way):
-    """An inverter for each driver with a negative entry."""
-
-    def connect(self, parts: Parts, scene: Scene, array: Array) -> None:
-        """Place inverters and one matrix; see `Way`."""
-        inverted = []
-        for place, source in enumerate(array.drives):
-            node = ""
-            if source and np.any(array.of_driver(place) < 0.0):
-                head, _, number = source.partition("_")
-                node = f"{INVERSE[head]}_{number}"
-                parts.inverting(node, source, node)
-            inverted.append(node)
-        ohms, negative = matrix_resistors(array.T, scene)
-        _place(parts, array, array.name, ohms, negative, tuple(inverted))
-
-
-class Differential(Way):
-    """Negative entries at the other input of the op-amp."""
-
-    uses_other_input = True
-
-    def connect(self, parts: Parts, scene: Scene, array: Array) -> None:
-        """Place a matrix for each sign; see `Way`."""
-        ohms, negative = matrix_resistors(array.T, scene)
-        _place(parts, array, array.name, np.where(negative, np.inf, ohms))
-        if negative.any():
-            below = np.where(negative, ohms, np.inf)
-            _place(parts, array, f"{array.name}n", below, opposite=True)
-
-
-class Offset(Way):
-    """One more column: T less its least entry is positive."""
-
-    def connect(self, parts: Parts, scene: Scene, array: Array) -> None:
-        """Place the shifted matrix, an inverter of the sum, and the column; see `Way`."""
-        below = _offset(array.T)
-        ohms, _ = matrix_resistors(array.T + below, scene)
-        _place(parts, array, array.name, ohms)
-        if below == 0.0:
-            return
-        head = next(source for source in array.drives if source).partition("_")[0]
-        output = f"sum_{head}"
-        summing, inverter = f"j{output}", scene.design.inverter_resistance
-        parts.opamp(output, summing, output)
-        for source in filter(None, array.drives):
-            parts.resistor(Role.SUM, f"{output}_{source}", (source, summing), inverter)
-        parts.resistor(Role.SUM, f"{output}_fb", (output, summing), inverter)
-        column = 1.0 / (below * scene.design.unit_conductance)
-        for sink in filter(None, array.sinks):
-            parts.resistor(Role.OFFSET, f"off_{sink}", (output, sink), column)
-
-    def facts(self, T: Floats) -> dict[str, Fact]:
-        """Return the offset; see `Way`."""
-        below = _offset(T)
-        if below == 0.0:
-            return {}
-        title, key = "offset of every entry of T", "design.negative_entries"
-        return {"offset": Fact("offset", below, "", "b", title, key)}
-
-
-def _offset(T: Floats) -> float:
-    return max(0.0, -float(T.min()))
-
-
-def _place(
-    parts: Parts,
-    array: Array,
-    name: str,
-    ohms: Floats,
-    negative: Bools | None = None,
-    minus: tuple[str, ...] = (),
-    *,
-    opposite: bool = False,
-) -> None:
-    """Place a matrix of resistors between the drivers and the inputs of an array."""
-    signs: Bools = np.zeros(ohms.shape, dtype=np.bool_) if negative is None else negative
-    inverted = minus or ("",) * len(array.drives)
-    sinks = array.others if opposite else array.sinks
-    ends = tuple(node or GROUND for node in sinks)
-    parts.matrix(
-        array.role,
-        ResistorMatrix(name, ohms, signs, array.by_column, array.drives, inverted, ends, opposite),
-    )
-
-
-INVERSE = {"v": "a", "w": "z", "y": "q"}
-"""The letter of the inverse of an output."""
-WAYS: Mapping[str, Way] = {
-    "inverters": Inverters(),
-    "differential": Differential(),
-    "offset": Offset(),
-}
-"""By the words of ``design.negative_entries``."""
-
-
 SAME_LOAD = 1e-12  # relative difference of two loads that need no resistor
+INVERSE = {"v": "a", "w": "z", "y": "q"}  # letter of the inverse of an output
 
 
 @dataclass(slots=True)
@@ -200,25 +62,24 @@ class Inputs:
 
 
 @dataclass(slots=True)
-class LoopBoard(Numbered):
+class LoopBoard(GrowingBoard):
     """A board of one loop while it is built."""
 
-    scene: Scene
-    facts: dict[str, Fact]
-    T: Floats  # (M, N), after pruning
-    strain: Floats  # (M,)
-    parts: Parts
-    way: Way
     stages: list[Inputs] = field(default_factory=list)
 
     @property
-    def present(self) -> Bools:
-        """Where T has an entry, (M, N)."""
-        return np.asarray(self.T != 0.0)
+    def way(self) -> str:
+        """How its arrays get negative entries."""
+        return self.scene.design.negative_entries
+
+    @property
+    def offset(self) -> float:
+        """What is added to every entry of T, which is then not negative."""
+        return max(0.0, -float(self.T.min())) if self.way == "offset" else 0.0
 
     def inputs(self, first: str, other: str, entries: Floats) -> Inputs:
         """Return the inputs of an op-amp for its `entries` of T: the other one may be ground."""
-        needed = self.way.uses_other_input and bool(np.any(entries < 0.0))
+        needed = self.way == "differential" and bool(np.any(entries < 0.0))
         stage = Inputs(first, other if needed else GROUND)
         self.stages.append(stage)
         return stage
@@ -230,6 +91,53 @@ class LoopBoard(Numbered):
         self.parts.resistor(role, f"g_{output}", (output, stage.first), ohms)
         if stage.other != GROUND:
             self.parts.resistor(role, f"go_{output}", (stage.other, GROUND), ohms)
+
+    def array(self, role: str, drives: Mapping[int, str], stages: Mapping[int, Inputs]) -> None:
+        """Place the matrix of a role between `drives` and the inputs of `stages`.
+
+        Columns of T drive the matrix `Role.FORWARD`, rows the other one.
+        """
+        by_column = role == Role.FORWARD
+        name, lines = ("Rf", self.T.T) if by_column else ("Rb", self.T)
+        across, down = lines.shape
+        sources = tuple(drives.get(n, "") for n in range(1, across + 1))
+        ends = [stages.get(k, Inputs(GROUND, GROUND)) for k in range(1, down + 1)]
+        sinks, others = tuple(each.first for each in ends), tuple(each.other for each in ends)
+        inverted, below = ("",) * across, self.offset
+        ohms, negative = matrix_resistors(self.T + below, self.scene)
+        if self.way == "inverters":
+            inverted = tuple(map(self._inverse, sources, lines))
+        minus = np.where(negative, ohms, np.inf)
+        if self.way == "differential":
+            ohms, negative = np.where(negative, np.inf, ohms), np.zeros_like(negative)
+        fixed = by_column, sources, inverted
+        self.parts.matrix(role, ResistorMatrix(name, ohms, negative, *fixed, sinks))
+        if self.way == "differential" and np.isfinite(minus).any():
+            below_zero = ResistorMatrix(f"{name}n", minus, negative, *fixed, others, opposite=True)
+            self.parts.matrix(role, below_zero)
+        if below:
+            self._offset_column([*filter(None, sources)], [*filter(None, stages.values())], below)
+
+    def _inverse(self, source: str, entries: Floats) -> str:
+        """Place the inverter of a driver with a negative entry; return its output, if any."""
+        if not (source and np.any(entries < 0.0)):
+            return ""
+        head, _, number = source.partition("_")
+        node = f"{INVERSE[head]}_{number}"
+        self.parts.inverting(node, source, node)
+        return node
+
+    def _offset_column(self, sources: list[str], stages: list[Inputs], below: float) -> None:
+        """Place an inverter of the sum of all drivers, and the column that it drives."""
+        output = f"sum_{sources[0].partition('_')[0]}"
+        summing, inverter = f"j{output}", self.scene.design.inverter_resistance
+        self.parts.opamp(output, summing, output)
+        for source in sources:
+            self.parts.resistor(Role.SUM, f"{output}_{source}", (source, summing), inverter)
+        self.parts.resistor(Role.SUM, f"{output}_fb", (output, summing), inverter)
+        ohms = 1.0 / (below * self.scene.design.unit_conductance)
+        for stage in stages:
+            self.parts.resistor(Role.OFFSET, f"off_{stage.first}", (output, stage.first), ohms)
 
     def pad(self) -> None:
         """Load both inputs of every op-amp alike, by a resistor to ground at the lighter one.
@@ -284,11 +192,6 @@ class Loop(Topology):
     def place(self, board: LoopBoard) -> None:
         """Place op-amps, strains and arrays."""
 
-    @property
-    def constraint_outputs(self) -> str:
-        """The letter of the outputs that belong to the sensors."""
-        return "w" if self.has_first_stages else "v"
-
     def facts(self, scene: Scene) -> dict[str, Fact]:
         """Return G0, U0, lambda and gf; see `Topology`."""
         design = scene.design
@@ -306,18 +209,9 @@ class Loop(Topology):
         if not self.has_first_stages:
             G0 = Knob("G0", key, Role.UNIT, margin="smaller", words="G0", power=-1.0)
             return G0, U0
-        return (
-            Knob(
-                "gf",
-                "design.feedback_conductance",
-                Role.OUTPUT_CONDUCTANCE,
-                margin="smaller",
-                words="gf",
-                power=-1.0,
-            ),
-            Knob("G0", key),
-            U0,
-        )
+        role = Role.OUTPUT_CONDUCTANCE
+        gf = Knob("gf", "design.feedback_conductance", role, {}, "smaller", "gf", power=-1.0)
+        return gf, Knob("G0", key), U0
 
     def synthesise(self, scene: Scene, problem: InverseProblem) -> Circuit:
         """Design the board of `scene` for `problem`; see `Topology`."""
@@ -326,45 +220,25 @@ class Loop(Topology):
             text = f"topology {self.name!r} has no signal amplifiers; expected 'linear'"
             complaint = Complaint("design.amplifier", repr(design.amplifier), text)
             raise InputError(scene.file, complaint)
-        T = pruned(problem.matrix, design.prune)
-        self.check(scene, T)
-        inverter, series = design.inverter_resistance, design.resistor_series
-        parts = Parts(model.name, design.stray_capacitance, inverter, series)
-        way = WAYS[design.negative_entries]
-        board = LoopBoard(scene, facts, T, problem.strain, parts, way)
+        board = LoopBoard(scene, problem, facts, model)
+        self.check(scene, board.T)
         self.place(board)
         board.pad()
+        parts = board.parts
         for cell in parts.opamps:  # it drives a whole line of an array
             parts.stray_at(cell.output)
-        rows = board.sensors if self.has_first_stages else board.channels
         others = parts.roles[Role.INVERTER_RESISTOR] | parts.roles[Role.SUM]
         resistors = {part.card for part in parts.resistors} - others
         parts.roles[Role.UNIT] = resistors | {matrix.name for matrix in parts.matrices}
-        return parts.circuit(
-            scene,
-            model,
-            topology=self.name,
-            facts={**facts, **way.facts(T)},
-            signal_nodes=tuple(f"v_{n}" for n in board.channels),
-            constraint_nodes=tuple(f"{self.constraint_outputs}_{k}" for k in rows),
+        if board.offset:
+            title, key = "offset of every entry of T", "design.negative_entries"
+            facts["offset"] = Fact("offset", board.offset, "", "b", title, key)
+        return board.circuit(
+            "w" if self.has_first_stages else "v",
+            self._omissions(board.T),
             outputs=tuple(Output(f"v_{n}", -1.0) for n in board.channels),
-            omissions=omitted(scene, problem, T, model, self._omissions(T)),
             knobs=self.knobs(scene),
         )
-
-    def array(
-        self, board: LoopBoard, role: str, drives: Mapping[int, str], stages: Mapping[int, Inputs]
-    ) -> None:
-        """Place an array: the matrix of the role between `drives` and the inputs of `stages`."""
-        by_column = role == Role.FORWARD
-        M, N = board.T.shape
-        across, down = (N, M) if by_column else (M, N)
-        nothing = Inputs("", "")
-        ends = [stages.get(k, nothing) for k in range(1, down + 1)]
-        sources = tuple(drives.get(n, "") for n in range(1, across + 1))
-        sinks = tuple(e.first for e in ends), tuple(e.other for e in ends)
-        name = "Rf" if by_column else "Rb"
-        board.way.connect(board.parts, board.scene, Array(role, name, board.T, sources, *sinks))
 
     def _lambda(self, scene: Scene) -> float:
         lam = scene.design.lam
