@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, GetJsonSchemaHandler, ValidationInfo, model_validator
-from pydantic_core import CoreSchema
+from pydantic import AfterValidator, Field, ValidationInfo
 
 from taction.netlist_gen.scene import fields
+from taction.netlist_gen.scene.fields import entry
 from taction.system.quantities import show
 from taction.system.reading_definitions import SETTLING_BAND, TIMES
 
@@ -38,20 +38,10 @@ def unitless_times(data: Mapping[str, Any]) -> Iterator[str]:
                 )
 
 
-class UpperLimit(fields.Model):
-    """A check whose plain value is its `max`: ``settling_time = "10us"``."""
+class UpperLimit(fields.Shortened):
+    """A check whose plain value is its `max`."""
 
-    @model_validator(mode="before")
-    @classmethod
-    def _plain_value(cls, data: Any) -> Any:
-        return {"max": data} if isinstance(data, str | int | float) else data
-
-    @classmethod
-    def __get_pydantic_json_schema__(
-        cls, core: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> dict[str, Any]:
-        """Return the schema of the table, or of a plain value."""
-        return {"anyOf": [{"type": "number"}, {"type": "string"}, handler(core)]}
+    PLAIN = "max"
 
 
 class SteadyStateCheck(fields.Model):
@@ -92,18 +82,16 @@ class RiseTimeCheck(UpperLimit):
 
     max: fields.Seconds | None = None
     min: Least = None
-    channel: fields.Count | None = Field(
-        None, description="from 1; by default every channel that rises"
-    )
+    channel: fields.Count | None = entry(None, "from 1; by default every channel that rises")
 
 
 class NoiseCheck(UpperLimit):
     """Output noise of every channel at rest, rms, V, over all frequencies or above the lowest."""
 
     max: fields.Volts = Field(description="largest noise of an output, rms, V")
-    lowest: fields.Hertz | None = Field(
+    lowest: fields.Hertz | None = entry(
         None,
-        description="the lowest frequency that counts: an observation of T seconds sees nothing"
+        "the lowest frequency that counts: an observation of T seconds sees nothing"
         f" below 1/T. By default {LOWEST:g} Hz where op-amps have 1/f noise, else 0",
     )
 
@@ -144,25 +132,23 @@ class Checks(fields.Model):
 class Tolerances(fields.Model):
     """Tolerances of real components, fractions of their values."""
 
-    distribution: Literal["normal", "uniform"] = Field(
-        "normal", description="normal: the tolerance is three sigma; uniform: within it"
+    distribution: Literal["normal", "uniform"] = entry(
+        "normal", "normal: the tolerance is three sigma; uniform: within it"
     )
-    resistor: fields.NonNegative = Field(0.01, description="every resistor by itself")
-    capacitor: fields.NonNegative = Field(0.05, description="C of every signal node by itself")
-    stray: fields.NonNegative = Field(0.2, description="stray capacitance of every summing node")
-    opamp_gbw: fields.NonNegative = Field(
-        0.3, description="gain-bandwidth product and second pole of every op-amp together"
+    resistor: fields.NonNegative = entry(0.01, "every resistor by itself")
+    capacitor: fields.NonNegative = entry(0.05, "C of every signal node by itself")
+    stray: fields.NonNegative = entry(0.2, "stray capacitance of every summing node")
+    opamp_gbw: fields.NonNegative = entry(
+        0.3, "gain-bandwidth product and second pole of every op-amp together"
     )
-    opamp_gain: fields.NonNegative = Field(0.5, description="DC gain of every op-amp")
-    parts: dict[str, fields.NonNegative] = Field(
-        {}, description="tolerances of single parts by their names in the deck: { Rf_4_4 = 0.001 }"
+    opamp_gain: fields.NonNegative = entry(0.5, "DC gain of every op-amp")
+    parts: dict[str, fields.NonNegative] = entry(
+        {}, "tolerances of single parts by their names in the deck: { Rf_4_4 = 0.001 }"
     )
-    temperature: fields.NonNegative = Field(
-        0.0, description="K, either side of nominal; the whole board"
-    )
-    resistor_drift: fields.Real = Field(1e-4, description="per K")
-    capacitor_drift: fields.Real = Field(3e-5, description="per K")
-    opamp_drift: fields.Real = Field(-3e-3, description="of the gain-bandwidth product, per K")
+    temperature: fields.NonNegative = entry(0.0, "K, either side of nominal; the whole board")
+    resistor_drift: fields.Real = entry(1e-4, "per K")
+    capacitor_drift: fields.Real = entry(3e-5, "per K")
+    opamp_drift: fields.Real = entry(-3e-3, "of the gain-bandwidth product, per K")
 
 
 SecondsOrZero = Annotated[float, fields.Unit("s", zero=True)]

@@ -8,15 +8,14 @@ from typing import Annotated, Any, Literal
 from pydantic import (
     BeforeValidator,
     Field,
-    GetJsonSchemaHandler,
     StrictBool,
     WithJsonSchema,
     model_validator,
 )
-from pydantic_core import CoreSchema
 
 from taction.netlist_gen.scene import fields
-from taction.netlist_gen.scene.open_tables import AMPLIFIERS, NAMES, OPAMPS
+from taction.netlist_gen.scene.fields import entry
+from taction.netlist_gen.scene.open_tables import AMPLIFIERS, NAMES
 from taction.spice_models.input_errors import ROOM, Surroundings
 from taction.spice_models.transistor import NOMINAL, pair_names
 from taction.system.errors import listed
@@ -26,22 +25,17 @@ from taction.system.plugins import names
 class WiresTable(fields.Model):
     """Resistances between the entries of an array and its op-amps; 0: none."""
 
-    word_line: fields.OhmsOrZero = Field(0.0, description="per pitch of the line of a row of T")
-    bit_line: fields.OhmsOrZero = Field(0.0, description="per pitch of the line of a column of T")
-    driver: fields.OhmsOrZero = Field(
-        0.0, description="from the output of an op-amp to a line it drives"
-    )
-    sense: fields.OhmsOrZero = Field(
-        0.0, description="from a line to the input that takes its current"
-    )
-    corner: Literal["top-left", "top-right", "bottom-left", "bottom-right"] = Field(
+    word_line: fields.OhmsOrZero = entry(0.0, "per pitch of the line of a row of T")
+    bit_line: fields.OhmsOrZero = entry(0.0, "per pitch of the line of a column of T")
+    driver: fields.OhmsOrZero = entry(0.0, "from the output of an op-amp to a line it drives")
+    sense: fields.OhmsOrZero = entry(0.0, "from a line to the input that takes its current")
+    corner: Literal["top-left", "top-right", "bottom-left", "bottom-right"] = entry(
         "top-left",
-        description="where the ports of rows and columns are; row 1 is at the top, column 1 at the"
-        " left",
+        "where the ports of rows and columns are; row 1 is at the top, column 1 at the left",
     )
-    compensate: StrictBool = Field(
+    compensate: StrictBool = entry(
         False,
-        description="scale the resistors so that the arrays have the conductances of T at their"
+        "scale the resistors so that the arrays have the conductances of T at their"
         " ports, as far as this is possible",
     )
 
@@ -58,69 +52,59 @@ Levels = Annotated[int, Field(strict=True, ge=2, le=65536)]
 class DevicesTable(fields.Model):
     """Devices in the place of the arrays' resistors; without any key there are resistors."""
 
-    cell: Literal["rram-wan", "rram-milo", "pcm-joshi", "pcm-aihwkit"] | None = Field(
-        None, description="a device by its name, whose figures hold"
+    cell: Literal["rram-wan", "rram-milo", "pcm-joshi", "pcm-aihwkit"] | None = entry(
+        None, "a device by its name, whose figures hold"
     )
-    least_conductance: fields.Siemens | None = Field(
-        None, description="a smaller entry of T has this one"
+    least_conductance: fields.Siemens | None = entry(None, "a smaller entry of T has this one")
+    most_conductance: fields.Siemens | None = entry(None, "a larger entry of T has this one")
+    cell_levels: Levels | None = entry(
+        None, "evenly spaced conductances; by default those of the cell, or any"
     )
-    most_conductance: fields.Siemens | None = Field(
-        None, description="a larger entry of T has this one"
-    )
-    cell_levels: Levels | None = Field(
-        None, description="evenly spaced conductances; by default those of the cell, or any"
-    )
-    programming_error: fields.Siemens | None = Field(
+    programming_error: fields.Siemens | None = entry(
         None,
-        description="standard deviation of every device after programming; by default that of the"
+        "standard deviation of every device after programming; by default that of the"
         " cell, as a function of its conductance",
     )
-    read_noise: Share | None = Field(
-        None, description="standard deviation from solve to solve, a fraction of the conductance"
+    read_noise: Share | None = entry(
+        None, "standard deviation from solve to solve, a fraction of the conductance"
     )
-    drift_exponent: fields.NonNegative | None = Field(
-        None, description="nu: a device has g (t/t0)^-nu; by default that of the cell"
+    drift_exponent: fields.NonNegative | None = entry(
+        None, "nu: a device has g (t/t0)^-nu; by default that of the cell"
     )
-    drift_spread: fields.NonNegative | None = Field(
-        None, description="standard deviation of nu among the devices"
+    drift_spread: fields.NonNegative | None = entry(
+        None, "standard deviation of nu among the devices"
     )
-    drift_start: fields.Seconds | None = Field(
-        None, description="t0 since programming; by default that of the cell, or 1 s"
+    drift_start: fields.Seconds | None = entry(
+        None, "t0 since programming; by default that of the cell, or 1 s"
     )
-    age: fields.Seconds | None = Field(
-        None, description="t since programming; by default devices have not drifted"
+    age: fields.Seconds | None = entry(
+        None, "t since programming; by default devices have not drifted"
     )
-    stuck_at_least: Share | None = Field(
-        None, description="fraction of the cells that are stuck at the least conductance"
+    stuck_at_least: Share | None = entry(
+        None, "fraction of the cells that are stuck at the least conductance"
     )
-    stuck_at_most: Share | None = Field(
-        None, description="fraction of the cells that are stuck at the most conductance"
+    stuck_at_most: Share | None = entry(
+        None, "fraction of the cells that are stuck at the most conductance"
     )
 
 
-STAGES = ("ideal", "device")
 Celsius = Annotated[fields.Real, Field(ge=-55, le=125)]
 
 
-class AntilogChoice(fields.Model):
+class AntilogChoice(fields.Shortened):
     """An ideal function, or a matched pair of transistors with two op-amps."""
 
-    stage: Literal["ideal", "device"] = "ideal"
-    transistors: str = Field("ssm2220", description="the matched pair of a stage")
-    reference_current: fields.Amps = Field(1e-4, description="collector current at an output of U0")
-    divider_resistance: fields.Ohms = Field(100.0, description="from the divided input to ground")
-    emitter_resistance: fields.Ohms = Field(
-        5e3, description="from the reference op-amp to the emitters"
-    )
-    temperature: Celsius = Field(NOMINAL, description="of the transistors, degrees C")
-    nominal_temperature: Celsius = Field(
-        NOMINAL, description="for which the input divider is computed, degrees C"
-    )
+    PLAIN = "stage"
 
-    @model_validator(mode="before")
-    @classmethod
-    def _by_name(cls, data: Any) -> Any:
-        return {"stage": data} if isinstance(data, str) else data
+    stage: Literal["ideal", "device"] = "ideal"
+    transistors: str = entry("ssm2220", "the matched pair of a stage")
+    reference_current: fields.Amps = entry(1e-4, "collector current at an output of U0")
+    divider_resistance: fields.Ohms = entry(100.0, "from the divided input to ground")
+    emitter_resistance: fields.Ohms = entry(5e3, "from the reference op-amp to the emitters")
+    temperature: Celsius = entry(NOMINAL, "of the transistors, degrees C")
+    nominal_temperature: Celsius = entry(
+        NOMINAL, "for which the input divider is computed, degrees C"
+    )
 
     @model_validator(mode="after")
     def _known_pair(self) -> AntilogChoice:
@@ -133,13 +117,6 @@ class AntilogChoice(fields.Model):
     def has_devices(self) -> bool:
         """Whether the stages are built from transistors."""
         return self.stage == "device"
-
-    @classmethod
-    def __get_pydantic_json_schema__(
-        cls, core: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> dict[str, Any]:
-        table = handler(core)
-        return {"anyOf": [{"type": "string", "enum": list(STAGES)}, table]}
 
 
 def _level(value: object) -> object:
@@ -154,83 +131,71 @@ InputErrors = Annotated[
 ]
 
 
-class OpAmpChoice(fields.Model):
+class OpAmpChoice(fields.Shortened):
     """A preset, or a preset with some figures changed."""
 
-    base: Annotated[str, NAMES["op-amp"], WithJsonSchema({"type": "string"})] = "ua741"
-    file: fields.FileName | None = Field(
-        None, description="an imported op-amp (`taction parts import`), in the place of a preset"
+    PLAIN = "base"
+
+    base: Annotated[str, NAMES["op-amp"]] = "ua741"
+    file: fields.FileName | None = entry(
+        None, "an imported op-amp (`taction parts import`), in the place of a preset"
     )
-    model: Literal["cards", "figures"] = Field(
+    model: Literal["cards", "figures"] = entry(
         "cards",
-        description="of an imported op-amp: the vendor's cards, or a macromodel with its measured"
-        " figures",
+        "of an imported op-amp: the vendor's cards, or a macromodel with its measured figures",
     )
-    level: Literal["auto", "small-signal", "large-signal"] = Field(
+    level: Literal["auto", "small-signal", "large-signal"] = entry(
         "auto",
-        description="of the macromodel; auto: with slew rate and swing, and with the largest output"
+        "of the macromodel; auto: with slew rate and swing, and with the largest output"
         " current, where the small-signal board exceeds 90 % of such a limit",
     )
     dc_gain: fields.Positive | None = None
     gbw: fields.Hertz | None = None
     second_pole: fields.Hertz | None = None
-    phase_margin: Annotated[fields.Real, Field(gt=0, lt=90)] | None = Field(
-        None, description="degrees, at unity gain; sets the second pole"
+    phase_margin: Annotated[fields.Real, Field(gt=0, lt=90)] | None = entry(
+        None, "degrees, at unity gain; sets the second pole"
     )
     input_resistance: fields.Ohms | None = None
     differential_capacitance: fields.FaradsOrZero | None = None
     input_capacitance: fields.FaradsOrZero | None = None
     output_resistance: fields.OhmsOrZero | None = None
-    slew_rate: fields.VoltsPerSecond | None = Field(None, description="of the output")
-    output_current: fields.Amps | None = Field(None, description="largest, of either sign")
-    saturation: fields.VoltsOrZero | None = Field(
-        None, description="least distance of the output from a supply voltage"
+    slew_rate: fields.VoltsPerSecond | None = entry(None, "of the output")
+    output_current: fields.Amps | None = entry(None, "largest, of either sign")
+    saturation: fields.VoltsOrZero | None = entry(
+        None, "least distance of the output from a supply voltage"
     )
     least_supply: fields.VoltsOrZero | None = None
     most_supply: fields.Volts | None = None
-    voltage_noise: fields.VoltageDensityOrZero | None = Field(
-        None, description="of the input, white"
+    voltage_noise: fields.VoltageDensityOrZero | None = entry(None, "of the input, white")
+    current_noise: fields.CurrentDensityOrZero | None = entry(None, "of each input, white")
+    voltage_noise_corner: fields.HertzOrZero | None = entry(
+        None, "below it the 1/f part of the voltage noise is the larger one; 0: none"
     )
-    current_noise: fields.CurrentDensityOrZero | None = Field(
-        None, description="of each input, white"
-    )
-    voltage_noise_corner: fields.HertzOrZero | None = Field(
-        None, description="below it the 1/f part of the voltage noise is the larger one; 0: none"
-    )
-    supply_current: fields.AmpsOrZero | None = Field(None, description="of one op-amp without load")
-    channels_per_package: fields.Count | None = Field(None, description="op-amps in one package")
-    input_errors: InputErrors = Field(
+    supply_current: fields.AmpsOrZero | None = entry(None, "of one op-amp without load")
+    channels_per_package: fields.Count | None = entry(None, "op-amps in one package")
+    input_errors: InputErrors = entry(
         "typical",
-        description="offset voltage, input currents and common-mode error of every op-amp: the"
+        "offset voltage, input currents and common-mode error of every op-amp: the"
         " typical or the largest size of its sheet, or none but those that are given here",
     )
-    offset_voltage: fields.SignedVolts | None = Field(
-        None, description="at the non-inverting input"
+    offset_voltage: fields.SignedVolts | None = entry(None, "at the non-inverting input")
+    bias_current: fields.SignedAmps | None = entry(None, "mean of the currents into both inputs")
+    offset_current: fields.SignedAmps | None = entry(
+        None, "current into the non-inverting input less the other"
     )
-    bias_current: fields.SignedAmps | None = Field(
-        None, description="mean of the currents into both inputs"
+    common_mode_rejection: fields.Positive | None = entry(None, "dB")
+    offset_drift: fields.VoltsPerKelvinOrZero | None = entry(
+        None, "typical size, of the offset voltage; counts with design.temperature"
     )
-    offset_current: fields.SignedAmps | None = Field(
-        None, description="current into the non-inverting input less the other"
+    bias_drift: fields.AmpsPerKelvinOrZero | None = entry(
+        None, "typical size, of the bias current; counts with design.temperature"
     )
-    common_mode_rejection: fields.Positive | None = Field(None, description="dB")
-    offset_drift: fields.VoltsPerKelvinOrZero | None = Field(
-        None, description="typical size, of the offset voltage; counts with design.temperature"
+    bias_doubling: fields.Kelvins | None = entry(
+        None, "warming that doubles the input currents, as of field-effect inputs"
     )
-    bias_drift: fields.AmpsPerKelvinOrZero | None = Field(
-        None, description="typical size, of the bias current; counts with design.temperature"
+    supply_rejection: fields.Positive | None = entry(
+        None, "dB; counts with design.supply_tolerance"
     )
-    bias_doubling: fields.Kelvins | None = Field(
-        None, description="warming that doubles the input currents, as of field-effect inputs"
-    )
-    supply_rejection: fields.Positive | None = Field(
-        None, description="dB; counts with design.supply_tolerance"
-    )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _by_name(cls, data: Any) -> Any:
-        return {"base": data} if isinstance(data, str) else data
 
     @model_validator(mode="after")
     def _file_alone(self) -> OpAmpChoice:
@@ -240,13 +205,6 @@ class OpAmpChoice(fields.Model):
         if self.file is not None and others:
             raise ValueError(f"'file' excludes {others[0]!r}: an imported op-amp is as measured")
         return self
-
-    @classmethod
-    def __get_pydantic_json_schema__(
-        cls, core: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> dict[str, Any]:
-        table = handler(core)
-        return {"anyOf": [{"type": "string", "enum": list(OPAMPS)}, table]}
 
 
 class Design(fields.Model):
@@ -260,59 +218,57 @@ class Design(fields.Model):
         None, alias="lambda", description="regularisation parameter, or the rule that chooses it"
     )
     gain: fields.Ohms = 6.252e6
-    feedback_conductance: fields.Siemens | None = Field(
+    feedback_conductance: fields.Siemens | None = entry(
         None,
-        description="gf of the first stages of a closed-loop board, whose speed and stability it"
+        "gf of the first stages of a closed-loop board, whose speed and stability it"
         " decides; by default unit_conductance",
     )
-    negative_entries: Literal["inverters", "differential", "offset"] = Field(
+    negative_entries: Literal["inverters", "differential", "offset"] = entry(
         "inverters",
-        description="of a closed-loop board: an inverter for each driver, the other inputs of the"
+        "of a closed-loop board: an inverter for each driver, the other inputs of the"
         " op-amps, or one column behind an inverter of the sum",
     )
     unit_conductance: fields.Siemens = 3.313e-7
     unit_voltage: fields.Volts = 1.0
     exponential_slope: fields.Volts | None = None
-    bias: StrictBool | None = Field(None, description="bias current I_b = Ve/R")
-    ridge_share: Annotated[fields.Real, Field(ge=0, le=1)] = Field(
+    bias: StrictBool | None = entry(None, "bias current I_b = Ve/R")
+    ridge_share: Annotated[fields.Real, Field(ge=0, le=1)] = entry(
         1.0,
-        description="of the amplifiers deadzone, rectifier and saturation: the share of the ridge"
+        "of the amplifiers deadzone, rectifier and saturation: the share of the ridge"
         " term sum u^2/2 that stays; a resistor from u to every signal node removes the rest",
     )
-    antilog: AntilogChoice = Field(
-        AntilogChoice(), description="exponential amplifiers: ideal, or of transistors"
+    antilog: AntilogChoice = entry(
+        AntilogChoice(), "exponential amplifiers: ideal, or of transistors"
     )
     opamp: OpAmpChoice = OpAmpChoice()
-    supply: fields.SupplyVolts = Field(
-        15.0, description="both supply voltages of the op-amps, as '±15V'"
-    )
-    temperature: Annotated[str, fields.TemperatureRange()] | None = Field(
+    supply: fields.SupplyVolts = entry(15.0, "both supply voltages of the op-amps, as '±15V'")
+    temperature: Annotated[str, fields.TemperatureRange()] | None = entry(
         None,
-        description="at which the board must work: the drift of input errors and resistors from 25"
+        "at which the board must work: the drift of input errors and resistors from 25"
         " degrees C counts in the check steady_state and in the error budget",
     )
-    supply_tolerance: Annotated[fields.Real, Field(ge=0, lt=1)] = Field(
-        0.0, description="fraction of the supply voltages; supply rejection counts, as temperature"
+    supply_tolerance: Annotated[fields.Real, Field(ge=0, lt=1)] = entry(
+        0.0, "fraction of the supply voltages; supply rejection counts, as temperature"
     )
-    temperature_coefficient: fields.NonNegative = Field(
-        0.0, description="per K, the largest of any resistor; each has its own; needs temperature"
+    temperature_coefficient: fields.NonNegative = entry(
+        0.0, "per K, the largest of any resistor; each has its own; needs temperature"
     )
     stray_capacitance: fields.FaradsOrZero = 1e-11
-    sensor_noise: fields.CurrentDensityOrZero = Field(
-        0.0, description="of every strain, white; for the check 'noise'"
+    sensor_noise: fields.CurrentDensityOrZero = entry(
+        0.0, "of every strain, white; for the check 'noise'"
     )
-    strain_input: Literal["current", "voltage"] = Field(
+    strain_input: Literal["current", "voltage"] = entry(
         "current",
-        description="source of every strain: a current into its summing node, or eps U0 through a"
+        "source of every strain: a current into its summing node, or eps U0 through a"
         " resistor 1/G0",
     )
     inverter_resistance: fields.Ohms = 1e4
-    prune: Annotated[fields.Real, Field(ge=0, lt=1)] = Field(
-        0.0, description="entries of T below this fraction of the largest have no resistors"
+    prune: Annotated[fields.Real, Field(ge=0, lt=1)] = entry(
+        0.0, "entries of T below this fraction of the largest have no resistors"
     )
     resistor_series: Literal["exact", "E24", "E96", "E192"] = "exact"
-    capacitor_series: Literal["exact", "E6", "E12", "E24"] = Field(
-        "exact", description="of C; a stray capacitance is no part"
+    capacitor_series: Literal["exact", "E6", "E12", "E24"] = entry(
+        "exact", "of C; a stray capacitance is no part"
     )
 
     @property

@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    model_validator,
+)
 from pydantic_core import CoreSchema, core_schema
 
 from taction.system.quantities import EXAMPLES, parse
@@ -168,6 +175,11 @@ Seed = Annotated[int, Field(strict=True, ge=0)]
 FileName = Annotated[str, Field(min_length=1)]
 
 
+def entry(default: Any, description: str) -> Any:
+    """Return a key of a table that has a default and a description."""
+    return Field(default, description=description)
+
+
 class Model(BaseModel):
     """A table of the scene: frozen, without unknown keys."""
 
@@ -178,6 +190,27 @@ class Model(BaseModel):
         """Return the schema with the limits of numbers by the names that JSON Schema knows."""
         found: dict[str, Any] = _with_limits(super().model_json_schema(*args, **options))
         return found
+
+
+class Shortened(Model):
+    """A table in whose place may stand the value of one key: ``settling_time = "10us"``."""
+
+    PLAIN: ClassVar[str]  # this key
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain_value(cls, data: Any) -> Any:
+        return {cls.PLAIN: data} if isinstance(data, str | int | float) else data
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Return the schema of the table, or of the plain value."""
+        table = handler(core)
+        plain = handler.resolve_ref_schema(table)["properties"][cls.PLAIN]
+        own = {key: value for key, value in plain.items() if key not in ("title", "default")}
+        return {"anyOf": [own, table]}
 
 
 # Behind a check of its own a limit keeps pydantic's name in the schema, which no editor knows.

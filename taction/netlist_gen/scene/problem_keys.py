@@ -16,6 +16,7 @@ from pydantic import (
 from pydantic_core import CoreSchema, core_schema
 
 from taction.netlist_gen.scene import fields
+from taction.netlist_gen.scene.fields import entry
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -126,10 +127,10 @@ class CylinderLoad(fields.Model):
     """Stress under a cylinder, eq (18): ``p/(pi a²) sqrt(a² - y²)`` as printed."""
 
     kind: Literal["cylinder"] = "cylinder"
-    force: fields.NonNegative = Field(3.0, description="p, force per unit length")
-    half_width: fields.Positive = Field(1.0, description="a, half width of the contact")
-    centre: fields.Real = Field(0.0, description="y of the contact's middle")
-    normalised: StrictBool = Field(False, description="true: Hertz, 2p/(pi a²), integrates to p")
+    force: fields.NonNegative = entry(3.0, "p, force per unit length")
+    half_width: fields.Positive = entry(1.0, "a, half width of the contact")
+    centre: fields.Real = entry(0.0, "y of the contact's middle")
+    normalised: StrictBool = entry(False, "true: Hertz, 2p/(pi a²), integrates to p")
 
 
 class CsvLoad(fields.Model):
@@ -158,15 +159,15 @@ class TactileProblem(fields.Model):
     """Strain under an elastic layer, eqs (1) to (4), with the corrected kernels."""
 
     kind: Literal["tactile"]
-    channels: fields.Count = Field(7, description="N, points where stress is reconstructed")
-    sensors: fields.Count | None = Field(None, description="M, where it differs from N")
-    span: fields.Positive = Field(6.0, description="y_max - y_min, in the unit of depth")
-    depth: fields.Positive = Field(1.0, description="x")
-    modulus: fields.Positive = Field(1.0, description="E")
-    poisson: Annotated[fields.Real, Field(ge=-1.0, le=0.5)] = Field(0.5, description="nu")
+    channels: fields.Count = entry(7, "N, points where stress is reconstructed")
+    sensors: fields.Count | None = entry(None, "M, where it differs from N")
+    span: fields.Positive = entry(6.0, "y_max - y_min, in the unit of depth")
+    depth: fields.Positive = entry(1.0, "x")
+    modulus: fields.Positive = entry(1.0, "E")
+    poisson: Annotated[fields.Real, Field(ge=-1.0, le=0.5)] = entry(0.5, "nu")
     kernel: Literal["normal", "tangential"] = "normal"
-    quadrature: Literal["none", "rectangle"] = Field(
-        "none", description="none: as eq (4) is printed; rectangle: times the spacing"
+    quadrature: Literal["none", "rectangle"] = entry(
+        "none", "none: as eq (4) is printed; rectangle: times the spacing"
     )
     load: Annotated[AnyLoad, BeforeValidator(_cylinder_by_default)] = CylinderLoad()
     noise: Noise = Noise()
@@ -180,7 +181,7 @@ class MatrixProblem(fields.Model):
         description="M rows, N columns: [[1.0, 0.2], [0.2, 1.0]], or a file .csv or .npy"
     )
     strain: ArrayOrFile = Field(description="M values: [1.0, 0.5], or a file .csv or .npy")
-    stress: ArrayOrFile | None = Field(None, description="N values, the truth, where it is known")
+    stress: ArrayOrFile | None = entry(None, "N values, the truth, where it is known")
     noise: Noise = Noise()
 
     @field_validator("matrix", "strain", "stress")

@@ -11,7 +11,7 @@ from pydantic import Field, PrivateAttr, model_validator
 from taction.netlist_gen.card import facts_card
 from taction.netlist_gen.scene.check_keys import Checks, Regression, Tolerances, unitless_times
 from taction.netlist_gen.scene.design import Design, DevicesTable, OpAmpChoice, WiresTable
-from taction.netlist_gen.scene.fields import Model, Positive, Real, Seconds, SecondsOrAuto
+from taction.netlist_gen.scene.fields import Model, Positive, Real, Seconds, SecondsOrAuto, entry
 from taction.netlist_gen.scene.mistakes import placed, validated
 from taction.netlist_gen.scene.open_tables import NAMES, plugged, with_tables
 from taction.netlist_gen.scene.problem_keys import (
@@ -41,14 +41,14 @@ class AnalysisChoice(Model):
     engine: Annotated[str, ENGINES] = "auto"
     stop: SecondsOrAuto = "auto"
     initial: Literal["zero", "rest"] = "zero"
-    points_per_period: Annotated[Real, Field(ge=8, le=10_000)] | None = Field(
+    points_per_period: Annotated[Real, Field(ge=8, le=10_000)] | None = entry(
         None,
-        description="even steps: time points in one period of the fastest ringing mode that"
+        "even steps: time points in one period of the fastest ringing mode that"
         " matters; by default as many as 'error' needs",
     )
-    error: Annotated[Positive, Field(lt=1)] | Literal["auto"] = Field(
+    error: Annotated[Positive, Field(lt=1)] | Literal["auto"] = entry(
         "auto",
-        description="largest error of the transient, fraction of the step amplitude; auto: a"
+        "largest error of the transient, fraction of the step amplitude; auto: a"
         f" quarter of the tightest tolerance, band, {' or '.join(EXCURSIONS)} limit of the checks",
     )
     timeout: Seconds = 600.0
