@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import importlib
 import operator
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -112,7 +111,12 @@ def plot(view: str, path: str | Path | None, *shown: Any) -> Figure:
     `*shown`: arguments of the function.
     InputError: see `check_plot_file`; or matplotlib is not installed.
     """
-    module, _, name = view.partition(":")
-    made = getattr(import_module(f"{REPORT}.views.{module}"), name)(*shown)
-    figure: Figure = import_module(f"{REPORT}.renderers.picture").draw_page(made, path)
+    page = load(f"{REPORT}.views.{view}")(*shown)
+    figure: Figure = load(f"{RENDERERS}.picture:draw_page")(page, path)
     return figure
+
+
+def card(view: str, kind: str, shown: Any) -> str:
+    """Return the card of what a function of the report's views makes of a value; see `plot`."""
+    made: str = load(f"{RENDERERS}.notebook:card")(load(f"{REPORT}.views.{view}")(shown), kind)
+    return made

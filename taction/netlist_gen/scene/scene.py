@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, PrivateAttr, model_validator
 
-from taction.netlist_gen.card import facts_card
 from taction.netlist_gen.scene.check_keys import Checks, Regression, Tolerances, unitless_times
 from taction.netlist_gen.scene.design import Design, DevicesTable, OpAmpChoice, WiresTable
 from taction.netlist_gen.scene.fields import Model, Positive, Real, Seconds, SecondsOrAuto, entry
@@ -22,9 +21,9 @@ from taction.netlist_gen.scene.problem_keys import (
 )
 from taction.system.errors import Complaint, InputError, listed
 from taction.system.plugins import cached
-from taction.system.quantities import percent, quantity, sizes
+from taction.system.quantities import quantity, sizes
 from taction.system.reading_definitions import EXCURSIONS
-from taction.system.results import plot
+from taction.system.results import card, plot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -89,27 +88,7 @@ class Scene(StatedProblem):
 
     def _repr_html_(self) -> str:
         """Return the scene as a card for a notebook."""
-        design = self.design
-        size = f"{self.problem.kind} problem, {size_words(self.problem)}"
-        board = f"{design.topology}, {design.amplifier} amplifiers"
-        facts = (
-            ("problem", size),
-            ("board", f"{board}, op-amp {opamp_words(design.opamp)}"),
-            ("C", quantity(design.capacitance, "F")),
-            ("gain s", quantity(design.gain, "ohm")),
-            self._regularisation(),
-            ("engine", self.analysis.engine),
-            ("checks", "; ".join(check_words(self.checks))),
-            ("file", str(self.file)),
-        )
-        return facts_card("Scene", self.name, facts)
-
-    def _regularisation(self) -> tuple[str, str]:
-        lam, resistance = self.design.lam, self.design.resistance
-        if lam is not None:
-            number = lam if isinstance(lam, str) else f"{lam:.4g}"
-            return "lambda", f"{number}, by {self.lambda_rule}" if self.lambda_rule else number
-        return "R", quantity(DEFAULT_RESISTANCE if resistance is None else resistance, "ohm")
+        return card("board_view:scene_view", "Scene", self)
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Return a picture of the problem: the matrix with its signs, the strain, the truth.
@@ -266,24 +245,3 @@ def opamp_words(choice: OpAmpChoice) -> str:
 def own_figures(choice: OpAmpChoice) -> set[str]:
     """Return the figures of an op-amp that are not those of its preset."""
     return choice.model_fields_set - {"base", "file", "model", "level", "input_errors"}
-
-
-def check_words(checks: Checks) -> Iterator[str]:
-    """Yield the limits of the checks."""
-    yield f"steady state within {percent(checks.steady_state.tolerance)}"
-    settling = checks.settling_time
-    yield f"settled within {percent(settling.band)}{_times(settling.min, settling.max)}"
-    if checks.rise_time is not None:
-        yield f"rise time{_times(checks.rise_time.min, checks.rise_time.max)}"
-    for name in EXCURSIONS:
-        if (check := getattr(checks, name)) is not None:
-            yield f"{name} at most {percent(check.max)}"
-    if checks.noise is not None:
-        yield f"noise at most {quantity(checks.noise.max, 'V')}"
-    margin = checks.stability.margin
-    yield f"stable with C / {margin:g}" if margin > 1.0 else "stable"
-
-
-def _times(least: float | None, most: float | None) -> str:
-    low = "" if least is None else f", at least {quantity(least, 's')}"
-    return low if most is None else f"{low}, at most {quantity(most, 's')}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -11,8 +12,9 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.kicad.drawing import schematic_strokes, schematic_summary
 from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.keys import all_keys, own_value
 from taction.netlist_gen.scene.problem_keys import StatedProblem
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene, opamp_words, size_words
 from taction.system.array_types import Floats
 from taction.system.charts import BLUE, GREY, Axis, Chart, Curve, Grid, Limit, segments
 from taction.system.quantities import readable, sizes
@@ -27,7 +29,7 @@ from taction.verification.report.blocks import (
     Section,
     Table,
 )
-from taction.verification.report.texts import counted, opamp_name, quantity
+from taction.verification.report.texts import counted, opamp_name, quantity, spaced, value_text
 from taction.verification.report.views.opamp_view import part_columns
 from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.verify import Verdict
@@ -88,6 +90,38 @@ def problem_view(scene: StatedProblem) -> Page:
     size = f"eps = T u, {rows} sensors, {columns} channels"
     section = Section("", charts, media="picture")
     return Page(scene.name, "", summary=size, sections=(section,))
+
+
+def scene_view(scene: Scene) -> Page:
+    """Return the card of a scene; its files are not read."""
+    design, rule = scene.design, scene.lambda_rule
+    ohms = DEFAULT_RESISTANCE if design.resistance is None else design.resistance
+    weight = ("R", quantity(ohms, "ohm"))
+    if design.lam is not None:
+        number = design.lam if isinstance(design.lam, str) else f"{design.lam:.4g}"
+        weight = ("lambda", f"{number}, by {rule}" if rule else number)
+    facts = (
+        ("problem", f"{scene.problem.kind} problem, {size_words(scene.problem)}"),
+        (
+            "board",
+            f"{design.topology}, {design.amplifier} amplifiers, op-amp {opamp_words(design.opamp)}",
+        ),
+        ("C", quantity(design.capacitance, "F")),
+        ("gain s", quantity(design.gain, "ohm")),
+        weight,
+        ("engine", scene.analysis.engine),
+        ("checks", "; ".join(_check_words(scene))),
+        ("file", str(scene.file)),
+    )
+    return Page(scene.name, "", sections=(Section("", Facts("", facts), media="notebook"),))
+
+
+def _check_words(scene: Scene) -> Iterator[str]:
+    """Yield the numbers of the checks, as a scene file has them."""
+    for key in all_keys(scene):
+        first, _, name = key.path.partition(".")
+        if first == "checks" and (value := own_value(scene, key)) is not None:
+            yield f"{spaced(name.replace('.', ' '))} {readable(value_text(value, key.unit))}"
 
 
 def _stems(title: str, along: str, values: Floats, colour: str) -> Chart:
