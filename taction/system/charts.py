@@ -267,20 +267,14 @@ class Chart:
     """One pair of axes with marks; the first of its `views` is shown at the start."""
 
     kind: ClassVar[str] = "chart"
-    title: str  # what the chart shows
+    title: str  # what the chart shows, with what it says where nothing beside it does
     x: Axis
     y: Axis
     marks: tuple[Mark, ...]
-    message: str = ""  # what it says, behind the title
     summary: str = ""  # for readers who cannot see it, and as its caption
     views: tuple[View, ...] = ()
-    legend: Literal["beside", "below", "inside", ""] = "inside"
+    legend: bool = True
     height: int = 0  # on a page, pixels; 0: as its kind of chart needs
-
-    @property
-    def heading(self) -> str:
-        """Title and message in one line."""
-        return f"{self.title}: {self.message}" if self.message else self.title
 
     @property
     def pixels(self) -> int:

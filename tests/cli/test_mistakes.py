@@ -69,7 +69,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("new", "y.toml", "--matrix", "T.csv"): ("--strain", "belong together"),
     ("new", "y.toml", "--noise", "1%"): ("--noise", "needs --matrix"),
     ("new", "y.toml", "-o", "z.toml"): ("not both",),
-    (*FRESH, "semicolon.csv"): ("semicolon.csv", "line 2, column 1", "separated by ';'"),
+    (*FRESH, "semicolon.csv"): ("semicolon.csv", "line 2, column 1", "',' between them"),
     (*FRESH, "ragged.csv"): ("ragged.csv", "line 6 has 2 values", "as many in every line"),
     (*FRESH, "three.csv"): ("eps.csv", "3 rows", "5 values", "one value of strain for every row"),
     (*GOOD, "--opamp", "TL074"): ("'TL074'", "did you mean 'tl074'?"),

@@ -68,7 +68,7 @@ def charts() -> dict[str, Chart]:
     steps = np.array([3e-4, -1e-4, 5e-5])
     return {
         "waveforms": Chart(
-            "Outputs", Axis("time", "s"), Axis("output", "V"), outputs, "settled at 40 µs",
+            "Outputs", Axis("time", "s"), Axis("output", "V"), outputs,
             "Three outputs over time.",
             (View("first rise", (0.0, 5e-5)), View("everything", (0.0, 1e-4), (-0.06, 0.12))),
         ),
@@ -84,19 +84,19 @@ def charts() -> dict[str, Chart]:
              Curve(poles.real[2:], poles.imag[2:] / 6.28, "grows", "fail", "", "x"),
              Curve([0.0, -4e5], [0.0, 1.3e5], "", "band", "solid", behind=True),
              Text("grows →", None, None, ("left", "above"), "muted")),
-            "one mode grows", "Three poles.", legend="below",
+            "Three poles.",
         ),
         "values": Chart(
             "Growth rate", *plane,
             (Grid(decades, ohms, rates, "1/s", "signed"),
              Curve(*edge, "edge of stability", "ink", width=2.5)),
-            summary="Rates over two axes.", legend="",
+            summary="Rates over two axes.", legend=False,
         ),
         "results": Chart(
             "Outcome", *plane,
             (Cells(decades, ohms, words, looks),
              Curve(*edge, "edge of stability", "ink", width=2.5)),
-            summary="Results over two axes.", legend="beside",
+            summary="Results over two axes.",
         ),
         "shares": Chart(
             "Worst value", Axis("C", scale="names", names=("1 pF", "10 pF")),
@@ -116,13 +116,13 @@ def charts() -> dict[str, Chart]:
             Axis(scale="names", names=("op-amps", "strays", "whole"), reverse=True),
             (Columns([0, 1, 2], [*steps[:2], steps[0] + steps[1]], "y",
                      looks=("pass", "fail", "band")),),
-            summary="Parts of an error.", legend="",
+            summary="Parts of an error.", legend=False,
         ),
         "work": Chart(
             "Error against run time", Axis("wall time", "s", "log"), Axis("error", "step", "log"),
             (Curve([0.1, 1.0, 10.0], [1e-2, 1e-4, 1e-6], "order 2", "#009e73", mark="square"),
              Curve([0.1, 10.0], [1e-3, 1e-5], "fit", "#cc79a7", "dot")),
-            summary="Errors of three runs.", legend="beside",
+            summary="Errors of three runs.",
         ),
     }  # fmt: skip
 

@@ -240,7 +240,7 @@ def hostile() -> Page:
     blocks = (
         Bars(HOSTILE, (Bar(HOSTILE, "fail", 2.0, 0.5, HOSTILE, HOSTILE, HOSTILE),), HOSTILE),
         Table(HOSTILE, (HOSTILE,), ((Cell(HOSTILE),),), HOSTILE),
-        Chart(HOSTILE, Axis(HOSTILE), Axis(HOSTILE), (curve,), HOSTILE, HOSTILE),
+        Chart(HOSTILE, Axis(HOSTILE), Axis(HOSTILE), (curve,), HOSTILE),
         Facts(HOSTILE, ((HOSTILE, HOSTILE),)),
         Code(HOSTILE, HOSTILE, HOSTILE),
         Notes(HOSTILE, (HOSTILE,)),

@@ -5,9 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import math
-import re
 import tokenize
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,9 +19,10 @@ from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, read_bounded, read_text
 from taction.system.quantities import number
 
-SEPARATORS = {";": "';'", "\t": "tabs", " ": "blanks"}
-_COMMA = re.compile(r"[-+]?[0-9]*[.,]?[0-9]+([eE][-+]?[0-9]+)?")  # a number, perhaps 1,5
-_WORD = re.compile(r"[^\W\d]")  # of a title: a letter
+EXPECTED = (
+    "expected numbers with '.' as the decimal point and ',' between them, as 1.5,2.5e-3; a header"
+    " begins with '#'"
+)
 DAMAGED = ValueError, SyntaxError, TypeError, tokenize.TokenError, RecursionError, MemoryError
 """What numpy raises for a file that is not one of its own."""
 
@@ -129,34 +129,17 @@ def _rows(path: Path, key: str) -> Iterator[tuple[int, list[str]]]:
         raise InputError(path, Complaint(key, repr(path.name), text)) from None
 
 
-def _expected(cells: Sequence[str], line: int) -> str:
-    """Return what a line should have, by what it seems to be."""
-    text = ",".join(cells)
-    for sign, name in SEPARATORS.items():
-        parts = [part.strip() for part in text.split(sign)]
-        if len(parts) > 1 and all(_COMMA.fullmatch(part) for part in parts):
-            decimal = " and ',' is a decimal comma" if "," in text else ""
-            return (
-                f"the values seem to be separated by {name}{decimal}; expected ',' between values"
-                " and '.' as the decimal point: 1.5,2.5"
-            )
-    words = [cell.strip() for cell in cells]
-    if line == 1 and all(_WORD.search(word) for word in words):
-        return "is line 1 a header? Delete it, or begin it with '#'; expected numbers"
-    return "expected a number such as 1.5e-3"
-
-
 def _numbers(cells: list[str], path: Path, key: str, line: int) -> list[float]:
     numbers = []
     for column, cell in enumerate(cells, start=1):
-        problem, value = f"{cell.strip()!r} is not a finite number", math.nan
+        problem = f"{cell.strip()!r} is not a finite number" if cell.strip() else "no value"
         try:
             value = number(cell)
         except ValueError as error:
+            value = math.nan
             problem = problem if "float" in str(error) else str(error).partition("; expected")[0]
         if not math.isfinite(value):
-            problem = problem if cell.strip() else "no value"
-            text = f"line {line}, column {column}: {problem}; {_expected(cells, line)}"
+            text = f"line {line}, column {column}: {problem}; {EXPECTED}"
             raise InputError(path, Complaint(key, repr(path.name), text))
         numbers.append(value)
     return numbers

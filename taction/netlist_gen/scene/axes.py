@@ -27,7 +27,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -46,8 +46,6 @@ REPLACES = {
     "design.opamp.second_pole": "design.opamp.phase_margin",
     "design.opamp.phase_margin": "design.opamp.second_pole",
 }
-_BETWEEN = re.compile(r"\s*(?:-|\.{2,3}|;|\bto\b|\N{EN DASH})\s*")
-"""What else than colons is written between the ends of a range."""
 _NEXT_KEY = re.compile(r"\s+(?=[A-Za-z_][A-Za-z0-9_.]*=)")
 
 Scale = Literal["log", "lin", "list"]
@@ -182,9 +180,14 @@ LIMITS = {
 def range_values(key: Key, text: str, body: str, points: int) -> tuple[tuple[Value, ...], Scale]:
     """Return the values of ``LOW:HIGH:POINTS`` or ``A,B,C`` in base units, and their spacing."""
     if key.kind == "choice" or ":" not in body:
-        if key.kind != "choice":
-            _refuse_other_range(key, text, body)
-        return tuple(read_value(key, part.strip()) for part in body.split(",")), "list"
+        try:
+            return tuple(read_value(key, part.strip()) for part in body.split(",")), "list"
+        except InputError as error:
+            if key.kind == "choice":
+                raise
+            name = text.partition("=")[0].strip()
+            text = f"{error.complaints[0].accepted}; a range has colons: {name}=LOW:HIGH:31"
+            raise InputError("--over", replace(error.complaints[0], accepted=text)) from None
     parts = [part.strip() for part in body.split(":")]
     scale: Scale = "lin" if parts[-1] == "lin" else "log"
     if parts[-1] in ("lin", "log"):
@@ -203,18 +206,6 @@ def range_values(key: Key, text: str, body: str, points: int) -> tuple[tuple[Val
     if key.kind == "integer":
         return tuple(dict.fromkeys(round(value) for value in grid)), scale
     return tuple(grid), scale
-
-
-def _refuse_other_range(key: Key, text: str, body: str) -> None:
-    """Refuse a range that is written in another way than with colons, and propose one with them."""
-    name = text.partition("=")[0].strip()
-    for between in _BETWEEN.finditer(body):  # 1e-12-1e-9 has three
-        low, high = body[: between.start()], body[between.end() :]
-        try:
-            read_value(key, low), read_value(key, high)
-        except InputError:
-            continue
-        raise _wrong(text, f"a range has colons: {name}={low}:{high}:31 has 31 points")
 
 
 def _count(text: str, part: str) -> int:

@@ -6,7 +6,7 @@ import enum
 import math
 import string
 import tomllib
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -144,7 +144,5 @@ def seconds(reading: Reading | None) -> float:
 
 
 def chart(title: str, caption: str, x: Axis, y: Axis, *marks: Mark) -> Chart:
-    """Return a chart of a chapter; a legend of many names stands below it."""
-    named = sum(bool(getattr(mark, "name", "")) for mark in marks)
-    drawn = Chart(title, x, y, marks, summary=caption, height=330)
-    return drawn if named <= 2 else replace(drawn, legend="below")
+    """Return a chart of a chapter."""
+    return Chart(title, x, y, marks, caption, height=330)

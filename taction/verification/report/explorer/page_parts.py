@@ -121,10 +121,13 @@ def rest_part(view: RestView) -> Part:
 def poles_part(view: PoleView) -> Part:
     """Return the poles in the upper half plane, and what they say."""
     doubts = [readable(doubt) for doubt in view.doubts]
-    chart = pole_map(view.poles)
+    lead = view.poles.rightmost
     damping = f"{view.poles.damping_ratio:.3g}" if view.poles.frequency else "does not ring"
-    note = f"The board is {view.state}: {chart.message}; damping ratio {damping}."
-    return {"doubts": doubts, "poles": chart_part(replace(chart, summary=note, legend=""))}
+    note = f"The board is {view.state}: the rightmost pole has the real part"
+    note += f" {figure(lead.real, '1/s')}, {quantity(abs(lead.imag) / math.tau, 'Hz')}; damping"
+    note += f" ratio {damping}."
+    chart = replace(pole_map(view.poles), summary=note, legend=False)
+    return {"doubts": doubts, "poles": chart_part(chart)}
 
 
 def boundary_part(found: Edges | EngineError, control: Control) -> Part:
@@ -245,7 +248,7 @@ def outputs_chart(
         ]
         note += " Dots on the curves: ngspice."
     axes = charts.Axis("time", "s", limits=(0.0, end)), charts.Axis("", "V", limits=limits)
-    return charts.Chart("Outputs", *axes, tuple(marks), summary=note.strip(), legend="")
+    return charts.Chart("Outputs", *axes, tuple(marks), summary=note.strip(), legend=False)
 
 
 def _shown(curves: ExplorerCurves, end: float, view: RestView) -> tuple[Floats, Floats, bool]:

@@ -57,7 +57,7 @@ def _block(block: blocks.Block) -> Iterator[str]:
     elif isinstance(block, blocks.Notes):
         notes = block.lines
     else:
-        notes = [block.heading if isinstance(block, Chart) else getattr(block, "text", block.title)]
+        notes = [block.title if isinstance(block, Chart) else getattr(block, "text", block.title)]
     yield from map(_text, notes[:MOST_NOTES])
     yield f"and {len(notes) - MOST_NOTES} more" if len(notes) > MOST_NOTES else ""
 

@@ -82,17 +82,10 @@ def _charts(study: WorkPrecisionStudy) -> Iterator[Content]:
         text = f"{len(known) or 'No'} run has a known error: there is nothing to compare."
         yield f"{text} A larger --budget gives more runs."
         return
-    best = min(known, key=lambda p: (p.error or 0.0, p.seconds or 0.0))
-    said = f"the most accurate is {best.method.name}, {_error_text(best)}"
     time = Axis("wall time, median", "s", "log")
-    yield Chart("Runs by time and error", time, ERROR, tuple(_work(study)), said, WORK)
+    yield Chart("Runs by time and error", time, ERROR, tuple(_work(study)), WORK)
     step = Axis("mean step (periods of the fastest ringing)", "", "log")
-    orders = {m.order: m for m in study.ladders}
-    largest = max((order for order in orders if order is not None), default=None)
-    said = ""
-    if largest is not None:
-        said = f"{orders[largest].method.name} has the largest order, {largest:.3g}"
-    yield Chart("Error against the mean step", step, ERROR, tuple(_steps(study)), said, STEPS)
+    yield Chart("Error against the mean step", step, ERROR, tuple(_steps(study)), STEPS)
 
 
 def _work(study: WorkPrecisionStudy) -> Iterator[Mark]:

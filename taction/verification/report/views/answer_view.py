@@ -66,18 +66,6 @@ def true_error_text(answer: AnswerError) -> str:
     return f"{text[:1].upper()}{text[1:]}."
 
 
-def answer_heading(answer: AnswerError) -> str:
-    """Return both distances without causes, those that are known."""
-    texts = []
-    if answer.board is not None and answer.unit:
-        near = _within(answer.board + answer.board_error, answer.step)
-        texts.append(f"found {near} of the step")
-    if answer.true_error is not None:
-        far = figure(answer.true_error, "step", 3)
-        texts.append(f"{far} (of the largest) from the true stress")
-    return f"the answer is {', and '.join(texts)}" if texts else ""
-
-
 def of_unit(answer: AnswerError) -> str:
     """Return what every share of an answer's error is a fraction of."""
     known = answer.stress is not None and answer.stress.any()

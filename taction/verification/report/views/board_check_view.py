@@ -289,7 +289,7 @@ def _family(found: Sweep) -> Chart | None:
         curves.append(Curve(time, volts, name, colour, "solid" if board.poles.stable else "dash"))
     output = Axis(drawn[0][1].circuit.outputs[0].node, "V", limits=(low - room, high + room))
     title = f"Step responses over {found.name}"
-    return Chart(title, TIME, output, tuple(curves), "", FAMILY_WORDS, legend="beside")
+    return Chart(title, TIME, output, tuple(curves), FAMILY_WORDS)
 
 
 def _varied(found: BoardCheck) -> Iterator[Section]:
@@ -328,7 +328,7 @@ def _response(found: BoardCheck) -> Chart | None:
             band = banded("settled", found.measurements.band)
             title += f": {band} at {quantity(max(settled), 's')}"
     summary = "Outputs over time after the step at t = 0; dotted: where they come to rest."
-    return Chart(title, TIME, Axis("output", "V"), tuple(marks), "", summary)
+    return Chart(title, TIME, Axis("output", "V"), tuple(marks), summary)
 
 
 def _witness(found: BoardCheck) -> str:

@@ -146,7 +146,6 @@ def matrix_chart(circuit: Circuit) -> Chart:
         tuple(f"T = {t:.4g}, {quantity(value, 'ohm')}" for t, value in zip(*pair, strict=True))
         for pair in zip(T.tolist(), ohms.tolist(), strict=True)
     )
-    said = f"{counted(count, 'entry', 'entries')}, {minus} negative"
     summary = (
         f"The matrix T of {counted(M, 'sensor')} and {counted(N, 'channel')} as the resistors"
         f" realise it: {count} entries, of which {minus} are negative (blue, with a minus); an"
@@ -154,7 +153,7 @@ def matrix_chart(circuit: Circuit) -> Chart:
     )
     height = int(min(max(28 * len(T) + 110, 240), 620))
     entries = _entries(T, step, texts)
-    return Chart("Matrix", CHANNEL, SENSOR, (entries,), said, summary, height=height)
+    return Chart("Matrix", CHANNEL, SENSOR, (entries,), summary, height=height)
 
 
 def _entries(T: Floats, step: int = 1, texts: tuple[tuple[str, ...], ...] = ()) -> Grid:

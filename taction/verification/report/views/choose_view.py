@@ -278,10 +278,8 @@ def _map(name: str, own: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> 
         *_points(others, "passes", "circle-open", 6.0),
         *_points(stars, "among the best", "star", 13.0),
     )
-    passing, text = sum(design.good for design in own), "pass and can be bought"
-    summary = f"{name}: {passing} of {counted(len(own), 'design')} {text}."
-    said = f"{passing} of {len(own)} {text}"
-    return Chart(name, x, y, marks, said, summary, legend="", height=230)
+    title = f"{name}: {sum(design.good for design in own)} of {len(own)} pass and can be bought"
+    return Chart(title, x, y, marks, legend=False, height=230)
 
 
 def _limit_line(grid: Grid) -> Iterator[Curve]:

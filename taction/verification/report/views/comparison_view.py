@@ -285,18 +285,14 @@ def _outputs(difference: VerdictDifference) -> Iterator[Content]:
     texts = end_names(*ends, charts.spread_colours(count), named) if count <= LABELLED else ()
     marks = *drawn(time, u, "solid", 2.2), *drawn(other, v, "dash", 1.2), *texts
     text = f"Solid: A, {difference.first}. Dashed: B, {difference.second}."
-    volts, said = charts.Axis("output", "V"), "solid A, dashed B"
-    yield charts.Chart("Outputs", charts.TIME, volts, marks, said, text, height=420)
+    yield charts.Chart("Outputs", charts.TIME, charts.Axis("output", "V"), marks, text, height=420)
     inside = time[(time >= other[0]) & (time <= other[-1])]
     if len(inside):
         places = np.searchsorted(time, inside)
         apart = [np.interp(inside, other, v[:, n]) - u[places, n] for n in range(count)]
         moved = tuple(drawn(inside, np.column_stack(apart), "solid", 1.2))
-        said = f"apart by at most {quantity(float(np.abs(apart).max()), 'V', 3)}"
-        text = "The outputs of B minus those of A."
-        yield charts.Chart(
-            "B minus A", charts.TIME, charts.Axis("difference", "V"), moved, said, text
-        )
+        title = f"B minus A: at most {quantity(float(np.abs(apart).max()), 'V', 3)}"
+        yield charts.Chart(title, charts.TIME, charts.Axis("difference", "V"), moved)
 
 
 def _shown(value: object, unit: str | None, digits: int) -> str:

@@ -134,7 +134,7 @@ def _tradeoff(tuning: Tuning) -> Chart:
     marks.append(Limit(limit, "x", said, "ink", "dot") if near else far)
     x = Axis("overshoot", "step", limits=ends)
     y = Axis(banded("settling_time", tuning.scene.checks.settling_time.band), "s", "log")
-    return Chart("Trade-off", x, y, tuple(marks), _gain(tuning), TRADE, legend="below")
+    return Chart("Trade-off", x, y, tuple(marks), TRADE)
 
 
 def _is_finite(trial: Trial) -> bool:
@@ -144,16 +144,6 @@ def _is_finite(trial: Trial) -> bool:
 def _places(trials: list[Trial]) -> tuple[np.ndarray, np.ndarray]:
     x, y = np.array([(each.overshoot, each.settling_time) for each in trials]).reshape(-1, 2).T
     return x, y
-
-
-def _gain(tuning: Tuning) -> str:
-    """Return how much faster the design settles."""
-    before, after = tuning.before.settling_time, tuning.after.settling_time
-    if not (math.isfinite(before) and after > 0.0):
-        return f"it settles in {figure(after, 's')}"
-    if f"{before / after:.3g}" == "1":
-        return "no design that was tried settles faster"
-    return f"it settles {before / after:.3g} times as fast"
 
 
 def scaling_view(result: Scaled) -> Page:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 from taction.system.charts import Outcome
 from taction.verification.evidence.demonstration import Demonstration, DemonstrationStep
@@ -200,7 +201,10 @@ def _sections(number: int, step: DemonstrationStep) -> tuple[Section, Section]:
     shown = (outputs_chart, stress_chart)[: 1 + first]
     told, charts = (
         (step.text, answer, Table.of("", (step,), STEPS)),
-        lambda: [f(verdict) for f in shown],
+        lambda: [
+            replace(chart, title=f"{number}. {step.title}. {chart.title}")
+            for chart in (f(verdict) for f in shown)
+        ],
     )
     return (
         Section(title, told, media="terminal page"),

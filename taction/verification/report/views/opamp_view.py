@@ -142,18 +142,16 @@ def _bode(found: Bode) -> tuple[Chart, Chart]:
     decibels, phase = 20.0 * np.log10(np.abs(response)), np.degrees(np.unwrap(np.angle(response)))
     gain: tuple[Mark, ...] = (Curve(found.frequency, decibels, "", BLUE),)
     angle: tuple[Mark, ...] = (Curve(found.frequency, phase, "", BLUE),)
-    said = turned = ""
     if abs(response[-1]) < 1.0:
         crossing, margin = found.crossing()
-        said, turned = f"unity gain at {quantity(crossing, 'Hz', 3)}", f"{margin:.3g} degrees"
-        gain += _crossing(crossing, 0.0, said)
-        angle += _crossing(crossing, margin - 180.0, f"phase margin {turned}")
+        gain += _crossing(crossing, 0.0, f"unity gain at {quantity(crossing, 'Hz', 3)}")
+        angle += _crossing(crossing, margin - 180.0, f"phase margin {margin:.3g} degrees")
     title, text = "Bode diagram of the open loop", "Gain of the open loop over the frequency."
     degrees = Axis("phase (degrees)", limits=(-190.0, 10.0))
     below = "Phase of the open loop over the frequency."
     return (
-        Chart(title, frequency, Axis("gain (dB)"), gain, said, text),
-        Chart("Phase of the open loop", frequency, degrees, angle, "", below),
+        Chart(title, frequency, Axis("gain (dB)"), gain, text),
+        Chart("Phase of the open loop", frequency, degrees, angle, below),
     )
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.system import charts
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
-from taction.system.quantities import counted, readable, show
+from taction.system.quantities import readable, show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.report.blocks import Content, Facts, Page, Section, Table
 from taction.verification.report.texts import (
@@ -125,11 +124,11 @@ def pole_map(poles: Poles, ranges: str = "") -> charts.Chart:
             charts.Text(f"← {len(far)} farther, to {size}", None, None, ("right", "below"))
         )
     summary = f"Poles of the linearised board. Circles decay, crosses grow. {ranges}".rstrip()
-    return upper_half_plane(marks, views, _result(poles), summary)
+    return upper_half_plane(marks, views, summary)
 
 
 def upper_half_plane(
-    marks: Sequence[charts.Mark], windows: Sequence[tuple[str, Window]], message: str, summary: str
+    marks: Sequence[charts.Mark], windows: Sequence[tuple[str, Window]], summary: str
 ) -> charts.Chart:
     """Return `marks` of poles over the growing half and lines of equal damping, in `windows`."""
     sides = [[window[k] for _, window in windows] for k in range(3)]
@@ -149,14 +148,12 @@ def upper_half_plane(
         charts.Axis("real part", "1/s", limits=(left, right)),
         charts.Axis("frequency", "Hz", limits=(0.0, top / math.tau)),
         (*ground, *marks),
-        message,
         f"The upper half plane; in the shaded part a mode grows. {summary} On a thin line the"
         f" damping ratio is {ratios}, from the axis to the left.",
         tuple(
             charts.View(name, (low, high), (0.0, up / math.tau))
             for name, (low, high, up) in windows
         ),
-        legend="below",
     )
 
 
@@ -170,14 +167,6 @@ def mode_marks(
         return charts.Curve(x[chosen], y[chosen], name, outcome, "", mark, size=size, hover=hover)
 
     return marks("decays", "pass", "circle", real < 0.0), marks("grows", "fail", "x", real >= 0.0)
-
-
-def _result(poles: Poles) -> str:
-    """Return the rightmost pole in words."""
-    lead = poles.rightmost
-    word = {True: "decays", False: "grows", None: "may decay or grow,"}[poles.stable]
-    ringing = f" at {quantity(abs(lead.imag) / math.tau, 'Hz')}" if lead.imag else ""
-    return f"the rightmost mode {word} with {figure(abs(lead.real), '1/s')}{ringing}"
 
 
 def _views(values: Complexes) -> list[tuple[str, Window]]:
@@ -360,21 +349,17 @@ def _charts(onset: Onset) -> Iterator[Content]:
             charts.Limit(0.0, "y", line="solid"),
             *mode_marks(value, damping, real, texts, 4.0),
         ),
-        f"stable for {name}: {_stable(onset)}",
         f"The damping ratio of every ringing mode over {name}. {LOOKS}",
     )
     hertz = imag / math.tau
     wide = float(hertz.max()) > 5.0 * float(hertz.min())
     at, rings = np.array([(c.value, c.frequency) for c in ringing] or np.zeros((0, 2))).T
-    ends = [*dict.fromkeys(quantity(each, "Hz") for each in sorted(rings.tolist()))]
-    said = " to ".join(ends[:: max(len(ends) - 1, 1)])
     crossing = charts.Curve(at, rings, "crossing", "ink", "", "circle-open", size=8.0, label="")
     yield charts.Chart(
         "Frequency over the value",
         x,
         charts.Axis("ringing frequency", "Hz", "log" if wide else "linear"),
         (*ground, *mode_marks(value, hertz, real, texts, 4.0), crossing),
-        f"{said} at the crossings" if ends else "no mode crosses",
         f"The frequency of every ringing mode over {name}. {LOOKS}",
     )
     near = _window(onset)
@@ -393,10 +378,8 @@ def _charts(onset: Onset) -> Iterator[Content]:
             marks.append(charts.Curve(*places, "", "circle", size=5.0, hover=hover))
     axis = np.zeros(len(level)), level
     marks.append(charts.Curve(*axis, "crossing", "fail", "", "circle-open", size=9.0))
-    message = f"{counted(len(level), 'crossing')} of the axis" if len(level) else "no crossing"
     windows = ("near the crossings", near), ("all ringing poles", (leftmost, near[1], most))
-    poles = upper_half_plane(marks, windows, message, f"The colour says {name}.")
-    yield replace(poles, legend="inside")
+    yield upper_half_plane(marks, windows, f"The colour says {name}.")
 
 
 def _on_values(onset: Onset) -> Iterator[charts.Mark]:

@@ -102,20 +102,15 @@ class Plane:
         where = "at every point" if np.isfinite(self.growth).all() else "where it is known"
         return f" Stability is the same {where}."
 
-    def chart(self, title: str, mark: charts.Mark, message: str, summary: str) -> charts.Chart:
+    def chart(self, title: str, mark: charts.Mark, summary: str) -> charts.Chart:
         """Return a chart of the plane with its boundary."""
         marks = (mark,) if self.edge is None else (mark, self.edge)
-        message = f"{message}{self.where}"
-        return charts.Chart(
-            title, self.x, self.y, marks, message, summary, legend="below", height=420
-        )
+        return charts.Chart(f"{title}{self.where}", self.x, self.y, marks, summary, height=420)
 
     def outcomes(self, names: Names, looks: dict[str, charts.Look]) -> charts.Chart:
         """Return what each point says."""
-        passing, total = int((names == "pass").sum()), int((names != "").sum())
-        text = f"{passing} of {total} points {'passes' if passing == 1 else 'pass'}"
         cells = charts.Cells(self.across, self.down, names.T, looks)
-        return self.chart("Outcome", cells, text, OUTCOME.format(self.note))
+        return self.chart("Outcome", cells, OUTCOME.format(self.note))
 
     def quantity(
         self, name: str, values: Floats, limits: tuple[float, float] | None = None
@@ -128,21 +123,13 @@ class Plane:
         if signed:
             colours = " Blue decays, orange grows."
         text = f"{title} over {self.x.title} and {self.y.title}.{colours}"
-        return self.chart(title, heat, extent(values, unit), f"{text} Empty: no value.{self.note}")
+        return self.chart(title, heat, f"{text} Empty: no value.{self.note}")
 
 
 def band_of(plan: Plan) -> float | None:
     """Return the settling band of a sweep; None if it is swept."""
     swept = any(each.key.path == "checks.settling_time.band" for each in plan.axes)
     return None if swept else plan.scene.checks.settling_time.band
-
-
-def extent(values: Floats, unit: str) -> str:
-    """Return the smallest and the largest value in words."""
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return "no point has a value"
-    return " to ".join(dict.fromkeys(figure(float(v), unit, 3) for v in (known.min(), known.max())))
 
 
 def curve_of(
@@ -167,9 +154,9 @@ def curve_of(
     if log and unit == "step":  # below `LEAST_SHARE` lies rounding
         limits = (max(low, LEAST_SHARE) * 0.8, high * 1.25)
     y = charts.Axis(banded(name, band), unit, "log" if log else "linear", limits)
-    title, said = titled(name, band), extent(values, unit)
+    title = titled(name, band)
     summary = f"{title} over {x.title}; the mark is the result of the point."
-    return charts.Chart(title, x, y, tuple(marks), said, summary, legend="beside")
+    return charts.Chart(title, x, y, tuple(marks), summary)
 
 
 def _unstable(growth: Floats, places: Floats) -> Iterator[charts.Band]:

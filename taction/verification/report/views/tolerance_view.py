@@ -220,10 +220,8 @@ def _histogram(title: str, spread: QuantitySpread, values: Floats, text: str) ->
         texts = " and ".join(figure(limit, unit) for limit in limits)
         message = f"{int(beyond.sum())} of {len(values)} samples ({share}) beyond {texts}"
     message += f", {text}" * bool(text)
-    ends_text = " to ".join(figure(float(end), unit) for end in (values.min(), values.max()))
-    summary = f"{title}: {len(values)} samples from {ends_text}."
     x, y = Axis(spread.title, unit, limits=shown), Axis("samples", whole=True)
-    return Chart(title, x, y, tuple(marks), message, summary)
+    return Chart(f"{title}: {message}", x, y, tuple(marks))
 
 
 def _edges(values: Floats, limits: list[float]) -> Floats:
@@ -254,8 +252,6 @@ def _culprits(result: YieldReport) -> Content:
         Axis("share of the variance (%)"),
         Axis(scale="names", names=names, reverse=True),
         (Columns(np.arange(float(len(shown))), shares, "y", looks=looks),),
-        f"{shown[0].parameter} is behind {shares[0]:.0f} % of the variance of the"
-        f" {spaced(shown[0].quantity)}",
         CULPRIT,
     )
 

@@ -283,7 +283,7 @@ def _budget_chart(verdict: Verdict) -> Chart | None:
     bars = Columns(np.arange(len(shown)), [*shown.values()], "y", looks=(*looks, "band"))
     names = tuple(f"{name}: {_volts(size, verdict).text}" for name, size in shown.items())
     unknown = [spaced(p.name) for p in budget if p.value is None or not math.isfinite(p.value)]
-    size, largest = quantity(shown["whole"], "V", 3), max(parts, key=lambda name: abs(parts[name]))
+    size = quantity(shown["whole"], "V", 3)
     summary = (
         f"The parts of channel {worst + 1}, which has the largest whole error, {size}, add up to"
         " it. Solid blue bars raise the output, hatched orange bars lower it."
@@ -293,7 +293,6 @@ def _budget_chart(verdict: Verdict) -> Chart | None:
         Axis(f"error of channel {worst + 1}", "V"),
         Axis(scale="names", names=names, reverse=True),
         (bars, Limit(0.0, line="solid")),
-        f"{size} in channel {worst + 1}, most of it {largest}",
         summary,
     )
 

@@ -15,7 +15,6 @@ from taction.system.array_types import Floats
 from taction.system.waveforms import Waveforms
 from taction.verification.report.blocks import Page, Section
 from taction.verification.report.texts import banded, counted, figure, quantity
-from taction.verification.report.views.answer_view import answer_heading
 from taction.verification.verdict.verify import Verdict
 
 POINTS = 60_000  # of all curves of a chart
@@ -132,10 +131,8 @@ def outputs_chart(verdict: Verdict) -> charts.Chart:
     if verdict.poles.known_unstable:  # the first periods are flat beside the growth
         amplitude = verdict.measurements.amplitude or 1.0
         views.insert(0, charts.View("growth", _up_to_supply(verdict, verdict.u / amplitude)[0]))
-    volts, said = charts.Axis("output", "V", limits=limits), _settled(verdict)
-    return charts.Chart(
-        "Outputs", charts.TIME, volts, tuple(marks), said, summary, tuple(views), height=420
-    )
+    title, volts = f"Outputs: {_settled(verdict)}", charts.Axis("output", "V", limits=limits)
+    return charts.Chart(title, charts.TIME, volts, tuple(marks), summary, tuple(views), height=420)
 
 
 def _settled(verdict: Verdict) -> str:
@@ -191,24 +188,20 @@ def deviation_chart(verdict: Verdict) -> charts.Chart:
     marks: list[charts.Mark] = [charts.Band(-band, band, "y"), *_records(verdict, off, 0.8)]
     largest = float(np.nanmax(np.abs(off), initial=0.0)) * 1.05 or 1.0
     if m.settling_time is None:
-        inside, settled = "not every", "the board does not settle within the record"
+        settled = "the board does not settle within the record"
         first = charts.View("up to the supply", *_up_to_supply(verdict, off / 1.05))
     else:
-        inside, settled = "every", f"dashed: {settled_text(verdict)}"
+        settled = f"dashed: {settled_text(verdict)}"
         marks.append(charts.Limit(m.settling_time.value, "x"))
         first = charts.View("around the band", (0.0, end), (-6.0 * band, 6.0 * band))
     rise = charts.View("first rise", (0.0, early_end(verdict)), (-1.3, 1.3))
     views = first, rise, charts.View("everything", (0.0, end), (-largest, largest))
-    width = f"±{100 * band:g} %"
-    said = f"{inside} channel stays within {width}"
     summary = (
-        f"Output minus target of every channel; shaded: the band of {width} of the step"
+        f"Output minus target of every channel; shaded: the band of ±{100 * band:g} % of the step"
         f" of {quantity(m.amplitude, 'V')}; {settled}."
     )
     y = charts.Axis("deviation", "step")
-    return charts.Chart(
-        "Deviation from the targets", charts.TIME, y, tuple(marks), said, summary, views
-    )
+    return charts.Chart("Deviation from the targets", charts.TIME, y, tuple(marks), summary, views)
 
 
 def _up_to_supply(verdict: Verdict, off: Floats) -> tuple[charts.Limits, charts.Limits]:
@@ -235,7 +228,6 @@ def difference_chart(verdict: Verdict) -> charts.Chart | None:
         replace(charts.TIME, limits=(0.0, float(verdict.waveforms.time[-1]))),
         charts.Axis("difference", "step"),
         tuple(curves(agreement.instants, scale * agreement.differences, width=0.8)),
-        f"apart by at most {largest}",
         f"The largest difference is {largest}, in u{channel + 1} at"
         f" {quantity(time, 's')}; accepted: {figure(agreement.limit, 'step')}.",
     )
@@ -249,9 +241,8 @@ def nodes_view(wave: Waveforms, nodes: Sequence[str] | None = None) -> Page:
         charts.Curve(wave.time, wave[node], node, colour, width=1.0) for node, colour in pairs
     )
     time = replace(charts.TIME, limits=(0.0, float(wave.time[-1])))
-    named = len(drawn) <= LABELLED
     axes = time, charts.Axis("voltage", "V")
-    chart = charts.Chart("Voltages", *axes, marks, legend="beside" if named else "")
+    chart = charts.Chart("Voltages", *axes, marks, legend=len(drawn) <= LABELLED)
     section = Section("", chart, media="picture")
     return Page(wave.engine, "", summary=counted(len(drawn), "node"), sections=(section,))
 
@@ -264,10 +255,8 @@ def stress_chart(verdict: Verdict) -> charts.Chart:
     far = np.abs(final).max() >= SEEN * (np.abs(optimum).max() + 1e-300)
     rest, shown = verdict.steady.values / unit, None if far else final
     chart = recovered_stress(verdict.problem, verdict.scene, optimum, rest, shown)
-    names = ", ".join(mark.name for mark in chart.marks if isinstance(mark, charts.Curve))
     text = " The end of the record is far off this chart." * bool(far)
-    summary = f"Stress by channel: {names}.{text}"
-    return replace(chart, message=answer_heading(verdict.answer), summary=summary)
+    return replace(chart, summary=f"Stress by channel.{text}")
 
 
 def recovered_stress(
@@ -293,4 +282,4 @@ def recovered_stress(
         curves.insert(
             0, charts.Curve(where, problem.stress, "true stress", "true", "solid", "circle")
         )
-    return charts.Chart("Recovered stress", x, charts.Axis("stress"), tuple(curves), legend="below")
+    return charts.Chart("Recovered stress", x, charts.Axis("stress"), tuple(curves))

@@ -14,9 +14,8 @@ from taction.system.charts import (
     OUTCOMES,
 )
 from taction.verification.report.blocks import Cell, Page, Section, Table
-from taction.verification.report.renderers import notebook, picture, picture_chart, plotly, terminal
+from taction.verification.report.renderers import notebook, picture, plotly, terminal
 from taction.verification.report.renderers.page import FILES, page_html
-from taction.verification.report.renderers.picture_chart import new_figure
 from tests.support.gallery import EVERYWHERE, charts, drawn_blocks, gallery
 from tests.support.printed import words_of
 from tests.support.text_boxes import cut_off, overlapping, texts_of
@@ -45,7 +44,7 @@ def test_an_outcome_has_the_same_colour_in_every_medium(outcome: str) -> None:
     look = OUTCOMES[outcome]
     style = (FILES / "page.css").read_text("utf-8")
     assert f"--fill-{outcome}: {look.colour};" in style
-    assert picture_chart.colour(outcome) == plotly.colour(outcome) == look.colour
+    assert picture.colour(outcome) == plotly.colour(outcome) == look.colour
     assert terminal.outcome_text("x", outcome).style == look.colour
     page = Page("title", "study", outcome, "", (), ())
     assert look.colour in notebook.card(page)
@@ -130,14 +129,14 @@ def test_a_picture_always_has_the_same_bytes(ending: str, tmp_path: Path) -> Non
 def test_a_picture_has_the_values_of_the_chart() -> None:
     with new_figure(5.0, 4.0) as figure:
         axes = figure.add_subplot()
-        picture_chart.draw_chart(axes, CHARTS["deviation"])
+        picture.draw_chart(axes, CHARTS["deviation"])
         curve = next(line for line in axes.lines if len(line.get_xdata()) > 2)
         assert np.allclose(np.asarray(curve.get_ydata())[0], 5.0)
         assert axes.get_ylim() == (-6.0, 6.0)
         assert axes.get_xlabel() == "time"
         assert axes.xaxis.get_major_formatter()(4e-5) == "40 µs"
         hatched = figure.add_subplot()
-        picture_chart.draw_chart(hatched, CHARTS["histogram"])
+        picture.draw_chart(hatched, CHARTS["histogram"])
         looks = [(patch.get_hatch(), patch.get_height()) for patch in hatched.patches]
     assert [height for _, height in looks] == [4.0, 9.0, 2.0]
     assert [hatch or "" for hatch, _ in looks] == ["", "", "////"]

@@ -10,7 +10,6 @@ import pytest
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.solve import solve
 from taction.verification.report.views.answer_view import (
-    answer_heading,
     answer_text,
     true_error_text,
 )
@@ -90,12 +89,8 @@ def test_what_is_known() -> None:
         "The board as drawn finds the regularised answer within 0.001 % of the step; the true"
         " stress is not known."
     )
-    found = "the answer is found within 0.001 % of the step"
-    assert answer_heading(one(1.25, 0.25, None)) == found
     assert answer_text(one(1.25, 0.25, 0.0)).endswith("of the step; the true stress is zero.")
     assert "within 1 ppm of the step;" in answer_text(one(1.25, 0.25, None, board=0.0))
-    far = f"{found}, and 20 % (of the largest) from the true stress"
-    assert answer_heading(one(1.0, 0.25, 1.0)) == far
 
 
 @pytest.mark.parametrize(

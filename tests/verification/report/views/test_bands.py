@@ -43,7 +43,7 @@ def test_verdicts_in_every_medium(file: Path) -> None:
     whole = view(verdict)
     for text in (page_text(whole), page_text(screen(verdict)), markdown(whole), page_html(whole)):
         assert re.search(rf"[Ss]ettl\w* {BAND}", re.sub(r"\s+", " ", text))
-    assert BAND in next(iter(whole.blocks(PICTURE))).heading
+    assert BAND in next(iter(whole.blocks(PICTURE))).title
     slow = [replace(c, expected=1e-9) for c in verdict.checks if c.name == "settling_time"]
     late = cause([replace(c, outcome=Outcome.FAIL) for c in slow])
     assert late is not None

@@ -178,7 +178,7 @@ def test_bars_beyond_the_limit_are_failures_and_all_samples_are_shown() -> None:
     assert bars.sizes[beyond].sum() == 9
     assert (bars.places[beyond] > 1.76e-5).all()
     assert [limit.value for limit in marks(chart, Limit)] == [TIME.at_most]
-    assert chart.message == "9 of 40 samples (22.5 %) beyond 17.6 µs"
+    assert chart.title == "Settling time: 9 of 40 samples (22.5 %) beyond 17.6 µs"
 
 
 @pytest.mark.parametrize("limits", [[], [0.31], [2.0], [0.2, 0.7]])
