@@ -28,6 +28,7 @@ from taction.system.results import Result
 GROUND = "0"
 SMALL_CAPACITANCE = 1e-12  # F
 ROUNDING = 1e-12  # of an offset: an entry of T below it is zero
+SCALED = {"resistors": "ohms", "capacitors": "farads", "branches": "value", "matrices": "ohms"}
 FOLLOWS = {"digest": False}  # of a field that says nothing that the other fields do not say
 
 
@@ -55,36 +56,16 @@ class Role:
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """A number of the design.
+    """A number of the design."""
 
-    Attributes
-    ----------
-    name : str
-        ``"C"``; its key in `Circuit.facts`.
-    value : float
-        SI base unit.
-    unit : str
-        Empty for a plain number.
-    symbol : str
-        As the deck's header and the reports write it: ``"s"`` for the gain.
-    title : str
-        What it is, in some words.
-    key : str
-        The key of the scene that sets it, dotted.
-    sentence : str
-        Its definition, where the title does not say it.
-    role : str
-        The parts whose nominal value it is; empty for a scale of the whole board.
-    """
-
-    name: str
-    value: float
-    unit: str = field(metadata=FOLLOWS)
-    symbol: str = field(metadata=FOLLOWS)
-    title: str = field(metadata=FOLLOWS)
-    key: str = field(metadata=FOLLOWS)
-    sentence: str = field(default="", metadata=FOLLOWS)
-    role: str = field(default="", metadata=FOLLOWS)
+    name: str  # "C"; its key in `Circuit.facts`
+    value: float  # SI base unit
+    unit: str = field(metadata=FOLLOWS)  # empty for a plain number
+    symbol: str = field(metadata=FOLLOWS)  # as the deck's header and the reports write it
+    title: str = field(metadata=FOLLOWS)  # what it is, in some words
+    key: str = field(metadata=FOLLOWS)  # the key of the scene that sets it, dotted
+    sentence: str = field(default="", metadata=FOLLOWS)  # its definition, beyond the title
+    role: str = field(default="", metadata=FOLLOWS)  # the parts with this value; empty: a scale
 
     @property
     def label(self) -> str:
@@ -132,58 +113,27 @@ def common_facts(**values: float) -> dict[str, Fact]:
 
 @dataclass(frozen=True, slots=True)
 class Knob:
-    """A key of the scene that can be moved.
+    """A key of the scene that can be moved; parts are proportional to `power` of its value."""
 
-    Attributes
-    ----------
-    name : str
-        The fact that has its value: ``"C"``.
-    key : str
-        Dotted: ``"design.capacitance"``.
-    role : str
-        The parts whose values are proportional to `power` of it; empty if more changes than values
-        of parts.
-    moves : mapping of str to float
-        Other facts that change with a power of it, while R keeps its value.
-    margin : {"", "smaller", "larger"}
-        The direction in which a stable board becomes unstable; empty without a margin.
-    words : str
-        The subject of a sentence: ``"the gain"``.
-    series : str
-        The key of the series that rounds these parts alone, if there is one.
-    power : float
-        Of the value, to which the parts are proportional: -1 for a conductance.
-    """
-
-    name: str
-    key: str
-    role: str = ""
+    name: str  # of the fact that has its value: "C"
+    key: str  # dotted: "design.capacitance"
+    role: str = ""  # of these parts; empty if more changes than values of parts
+    # other facts that change with a power of it, while R keeps its value
     moves: Mapping[str, float] = field(default_factory=dict)
+    # the direction in which a stable board becomes unstable; empty without a margin
     margin: Literal["", "smaller", "larger"] = ""
-    words: str = ""
-    series: str = ""
-    power: float = 1.0
+    words: str = ""  # the subject of a sentence: "the gain"
+    series: str = ""  # the key of the series that rounds these parts alone, if there is one
+    power: float = 1.0  # -1 for a conductance
 
 
 def common_knobs(*, linear: bool) -> tuple[Knob, ...]:
     """Return the knobs of a board with the common facts, with linear amplifiers or with others."""
+    C, series = "design.capacitance", "design.capacitor_series"
+    gain, role = "design.gain", Role.CONSTRAINT_RESISTOR
     return (
-        Knob(
-            "C",
-            "design.capacitance",
-            Role.SIGNAL_CAPACITOR,
-            margin="smaller",
-            words="C",
-            series="design.capacitor_series",
-        ),
-        Knob(
-            "gain",
-            "design.gain",
-            Role.CONSTRAINT_RESISTOR,
-            {"lambda": -1.0},
-            margin="larger",
-            words="the gain",
-        ),
+        Knob("C", C, Role.SIGNAL_CAPACITOR, {}, "smaller", "C", series),
+        Knob("gain", gain, role, {"lambda": -1.0}, "larger", "the gain"),
         Knob("G0", "design.unit_conductance", moves={"lambda": -2.0}),
         Knob("U0", "design.unit_voltage", moves={} if linear else {"lambda": -1.0}),
     )
@@ -373,24 +323,19 @@ class Circuit(Result):
         factor = ratio if knob.power == 1.0 else ratio**knob.power
         changed = {knob.name: value}
         changed |= {other: self.value(other) * ratio**by for other, by in knob.moves.items()}
+
+        def turned(part: Any, quantity: str) -> Any:
+            own = getattr(part, "card", part.name) in names
+            value = getattr(part, quantity)
+            return replace(part, **{quantity: value * factor}) if own else part
+
+        parts: dict[str, Any] = {
+            kind: tuple(turned(part, quantity) for part in getattr(self, kind))
+            for kind, quantity in SCALED.items()
+        }
         return replace(
             self,
-            resistors=tuple(
-                replace(part, ohms=part.ohms * factor) if part.card in names else part
-                for part in self.resistors
-            ),
-            capacitors=tuple(
-                replace(part, farads=part.farads * factor) if part.card in names else part
-                for part in self.capacitors
-            ),
-            branches=tuple(
-                replace(part, value=part.value * factor) if part.card in names else part
-                for part in self.branches
-            ),
-            matrices=tuple(
-                replace(each, ohms=each.ohms * factor) if each.name in names else each
-                for each in self.matrices
-            ),
+            **parts,
             facts={
                 name: replace(fact, value=changed[name]) if name in changed else fact
                 for name, fact in self.facts.items()
