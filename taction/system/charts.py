@@ -71,12 +71,6 @@ def looks_of(names: Iterable[str]) -> dict[str, Look]:
 
     `names`: outcomes with the check or the error behind them: ``"fail: stability"``; an empty name
       is a place without a result.
-
-    Examples
-    --------
-    >>> found = looks_of(["fail: rise time", "pass", "", "fail: stability", "pass"])
-    >>> [look.name for look in found.values()], found["pass"].colour
-    (['pass', 'fail: rise time', 'fail: stability'], '#0072b2')
     """
     count = Counter(name for name in names if name)
     others = {outcome: cycle(looks) for outcome, looks in OTHER_LOOKS.items()}
@@ -96,13 +90,7 @@ def looks_of(names: Iterable[str]) -> dict[str, Look]:
 
 
 def spread_colours(count: int) -> list[str]:
-    """Return a colour for each of `count` channels, from blue over violet to orange.
-
-    Examples
-    --------
-    >>> spread_colours(2)
-    ['#2f7fc1', '#c4661f']
-    """
+    """Return a colour for each of `count` channels, from blue over violet to orange."""
     places = np.linspace(0.0, len(SPREAD) - 1.0, count) if count > 1 else np.zeros(1)
     levels = np.arange(len(SPREAD))
     rgb = [np.interp(places, levels, np.array(SPREAD)[:, k]) for k in range(3)]
@@ -294,13 +282,6 @@ def thinned(time: Floats, values: Floats, budget: int) -> tuple[Floats, Floats]:
     """Return at most about `budget` points of a curve with the extremes of every part of it.
 
     `time`, `values` (P,): the curve.
-
-    Examples
-    --------
-    >>> t = np.linspace(0.0, 1.0, 10001)
-    >>> _, shown = thinned(t, np.where(t == 0.5, 9.0, 0.0), 100)
-    >>> len(shown) <= 102, float(shown.max())
-    (True, 9.0)
     """
     size = -(-2 * len(time) // max(budget, 2))
     if size <= 2:
@@ -321,12 +302,6 @@ def levels(mark: Grid, values: Floats) -> tuple[Floats, tuple[tuple[float, float
 
     `mark`: has the scale and its limits.
     `values`: naN has no place; without a finite value there are no labels.
-
-    Examples
-    --------
-    >>> places, labels = levels(Grid([], [], [], scale="signed"), np.array([-1.0, 4.0]))
-    >>> places.tolist(), labels[0], labels[-1]
-    ([0.25, 1.0], (0.0, -4.0), (1.0, 4.0))
     """
     known = values[np.isfinite(values)]
     if not len(known):
@@ -361,27 +336,14 @@ def levels(mark: Grid, values: Floats) -> tuple[Floats, tuple[tuple[float, float
 def segments(
     ends: Sequence[tuple[tuple[float, float], tuple[float, float]]],
 ) -> tuple[Floats, Floats]:
-    """Return separate straight lines as the points (P,) of one curve, with gaps between them.
-
-    Examples
-    --------
-    >>> x, y = segments([((0.0, 1.0), (2.0, 3.0))])
-    >>> x.tolist(), y.tolist()
-    ([0.0, 2.0, nan], [1.0, 3.0, nan])
-    """
+    """Return separate straight lines as the points (P,) of one curve, with gaps between them."""
     gap = (math.nan, math.nan)
     points = np.array([[a, b, gap] for a, b in ends], dtype=np.float64).reshape(-1, 2)
     return points[:, 0], points[:, 1]
 
 
 def zero_lines(x: Floats, y: Floats, values: Floats) -> Iterator[tuple[Any, Any]]:
-    """Yield straight lines where values (m, n) over x (n,) and y (m,) pass through 0.
-
-    Examples
-    --------
-    >>> list(zero_lines(np.array([0.0, 2.0]), np.array([0.0, 1.0]), np.array([[-1, 1], [-1, 1]])))
-    [((1.0, 0.0), (1.0, 1.0))]
-    """
+    """Yield straight lines where values (m, n) over x (n,) and y (m,) pass through 0."""
     for k, n in itertools.product(range(len(y) - 1), range(len(x) - 1)):
         corners = [(k, n), (k, n + 1), (k + 1, n + 1), (k + 1, n)]
         found = []

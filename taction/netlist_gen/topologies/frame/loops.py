@@ -166,18 +166,10 @@ class LoopBoard(GrowingBoard):
 
 
 class Loop(Topology):
-    """A topology of one loop; its class says which op-amps there are.
+    """A topology of one loop; its class says which op-amps there are."""
 
-    Attributes
-    ----------
-    has_first_stages : bool
-        Whether the board has stages with the feedback conductance gf.
-    regularised : bool
-        Whether lambda stands in it.
-    """
-
-    has_first_stages: ClassVar[bool] = True
-    regularised: ClassVar[bool] = False
+    has_first_stages: ClassVar[bool] = True  # with the feedback conductance gf
+    regularised: ClassVar[bool] = False  # whether lambda stands in it
     unused = frozenset(
         {"capacitance", "resistance", "gain", "capacitor_series", "exponential_slope", "antilog"}
     )

@@ -47,14 +47,9 @@ class PlanesBoard(GrowingBoard):
 
 
 class Planes(Topology):
-    """A topology of two planes; its class says what a signal node is.
+    """A topology of two planes; its class says what a signal node is."""
 
-    Attributes
-    ----------
-    feedback_inverts : bool
-        Whether a positive current into the node that `signal_node` returns makes v negative.
-    """
-
+    # whether a positive current into the node that `signal_node` returns makes v negative
     feedback_inverts: ClassVar[bool] = True
 
     def check(self, scene: Scene) -> None:

@@ -29,26 +29,15 @@ class Topology(ABC):
 
     The facts and knobs here are those of a network in which lambda follows from R, the gain, G0
     and, if its amplifiers are not linear, from U0 and Ve. A topology may add its own.
-
-    Attributes
-    ----------
-    name : str
-        The word in the scene.
-    keys : type or None
-        The keys of its own table ``[design.NAME]``, if it has any.
-    unused : frozenset of str
-        Keys of ``[design]`` that have no effect on its boards.
-    searched : tuple of str
-        The two keys that a choice among designs moves.
-    exact : bool
-        Whether a board rests at the solution of ``T u = eps``, which solving again refines.
     """
 
-    name: ClassVar[str]
-    keys: ClassVar[type[Model] | None] = None
+    name: ClassVar[str]  # the word in the scene
+    keys: ClassVar[type[Model] | None] = None  # of its own table ``[design.NAME]``, if any
+    # keys of ``[design]`` that have no effect on its boards
     unused: ClassVar[frozenset[str]] = frozenset({"feedback_conductance", "negative_entries"})
+    # the two keys that a choice among designs moves
     searched: ClassVar[tuple[str, str]] = ("design.capacitance", "design.gain")
-    exact: ClassVar[bool] = False
+    exact: ClassVar[bool] = False  # whether a board rests at the solution of ``T u = eps``
 
     @abstractmethod
     def synthesise(self, scene: Scene, problem: InverseProblem) -> Circuit:

@@ -106,12 +106,6 @@ def spread_bar(
 
     `values` are the least, the typical and the largest one, finite, by their names on the page;
     `missing` says which values the quantity lacks: they do not pass.
-
-    Examples
-    --------
-    >>> found = spread_bar("rise_time", "s", {"least": 1.0, "mid": 2.0, "most": 4.0}, (None, 3.0))
-    >>> found.outcome, found.value, found.limit, found.used
-    ('fail', 'least 1 s, mid 2 s, most 4 s', 'at most 3 s', '133 % of the limit')
     """
     low, high = min(values.values()), max(values.values())
     least, most = limits
