@@ -122,18 +122,8 @@ def draw_block(axes: Axes, block: Block) -> None:
 
 
 def wrapped(text: str, letters: float) -> str:
-    """Return a text in the fewest lines of so many letters, which are about equally long.
-
-    A number and its unit stay in one line, and no last line has a single short word.
-    """
-    whole, most = glued(text, "\N{NO-BREAK SPACE}"), max(30, int(letters))
-    lines = textwrap.wrap(whole, most)
-    for narrower in range(most - 1, len(whole) // max(len(lines), 1) - 1, -1):
-        tried = textwrap.wrap(whole, narrower)
-        if len(tried) > len(lines):
-            break
-        lines = tried
-    return "\n".join(lines)
+    """Return a text in lines of so many letters; a number and its unit stay in one line."""
+    return textwrap.fill(glued(text, "\N{NO-BREAK SPACE}"), max(30, int(letters)))
 
 
 @contextmanager

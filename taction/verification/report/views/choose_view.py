@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,7 +30,6 @@ from taction.verification.report.texts import (
     rounded_up,
     spaced,
 )
-from taction.verification.report.views.answer_view import yield_text
 from taction.verification.verdict.cause import band_text
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import ERROR, finite
@@ -158,14 +158,6 @@ def _best(best: Sequence[BestDesign]) -> Iterator[Content]:
     designs = [one.design for one in best]
     columns = {**_columns(designs), "built boards": built, "ngspice": ngspice}
     yield Table.of("Best designs", designs, columns)
-    lines = (
-        f"{one.design.opamp}: {text}"
-        for one in best
-        if one.verdict is not None
-        and one.outcome is Outcome.PASS
-        and (text := yield_text(one.verdict.answer))
-    )
-    yield Notes("Built boards", tuple(lines))
     reasons = (f"{one.design.opamp}: {readable(one.reason)}" for one in best if one.reason)
     yield Notes("What ngspice says", tuple(reasons))
 
@@ -219,19 +211,16 @@ def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Column]:
 
 
 def _moved_columns(designs: Sequence[ChosenDesign]) -> Iterator[tuple[str, Column]]:
-    """Yield the columns of the keys that move."""
-    searched = {path for design in designs for path in design.keys}
-    for path in (CAPACITANCE, GAIN, FEEDBACK, G0, U0):
-        if any(path in design.values for design in designs) and (
-            path in searched or path in (G0, U0)
-        ):
+    """Yield the columns of the keys that move: those that are searched, then G0 and U0."""
 
-            def shown(each: ChosenDesign, path: str = path) -> Cell | str:
-                if path not in each.values or (path not in each.keys and path not in (G0, U0)):
-                    return ""
-                return number_cell(float(each.values[path]), UNITS[path], 3)
+    def shown(each: ChosenDesign, path: str) -> Cell | str:
+        known = path in each.values
+        return number_cell(float(each.values[path]), UNITS[path], 3) if known else ""
 
-            yield NAMES[path], shown
+    searched = designs[0].keys if designs else ()
+    for path in dict.fromkeys((*searched, G0, U0)):
+        if any(path in design.values for design in designs):
+            yield NAMES[path], partial(shown, path=path)
 
 
 def _first_of_each(designs: Sequence[ChosenDesign]) -> list[ChosenDesign]:
