@@ -268,7 +268,8 @@ def _map(name: str, own: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> 
         *_points(stars, "among the best", "star", 13.0),
     )
     title = f"{name}: {sum(design.good for design in own)} of {len(own)} pass and can be bought"
-    return Chart(title, x, y, marks, legend=False, height=230)
+    words = f"The worst value over its limit, by {x.title} and {y.title}."
+    return Chart(title, x, y, marks, words, legend=False, height=230)
 
 
 def _limit_line(grid: Grid) -> Iterator[Curve]:

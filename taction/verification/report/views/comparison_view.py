@@ -171,6 +171,7 @@ def stored_value(value: float | str | None, unit: str) -> str:
 
 
 NAMED = 3  # keys in the first line
+WAVES = "The outputs of B minus those of A, over time."
 POINTS = 20_000  # of all curves of one board
 BEYOND: dict[bool | None, tuple[str, charts.Outcome]] = {
     True: ("yes", "fail"),
@@ -292,7 +293,7 @@ def _outputs(difference: VerdictDifference) -> Iterator[Content]:
         apart = [np.interp(inside, other, v[:, n]) - u[places, n] for n in range(count)]
         moved = tuple(drawn(inside, np.column_stack(apart), "solid", 1.2))
         title = f"B minus A: at most {quantity(float(np.abs(apart).max()), 'V', 3)}"
-        yield charts.Chart(title, charts.TIME, charts.Axis("difference", "V"), moved)
+        yield charts.Chart(title, charts.TIME, charts.Axis("difference", "V"), moved, WAVES)
 
 
 def _shown(value: object, unit: str | None, digits: int) -> str:

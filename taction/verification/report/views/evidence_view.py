@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import replace
 
 from taction.system.charts import Outcome
 from taction.verification.evidence.demonstration import Demonstration, DemonstrationStep
 from taction.verification.evidence.paper.findings import ClaimOutcome, Finding
 from taction.verification.evidence.paper.reproduce import Reproduction
-from taction.verification.evidence.stress.catalogue import Case
 from taction.verification.evidence.stress.run_cases import CaseJudgement, CaseRun, StressReport
 from taction.verification.report.blocks import Notes, Page, Section, Table
 from taction.verification.report.texts import Cell, Column, fields, figure, outcome_cell
@@ -93,8 +92,7 @@ def stress_view(report: StressReport) -> Page:
         f"{run.case.name}, {run.engine}: {run.judgement.value}: {run.reason}"
         for run in report.wrong
     )
-    cases = {run.case.name: run.case for run in report.runs}
-    families = dict.fromkeys(case.family for case in cases.values())
+    cases = {run.case.name: f"{run.case.family}: {run.case.why}" for run in report.runs}
     return Page(
         title="Stiff and extreme cases",
         command="taction self stress",
@@ -103,10 +101,7 @@ def stress_view(report: StressReport) -> Page:
         sections=(
             Section("Results", _results(report.runs), media="terminal page"),
             Section("Wrong", Notes("Wrong", wrong, "fail"), media="terminal page"),
-            *(
-                Section(f"Cases: {family}", (_cases(family, cases.values()),))
-                for family in families
-            ),
+            Section("What makes the cases hard", cases),
         ),
     )
 
@@ -143,25 +138,6 @@ def _results(runs: Iterable[CaseRun]) -> Table:
 
 def _error(error: float, unit: str) -> Cell:
     return Cell("–") if math.isnan(error) else Cell(figure(error, unit, 2), error)
-
-
-def _cases(family: str, cases: Iterable[Case]) -> Table:
-    columns = {
-        **fields("case = name; hard because = why"),
-        "right outcome": lambda case: ", ".join(_outcomes(case)),
-        **fields("known from = known"),
-    }
-    return Table.of(family, (case for case in cases if case.family == family), columns)
-
-
-def _outcomes(case: Case) -> Iterator[str]:
-    """Yield the one outcome of all engines, or the outcome of each."""
-    words = {engine: " or ".join(outcomes) for engine, outcomes in case.outcome.items()}
-    if len(set(words.values())) == 1:
-        yield next(iter(words.values()))
-    else:
-        yield from (f"{engine}: {outcome}" for engine, outcome in words.items())
-    yield from (f"{name} {outcome}" for name, outcome in case.decided.items())
 
 
 TITLE = "Seven sensors, one board"

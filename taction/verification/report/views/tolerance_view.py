@@ -37,6 +37,7 @@ SHOWN = 10  # sensitivities in a terminal
 FAR = 1.5  # times the range of the values: a limit farther away is an arrow
 SAME = 1e-9  # relative: values that are one value
 Limits = tuple[float | None, float | None]  # the least and the largest accepted value
+COUNTED = "Each column counts the samples in a range of values; hatched: beyond the limit."
 CULPRIT = (
     "Share of a part in the variance of a quantity with a limit; the quantity whose check costs"
     " most yield comes first. Solid with +: the quantity grows with the part; hatched with −: it"
@@ -215,7 +216,7 @@ def _histogram(title: str, spread: QuantitySpread, values: Floats, text: str) ->
         message = f"{int(beyond.sum())} of {len(values)} samples ({share}) beyond {texts}"
     message += f", {text}" * bool(text)
     x, y = Axis(spread.title, unit, limits=shown), Axis("samples", whole=True)
-    return Chart(f"{title}: {message}", x, y, tuple(marks))
+    return Chart(f"{title}: {message}", x, y, tuple(marks), COUNTED)
 
 
 def _edges(values: Floats, limits: list[float]) -> Floats:

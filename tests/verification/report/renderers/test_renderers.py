@@ -16,6 +16,7 @@ from taction.system.charts import (
 from taction.verification.report.blocks import Cell, Page, Section, Table
 from taction.verification.report.renderers import notebook, picture, plotly, terminal
 from taction.verification.report.renderers.page import FILES, page_html
+from taction.verification.report.renderers.picture import new_figure
 from tests.support.gallery import EVERYWHERE, charts, drawn_blocks, gallery
 from tests.support.printed import words_of
 from tests.support.text_boxes import cut_off, overlapping, texts_of

@@ -57,7 +57,9 @@ def number(text: str) -> float:
 def block(name: str, kind: type[Any], title: str = "") -> Any:
     """Return the first block of a kind and title on the page of a verdict."""
     blocks = page(name).blocks()
-    return next(each for each in blocks if isinstance(each, kind) and each.title.partition(":")[0] == title)
+    return next(
+        each for each in blocks if isinstance(each, kind) and each.title.partition(":")[0] == title
+    )
 
 
 @pytest.mark.parametrize("name", VERDICTS)
