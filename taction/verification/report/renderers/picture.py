@@ -43,6 +43,7 @@ PANEL = (5.0, 3.5)  # width and height of a chart, inches
 ALONE = 1.8  # times the width of a chart: that of a single one
 PIXELS = 112.0  # of a page, for an inch of a chart with more rows than usual
 MOST = 12  # blocks of a picture
+WORD = 10  # letters that a line may have beyond an equal share
 LETTER, SHORT = 0.085, 12  # width of a letter, inches; letters that have room beside any chart
 SMALL = 12.0  # letters of a small text per inch
 MOST_SHARE = 1.2  # of a limit: where a bar ends
@@ -122,8 +123,13 @@ def draw_block(axes: Axes, block: Block) -> None:
 
 
 def wrapped(text: str, letters: float) -> str:
-    """Return a text in lines of so many letters; a number and its unit stay in one line."""
-    return textwrap.fill(glued(text, "\N{NO-BREAK SPACE}"), max(30, int(letters)))
+    """Return a text in lines of so many letters at most, which are about equally long.
+
+    A number and its unit stay in one line.
+    """
+    whole, most = glued(text, "\N{NO-BREAK SPACE}"), max(30, int(letters))
+    even = len(whole) // max(len(textwrap.wrap(whole, most)), 1) + WORD
+    return textwrap.fill(whole, min(most, even))
 
 
 @contextmanager

@@ -157,7 +157,10 @@ def _best(best: Sequence[BestDesign]) -> Iterator[Content]:
 
     designs = [one.design for one in best]
     columns = {**_columns(designs), "built boards": built, "ngspice": ngspice}
-    yield Table.of("Best designs", designs, columns)
+    answers = (one.verdict.answer.built for one in best if one.verdict is not None)
+    covers = next((each.covers for each in answers if each is not None), "")
+    note = f"Built boards vary in what stands here: {covers}." if covers else ""
+    yield Table.of("Best designs", designs, columns, note)
     reasons = (f"{one.design.opamp}: {readable(one.reason)}" for one in best if one.reason)
     yield Notes("What ngspice says", tuple(reasons))
 
