@@ -178,8 +178,10 @@ def find_edges(
     high: float,
     found: Poles | None = None,
     values: Sequence[float] = (),
+    *,
+    nearest: bool = False,
 ) -> Edges:
-    """Find every edge of a family; see `EdgeSearch`.
+    """Find every edge of a family, or with `nearest` the one next to it; see `EdgeSearch`.
 
     InputError, EngineError: no board, no equilibrium, no state-space form, or a pole at `own` is on
       the axis.
@@ -188,7 +190,7 @@ def find_edges(
     -----
     Costs the loci, or a scan: the poles of `PER_DECADE` boards per decade, and more.
     """
-    (edges,) = edges_together([EdgeSearch(family, low, high, found, values=tuple(values))])
+    (edges,) = edges_together([EdgeSearch(family, low, high, found, nearest, tuple(values))])
     if isinstance(edges, TactionError):
         raise edges
     return edges

@@ -6,20 +6,24 @@ both sides and on the way there confirm.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+import math
+from collections.abc import Hashable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
 from taction.netlist_gen.board.circuit import Circuit, Knob
-from taction.system.errors import EngineError, TactionError
+from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.stability.edge_search import EdgeSearch, edges_together, find_edges
+from taction.verification.stability.edge_search import find_edges
 from taction.verification.stability.edges import Edge, Edges, Scan
 from taction.verification.stability.families import Family, all_but_a_knob
-from taction.verification.stability.poles import Poles, count_unstable, or_error, poles
+from taction.verification.stability.poles import Poles, count_unstable, poles
 
 REACH = 100.0  # the largest factor
+KEPT = 8  # kinds of boards whose edges are kept
+WIDER = 3.0  # times: by so much the edges that are kept go beyond the values seen
 CLOSE = 1e-6  # relative distance behind `REACH` up to which edges are searched
 AROUND = 30.0  # stable values: from the board's own value / 30 to its value * 30
 
@@ -90,12 +94,16 @@ def find_margin(
 
     Notes
     -----
-    Costs the edges (`find_edges`), and the poles of two or three boards.
+    Costs the edges (`find_edges`), and the poles of two or three boards. Linear boards that differ
+    only in the knob have the same edges: the second one finds them for those that follow.
     """
-    (margin,) = margins_together([MarginSearch(LinearBoard.of(circuit), name, reach, found)])
-    if isinstance(margin, TactionError):
-        raise margin
-    return margin
+    search = MarginSearch(LinearBoard.of(circuit), name, reach, found)
+    if (unknown := search.unknown) is not None:
+        return unknown
+    try:
+        return search.margin(search.edges())
+    except EngineError as error:
+        return Margin(1.0, 0.0, "no margin is known", str(error))
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,9 +139,9 @@ class MarginSearch:
 
     @cached_property
     def alike(self) -> Hashable:
-        """What boards have in common that differ only in the knob."""
+        """What boards have in common that differ only in the knob; None of a nonlinear board."""
         if not self.board.circuit.is_linear:
-            return self
+            return None
         rest, numbers = all_but_a_knob(self.board.circuit, self.knob)
         return rest, numbers.tobytes(), self.reach
 
@@ -155,12 +163,26 @@ class MarginSearch:
         """Return the factor of a value of the knob."""
         return value / self.own if self.upwards else self.own / value
 
-    def margin(self, edges: Edges | TactionError) -> Margin:
+    def edges(self) -> Edges:
+        """Return edges with the first one on the way of the knob; errors as `find_edges`."""
+        # an edge at the largest factor is found, too
+        low, high = sorted((self.own, self.value(self.reach * (1.0 + 2.0 * CLOSE))))
+        key, family = self.alike, Family.of(self.board, self.knob)
+        least, most, shared = _SHARED.pop(key, (low, high, None))
+        if not least <= low <= high <= most:
+            least, most = min(least, low) / WIDER, max(most, high) * WIDER
+            with suppress(EngineError):
+                shared = find_edges(family, least, most, self.poles)
+            if shared is None or shared.near or isinstance(shared, Scan):
+                least, most, shared = 0.0, math.inf, None  # each board finds its own
+        while len(_SHARED) >= KEPT:
+            _SHARED.pop(next(iter(_SHARED)), None)
+        if key is not None:
+            _SHARED[key] = least, most, shared
+        return shared or find_edges(family, low, high, self.poles, nearest=True)
+
+    def margin(self, edges: Edges) -> Margin:
         """Return the factor of the first edge, and what leaves a doubt before it."""
-        if isinstance(edges, EngineError):
-            return Margin(1.0, 0.0, "no margin is known", str(edges))
-        if isinstance(edges, TactionError):
-            raise edges
         last = self.reach * (1.0 + 2.0 * CLOSE)
         ahead = {f: e for e in edges.edges if 1.0 < (f := self.factor(e.value)) <= last}
         factor = min(ahead, default=self.reach)
@@ -212,28 +234,5 @@ class MarginSearch:
         return f"{self.knob.words} can {moves} {by}"
 
 
-def margins_together(searches: Sequence[MarginSearch]) -> list[Margin | TactionError]:
-    """Return the margin of each search, or why there is none; see `find_margin`.
-
-    The edges of all boards are found together. Linear boards that differ only in the knob of the
-    margin have the same edges, which are found once, from the first of them.
-    """
-    known = [or_error(lambda one: one.unknown, search) for search in searches]
-    alike = dict[Hashable, list[MarginSearch]]()
-    for search, margin in zip(searches, known, strict=True):
-        if margin is None:
-            alike.setdefault(search.alike, []).append(search)
-    found = edges_together([_edge_search(group) for group in alike.values()])
-    edges = dict(zip(alike, found, strict=True))
-    return [
-        or_error(search.margin, edges[search.alike]) if margin is None else margin
-        for search, margin in zip(searches, known, strict=True)
-    ]
-
-
-def _edge_search(group: Sequence[MarginSearch]) -> EdgeSearch:
-    """Return the search for the edges of boards that differ only in the knob."""
-    first, last = group[0], 1.0 + 2.0 * CLOSE  # an edge at the largest factor is found, too
-    ends = [end for one in group for end in (one.own, one.value(one.reach * last))]
-    family = Family.of(first.board, first.knob)
-    return EdgeSearch(family, min(ends), max(ends), first.poles, nearest=len(group) == 1)
+_SHARED: dict[Hashable, tuple[float, float, Edges | None]] = {}
+"""Of the last boards that differ only in the knob: the values seen, or searched, and the edges."""

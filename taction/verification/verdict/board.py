@@ -2,13 +2,13 @@
 
 What a verdict needs of a board and no record can change is a property here, computed at its first
 use: the reference solution, the place of rest, the stability margin, the loads of the op-amps, and
-the readings of the exact solution. Several boards have their margins found together.
+the readings of the exact solution.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,7 +20,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.input_errors import MOST
 from taction.system.array_types import Floats
-from taction.system.errors import EngineError, TactionError
+from taction.system.errors import EngineError
 from taction.system.reading_definitions import FOUND
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
@@ -29,10 +29,10 @@ from taction.verification.readings.exact_measures import ExactResponse
 from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
-from taction.verification.stability.margin import REACH, Margin, MarginSearch, margins_together
+from taction.verification.stability.margin import REACH, Margin, find_margin
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
-from taction.verification.verdict.input_spread import NOTHING, InputSpread, covered
+from taction.verification.verdict.input_spread import NOTHING, InputSpread, covered, outputs_at_rest
 from taction.verification.verdict.transient_plan import TransientPlan
 
 
@@ -54,13 +54,10 @@ class SteadyState:
 
         EngineError: the board has no equilibrium.
         """
-        rest, outputs = board.equilibrium, board.circuit.outputs
-        places = [board.descriptor.place(output.node) for output in outputs]
-        signs = np.array([output.sign for output in outputs])
-        error = float(board.rounding[places].max(initial=0.0))
-        linear = board.circuit.is_linear
+        places = [board.descriptor.place(output.node) for output in board.circuit.outputs]
+        error, linear = float(board.rounding[places].max(initial=0.0)), board.circuit.is_linear
         estimated = not linear or board.descriptor.is_large
-        return cls(signs * rest.values[places], error, scales, linear, estimated)
+        return cls(outputs_at_rest(board), error, scales, linear, estimated)
 
     def left(self, time: float) -> float:
         """Return the largest distance of an output from `values` at an instant, s; V."""
@@ -114,20 +111,14 @@ class Board:
         """Where the board rests; EngineError: it has no equilibrium."""
         return SteadyState.of(self.linear, self.scales)
 
-    @property
-    def margin_search(self) -> MarginSearch | None:
-        """The search for the stability margin; None if the scene asks for none."""
+    @cached_property
+    def margin(self) -> Margin | None:
+        """The stability margin; None if the scene asks for none."""
         required = self.scene.checks.stability.margin
         if required <= 1.0:
             return None
         reach = max(required, REACH) if self.full_margin else required
-        return MarginSearch(self.linear, reach=reach, found=self.poles)
-
-    @cached_property
-    def margin(self) -> Margin | TactionError | None:
-        """The stability margin, or why there is none; None if the scene asks for none."""
-        search = self.margin_search
-        return None if search is None else margins_together([search])[0]
+        return find_margin(self.linear, reach=reach, found=self.poles)
 
     @property
     def response(self) -> ExactResponse | None:
@@ -209,11 +200,3 @@ class Board:
         """Return a share of the step in V; infinite without a step, or if it may grow."""
         step = self.scales.step if self.poles.known_stable else 0.0
         return share * step or math.inf
-
-
-def find_margins(boards: Sequence[Board]) -> None:
-    """Find the margins of boards in one go, in the place of each alone."""
-    searches = {board: search for board in boards if (search := board.margin_search) is not None}
-    margins = margins_together([*searches.values()])
-    for board, margin in zip(searches, margins, strict=True):
-        vars(board)["margin"] = margin

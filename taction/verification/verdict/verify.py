@@ -19,7 +19,6 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene, opamp_words
 from taction.system.array_types import Floats
-from taction.system.errors import TactionError
 from taction.system.own_folders import remove_own_folder
 from taction.system.progress import Clock, Progress, attempt
 from taction.system.quantities import sizes
@@ -31,7 +30,7 @@ from taction.verification.engines.statespace.linearised.linear_board import (
 )
 from taction.verification.reference.ideal_answer import EnergyRise, IdealAnswer, energy_rise
 from taction.verification.verdict.answer_error import AnswerError, BuiltBoards
-from taction.verification.verdict.board import Board, find_margins
+from taction.verification.verdict.board import Board
 from taction.verification.verdict.build import build
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
 from taction.verification.verdict.error_budget import ErrorBudget, error_budget
@@ -253,8 +252,6 @@ def read(board: Board, pending: Waiting | None, clock: Clock) -> Evidence:
     """Return all that is judged; what needs no record is computed while the simulation runs."""
     clock.begin("reference", beside="simulation")
     ideal, steady, margin = board.ideal, board.steady, board.margin
-    if isinstance(margin, TactionError):
-        raise margin
     parts, noise, spread = board.loads, OutputNoise.of(board), board.spread
     run, measurements, forever = observe(board, pending, clock)
     return Evidence(
@@ -305,7 +302,7 @@ TOGETHER = 600_000  # squared numbers of parts of the boards that are computed t
 
 
 def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]]:
-    """Verify scenes; the margins and the steps of their boards are computed in one go.
+    """Verify scenes; the steps of their boards are computed in one go.
 
     Yields
     ------
@@ -339,7 +336,6 @@ def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]
 def _concluded(built: dict[int, tuple[Board, Clock]]) -> Iterator[tuple[int, Verdict]]:
     """Yield the verdicts of boards, those that there are."""
     boards = [board for board, _ in built.values()]
-    find_margins(boards)
     for pending, (place, (board, clock)) in zip(begin_together(boards), built.items(), strict=True):
         try:
             verdict = conclude(board, pending, clock)
