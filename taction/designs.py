@@ -74,11 +74,10 @@ def netlist(
     refuse_unable(dialect, measures=measure)
     from taction.netlist_gen.board.part_warnings import part_warnings
     from taction.verification.reference.lambda_rule import read_scene
-    from taction.verification.verdict.scene_deck import DeckChoice, Netlist, deck_of, write_files
+    from taction.verification.verdict.scene_deck import Netlist, deck_of, write_files
 
     scene = read_scene(scene)
-    choice = DeckChoice(dialect, split, measure)
-    circuit, deck = deck_of(scene, output=output, choice=choice)
+    circuit, deck = deck_of(scene, output=output, dialect=dialect, split=split, measures=measure)
     pruning = None
     if explain:
         from taction.verification.verdict.scene_deck import pruning_of

@@ -39,6 +39,7 @@ from taction.verification.reference.problem import Problem, solution_difference
 from taction.verification.reference.solve import solve
 from taction.verification.studies.tolerance.corners import rest_slopes
 from taction.verification.studies.tolerance.varied_board import VariedBoard, prepare
+from taction.verification.verdict.input_spread import outputs_at_rest
 from taction.verification.verdict.verify import verify
 
 GRADES = (0.01, 1e-3, 1e-4)  # tolerances of resistors that are sold, the cheapest first
@@ -105,8 +106,7 @@ def exceeded(board: VariedBoard, beyond: float) -> float:
 
     The nominal board, with rounded resistors and input errors of one sign, is where they start.
     """
-    slopes, rest = rest_slopes(board), LinearBoard(board.nominal).equilibrium
-    outputs = np.array([output.sign * rest[output.node] for output in board.nominal.outputs])
+    slopes, outputs = rest_slopes(board), outputs_at_rest(LinearBoard(board.nominal))
     away = float(np.abs(outputs - board.ideal.target).max())
     sigma = np.sqrt((slopes**2).sum(axis=0)) / 3.0
     quantile = NormalDist().inv_cdf(1.0 - beyond / (2.0 * slopes.shape[1]))
@@ -121,27 +121,11 @@ def next_round_value(value: float) -> float:
 
 
 def pruning_for(T: Floats, eps: Floats, lam: float) -> tuple[float, str]:
-    """Return the most pruning that changes the solution by less than a fifth of any limit.
+    """Return the most pruning that changes the solution by less than `UNSEEN`, and it in words.
 
-    A kernel that decays, a Gaussian for example, has entries over many decades. Resistors cannot be
-    bought over more than six, and few entries below a thousandth of the largest move the solution.
-
-    SolverError: the problem cannot be solved.
-
-    Parameters
-    ----------
-    T : ndarray (M, N)
-    eps : ndarray (M,)
-    lam : float
-
-    Returns
-    -------
-    float
-        Fraction of the largest entry for ``design.prune``; 0 where the entries that are not zero
-        differ by less than the factor 1000. Where every fraction changes the solution by more than
-        `UNSEEN`, the smallest that gives resistors that can be bought, if there must be one.
-    str
-        What is left out, in words.
+    A fraction of the largest entry; 0 where no entry is below a thousandth of it. Where every
+    fraction changes more, the smallest that gives resistors that can be bought, if there must be
+    one. T is (M, N), eps (M,); `SolverError` as `solve`.
 
     Examples
     --------

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import chain, pairwise, product
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -34,9 +35,8 @@ Values = dict[str, Value]
 Accept = Callable[[Trial], bool]
 
 
-def is_good(trial: Trial) -> bool:
-    """Whether every check passes with parts that can be bought."""
-    return trial.good
+is_good: Accept = attrgetter("good")
+"""Whether every check passes with parts that can be bought."""
 
 
 @dataclass(frozen=True, slots=True)

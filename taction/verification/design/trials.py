@@ -280,14 +280,18 @@ def at_small_signal(scene: Scene) -> Scene:
     return scene.model_copy(update={"design": scene.design.model_copy(update={"opamp": opamp})})
 
 
+def _without_transient(stable: bool, reason: str, *checks: Check) -> Record:
+    """Return the record of a board that is judged by its poles, or at rest, and fails."""
+    none = Record.without_verdict("", reason, "statespace")
+    outcome = Outcome.FAIL.value
+    return replace(none, outcome=outcome, failure=None, stable=stable, checks=checks)
+
+
 def _resting_off(rest: float, limit: float) -> Record:
     """Return the record of a stable board that is judged at rest only; lengths in steps."""
-    reason, fail, none = f"rests {percent(rest)} off the reference", Outcome.FAIL, None
-    steady = Check("steady_state", fail, rest, none, 0.0, limit, "step", reason)
-    stability = Check("stability", Outcome.PASS, none, none, none, none, "1/s", "")
-    record = Record.without_verdict("", reason, "statespace")
-    checks = (stability, steady)
-    return replace(record, outcome=fail.value, failure=none, stable=True, checks=checks)
+    reason = f"rests {percent(rest)} off the reference"
+    steady = Check("steady_state", Outcome.FAIL, rest, None, 0.0, limit, "step", reason)
+    return _without_transient(True, reason, Check("stability", Outcome.PASS, unit="1/s"), steady)
 
 
 def _unstable(found: Poles, scene: Scene) -> Record:
@@ -296,10 +300,8 @@ def _unstable(found: Poles, scene: Scene) -> Record:
     It never settles, and a limit of its overshoot is exceeded as soon as the ringing has grown.
     """
     rate, reason, fail = found.rightmost.real, "it is unstable", Outcome.FAIL
-    stability = Check("stability", fail, rate, found.resolution, None, None, "1/s", reason)
+    stability = Check("stability", fail, rate, found.resolution, unit="1/s", reason=reason)
     limited = ("overshoot",) if scene.checks.overshoot is not None else ()
     names = ("steady_state", "settling_time", *limited)
-    others = (Check(name, fail, None, None, None, None, "", reason) for name in names)
-    none = Record.without_verdict("", reason, "statespace")
-    checks = (stability, *others)
-    return replace(none, outcome=fail.value, failure=None, stable=False, checks=checks)
+    others = (Check(name, fail, reason=reason) for name in names)
+    return _without_transient(False, reason, stability, *others)

@@ -99,12 +99,13 @@ class AnswerError:
     """The errors of an answer, in one unit."""
 
     DOCUMENT = (
-        *("board_error [stress] = board_share", "board_error_uncertainty [stress] = board_doubt"),
-        *("built_error [stress] = built_share", "built_error_uncertainty [stress] = built_doubt"),
-        "boards = built_boards # share of the built boards that keep built_error",
+        *("board_error [stress] = shares.board", "board_error_uncertainty [stress] = shares.doubt"),
+        "built_error [stress] = shares.built",
+        "built_error_uncertainty [stress] = shares.built_doubt",
+        "boards = shares.boards # share of the built boards that keep built_error",
         "varies # what differs between the built boards",
         "yield_at_most # bound by the place of rest alone, to first order",
-        *("true_error [stress]", "true_error_uncertainty [stress] = true_doubt"),
+        *("true_error [stress]", "true_error_uncertainty [stress] = shares.true_doubt"),
         *("regularisation [stress]", "noise [stress]", "channel = number # from 1"),
         "largest_stress [V] = unit # the true one; if it is not known, that of the answer",
         "text = verification.report.views.answer_view:answer_text()",
@@ -195,29 +196,17 @@ class AnswerError:
         return None if self.channel is None else self.channel + 1
 
     @property
-    def board_share(self) -> float | None:
-        """`board` as a fraction of `unit`."""
-        return None if self.board is None else self.board / (self.unit or math.inf)
-
-    @property
-    def board_doubt(self) -> float | None:
-        """Bound on the error of `board_share`."""
-        return None if self.board is None else self.board_error / (self.unit or math.inf)
-
-    @property
-    def built_share(self) -> float | None:
-        """The distance that `built_boards` of the built boards keep, as a fraction of `unit`."""
-        return None if self.built is None else self.built.distance / (self.unit or math.inf)
-
-    @property
-    def built_doubt(self) -> float | None:
-        """Bound on the error of `built_share`."""
-        return None if self.built is None else self.built.error / (self.unit or math.inf)
-
-    @property
-    def built_boards(self) -> float | None:
-        """The share of the built boards that keep `built_share`."""
-        return None if self.built is None else SHARE
+    def shares(self) -> dict[str, float | None]:
+        """Distances and their bounds as fractions of `unit`, and the share of built boards."""
+        unit, built = self.unit or math.inf, self.built
+        return {
+            "board": None if self.board is None else self.board / unit,
+            "doubt": None if self.board is None else self.board_error / unit,
+            "built": None if built is None else built.distance / unit,
+            "built_doubt": None if built is None else built.error / unit,
+            "boards": None if built is None else SHARE,
+            "true_doubt": None if self.channel is None else self.target_error / unit,
+        }
 
     @property
     def varies(self) -> str:
@@ -228,11 +217,6 @@ class AnswerError:
     def yield_at_most(self) -> float | None:
         """Bound on the yield: the share of the built boards that rest within the limits."""
         return None if self.built is None else self.built.most
-
-    @property
-    def true_doubt(self) -> float | None:
-        """Bound on the error of `true_error`."""
-        return None if self.channel is None else self.target_error / (self.unit or math.inf)
 
     @property
     def true_error(self) -> float | None:

@@ -132,31 +132,26 @@ def _loads(
         return ()
     number, shape = {node: k for k, node in enumerate(nodes)}, (len(rows), len(nodes))
     entries = [(k, number[n], w) for k, row in enumerate(rows) for n, w in row.weights.items()]
-    at, columns, weights = (np.array(each) for each in zip(*entries, strict=True))
+    at, nth, weights = (np.array(each) for each in zip(*entries, strict=True))
     slopes = np.array([row.quantity == "slope" for row in rows])[at]
     volts, rates = (
-        csr_array((np.where(slopes == kind, weights, 0.0), (at, columns)), shape=shape)
+        csr_array((np.where(slopes == kind, weights, 0.0), (at, nth)), shape=shape)
         for kind in (False, True)
     )
-    beyond = None
+    slewing = list[float | None]([None] * len(rows))
     if transient is None or is_exact(board):
         solution = combinations(board, nodes, volts.toarray(), rates.toarray(), initial=initial)
         peaks, instants, errors = _exact_peaks(solution)
     else:
         time, values = _record(board, nodes, transient, tolerance)
         peaks, instants, errors, beyond = _sampled_peaks(volts, rates, time, values)
+        lasting = zip(rows, beyond.tolist(), strict=True)
+        slewing = [each if row.quantity == DRIVE else None for row, each in lasting]
     rest = np.abs(volts @ np.array([board.equilibrium[node] for node in nodes]))
     limits = np.array([row.limit for row in rows])
-    numbers = np.array([peaks * limits, limits, instants, rest * limits, errors * limits]).T
-    found = [
-        Load(row.part, row.quantity, *each)
-        for row, each in zip(rows, numbers.tolist(), strict=True)
-    ]
-    if beyond is not None:
-        found = [
-            replace(load, slewing=lasting if load.quantity == DRIVE else None)
-            for load, lasting in zip(found, beyond.tolist(), strict=True)
-        ]
+    numbers = (peaks * limits, limits, instants, rest * limits, errors * limits)
+    columns = (rows, *(each.tolist() for each in numbers), slewing)
+    found = (Load(row.part, row.quantity, *each) for row, *each in zip(*columns, strict=True))
     return tuple(sorted(found, key=lambda load: (-load.share, load.part, load.quantity)))
 
 

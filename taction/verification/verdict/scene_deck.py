@@ -110,24 +110,6 @@ EVEN_POINTS = 125.0  # on a period of ringing: an error of about 1e-4 of the ste
 
 
 @dataclass(frozen=True, slots=True)
-class DeckChoice:
-    """What a deck is to be beside the board itself."""
-
-    dialect: str = NATIVE  # key of `DIALECTS`
-    split: bool = False  # whether the resistor matrices go into a second file
-    measures: bool = False  # whether the deck measures rise time, settling time and overshoot
-
-    @property
-    def has_even_steps(self) -> bool:
-        """Whether the transient has even steps.
-
-        Step control is tuned for ngspice alone, and a measure is exact only to the spacing of the
-        points, which it joins by straight lines.
-        """
-        return self.measures or self.dialect != NATIVE
-
-
-@dataclass(frozen=True, slots=True)
 class Netlist(Deck):
     """The deck of a scene, with its board.
 
@@ -163,27 +145,28 @@ def deck_of(
     scene: Scene,
     *,
     output: str | Path | None = None,
-    choice: DeckChoice = DeckChoice(),
+    dialect: str = NATIVE,
+    split: bool = False,
+    measures: bool = False,
 ) -> tuple[Circuit, Deck]:
     """Return the board of a scene with a number for lambda, and the deck that `verify` would run.
 
-    The name of the matrix file follows from `output`. The errors are those of `taction.netlist`,
-    and `SolverError` where a deck is to measure and the problem has no solution.
+    With `measures`, or in another `dialect`, the transient has even steps: step control is tuned
+    for ngspice alone, and a measure is exact only to the spacing of the points. With `split` the
+    resistor matrices go into a second file, whose name follows from `output`. The errors are those
+    of `taction.netlist`, and `SolverError` where a deck is to measure and the problem has no
+    solution.
     """
-    matrix_file = _matrix_file(output) if choice.split else None
-    if choice.has_even_steps:
+    matrix_file = _matrix_file(output) if split else None
+    if measures or dialect != NATIVE:
         scene = _with_even_steps(scene)
     board = build(scene.with_engine("ngspice"))
-    circuit = board.circuit
-    if complaints := list(DIALECTS[choice.dialect].refusals(circuit)):
+    circuit, transient = board.circuit, board.transient
+    if complaints := list(DIALECTS[dialect].refusals(circuit)):
         raise InputError(scene.file, *complaints)
-    return circuit, write_deck(
-        circuit,
-        board.transient,
-        matrix_file=matrix_file,
-        dialect=choice.dialect,
-        measures=_measures(board) if choice.measures else None,
-    )
+    ends = _measures(board) if measures else None
+    deck = write_deck(circuit, transient, matrix_file=matrix_file, dialect=dialect, measures=ends)
+    return circuit, deck
 
 
 def _with_even_steps(scene: Scene) -> Scene:
