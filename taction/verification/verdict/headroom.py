@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, NamedTuple, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 
@@ -72,13 +72,8 @@ class Load:
         return UNITS[self.quantity]
 
 
-class _Row(NamedTuple):
-    """One quantity as weights of node voltages (or of their slopes), in parts of its limit."""
-
-    part: str
-    quantity: Quantity
-    limit: float
-    weights: dict[str, float]
+_Row = tuple[str, Quantity, float, dict[str, float]]
+"""Part, quantity, limit, and weights of node voltages (or of their slopes), in parts of it."""
 
 
 def _rows(circuit: Circuit) -> Iterator[_Row]:
@@ -92,17 +87,17 @@ def _rows(circuit: Circuit) -> Iterator[_Row]:
                 cell.inverting: -1.0 / model.input_range,
             }
             ends.pop("0", None)
-            yield _Row(cell.name, DRIVE, model.input_range, ends)
+            yield cell.name, DRIVE, model.input_range, ends
         else:
             limits: dict[Quantity, float] = {"voltage": swing, "slope": model.slew_rate}
             for quantity, limit in limits.items():
                 if math.isfinite(limit):
-                    yield _Row(cell.name, quantity, limit, {out: 1.0 / limit})
+                    yield cell.name, quantity, limit, {out: 1.0 / limit}
         if model.has_largest_current and not model.is_current_limited:
             weight = 1.0 / (model.output_resistance * model.output_current)
             across = {node: weight * gain for node, gain in _behind_the_output(circuit, cell)}
             across[out] = across.get(out, 0.0) - weight
-            yield _Row(cell.name, "current", model.output_current, across)
+            yield cell.name, "current", model.output_current, across
 
 
 def _behind_the_output(circuit: Circuit, cell: OpAmpCell) -> Iterator[tuple[str, float]]:
@@ -118,7 +113,7 @@ def _behind_the_output(circuit: Circuit, cell: OpAmpCell) -> Iterator[tuple[str,
 
 def watched_nodes(circuit: Circuit) -> tuple[str, ...]:
     """Return the nodes whose voltages give the loads of a circuit."""
-    return tuple(dict.fromkeys(node for row in _rows(circuit) for node in row.weights))
+    return tuple(dict.fromkeys(node for *_, weights in _rows(circuit) for node in weights))
 
 
 def _loads(
@@ -131,9 +126,10 @@ def _loads(
     if not rows:
         return ()
     number, shape = {node: k for k, node in enumerate(nodes)}, (len(rows), len(nodes))
-    entries = [(k, number[n], w) for k, row in enumerate(rows) for n, w in row.weights.items()]
+    parts, quantities, limited, weighted = zip(*rows, strict=True)
+    entries = [(k, number[n], w) for k, row in enumerate(weighted) for n, w in row.items()]
     at, nth, weights = (np.array(each) for each in zip(*entries, strict=True))
-    slopes = np.array([row.quantity == "slope" for row in rows])[at]
+    slopes = np.array([quantity == "slope" for quantity in quantities])[at]
     volts, rates = (
         csr_array((np.where(slopes == kind, weights, 0.0), (at, nth)), shape=shape)
         for kind in (False, True)
@@ -145,13 +141,13 @@ def _loads(
     else:
         time, values = _record(board, nodes, transient, tolerance)
         peaks, instants, errors, beyond = _sampled_peaks(volts, rates, time, values)
-        lasting = zip(rows, beyond.tolist(), strict=True)
-        slewing = [each if row.quantity == DRIVE else None for row, each in lasting]
+        lasting = zip(quantities, beyond.tolist(), strict=True)
+        slewing = [each if quantity == DRIVE else None for quantity, each in lasting]
     rest = np.abs(volts @ np.array([board.equilibrium[node] for node in nodes]))
-    limits = np.array([row.limit for row in rows])
+    limits = np.array(limited)
     numbers = (peaks * limits, limits, instants, rest * limits, errors * limits)
-    columns = (rows, *(each.tolist() for each in numbers), slewing)
-    found = (Load(row.part, row.quantity, *each) for row, *each in zip(*columns, strict=True))
+    columns = (parts, quantities, *(each.tolist() for each in numbers), slewing)
+    found = (Load(*each) for each in zip(*columns, strict=True))
     return tuple(sorted(found, key=lambda load: (-load.share, load.part, load.quantity)))
 
 
