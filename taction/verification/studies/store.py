@@ -15,10 +15,14 @@ import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from taction.system.documents import plain, read
 from taction.system.errors import Complaint, InputError, OutOfDisk
+
+if TYPE_CHECKING:
+    from taction.verification.studies.tolerance.varied_board import BoardSample
+    from taction.verification.verdict.record import Record
 
 T = TypeVar("T")
 
@@ -59,14 +63,6 @@ do update set outcome = excluded.outcome, record = excluded.record where outcome
 """
 
 
-class HasOutcome(Protocol):
-    """What is stored of a point or a sample: a `Record`, or a type that contains one."""
-
-    @property
-    def outcome(self) -> str:
-        """``"pass"``, ``"fail"``, ``"inconclusive"`` or ``"error"``."""
-
-
 class Store:
     """A database of results; a context manager that closes the database.
 
@@ -101,10 +97,6 @@ class Store:
         outcome: str | None = self._value("select outcome from points where key = ?", key)
         return outcome
 
-    def plain_of(self, key: bytes) -> dict[str, Any] | None:
-        """Return the result of a point as it was stored, plain data, if it is stored."""
-        return self.record_of(key, dict[str, Any])
-
     def record_of(self, key: bytes, kind: type[T]) -> T | None:
         """Return the result of a point as a `kind`, such as a `Record`, if it is stored."""
         text = self._value("select record from points where key = ?", key)
@@ -117,7 +109,7 @@ class Store:
         """Return the number of stored points."""
         return int(self._value("select count(*) from points") or 0)
 
-    def put(self, key: bytes, result: HasOutcome) -> None:
+    def put(self, key: bytes, result: Record | BoardSample) -> None:
         """Store a result in one transaction; a result stored before stays, unless it is an error.
 
         `key` is the digest of all that the result depends on.

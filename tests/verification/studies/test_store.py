@@ -164,6 +164,6 @@ def test_two_processes_at_once(tmp_path: Path) -> None:
     assert [writer.wait(60) for writer in writers] == [0, 0]
     with Store(path) as store:
         assert store.count() == 40
-        rows = [store.plain_of(key(number)) for number in range(40)]
+        rows = [store.record_of(key(number), dict) for number in range(40)]
     assert {row["engine"] for row in rows if row is not None} <= {"a", "b"}
     assert None not in rows

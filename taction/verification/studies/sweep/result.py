@@ -46,7 +46,7 @@ def all_records(plan: Plan, store: Store) -> Iterator[dict[str, Any] | None]:
     """
     names = {axis.key.path: axis.name for axis in plan.axes}
     for point in grid_points(plan):
-        record = store.plain_of(point.key)
+        record = store.record_of(point.key, dict[str, Any])
         if record is None:
             yield None
             continue
