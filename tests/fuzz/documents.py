@@ -1,4 +1,4 @@
-"""Documents of other programs: stored verdicts, imported op-amps, the moves of a page."""
+"""Documents of other programs: stored verdicts and imported op-amps."""
 
 from __future__ import annotations
 
@@ -16,16 +16,13 @@ from taction.netlist_gen.board.opamp_choice import as_opamp
 from taction.netlist_gen.scene.imported_opamps import from_document, to_document
 from taction.system.documents import plain
 from taction.system.errors import Complaint, InputError
-from taction.verification.design.exploration import Start
-from taction.verification.report.explorer.session import Session
 from taction.verification.report.renderers.terminal import page_text
 from tests.fuzz.edits import BYTE_EDITS, edited
 from tests.fuzz.target import Target
-from tests.support.paths import DATA, SCENES
+from tests.support.paths import DATA
 
 VERDICT = (DATA / "verdict-of-version-1.json").read_bytes()
 OPAMP = (DATA / "fet100.opamp.json").read_bytes()
-MOVE = b'{"places": {"design.capacitance": 500}, "texts": {"design.gain": "1Mohm"}, "opamp": ""}'
 VALUES: tuple[Any, ...] = (
     *(None, True, False, 0, -1, 1, 2.5, -0.0, 1e-300, 1e308, -1e308, 10**40, 10**400, -(10**400)),
     *(math.nan, math.inf, -math.inf, "", "x", "1.5", "\n::error::x", "\x1b[2J", "\udcff"),
@@ -102,26 +99,7 @@ def _kept(here: Any, there: Any) -> bool:
     return bool(here == there)
 
 
-def _examine_move(content: bytes, folder: Path) -> str:
-    """Take a move as a page sends it: it is done, or named."""
-    start = Start.of(taction.load_scene(SCENES / "tuned-breadboard.toml"))
-    nobody: Any = None
-    try:
-        move = json.loads(content)
-    except (ValueError, RecursionError):
-        return "no JSON: the server refuses it"
-    if not isinstance(move, dict):
-        return "no table: the server refuses it"
-    try:
-        settings = Session(start, nobody, nobody, nobody)._taken(move)
-    except ValueError as error:
-        raise InputError("explore", Complaint("move", "", str(error))) from None
-    assert all(math.isfinite(value) for value in settings.values.values())
-    return "taken"
-
-
 DOCUMENTS = (
     Target("stored verdicts", _inputs(VERDICT), _examine_verdict),
     Target("imported op-amps", _inputs(OPAMP), _examine_opamp),
-    Target("moves of the explorer", _inputs(MOVE), _examine_move),
 )

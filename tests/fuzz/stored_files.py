@@ -13,19 +13,15 @@ from hypothesis import strategies as st
 from taction.system.documents import plain
 from taction.verification.studies.regression.baseline import baseline_text, load_baseline
 from taction.verification.studies.store import Store
-from taction.verification.studies.tolerance.montecarlo import sample_keys
-from taction.verification.studies.tolerance.varied_board import BoardSample, prepare
 from taction.verification.verdict.record import Record
 from tests.fuzz.edits import BYTE_EDITS, IN_PLACE, VALUE_EDIT, edited
 from tests.fuzz.target import Target
 from tests.support.entries import entry
-from tests.support.studying import small_scene
 from tests.support.sweeping import make_record
 
 ENTRIES = {"one.toml": entry(), "two.toml": entry(name="two", outcome="fail")}
 KEYS = [bytes([number]) * 32 for number in range(6)]
 RESULTS = [make_record(reason="x" * 300 * number) for number in range(6)]
-SAMPLES = [BoardSample(n, make_record(settling_time=1e-6 * (n + 1))) for n in range(8)]
 
 
 def _examine_baseline(content: bytes, folder: Path) -> str:
@@ -46,17 +42,10 @@ def _plain(value: Any) -> Any:
     return float(value) if isinstance(value, int | float) else value
 
 
-@functools.cache
-def _study() -> Any:
-    return prepare(small_scene())
-
-
 def _fill(path: Path) -> None:
     with Store(str(path)) as store:
         for key, result in zip(KEYS, RESULTS, strict=True):
             store.put(key, result)
-        for sample in SAMPLES:
-            store.put(sample_keys(_study(), 1)(sample.number), sample)
 
 
 @functools.cache
@@ -103,19 +92,6 @@ def _examine_results(content: bytes, folder: Path, *, exact: bool = False) -> st
     return "some points computed again" if missing else "all points read"
 
 
-def _examine_samples(content: bytes, folder: Path) -> str:
-    path = folder / "a.sqlite"
-    path.write_bytes(content)
-    with Store(str(path)) as store:
-        keys = sample_keys(_study(), 1)
-        found = [store.record_of(keys(sample.number), BoardSample) for sample in SAMPLES]
-        for sample, read in zip(SAMPLES, found, strict=True):
-            if read is None:
-                store.put(keys(sample.number), sample)
-                assert store.record_of(keys(sample.number), BoardSample) == sample
-    return "some samples drawn again" if None in found else "all samples read"
-
-
 BASELINE = baseline_text(ENTRIES).encode()
 DATABASES = st.deferred(lambda: edited([_database()], [*IN_PLACE * 6, *BYTE_EDITS]))
 
@@ -125,5 +101,4 @@ STORED_FILES = (
     Target("baselines", edited([BASELINE], [VALUE_EDIT, *BYTE_EDITS]), _examine_baseline),
     Target("databases of sweeps", DATABASES, _examine_results),
     Target("write-ahead logs of databases", LOGS, _examine_log),
-    Target("samples of Monte Carlo studies", DATABASES, _examine_samples),
 )

@@ -9,7 +9,6 @@ from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import Verdict
 from tests.mutation.catalogue import KNOWN, MATRIX, MUTATIONS, STATE_SPACE, Mutation
 from tests.mutation.planting import in_the_baseline, nothing
-from tests.mutation.table import PAGE, page_with
 from tests.support.paths import SCENES
 from tests.support.true_values import true_values
 
@@ -58,11 +57,6 @@ def test_known_readings_are_those_of_the_oracle() -> None:
     )
     limits = checks.rise_time.min, checks.rise_time.max
     assert limits == (pytest.approx(0.997 * rise, rel=1e-4), pytest.approx(1.003 * rise, rel=1e-4))
-
-
-def test_the_page_shows_the_catalogue() -> None:
-    text = PAGE.read_text("utf-8")
-    assert page_with(text) == text, "run: python -m tests.mutation.table"
 
 
 def test_every_kind_of_check_catches_a_fault() -> None:

@@ -19,14 +19,12 @@ import taction as door
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS
-from taction.netlist_gen.scene.scene import scene_type
-from taction.verification.design.choice_plan import ChoiceRequest, choice_plan
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS
 from taction.verification.reference.regularisers import REGULARISERS
 from taction.verification.report.documents.document_catalogue import schema
 from taction.verification.verdict import run as run_module
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.run_checks import CHECKS, OWN
+from taction.verification.verdict.run_checks import CHECKS
 from tests.support.plugins import environment, recipe
 from tests.support.running import document, python, taction
 
@@ -155,15 +153,6 @@ def test_a_sweep_runs_over_it_in_worker_processes(
         assert found["points"][0]["reason"] == f"swing: {swing} (limit: at most 1 mV)"
 
 
-def test_the_op_amp_is_listed_measured_and_chosen(tmp_path: Path, plugin: Plugin) -> None:
-    plugin(*recipe(OPAMP.titles[0]))
-    assert "acme1" in taction("models").stdout
-    shown = checked(taction("models", "show", "acme1", "--json").stdout, "models-show")
-    assert "acme1" in json.dumps(shown)
-    scene = door.load_scene(OPAMP.scene(tmp_path, "statespace"))
-    assert "acme1" in choice_plan(scene, ChoiceRequest()).axes[0].values
-
-
 def test_the_three_descriptions_of_the_amplifier_are_one_function(plugin: Plugin) -> None:
     plugin(*recipe(AMPLIFIER.titles[0]))
     v = np.array([-3.0, -0.2, 0.0, 1e-9, 0.7, 25.0])
@@ -182,14 +171,6 @@ def test_the_three_descriptions_of_the_amplifier_are_one_function(plugin: Plugin
     assert entry.potential(v) == pytest.approx(area, rel=1e-12, abs=1e-30)
     assert entry.v_from_q(0.2 * v + h * np.array(g), 0.2, h) == pytest.approx(v, rel=1e-12)
     assert AMPLIFIERS["cubic"].expression.format(x="V(a)") == "(V(a)+V(a)*V(a)*V(a)/3)"
-
-
-def test_own_checks_have_the_tables_of_the_scene() -> None:
-    fields = scene_type().model_fields["checks"].annotation.model_fields  # type: ignore[union-attr]
-    assert list(fields) == [name for name in fields if name in OWN]
-    for name, kind in OWN.items():
-        assert (kind.keys is not None) == (name in fields)
-        assert kind.keys is None or str(kind.keys.__name__) in str(fields[name].annotation)
 
 
 def test_a_check_and_an_engine_of_others_are_judged_as_ours(

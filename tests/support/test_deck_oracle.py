@@ -64,13 +64,6 @@ def test_a_lag_behind_a_divider() -> None:
     assert at == pytest.approx(final * -math.expm1(-7 / 15), rel=1e-15)
 
 
-def test_capacitors_and_a_source_in_a_loop() -> None:
-    # y = 0.9 p, so the charge at p is (1 + 0.1) p
-    modes = modes_of(FOLLOWER)
-    assert complex(modes.poles[0]) == pytest.approx(-1 / 2.2, rel=1e-15)
-    assert float(modes.final[0]) == pytest.approx(-0.9, rel=1e-15)
-
-
 def test_eigenvalues_of_a_badly_scaled_matrix_and_of_equal_ones() -> None:
     rng = np.random.default_rng(3)
     basis = arb_mat(rng.normal(size=(16, 16)).tolist())
@@ -90,20 +83,6 @@ def test_the_overshoot_of_a_second_order_system(zeta: float) -> None:
     expected = math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2))
     assert float(ringing(zeta).highest(1)) == pytest.approx(expected, rel=1e-14)
     assert float(ringing(zeta).highest(-1)) == 1.0  # at the start
-
-
-def test_times_of_a_lag() -> None:
-    pole = (acb(-1), acb(-1))
-    signal = Signal(Modes((acb(-1),), (arb(1),), ((pole,),)), 0, arb(1), arb(1))
-    low, high = (signal.first_above(1, arb(k) / 10 - 1) for k in (1, 9))
-    assert low is not None
-    assert high is not None
-    assert float(high - low) == pytest.approx(math.log(9), rel=1e-15)
-    settled = signal.last_outside(arb(0.01))
-    assert settled is not None
-    assert float(settled) == pytest.approx(-math.log(0.01), rel=1e-15)
-    assert signal.last_outside(arb(1.5)) == 0
-    assert signal.first_above(1, arb(0.5)) is None
 
 
 def test_a_transient_with_a_closed_form() -> None:

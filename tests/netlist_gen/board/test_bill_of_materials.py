@@ -76,3 +76,20 @@ def test_packages(opamp: str, packages: int, spare: int) -> None:
     assert sorted(held) == sorted(names)
     assert (len(parts.packages), parts.spare) == (packages, spare)
     assert parts.packages[0].reference == "U1"
+
+
+def test_what_the_list_lacks_is_said() -> None:
+    text = "\n".join(
+        parts_of(amplifier="exponential", opamp={"base": "ideal", "gbw": 1e6}).not_listed
+    )
+    for part in (
+        "scene's gbw, which ideal",
+        "supply_current",
+        "2 current sources",
+        "bias",
+        "±15 V",
+    ):
+        assert part in text
+    assert "3 exponential amplifiers" in text
+    assert "9 times the compensation capacitor of 22 pF" in parts_of(opamp="ne5534").not_listed[0]
+    assert "supply_current" not in "\n".join(parts_of().not_listed)
