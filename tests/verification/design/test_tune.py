@@ -4,22 +4,36 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Sequence
-from typing import Any
+import json
+import math
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, cast
 
+import numpy as np
 import pytest
 from click.testing import Result
 
 import taction
+from taction.netlist_gen.board.bill_of_materials import buyable, values_between
+from taction.netlist_gen.board.part_warnings import ANY_PART
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.keys import Value
+from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import EngineError, InputError
+from taction.system.quantities import parse
 from taction.verification.design import tune as tune_module
-from taction.verification.design.trials import Trial
+from taction.verification.design.nearest import Search, search_key, search_list, search_pair
+from taction.verification.design.scaling import find_scaling
+from taction.verification.design.trials import OutOfWorkError, Trial, Trials
 from taction.verification.design.tune import Tuning, frontier
 from taction.verification.verdict.verify import verify
-from tests.support.making import make_scene
+from tests.support.making import make_scene, write_matrix_scene
+from tests.support.paths import ROOT
 from tests.support.running import taction as command
 from tests.support.trials import make_trial
 
@@ -191,3 +205,216 @@ def test_resistors_that_nobody_sells_are_refused(monkeypatch: pytest.MonkeyPatch
     assert found.after.values["design.gain"] <= 1.05 * 40e6
     found = tune(huge, ["gain=10M:400M"], overshoot=0.9, any_part=True)
     assert found.after.values["design.gain"] > 1.05 * 40e6
+
+
+def shipped(name: str, opamp: str) -> Scene:
+    scene = load_scene(ROOT / "scenes" / f"{name}.toml").with_engine("statespace")
+    return with_values(scene, {"design.opamp": opamp, "design.opamp.input_errors": "none"})
+
+
+@pytest.mark.parametrize("name", ["tuned-breadboard", "eleven-channel", "custom-matrix"])
+def test_lambda_stays_and_the_parts_can_be_bought(name: str) -> None:
+    scene = shipped(name, "tl084")
+    found = find_scaling(scene)
+    before, after = synthesise(scene), synthesise(found.scene)
+    assert after.value("lambda") == pytest.approx(before.value("lambda"), rel=1e-12)
+    # eq (21) of the paper, corrected: lam = 1 / (R s G0²)
+    G0, gain, R, lam = map(found.circuit.value, ("G0", "gain", "R", "lambda"))
+    assert R * gain * G0**2 * lam == pytest.approx(1.0, rel=1e-12)
+    assert 10.0 <= found.matrix_ohms[0] <= found.matrix_ohms[1] <= 10e6
+    assert gain in values_between(10.0, 10e6, "E24")
+    assert pytest.approx(buyable(R, "E24"), rel=1e-12) == R
+    assert max(load.share for load in found.loads) <= 0.9
+
+
+def test_ngspice_measures_the_loads_that_were_promised(ngspice: str) -> None:
+    """The peak of the outputs by ngspice is that share of the swing, or below the slope's limit."""
+    slow = with_values(shipped("custom-matrix", "tl084"), {"design.opamp.slew_rate": 1e9})
+    found = find_scaling(slow, 0.4)
+    assert found.loads[0].quantity == "voltage"
+    record = verify(found.scene.with_engine("ngspice"))
+    assert record.parts.loads[0].share == pytest.approx(0.4, rel=0.06)  # U0 has two digits
+    largest = float(np.abs(record.u).max())
+    assert largest <= 0.4 * 13.5  # volts of 15 V less 1.5 V
+
+
+def test_an_unstable_board_becomes_stable() -> None:
+    scene = with_values(shipped("tuned-breadboard", "tl084"), {"design.capacitance": 1e-12})
+    assert not verify(scene).poles.stable
+    assert verify(find_scaling(scene).scene).outcome.value == "pass"
+
+
+def test_a_larger_capacitance_is_named() -> None:
+    scene = with_values(shipped("tuned-breadboard", "ideal"), {"design.opamp.gbw": 3e6})
+    found = find_scaling(scene)
+    assert found.circuit.value("C") > scene.design.capacitance
+    assert any("C is another than the scene's" in note for note in found.notes)
+
+
+def test_a_smaller_gain_lets_the_outputs_use_the_swing() -> None:
+    """With the balanced s the slew rate keeps the outputs of this board at 16 % of the swing."""
+    found = find_scaling(shipped("tuned-breadboard", "tl084"))
+    assert max(load.share for load in found.loads if load.quantity == "voltage") > 0.45
+    assert not any("it sets U0" in note for note in found.notes)
+    slow = find_scaling(shipped("tuned-breadboard", "ua741"))
+    assert any("it sets U0" in note for note in slow.notes)
+
+
+def test_a_matrix_that_no_resistors_have(tmp_path: Path) -> None:
+    path = write_matrix_scene(tmp_path, [[1.0, 1e-7], [1e-7, 1.0]], [1.0, 0.5])
+    with pytest.raises(InputError, match=r"small entries with design\.prune = 1e-06"):
+        find_scaling(load_scene(path))
+    assert find_scaling(load_scene(path), accepted=ANY_PART).matrix_ohms[1] > 10e6
+    other = load_scene(write_matrix_scene(tmp_path, [[1.0, 1e-3]], [1.0]))
+    assert find_scaling(other).matrix_ohms[1] < 10e6
+
+
+def test_the_command_writes_a_scene_that_passes(tmp_path: Path) -> None:
+    file = tmp_path / "scaled.toml"
+    arguments = ["scale", str(ROOT / "scenes" / "eleven-channel.toml"), "--opamp", "opa189"]
+    found = command(*arguments, "--supply", "±12V", "-o", str(file), "--json")
+    assert found.exit_code == 0, found.stderr
+    document = json.loads(found.stdout)
+    design = tomllib.loads(file.read_text("utf-8"))["design"]
+    assert parse(design["unit_voltage"], "V") == document["unit_voltage"]
+    assert design["supply"] == "12V"
+    assert verify(load_scene(file).with_engine("statespace")).outcome.value == "pass"
+    shown = command(*arguments)
+    assert shown.stdout.splitlines()[-2:] == ["verified by the state-space engine", "PASS"]
+
+
+C, GAIN = "design.capacitance", "design.gain"
+Fails = Callable[[float, float], list[str]]  # of C / 10 pF and gain / 1 Mohm
+
+
+@dataclass
+class MadeUp:
+    """Trials that fail the checks that a function names; `most` trials fit into the time."""
+
+    fails: Fails
+    most: int = 10_000
+    series: str = "exact"
+    count: int = 0
+    tried: list[Mapping[str, Value]] = field(default_factory=list)
+
+    @property
+    def scene(self) -> Scene:
+        design = {"capacitance": 1e-11, "gain": 1e6, "capacitor_series": self.series}
+        return make_scene(design=design)
+
+    def at(self, changes: Mapping[str, Value]) -> Trial:
+        self.count += 1
+        self.tried.append(changes)
+        if self.count > self.most:
+            raise OutOfWorkError
+        farads, ohms = float(changes.get(C, 1e-11)), float(changes.get(GAIN, 1e6))
+        failed = self.fails(farads / 1e-11, ohms / 1e6)
+        return make_trial(changes, left=failed)
+
+
+def trials(fails: Fails, **more: int | str) -> Trials:
+    return cast("Trials", MadeUp(fails, **more))  # type: ignore[arg-type]
+
+
+def search_range(made: Trials, path: str, **options: Any) -> Search | None:
+    """The finished search over one key."""
+    return search_key(made, path, **options)
+
+
+def value_of(found: Search | None, path: str = C) -> float:
+    (trial,) = found.found
+    return float(trial.values[path])
+
+
+def test_the_nearest_value_of_three_digits() -> None:
+    found = search_range(trials(lambda c, _: ["stable"] if c < 3.14159 else []), C)
+    assert value_of(found) == 3.15e-11
+
+
+def test_a_window_between_two_failures_of_different_checks() -> None:
+    """It is 2 % wide; the values of the walk are half a decade apart."""
+
+    def fails(c: float, _: float) -> list[str]:
+        return ["stable"] if c < 5.0 else ["fast"] if c > 5.1 else []
+
+    found = search_range(trials(fails), C)
+    assert 5.0 <= value_of(found) / 1e-11 <= 5.1
+
+
+def test_a_value_between_one_that_rises_too_fast_and_one_that_rises_too_slowly() -> None:
+    """The rise time is 1 us times C / 10 pF, and may lie between 3.3 us and 3.4 us."""
+    found = search_range(cast("Trials", Rising(lambda c, _: _rise_fails(c))), C)
+    assert value_of(found) == 3.3e-11
+    never = Rising(lambda c, _: [*_rise_fails(c), "fast"])
+    assert search_range(cast("Trials", never), C).found == []
+    assert never.count < 100
+
+
+class Rising(MadeUp):
+    """Trials with a rise time of 1 us times C / 10 pF, of which the scene limits both sides."""
+
+    @property
+    def scene(self) -> Scene:
+        limits = {"rise_time": {"min": "3.3us", "max": "3.4us"}}
+        return make_scene(design={"capacitance": 1e-11, "gain": 1e6}, checks=limits)
+
+    def at(self, changes: Mapping[str, Value]) -> Trial:
+        trial = super().at(changes)
+        rise = 1e-6 * float(changes.get(C, 1e-11)) / 1e-11
+        checks = [
+            replace(check, value=rise) if check.name == "rise_time" else check
+            for check in trial.record.checks
+        ]
+        return replace(trial, record=replace(trial.record, checks=tuple(checks)))
+
+
+def _rise_fails(c: float) -> list[str]:
+    return [] if 3.2999 < c < 3.4001 else ["rise_time"]
+
+
+def test_the_walk_from_an_edge_goes_away_from_the_scene() -> None:
+    made = MadeUp(lambda c, _: ["stable"] if c < 4.0 else [])
+    found = search_range(cast("Trials", made), C, edge=4e-11)
+    assert value_of(found) == 4e-11
+    assert made.count < 16
+
+
+def test_work_that_ends_keeps_what_was_found() -> None:
+    found = search_range(trials(lambda c, _: ["fast"] if c < 1.3 else [], most=3), C)
+    assert found.found
+    assert not found.complete
+    assert not search_pair(trials(lambda *_: ["fast"], most=5), (C, GAIN)).complete
+    made = trials(lambda c, _: ["fast"] if c > 0.16 else [])
+    listed = search_list(made, C, [1e-12, 2e-12, 1.5e-12])
+    assert listed.complete
+    assert [trial.values[C] for trial in listed.found] == [1e-12, 1.5e-12]
+
+
+class Sloping(MadeUp):
+    """Trials whose settling time is 1 us times C times gain, and the overshoot 1 over C."""
+
+    @property
+    def limits(self) -> dict[str, float]:
+        return {"settling_time": 1e-6, "overshoot": 0.2}
+
+    def at(self, changes: Mapping[str, Value]) -> Trial:
+        c, s = float(changes[C]) / 1e-11, float(changes[GAIN]) / 1e6
+        values = {"settling_time": 1e-6 * c * s, "overshoot": 1.0 / c}
+        self.fails = lambda *_: [n for n, value in values.items() if value > self.limits[n]]
+        trial = super().at(changes)
+        checks = [
+            replace(check, value=values[check.name], expected=self.limits[check.name])
+            for check in trial.record.checks
+            if check.name in values
+        ]
+        record = replace(trial.record, checks=tuple(checks), stable=True)
+        return replace(trial, record=record)
+
+
+def test_two_keys_where_neither_alone_does() -> None:
+    """C must be 5 times the scene's, and the gain a fifth at most: 0.99 decades away."""
+    (found,) = search_pair(cast("Trials", Sloping(lambda *_: [])), (C, GAIN)).found
+    c, s = float(found.values[C]) / 1e-11, float(found.values[GAIN]) / 1e6
+    assert c >= 5.0
+    assert c * s <= 1.0
+    assert math.hypot(math.log10(c), math.log10(s)) < 1.4

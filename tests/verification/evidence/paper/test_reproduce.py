@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterator
 from dataclasses import replace
 
 import mpmath as mp
@@ -10,14 +12,19 @@ import pytest
 from scipy import signal
 from scipy.linalg import toeplitz
 
+import taction
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.evidence import demonstration
+from taction.verification.evidence.demonstration import Demonstration
 from taction.verification.evidence.paper.boards import stage_rise_time
 from taction.verification.evidence.paper.findings import (
     ClaimOutcome,
     Finding,
     load_claims,
+    paper_scene,
 )
 from taction.verification.evidence.paper.reproduce import CHAPTERS, PaperSection, Reproduction
 from taction.verification.evidence.paper.scaling import condition_number, tikhonov
@@ -27,6 +34,7 @@ from taction.verification.evidence.paper.tactile import (
     by_transform,
     gradient_flow,
 )
+from taction.verification.verdict.checks import Outcome
 from tests.support.paths import SCENES
 
 
@@ -178,3 +186,33 @@ def test_a_stage_that_oscillates_by_itself_has_no_rise_time(circuit):
     slow = with_models(circuit, second_pole=1e3)
     assert np.isnan(stage_rise_time(slow, loaded=True))
     assert 0.0 < stage_rise_time(slow, loaded=False) < 1e-5
+
+
+@pytest.fixture(scope="module")
+def told() -> Iterator[Demonstration]:
+    """The story by the state-space engine; `tests/users` runs it as it is."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            demonstration, "paper_scene", lambda name: paper_scene(name).with_engine("statespace")
+        )
+        yield taction.demo(None)
+
+
+def test_the_boards_behave_as_told(told: Demonstration) -> None:
+    assert told.outcome == "pass"
+    assert [step.verdict.outcome.value for step in told.steps] == ["pass", "fail", "pass"]
+    surprise = dataclasses.replace(told.steps[0], expected=Outcome.FAIL)
+    assert dataclasses.replace(told, steps=(surprise, *told.steps[1:])).outcome == "fail"
+
+
+def test_the_numbers_of_the_story_are_those_of_the_boards(told: Demonstration) -> None:
+    """Frequency: of the rightmost eigenvalue by LAPACK; the others stand in the verdicts."""
+    works, oscillates, settles = (step.text for step in told.steps)
+    eigenvalues = np.linalg.eigvals(LinearBoard(told.steps[1].verdict.circuit).state_space.A)
+    rightmost = eigenvalues[eigenvalues.real.argmax()]
+    assert rightmost.real > 0.0
+    assert f"oscillates at {abs(rightmost.imag) / 2e3 / np.pi:.1f} kHz" in oscillates
+    assert "7 sensors" in works
+    assert all("2.42 ms" in text for text in (works, settles))
+    lam = {round(step.verdict.circuit.value("lambda"), 12) for step in told.steps}
+    assert len(lam) == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
 from dataclasses import replace
@@ -11,6 +12,9 @@ import numpy as np
 import pytest
 from lxml.html import document_fromstring
 
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.charts import Chart, Curve, Limit, Text
 from taction.system.quantities import readable, show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -25,14 +29,16 @@ from taction.verification.report.blocks import (
 )
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.page import page_html
-from taction.verification.report.renderers.terminal import page_text, plain
+from taction.verification.report.renderers.terminal import Terminal, page_text, plain, print_page
 from taction.verification.report.texts import quantity
 from taction.verification.report.views.answer_view import check_bar
 from taction.verification.report.views.board_view import schematic
-from taction.verification.report.views.verdict_view import load_bars, view
+from taction.verification.report.views.verdict_view import load_bars, screen, view
 from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.headroom import Load
+from taction.verification.verdict.verify import Verdict, verify
+from tests.support.paths import SCENES
 from tests.support.report_pages import VERDICTS, page, verdicts
 
 PREFIXES = {"p": 1e-12, "n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
@@ -199,3 +205,70 @@ def test_a_terminal_shows_checks_channels_and_the_outcome(name: str) -> None:
         assert show(each.target, "V") in text
     assert text.splitlines()[-1] == verdict.outcome.value.upper()
     assert len(page_text(view(verdict, verbose=True))) > len(text)
+
+
+COLUMNS = 80
+SHIPPED = {file.stem: file for file in sorted(SCENES.glob("*.toml"))}
+TINY = re.compile(r"± [\d.]+ [zaf](V|s|A)\b")  # uncertainties that are rounding
+
+
+def lines_of(page: Page, width: int = COLUMNS) -> list[str]:
+    """Return the lines of a page on a terminal of so many columns."""
+    console = Terminal(file=io.StringIO())
+    console.width, console.soft_wrap = width, False
+    print_page(page, console)
+    assert isinstance(console.file, io.StringIO)
+    return [line.rstrip() for line in console.file.getvalue().splitlines()]
+
+
+def drawn(scene: Scene) -> Verdict:
+    """Return a verdict that says nothing of built boards."""
+    verdict = verify(scene)
+    vars(verdict)["answer"] = verdict.drawn_answer
+    return verdict
+
+
+def faults(verdict: Verdict) -> list[str]:
+    """Return what a screen has that none may have."""
+    lines = lines_of(screen(verdict))
+    word = verdict.outcome.value.upper()
+    wrong = {
+        "its head": not lines[0].startswith(f"{word}: {verdict.scene.name}"[:COLUMNS]),
+        "its end": lines[-1] != word or "more: -v" not in lines[-2],
+        "too wide": max(map(len, lines)) > COLUMNS,
+    }
+    return [name for name, found in wrong.items() if found] + list(filter(TINY.search, lines))
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_shipped_scene_has_a_screen(name: str) -> None:
+    assert faults(drawn(load_scene(SHIPPED[name]).with_engine("statespace"))) == []
+
+
+def test_the_screen_of_a_pass_names_nearest_limit_distance_answer_and_warnings() -> None:
+    verdict = verify(load_scene(SHIPPED["paper-breadboard"]).with_engine("statespace"))
+    first, *bars = lines_of(screen(verdict))[:6]
+    text = " ".join(lines_of(screen(verdict)))
+    assert first == "PASS: paper-breadboard, 5 checks; nearest to its limit: overshoot (95.8 %)"
+    assert bars[1] == "  settling to ±1 %  #####.......|     2.42 ms, at most 5 ms (48.4 %)"
+    assert "Distance to oscillation: damping ratio 0.0048 at 37.3 kHz" in text
+    assert "within 0.0025 % of the step, 95 % of built boards within 0.91 %" in text
+    assert "is 77 % (of the largest, 955 mV) from the true stress in channel 4" in text
+    assert (
+        "passes as drawn; at most 11 % of built boards pass: the others rest beyond 0.1 %" in text
+    )
+    assert "of the step (resistors 1 %, op-amp gains 50 %; the check counts none of these)" in text
+    assert "more: -v (2 warnings), --report FILE" in text
+
+
+def test_an_unstable_board_has_its_cause_once() -> None:
+    scene = load_scene(SHIPPED["paper-breadboard"]).with_engine("statespace")
+    verdict = verify(with_values(scene, {"design.capacitance": 5e-12}))
+    cause = r"oscillates at 37\.9 kHz, growth rate \+\S+ k/s \(limit: below 0 /s\)"
+    text = " ".join(lines_of(screen(verdict)))
+    assert len(re.findall(cause, text)) == text.count("37.9 kHz") == 1
+    follows = "; from this follow steady state, settling time, rise time, overshoot"
+    assert re.match(f"FAIL: paper-breadboard: {cause}{follows}", text)
+    page = verdict.page()
+    assert page.title == "paper-breadboard"
+    assert re.match(f"{cause}{follows}", page.summary)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import replace
 
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from taction.netlist_gen.board.circuit import Output
 from taction.netlist_gen.board.parts import CurrentSource, OpAmpCell, Resistor
-from taction.netlist_gen.scene.open_tables import OPAMPS
+from taction.netlist_gen.scene.open_tables import AMPLIFIERS, OPAMPS
 from taction.spice_models.opamp import KNEE, OpAmp
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
@@ -22,6 +23,7 @@ from taction.verification.engines.statespace.linearised.equilibrium import (
     solve_loop,
 )
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.verdict.verify import Verdict, verify
 from tests.support.boards import (
     IDEAL,
     bare,
@@ -32,6 +34,7 @@ from tests.support.boards import (
     strain,
     two_pole,
 )
+from tests.support.making import make_scene
 
 
 def test_the_single_mode_divides_by_its_loop_gain() -> None:
@@ -161,3 +164,41 @@ def test_a_short_circuit_takes_the_largest_current() -> None:
     amps = open_loop(opamp, 1.0, 1e-3) / 1e-3
     beyond = math.log(math.expm1((14.0 - 75.0 * amps) / 15.0)) / 100.0
     assert amps == pytest.approx(25e-3 * (1.0 + beyond), rel=1e-5)
+
+
+NONLINEAR = [name for name in AMPLIFIERS if name != "linear"]
+"""g itself where it has no inverse."""
+BOARD = {
+    "capacitance": "100pF",
+    "resistance": "2Mohm",
+    "gain": "1Mohm",
+    "unit_conductance": "1uS",
+    "exponential_slope": "300mV",
+    "unit_voltage": "500mV",
+    "stray_capacitance": "1pF",
+    "opamp": {"base": "ideal", "dc_gain": 1e6, "gbw": "10MHz", "second_pole": "30MHz"},
+}
+
+
+def scene(amplifier: str, bias: bool):
+    force = {"deadzone": 15.0, "rectifier": 15.0, "saturation": 6.0}.get(amplifier, 1.5)
+    problem = {"kind": "tactile", "channels": 3, "span": 1.5, "load": {"force": force}}
+    return make_scene(problem=problem, design=BOARD | {"amplifier": amplifier, "bias": bias})
+
+
+@functools.cache
+def verdict_of(amplifier: str, bias: bool) -> Verdict:
+    return verify(scene(amplifier, bias))
+
+
+@pytest.mark.parametrize("bias", [False, True])
+@pytest.mark.parametrize("amplifier", NONLINEAR)
+def test_ngspice_the_state_space_and_the_reference_agree(ngspice: str, amplifier: str, bias: bool):
+    verdict = verdict_of(amplifier, bias)
+    assert verdict.waveforms.engine.startswith("ngspice")
+    assert {c.name: c.outcome.value for c in verdict.checks} == {
+        "steady_state": "pass",
+        "settling_time": "pass",
+        "stability": "pass",
+        "engines_agree": "pass",
+    }
