@@ -55,17 +55,6 @@ def test_the_exit_status_is_the_worst_and_a_bad_file_stops_no_other(folder: Path
     assert bad["error"]["complaints"][0]["key"] == "problem.kind"
 
 
-def test_several_processes_give_the_same_documents(folder: Path) -> None:
-    words = ("verify", str(folder), "--json", "--margins")
-    one, two = (document(taction(*words, "--jobs", jobs)) for jobs in ("1", "2"))
-    for found in (one, two):
-        for verdict in found["verdicts"]:
-            for key in VARYING:
-                verdict.pop(key, None)
-    assert one == two
-    assert one["verdicts"][1]["stability"]["margins"]["capacitance"]["factor"] > 1
-
-
 def test_junit_has_a_suite_for_each_scene(folder: Path) -> None:
     file = folder.parent / f"{folder.name}.xml"
     result = taction("verify", str(folder), "--junit", str(file), "--jobs", "1")

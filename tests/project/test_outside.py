@@ -131,6 +131,7 @@ def test_verify_shows_it_in_every_medium(outside: Outside, tmp_path: Path) -> No
     assert outside.names[0] in made
 
 
+@pytest.mark.parametrize("outside", ["check and engine"], indirect=True)
 def test_a_sweep_runs_over_it_in_worker_processes(
     outside: Outside, installed: list[Path], tmp_path: Path
 ) -> None:

@@ -151,11 +151,3 @@ def test_packages_of_the_same_names_beside_the_tests_are_left_alone(
     assert run.returncode == 0, run.stdout + run.stderr
     assert "z.scene.toml" in run.stdout
     assert "3 passed" in run.stdout
-
-
-def test_a_sweep_runs_in_two_processes_of_the_installed_package(site: Path, tmp_path: Path) -> None:
-    write_fast(tmp_path / "board.toml")
-    (tmp_path / "script.py").write_text(SWEEP)
-    run = installed(site, tmp_path, "script.py")
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.splitlines() == ["pass " * 3 + "pass", str(site / "taction/__init__.py")]

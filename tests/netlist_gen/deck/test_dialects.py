@@ -128,23 +128,6 @@ def test_gnucap_finds_the_same_waveforms_of_linear_boards(
     assert distance(native(name), gnucap_record(gnucap, foreign)) < 3e-4
 
 
-@pytest.mark.parametrize(
-    ("name", "key"),
-    [
-        ("paper-exponential", r"design.amplifier = 'exponential': .*expected 'linear'"),
-        ("paper-exponential-devices", "design.amplifier = 'exponential'"),
-        ("tangential-exponential", "design.amplifier"),
-        ("sinh", "design.amplifier = 'sinh'"),
-        ("softplus", "design.amplifier = 'softplus'"),
-        ("large-signal", "design.opamp.level = 'large-signal': .*expected 'small-signal'"),
-        ("current-limit", "design.opamp.level"),
-    ],
-)
-def test_spectre_refuses_what_no_free_program_reads(name: str, key: str) -> None:
-    with pytest.raises(ValueError, match=key):
-        decks(name, "spectre")
-
-
 def test_every_part_of_an_ltspice_deck_is_what_spicelib_reads(tmp_path: Path) -> None:
     (deck,) = decks("paper-exponential-devices", "ltspice")
     (tmp_path / "deck.cir").write_text(deck.text)

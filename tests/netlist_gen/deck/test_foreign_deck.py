@@ -213,27 +213,11 @@ def test_what_a_source_does(text: str, before: float, after: float, at: float) -
     assert (found.before, found.after, found.at) == (before, after, at)
 
 
-def test_a_file_that_is_included_again_is_read_once(folder: Path, ngspice: str) -> None:
-    written(folder, ".subckt half a b\nR1 a b 1k\nR2 b 0 1k\n.ends\nR9 out 0 9k\n", "half.lib")
-    written(folder, ".include half.lib\n", "more.lib")
-    cards = ".include half.lib\n.include more.lib\nX1 out x half\n"
-    board = read_board(written(folder, f"t\n{RC}{cards}.end\n"))
-    assert sorted(part.ohms for part in board.circuit.resistors) == [1e3, 1e3, 1e3, 9e3]
-    assert "half.lib: included again, and read once" in board.notes
-
-
 def test_a_capacitor_of_nothing_is_left_out(folder: Path, ngspice: str) -> None:
     board = read_board(written(folder, f"t\n{RC}C2 out 0 0\nC3 in out {{0*1n}}\n.end\n"))
     assert [part.card for part in board.circuit.capacitors] == ["C1"]
     assert "less than 1e-24 F, so left out: C2, C3" in board.notes
     assert [knob.name for knob in board.circuit.knobs] == ["R1", "C1"]
-
-
-@pytest.mark.parametrize("key", ["temp=77", "dtemp=50"])
-def test_a_part_at_another_temperature_is_refused(key: str, folder: Path, ngspice: str) -> None:
-    """Its value there would be another one: 1.5 kohm."""
-    with pytest.raises(InputError, match="R2: the field"):
-        read_board(written(folder, f"t\n{RC}R2 out 0 1k tc1=10m {key}\n.end\n"))
 
 
 @pytest.mark.parametrize(

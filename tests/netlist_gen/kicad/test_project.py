@@ -183,30 +183,3 @@ def test_the_wires_are_those_of_the_circuit(scene: Scene) -> None:
         assert sorted(nets[cell.card]) == sorted((cell.base, cell.collector, cell.emitter))
     for source in circuit.voltages:
         assert sorted(nets[source.card]) == sorted((source.node, "0"))
-
-
-def test_the_pins_of_a_quad_op_amp() -> None:
-    """As the data sheet of the TL074 draws them; what is left is a follower at ground."""
-    circuit = synthesise(quad())
-    rows = rows_of(circuit, quad())
-    pins = {(row["Part"], row["Pin"]): row for row in rows}
-    assert len(pins) == len(rows)
-    outputs, minus, plus = ("1", "7", "8", "14"), ("2", "6", "9", "13"), ("3", "5", "10", "12")
-    for place, cell in enumerate(circuit.opamps):
-        part, unit = f"U{place // 4 + 1}", place % 4
-        found = [pins[part, each[unit]] for each in (minus, plus, outputs)]
-        assert [row["Net"] for row in found] == [cell.inverting, "GND", cell.output]
-        assert [row["Name"] for row in found] == ["-", "+", "out"]
-        assert {row["Unit"] for row in found} == {"ABCD"[unit]}
-    last, left = f"U{-(-len(circuit.opamps) // 4)}", -len(circuit.opamps) % 4
-    assert left  # this board has op-amps without use
-    spare = [row for row in rows if row["Deck"] == "not used"]
-    assert len(spare) == 3 * left
-    for unit in range(4 - left, 4):
-        node = f"unused_{last}_{unit + 1}"
-        assert [pins[last, each[unit]]["Net"] for each in (minus, plus, outputs)] == [
-            *(node, "GND", node)
-        ]
-    assert {pins[last, "4"]["Net"], pins[last, "11"]["Net"]} == {"+15V", "-15V"}
-    assert pins[f"C{last}_1", "1"]["Net"] == "+15V"
-    assert pins[f"C{last}_2", "2"]["Net"] == "-15V"

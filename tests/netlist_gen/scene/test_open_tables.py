@@ -91,26 +91,6 @@ def test_a_scene_with_plugins_can_be_sent_stored_written_and_varied(plugin: Plug
     assert moved.design.ladder.sections == 7  # type: ignore[attr-defined]
 
 
-def test_mistakes_in_keys_of_plugins_have_the_nearest_key(plugin: Plugin) -> None:
-    plugin("acme", GROUPS, SOURCE)
-    assert complaints(checks={"drop": 0.1}).endswith(
-        "checks.drop = 0.1: unknown key; did you mean 'droop'? known here: 'steady_state',"
-        " 'settling_time', 'overshoot', 'undershoot', 'rise_time', 'noise', 'stability',"
-        " 'engines_agree', 'droop'"
-    )
-    assert "checks.droop.max: required; fraction" in complaints(checks={"droop": {}})
-    assert "known here: 'max', 'after'" in complaints(checks={"droop": {"max": 1, "afte": 1}})
-    assert "design.ladder.rungs = 1: unknown key; did you mean 'rung'?" in complaints(
-        design={"topology": "ladder", "ladder": {"rungs": 1}}
-    )
-    assert "design.topology = 'lader': did you mean 'ladder'? one of" in complaints(
-        design={"topology": "lader"}
-    )
-    assert "design.ladder = {'rung': 1}: needs topology = 'ladder'" in complaints(
-        design={"ladder": {"rung": 1}}
-    )
-
-
 def test_keys_that_are_no_model_are_refused(plugin: Plugin) -> None:
     plugin("acme", {"taction.checks": {"droop": "DROOP"}}, "class DROOP:\n    keys = dict\n")
     with pytest.raises(InputError) as refused:

@@ -15,7 +15,6 @@ from taction.netlist_gen.scene.scene import parse_scene
 from taction.system.errors import InputError
 from taction.verification.design.exploration import (
     LAMBDA,
-    VARIANCE,
     Settings,
     Start,
     judge,
@@ -147,17 +146,6 @@ def test_a_file_is_never_replaced(tmp_path: Path, name: str) -> None:
         Settings.of(start, {CAPACITANCE: 2e-11}).save(start, name)
     assert file.read_text("utf-8") == text
     assert list(tmp_path.iterdir()) == [file]
-
-
-def test_sliders_are_logarithmic_and_find_the_scene(start: Start) -> None:
-    for control in start.controls:
-        assert control.chosen(control.place(control.own)) == control.own
-        assert control.value(1.0) == control.high
-        middle = control.value(0.5 + 0.5 * (0.04 if control.has_zero else 0.0))
-        assert middle == pytest.approx(math.sqrt(control.low * control.high))
-        assert control.place(2.0 * control.high) == 1.0
-    assert start.control(CAPACITANCE).chosen(0.0) == pytest.approx(1e-11 / 30.0, rel=1e-3)
-    assert start.control(VARIANCE).chosen(0.0) == 0.0
 
 
 def test_a_verdict_is_that_of_verify(start: Start) -> None:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import pytest
 
@@ -17,16 +15,13 @@ from taction.verification.design import trials
 from taction.verification.design.remedies import (
     Remedies,
     find_remedies,
-    stable_ranges,
 )
 from taction.verification.design.trials import OutOfWorkError, Trials
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.report.views.design_view import distance_text, remedies_text
+from taction.verification.report.views.design_view import remedies_text
 from taction.verification.stability.poles import count_unstable
-from taction.verification.studies.onset.onset import onset
 from taction.verification.verdict.verify import verify
 from tests.support.paths import ROOT
-from tests.support.running import taction as command
 
 LONG = 1e6  # designs
 
@@ -138,38 +133,6 @@ def test_the_work_is_counted_and_kept() -> None:
         trials.spend(1.0, board, ringing=1e6)
     trials.spend(1.0, board)
     assert trials.spent == 1.0 + (board.state_space.n / 70.0) ** 3
-
-
-def scan_stable(scene: Scene, over: str) -> float:
-    """The upper end of the stable range by the scan of `onset`."""
-    found = onset(scene, over=over, transients=False)
-    return found.scan.stable_ranges[0][1]
-
-
-def test_distances_from_stability() -> None:
-    trials = Trials(paper({"design.capacitance": 5e-12}))
-    ranges = {each.path: each for each in stable_ranges(trials)}
-    assert set(ranges) == {
-        "design.capacitance",
-        "design.gain",
-        "design.stray_capacitance",
-        "design.opamp.gbw",
-    }
-    found = scan_stable(paper({"design.capacitance": 5e-12}), "stray_capacitance=2pF:10pF:5")
-    assert ranges["design.stray_capacitance"].edge == pytest.approx(found, rel=2e-5)
-    assert "stable from C = 9.023 pF, 1.805 times" in distance_text(ranges["design.capacitance"])
-
-
-def test_margins_of_an_unstable_board(tmp_path: Path) -> None:
-    text = (ROOT / "scenes" / "tuned-breadboard.toml").read_text("utf-8")
-    file = tmp_path / "ringing.toml"
-    file.write_text(text.replace("10pF", "3pF"), encoding="utf-8")
-    arguments = ["verify", str(file), "--engine", "statespace", "--changes", "0", "--margins"]
-    shown = command(*arguments)
-    assert "margin: C = 3 pF: stable from C = 4.134 pF" in shown.stdout
-    document = json.loads(command(*arguments, "--json").stdout)
-    edge = document["stability"]["margins"]["design.capacitance"]["edge"]
-    assert edge == pytest.approx(4.1337e-12, rel=1e-4)
 
 
 def test_a_board_that_rings_too_long_is_not_simulated_and_its_reason_is_shown(

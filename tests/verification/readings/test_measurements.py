@@ -13,7 +13,6 @@ from taction.verification.readings.readings import Reading, rise_times
 from taction.verification.readings.record import RecordTrace
 from taction.verification.readings.ringing import ChannelRinging, Mode
 from taction.verification.readings.settling import ChannelState, Drift, prove, sustained
-from tests.support.measured import channel, measured
 
 ONE = np.ones(1)
 
@@ -209,26 +208,6 @@ def test_coarse_sampling_is_covered_by_the_uncertainty(zeta, points, seed):
     grain = 2 * fine[1]
     assert abs(channel.settling_time.value - settled) <= channel.settling_time.uncertainty + grain
     assert abs(channel.rise_time.value - rise) <= channel.rise_time.uncertainty + grain
-
-
-@pytest.mark.parametrize(
-    ("change", "word"),
-    [
-        ({"time": np.array([0.0, 1.0, 1.0])}, "increase"),
-        ({"u": np.zeros((3, 2))}, "shape"),
-        ({"target": np.array([np.nan])}, "finite"),
-        ({"band": 0.0}, "band"),
-    ],
-)
-def test_mistakes_of_the_caller_raise(change, word):
-    good = {"time": np.arange(3.0), "u": np.zeros((3, 1)), "target": ONE}
-    with pytest.raises(ValueError, match=word):
-        measure(**(good | change))
-
-
-def test_a_network_whose_record_ends_before_a_rise_has_no_rise_time() -> None:
-    missing = channel(1, rise_time=None, rise_reason="the record ends before 90 %")
-    assert measured(channel(), missing).rise_time is None
 
 
 SUSTAINED = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)

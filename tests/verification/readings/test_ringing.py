@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from taction.verification.readings.readings import Reading, Step, excursions, largest
+from taction.verification.readings.readings import Step, excursions
 from taction.verification.readings.record import RecordTrace
 from taction.verification.readings.ringing import (
     GOOD_FIT,
@@ -164,15 +164,6 @@ def test_a_clipped_wave_counts_with_its_fundamental_and_its_harmonics():
     np.testing.assert_allclose(found.amplitude, fundamental + harmonics, rtol=0.1)
 
 
-@pytest.mark.parametrize("share", [1.4, 1.9])
-def test_channels_that_almost_cancel_a_fundamental_keep_its_period(share):
-    # In the mixture, cos(1) of one and cos(2) of the other, a seventh of the fundamental is left.
-    time = np.linspace(0, 1e-3, 5001)
-    tone = ring(time, 0.0)
-    signals = np.column_stack([np.clip(50 * tone, -1, 1), share * tone])
-    assert find_ringing(time, signals).period == pytest.approx(1 / F0, rel=1e-4)
-
-
 @pytest.mark.parametrize("onset", [0.65, 0.7, 0.75])  # of clipping, in the record
 def test_a_ringing_that_starts_and_clips_on_the_way_keeps_its_period(onset):
     time = np.linspace(0, 40 / F0, 1001)
@@ -246,9 +237,3 @@ def test_every_channel_has_bounds_of_its_own() -> None:
     assert under[2] == pytest.approx(0.01, rel=1e-3)
     exact, _ = bounds(signal, step)
     assert all(0.0 < bound < 1e-4 for bound in exact)
-
-
-def test_the_largest_value_may_be_that_of_an_uncertain_channel() -> None:
-    both = [largest([Reading(0.3, 0.01), Reading(0.2, error)]) for error in (0.15, 0.0)]
-    assert [found.value for found in both] == [0.3, 0.3]
-    assert [found.uncertainty for found in both] == [pytest.approx(0.05), pytest.approx(0.01)]

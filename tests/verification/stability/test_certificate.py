@@ -40,7 +40,10 @@ def swept(name: str, text: str) -> Sweep:
     return sweep_deck(deck, LinearBoard(deck.circuit), SweptValue.of(text, deck), 0.01)
 
 
-@pytest.mark.parametrize(("name", "true"), [("margin-min", 2.0955), ("margin-d117", 5.5638)])
+@pytest.mark.parametrize(
+    ("name", "true"),
+    [pytest.param("margin-min", 2.0955, marks=pytest.mark.nightly), ("margin-d117", 5.5638)],
+)
 def test_poles_far_apart_hide_no_margin(name: str, true: float) -> None:
     """A part of negative value crosses first; true factors by 600 bits, to five digits."""
     found = margin_of(case(name))
@@ -111,6 +114,7 @@ def test_margins_of_parts_over_many_decades(first: int) -> None:
     assert stable
 
 
+@pytest.mark.nightly  # 15 s
 def test_without_counts_in_integers_poles_at_samples_find_what_loci_miss(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

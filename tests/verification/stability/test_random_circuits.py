@@ -156,6 +156,7 @@ def test_noise_of_a_part_at_a_floating_source_counts() -> None:
     assert rms[0] == pytest.approx(math.sqrt(1.380649e-23 * 300.15 / 1e-9), rel=1e-5)
 
 
+@pytest.mark.nightly  # 15 s
 def test_an_edge_beside_a_pole_that_stays_at_zero_is_in_doubt() -> None:
     """The exact count of unstable poles is 3 on both sides of what the loci take for an edge."""
     cards = random_cards(193)

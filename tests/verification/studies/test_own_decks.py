@@ -75,6 +75,7 @@ def test_a_deck_read_back_has_the_poles_and_readings_of_its_board(
                 assert abs(value.value - there.value) <= 1e-7 * abs(value.value) + apart + 1e-9
 
 
+@pytest.mark.nightly  # margins of 150 parts: a minute of processor time
 def test_a_real_pole_that_crosses_beyond_the_margin_is_decided(
     tmp_path: Path, ngspice: str
 ) -> None:

@@ -243,21 +243,6 @@ def test_drawn_devices_have_the_spread_of_their_source() -> None:
     assert np.std(drawn) == pytest.approx(3.8713, rel=4.0 / np.sqrt(2.0 * 4000))
 
 
-def test_devices_leave_their_window_for_no_error() -> None:
-    asked = scene([[1.0]], [0.5], unit_conductance=51e-6, cell="rram-milo")
-    circuit, tolerances = taction.synthesise(asked), Tolerances(**NONE)
-    far = vary(circuit, tolerances, np.array([5.0]))
-    assert float(far.matrices[0].ohms[0, 0]) == pytest.approx(1.0 / 50e-6)
-
-
-def test_a_part_may_still_have_a_tolerance_of_its_own() -> None:
-    circuit = taction.synthesise(scene(ROWS, [1.0] * 3, programming_error="1uS"))
-    found = parameters(circuit, Tolerances(**NONE, parts={"Rf_1_2": 0.03}))
-    kinds = {p.name: (p.kind, p.tolerance) for p in found}
-    assert kinds["Rf_1_2"] == (DEVICE, 0.03) or kinds["Rf_1_2"] == ("resistor", 0.03)
-    assert kinds["Rf_2_2"][1] == pytest.approx(np.expm1(3.0 * 0.05))
-
-
 @pytest.mark.parametrize(
     ("keys", "wrong"),
     [

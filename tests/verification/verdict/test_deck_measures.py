@@ -79,18 +79,6 @@ def test_known_readings_are_measured_in_every_dialect(
     assert 21.97e-6 < found["t_rise_2"] < 22.10e-6
 
 
-def test_an_edited_capacitor_has_the_readings_of_its_override(ngspice: str, tmp_path: Path) -> None:
-    deck = measured("known-readings")
-    text = re.sub(r"(?m)^(Cc_\d .*) 1.5e-11$", r"\1 2.2e-11", deck.text)
-    found = results(replace(deck, text=text), tmp_path)
-    scene = load_scene(SCENES / "known-readings.toml")
-    data = scene.model_dump(by_alias=True, exclude_unset=True)
-    data["design"]["capacitance"] = 22e-12
-    expected = taction.verify(parse_scene(data, scene.file), engine="statespace").measurements
-    assert found["t_settle"] == pytest.approx(value(expected.settling_time), rel=2e-3)
-    assert found["t_rise_2"] == pytest.approx(value(expected.channels[1].rise_time), rel=1e-3)
-
-
 def test_a_record_that_ends_too_early_has_not_settled(ngspice: str, tmp_path: Path) -> None:
     deck = measured("known-readings")
     stop = re.search(r"(?m)^\.tran \S+ (\S+)", deck.text)

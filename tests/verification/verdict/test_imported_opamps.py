@@ -15,7 +15,7 @@ import taction
 from taction.netlist_gen.analysis import OperatingPoint
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
-from taction.netlist_gen.scene.imported_opamps import from_document, to_document
+from taction.netlist_gen.scene.imported_opamps import to_document
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import InputError
@@ -160,27 +160,6 @@ def test_a_board_knows_the_measured_limits_and_errors(write: Callable[..., Scene
     assert 0.0 < model.bias_current < 100e-12
     assert model.offset_voltage == pytest.approx(3.5e-6, rel=0.2)
     assert not model.input_errors  # they are in the netlist
-
-
-@pytest.mark.parametrize(
-    ("changed", "text"),
-    [
-        ({"letter": "X"}, "expected one of R C"),
-        ({"letter": "R", "value": 0.0}, "a value other than 0"),
-        ({"letter": "E", "control": ["a"]}, "expected 2 controls"),
-        ({"letter": "F", "control": ["Vnone"]}, "there is no part 'Vnone'"),
-        ({"value": 1e40}, "expected a number from"),
-        ({"value": "1"}, "expected a finite number"),
-    ],
-)
-def test_a_linear_part_that_cannot_be_is_refused(
-    changed: dict[str, Any], text: str, document: dict[str, Any]
-) -> None:
-    part = {"letter": "R", "name": "own", "a": "out", "b": "0", "value": 1.0, "control": []}
-    linear = document["linear"]
-    parts = [*linear["parts"], part | changed]
-    with pytest.raises(ValueError, match=text):
-        from_document(document | {"linear": linear | {"parts": parts}})
 
 
 def test_a_scene_takes_the_measured_figures_where_it_says_so(write: Callable[..., Scene]) -> None:

@@ -234,24 +234,6 @@ def test_the_verdict_counts_what_the_scene_asks_for() -> None:
 
 
 @pytest.mark.parametrize(
-    "changed",
-    [
-        {"gain": "120kohm"},
-        {"unit_voltage": "4V"},
-        {"opamp": DESIGN["opamp"] | {"common_mode_rejection": 80.0}},
-        {"opamp": DESIGN["opamp"] | {"offset_voltage": "3mV"}},
-    ],
-)
-def test_boards_with_other_rests_or_errors_have_spreads_of_their_own(
-    changed: dict[str, Any],
-) -> None:
-    own, found = (InputSpread.of(LinearBoard(each)) for each in (board(), board(**changed)))
-    assert own is not None
-    assert found is not None
-    assert not np.array_equal(found.mean, own.mean)
-
-
-@pytest.mark.parametrize(
     ("parts", "ends", "expected"),
     [
         (np.ones((1, 1)), None, 1.959963985),

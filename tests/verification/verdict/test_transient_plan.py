@@ -13,7 +13,6 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.verdict.build import build
@@ -81,14 +80,6 @@ def test_a_tighter_error_costs_more_steps_and_an_aim_replaces_it() -> None:
     assert aimed.wanted == 1e-2
 
 
-def test_ringing_that_does_not_show_costs_nothing() -> None:
-    """At 1 nF and 100 kohm the ringing has 3e-4 of the step and dies in 4 us of 20 ms."""
-    plan, scales = planned(breadboard(design__capacitance=1e-9, design__gain=1e5))
-    assert scales.ringing
-    assert plan.transient.stop / scales.ringing[0].period > 4000
-    assert plan.forecast.steps < 500
-
-
 def test_an_unstable_board_gets_the_time_to_show_it_and_no_more() -> None:
     plan, scales = planned(breadboard(design__capacitance=5e-12))
     assert plan.growing
@@ -116,14 +107,6 @@ def test_a_growing_record_of_the_exact_engine_shows_every_period(share: float) -
     assert plan.transient.max_step <= period / 8
     assert plan.transient.stop <= 20_001 * period
     assert bool(plan.notes) == (plan.transient.stop < 0.999 * scales.growth_time)
-
-
-def test_a_board_without_visible_modes_has_no_plan() -> None:
-    still = TimeScales(
-        *(time_scales(paper_board()).poles[:0],) * 2, np.zeros(0), 0.0, (), math.inf, 0.0, 0.0
-    )
-    with pytest.raises(EngineError, match="no stop time can be chosen"):
-        plan_transient(make_scene(), LinearBoard(paper_board()), still)
 
 
 def test_the_coarse_image_of_a_large_board_does_not_decide_whether_the_outputs_grow() -> None:

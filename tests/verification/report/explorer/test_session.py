@@ -17,11 +17,10 @@ import taction
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import InputError
 from taction.verification.design import exploration
-from taction.verification.design.exploration import Settings, Start
+from taction.verification.design.exploration import Start
 from taction.verification.report.explorer import server, session
 from taction.verification.report.explorer.session import ExplorerJob, Session
 from taction.verification.studies.running.pool import WorkerDiedError
-from taction.verification.verdict.checks import Outcome
 from tests.support.paths import SCENES
 
 C = "design.capacitance"
@@ -135,17 +134,6 @@ class Stub:
     def __call__(self, scene: Any) -> tuple[str, str]:
         self.boards += 1
         return ("pass", "") if scene.design.capacitance >= 1e-11 else ("fail", "rise time")
-
-
-def test_strips_have_the_outcome_of_the_command() -> None:
-    start = Start.of(load_scene(SCENES / "paper-breadboard.toml"))
-    settings = next(s for _, cell, s in exploration.spots(start, Settings()) if cell == 3)
-    scene = settings.scene(start)
-    verdict = taction.verify(scene, engine="statespace")
-    failed = [check.name for check in verdict.checks if check.outcome is Outcome.FAIL]
-    assert failed
-    outcome, reason = exploration.outcome_of(scene)
-    assert (outcome, reason) == ("fail", ", ".join(failed).replace("_", " "))
 
 
 @pytest.mark.parametrize(

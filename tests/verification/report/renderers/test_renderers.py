@@ -119,14 +119,6 @@ def test_a_picture_has_no_text_over_another_or_beyond_its_edge() -> None:
     assert not cut_off(figure, texts)
 
 
-@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
-def test_a_picture_always_has_the_same_bytes(ending: str, tmp_path: Path) -> None:
-    files = [tmp_path / f"{name}.{ending}" for name in "ab"]
-    for file in files:
-        picture.draw_blocks("one chart", [CHARTS["results"]], path=file)
-    assert files[0].read_bytes() == files[1].read_bytes()
-
-
 def test_a_picture_has_the_values_of_the_chart() -> None:
     with new_figure(5.0, 4.0) as figure:
         axes = figure.add_subplot()

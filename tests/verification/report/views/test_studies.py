@@ -11,7 +11,7 @@ import pytest
 
 import taction
 from taction.netlist_gen.scene.axes import with_values
-from taction.system.charts import Cells, Chart, Columns, Limit, thinned
+from taction.system.charts import Cells, Chart, thinned
 from taction.verification.report.blocks import PAGE, Bars, Block, Page, Table
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout
 from taction.verification.report.views import tolerance_view as tolerance
@@ -168,17 +168,6 @@ def histogram(spread: QuantitySpread) -> Chart:
 
 def marks(chart: Chart, kind: type) -> list[Any]:
     return [mark for mark in chart.marks if isinstance(mark, kind)]
-
-
-def test_bars_beyond_the_limit_are_failures_and_all_samples_are_shown() -> None:
-    chart = histogram(TIME)
-    (bars,) = marks(chart, Columns)
-    beyond = np.array(bars.looks) == "fail"
-    assert bars.sizes[~beyond].sum() == 31  # up to 1e-5 (1 + 30/40)
-    assert bars.sizes[beyond].sum() == 9
-    assert (bars.places[beyond] > 1.76e-5).all()
-    assert [limit.value for limit in marks(chart, Limit)] == [TIME.at_most]
-    assert chart.title == "Settling time: 9 of 40 samples (22.5 %) beyond 17.6 µs"
 
 
 @pytest.mark.parametrize("limits", [[], [0.31], [2.0], [0.2, 0.7]])

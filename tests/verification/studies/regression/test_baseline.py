@@ -187,15 +187,6 @@ def settling(values: list[float | None]) -> dict[str, Any]:
     return {"settling_time": values[0], "alternatives": others}
 
 
-def test_a_check_that_only_one_of_the_two_ran_is_no_change() -> None:
-    found = against(
-        {"checks": [check("stability", "fail"), check("overshoot", "pass")]},
-        checks=[check("stability", "pass"), check("engines_agree", "pass")],
-    )
-    assert [d.name for d in found if d.group == "checks"] == ["stability"]
-    assert find(found, "stability").off == math.inf
-
-
 def test_of_a_board_that_became_unstable_only_poles_states_and_checks_are_compared() -> None:
     grown = {
         "growth_rate": 1e4,

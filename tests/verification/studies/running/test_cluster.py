@@ -26,7 +26,7 @@ from tests.support.running import taction as command
 from tests.support.studying import scene_file, small_scene
 
 DESIGN = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0, "opamp": NEAR_IDEAL}
-POINTS = 40
+POINTS = 16
 pytest.importorskip("distributed")
 
 

@@ -166,7 +166,9 @@ def exact(space: StateSpace) -> Complexes:
         return np.array([complex(1 - 1 / value) for value in finite])
 
 
-@pytest.mark.parametrize("name", ["inverse", "known-readings"])
+@pytest.mark.parametrize(
+    "name", ["inverse", pytest.param("known-readings", marks=pytest.mark.nightly)]
+)
 def test_poles_are_within_their_bounds(name: str) -> None:
     space = LinearBoard(synthesise(load_scene(SCENES / f"{name}.toml"))).state_space
     lead, true = found(space), exact(space)

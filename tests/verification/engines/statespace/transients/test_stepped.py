@@ -260,15 +260,6 @@ def test_pieces_are_those_of_the_functions() -> None:
     assert high[0].tolist() == [-1.0, np.inf, np.inf, 1.0]
 
 
-def test_channels_that_mirror_each_other_switch_together() -> None:
-    curve = curve_of(LinearBoard(synthesise(load_scene(SCENES / "lasso.toml"))), 1e-3)
-    segments = np.array(segments_of(curve))
-    times = np.array([switch.time for switch in curve.dense.switches])
-    apart = (segments != segments[:, ::-1]).any(axis=1)
-    assert np.diff(np.append(times, 1e-3))[apart].sum() <= 1e-9 * 1e-3
-    assert segments[-1].tolist() == [1, 1, 2, 2, 2, 1, 1]
-
-
 def test_an_input_that_only_touches_a_break_changes_nothing_at_once() -> None:
     """Just below and just above a grazing contact the records are alike, with and without it."""
     stop, low, high = 1e-4, 0.6, 0.99
