@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from taction.system.errors import EngineError, SimulatorNotFound
+from taction.system.errors import EngineError
 from taction.verification.studies.work_precision import study as study_module
 from taction.verification.studies.work_precision.methods import (
     METHODS,
@@ -62,15 +62,6 @@ def test_ngspice_tells_its_steps_and_factorisations(found: WorkPrecisionStudy) -
         assert point.factorisations >= 2 * point.steps  # an iteration and its confirmation
         periods = found.transient.stop / found.period
         assert point.steps >= 0.99 * periods * point.setting
-
-
-def test_no_method_is_its_own_reference(found: WorkPrecisionStudy) -> None:
-    for point in found.points:
-        exact = point.method.name == "state space, exact"
-        names = "state space, exact", "state space, implicit at 1e-12"
-        assert point.reference == names[exact]
-    assert found.references == names
-    assert found.floor < 1e-10
 
 
 def test_errors_fall_along_every_ladder(found: WorkPrecisionStudy) -> None:
@@ -132,29 +123,6 @@ def test_a_time_out_and_a_failure_are_points_with_their_reasons(
     found = accuracy(ringing_scene(), budget=1e-9)
     assert (found.points[0].status, found.outcome) == ("failed", "inconclusive")
     assert found.points[0].note == "EngineError: no answer"
-
-
-def test_without_ngspice_and_without_linearity_it_says_what_it_left_out(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def nowhere() -> None:
-        raise SimulatorNotFound("no executable 'ngspice'")
-
-    monkeypatch.setattr(study_module, "find_simulator", nowhere)
-    monkeypatch.setattr(study_module, "REPEATS", 1)
-    bent = {"amplifier": "exponential", "exponential_slope": 0.1}
-    scene = ringing_scene(bent | {"resistance": 1.9e6, "capacitance": 5e-11}, stop=6e-5)
-    monkeypatch.setattr(study_module, "METHODS", FEW[:4])
-    found = accuracy(scene, budget=BUDGET)
-    assert found.omissions == (
-        "ngspice trapezoidal: not run, no executable 'ngspice'",
-        "ngspice Gear: not run, no executable 'ngspice'",
-        "state space, exact: not run, the board is not linear",
-    )
-    assert {point.reference for point in found.points} == {"state space, implicit at 1e-12"}
-    errors = [point.error for point in found.points]
-    assert errors == sorted(errors, key=lambda e: e or 0.0, reverse=True)
-    assert errors[-1] < 1e-8
 
 
 STEPS = [2.0**-k for k in range(8)]
