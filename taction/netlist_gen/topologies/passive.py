@@ -10,6 +10,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Role
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.frame.entries import matrix_resistors
 from taction.netlist_gen.topologies.frame.planes import Planes, PlanesBoard
 from taction.system.errors import Complaint, InputError
 
@@ -29,7 +30,8 @@ class Passive(Planes):
     def signal_node(self, board: PlanesBoard, n: int) -> str:
         """Place R and C of channel `n`; return the signal node itself."""
         parts, v, scene, resistance = board.parts, f"v_{n}", board.scene, board.facts["R"].value
-        load = float(np.sum(1.0 / board.ohms[:, n - 1])) + 1.0 / board.ridge_ohms
+        ohms, _ = matrix_resistors(board.T[:, n - 1], scene)
+        load = float(np.sum(1.0 / ohms)) + 1.0 / board.ridge_ohms
         left = 1.0 / resistance - load
         if left <= 0:
             text = (

@@ -34,11 +34,6 @@ class PlanesBoard(GrowingBoard):
     plus_u: dict[int, str] = field(default_factory=dict)  # nodes of +u, where there is one
 
     @property
-    def ohms(self) -> Floats:
-        """The resistors of both matrices, (M, N), infinite where T is zero."""
-        return matrix_resistors(self.T, self.scene)[0]
-
-    @property
     def ridge_ohms(self) -> float:
         """The resistor that removes a share of the ridge term, ohm; infinite where all stays."""
         design, share = self.scene.design, 1.0 - self.scene.design.ridge_share
