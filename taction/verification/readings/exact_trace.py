@@ -15,7 +15,7 @@ import numpy as np
 
 from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
 from taction.verification.engines.statespace.transients.exact import Exact
-from taction.verification.readings.trace import BLOCKS, CELLS, PARTS, CubicCells, Trace
+from taction.verification.readings.trace import BLOCKS, CELLS, PARTS, Asked, CubicCells, Trace
 
 FINENESS = 0.5  # width times |p| of the fastest mode of a segment: 13 points a period
 NOISE = 0.1  # of the error bound: a rise by less does not matter to a maximum
@@ -119,7 +119,7 @@ class ExactTrace(Trace):
         return CubicCells(times[:-1, None], np.full((count, 1), width), *sides, room, doubt)
 
     def _basis(self, times: Floats, live: Bools | slice) -> Complexes:
-        """Return the terms with shares of 1 at `times` (P,), (P, m)."""
+        """Return the terms with shares of 1 at `times`, whose shape comes first."""
         flow = self.flow
         poles, powers, scales = flow.poles[live], flow.powers[live], flow.scales[live]
         basis: Complexes = np.exp(np.multiply.outer(times, poles))
@@ -146,21 +146,24 @@ class ExactTrace(Trace):
             self._caps[number] = caps, doubt + omitted + self.end_bounds
         return self._caps[number]
 
-    def last_block(self, side: int, channel: int, shift: float, level: float) -> int:
-        """See `Trace`: the caps fall."""
-        low, high = 0, self.blocks
-        while low < high:
+    def last_blocks(self, asked: Asked) -> Ints:
+        """See `Trace`; by bisection, because the caps fall."""
+        low, high = np.zeros(len(asked.side), np.int64), np.full(len(asked.side), self.blocks)
+        while (left := np.flatnonzero(low < high)).size:
             middle = (low + high) // 2
-            later = self.reached(middle, side, channel, shift) > level
-            low, high = (middle + 1, high) if later else (low, middle)
+            some = left[middle[left] == middle[left[0]]]
+            later = self.reached(int(middle[left[0]]), asked.chosen(some))
+            low[some], high[some] = np.where(
+                later, (middle[some] + 1, high[some]), (low[some], middle[some])
+            )
         return low - 1
 
     def divide(self, begin: Floats, width: Floats, channel: Ints) -> CubicCells:
         """See `Trace`."""
         flow, part = self.flow, width / PARTS
         times = begin + np.multiply.outer(np.arange(PARTS + 1), part)
-        basis = self._basis(times, slice(None))
-        values, slopes = (np.einsum("pqm,mq->pq", basis, x[:, channel]).real for x in self.both)
+        basis = self._basis(times.T, slice(None))
+        values, slopes = (basis @ self.both[:, :, channel].T).real.T
         values, slopes = values + self.ends[channel], slopes * part
         size = np.exp(np.outer(begin, flow.rates)) * self.size[:, channel].T
         missed = _missed(np.outer(part, flow.speeds))

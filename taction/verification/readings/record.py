@@ -170,7 +170,7 @@ class RecordTrace(Trace):
         room, sides = np.zeros_like(slope[:-1]), (here[:-2:2], here[2::2], slope[:-1], slope[1:])
         doubt = np.full_like(room, self.bound)
         cells = CubicCells(times[:-2:2], np.diff(times[::2], axis=0), *sides, room, doubt)
-        middle = cells.at(np.full_like(room, 0.5))
+        middle = 0.5 * (cells.left + cells.right) + 0.125 * (cells.rise - cells.fall)
         return cells._replace(room=2.0 * np.abs(middle - here[1::2]))
 
     def highest(self, sign: float) -> tuple[Floats, Floats]:

@@ -12,22 +12,20 @@ from __future__ import annotations
 import functools
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from taction.system.array_types import Floats, Ints
+from taction.system.array_types import Bools, Floats, Ints
 
 CELLS = 1 << 15  # cells times channels of a block
 PARTS = 8  # of a cell that is divided
 BLOCKS = 12  # so many blocks of an exact solution are looked at in one search
-ROUNDS = 200  # largest number of cells that a search divides
+ROUNDS = 200  # so often a search goes on in the next cells of a block
 FINE = 1e-7  # of a level: with less room a cell is not divided
 DEEPEST = 8  # so often a cell is divided
-SMALLEST = 1e-9  # of a cell: what is left of it counts as nothing
-NARROWED = 17  # so often the place of a crossing in its cell is narrowed to a `PARTS`-th
-FEW, TOGETHER = 4, 512  # first candidates of a search, and those that are divided at once
+NARROW, STEPS = 1e-13, 40  # of a cell: how well a crossing is placed in it, and most steps to it
+FEW, TOGETHER = 3, 512  # first cells of a search, one at a time, and those that follow, at once
 
 
 class Crossings(NamedTuple):
@@ -49,10 +47,16 @@ class CubicCells(NamedTuple):
     room: Floats  # bounds on what the cubic misses, V
     doubt: Floats  # bounds on the errors of the values, V
 
+    def powers(self, sign: Floats | float = 1.0) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return the coefficients of ``sign * cubic`` over the place in the cells, 0 to 1, V."""
+        left, right, rise, fall = (sign * part for part in self[2:6])
+        bent = right - left - rise
+        return left, rise, 3.0 * bent + rise - fall, fall - rise - 2.0 * bent
+
     def tops(self, sign: Floats | float) -> tuple[Floats, Floats]:
         """Return where in the cells ``sign * cubic`` is largest, 0 to 1, and how large, V."""
-        left, right, rise, fall = (sign * part for part in self[2:6])
-        square, cube = 3.0 * (right - left) - 2.0 * rise - fall, rise + fall - 2.0 * (right - left)
+        left, rise, square, cube = self.powers(sign)
+        right = sign * self.right
         root = np.sqrt(np.maximum(square**2 - 3.0 * cube * rise, 0.0))
         with np.errstate(divide="ignore", invalid="ignore"):
             at = np.fmin(np.fmax(rise / (root - square), 0.0), 1.0)
@@ -60,15 +64,44 @@ class CubicCells(NamedTuple):
         ends = np.maximum(left, right)
         return np.where(height > ends, at, right >= left), np.maximum(height, ends)
 
-    def at(self, x: Floats) -> Floats:
-        """Return the cubics at places of the cells, 0 to 1."""
-        rise, fall, delta = self.rise, self.fall, self.right - self.left
-        square, cube = 3.0 * delta - 2.0 * rise - fall, rise + fall - 2.0 * delta
-        return np.asarray(self.left + x * (rise + x * (square + x * cube)))
+    def chosen(self, some: Ints) -> CubicCells:
+        """Return some of the cells of one dimension."""
+        return CubicCells(*(each[some] for each in self))
 
-    def chosen(self, part: Ints) -> CubicCells:
-        """Return one part of each of the divided cells, (Q,)."""
-        return CubicCells(*(each[part, np.arange(len(part))] for each in self))
+
+class Asked(NamedTuple):
+    """Levels, V, that ``e`` (side 0) or ``-e`` (1) of channels may exceed, (Q,).
+
+    To each belongs by how much of its bound, -1 to 1, the trace is shifted towards the level.
+    """
+
+    side: Ints
+    channel: Ints
+    level: Floats
+    shift: Floats
+
+    def chosen(self, some: Ints) -> Asked:
+        """Return some of these."""
+        side, channel, level, shift = self
+        return Asked(side[some], channel[some], level[some], shift[some])
+
+    @property
+    def sign(self) -> Floats:
+        """1 for ``e``, -1 for ``-e``."""
+        return np.where(self.side, -1.0, 1.0)
+
+
+class _Found(NamedTuple):
+    """The parts of cells in which a search found its instants, (fields of cells, Q)."""
+
+    cells: Floats
+    is_cell: Bools  # whether there is one
+    is_open: Bools  # whether the search ended before all cells were looked at
+
+    @classmethod
+    def none(cls, count: int) -> _Found:
+        """Return the beginning of a search."""
+        return cls(np.empty((len(CubicCells._fields), count)), *np.zeros((2, count), np.bool_))
 
 
 class Trace(ABC):
@@ -94,18 +127,19 @@ class Trace(ABC):
         The last number stands for what follows.
         """
 
-    def reached(self, number: int, side: int, channel: int, shift: float) -> float:
-        """Return the bound of a channel in a block, shifted by its error, V."""
+    def reached(self, number: int, asked: Asked) -> Bools:
+        """Tell which levels the bounds of a block exceed, (Q,)."""
         cap, doubt = self.cap(number)
-        return float(cap[side, channel] + shift * doubt[channel])
+        channel = asked.channel
+        return np.asarray(cap[asked.side, channel] + asked.shift * doubt[channel] > asked.level)
 
     @abstractmethod
     def divide(self, begin: Floats, width: Floats, channel: Ints) -> CubicCells:
         """Return the equal parts of pieces of cells (Q,), which belong to channels, (PARTS, Q)."""
 
-    def last_block(self, side: int, channel: int, shift: float, level: float) -> int:
-        """Return a block behind which a channel stays below a level."""
-        return self.blocks - 1
+    def last_blocks(self, asked: Asked) -> Ints:
+        """Return blocks (Q,) behind which the channels stay below the levels."""
+        return np.full(len(asked.side), self.blocks - 1)
 
     def last_outside(self, levels: Floats, shifts: Floats) -> Crossings:
         """Find the last instants (J, K) with ``|error|`` above `levels` (J,).
@@ -115,7 +149,7 @@ class Trace(ABC):
         """
         shape = (2, len(levels), self.channels)
         side, j, channel = (part.ravel() for part in np.indices(shape))
-        found = self._search(side, channel, levels[j], shifts[j], last=True)
+        found = self._search(Asked(side, channel, levels[j], shifts[j]), last=True)
         (up, down), doubts = (part.reshape(shape) for part in found)
         later = np.fmax(up, down)
         return Crossings(later, np.where(later == down, doubts[1], doubts[0]))
@@ -129,71 +163,110 @@ class Trace(ABC):
         shape = (len(levels), len(rows))
         j, r = (part.ravel() for part in np.indices(shape))
         level, side = (levels[j] - 1.0) * np.abs(steps[r]), (steps[r] < 0.0).astype(np.int64)
-        found = self._search(side, rows[r], level, shifts[j], last=False)
+        found = self._search(Asked(side, rows[r], level, shifts[j]), last=False)
         return Crossings(*(part.reshape(shape) for part in found))
 
-    def _search(
-        self, side: Ints, channel: Ints, level: Floats, shift: Floats, *, last: bool
-    ) -> Crossings:
-        """Find the last, or first, instants at which ``e`` (side 0) or ``-e`` (1) is above levels.
+    def _search(self, asked: Asked, *, last: bool) -> Crossings:
+        """Find the last, or first, instants at which the trace is above levels, (Q,).
 
-        All are (Q,). Infinite uncertainty for an instant that the number of blocks, or of
-        divisions, leaves open.
+        Infinite uncertainty for an instant that the number of blocks, or of divisions, leaves open.
         """
-        asked = zip(side.tolist(), channel.tolist(), level.tolist(), shift.tolist(), strict=True)
-        queues = [self._candidates(*each, last=last) for each in asked]
-        time, doubt, begin, width = np.full((4, len(side)), np.nan)
-        left = np.arange(len(side))
-        for turn in range(ROUNDS + 1):
-            for q in left[np.isnan(begin[left])].tolist():
-                begin[q], width[q] = next(queues[q], (math.nan, 0.0))
-            open_, ends = np.isinf(width[left]) | (turn == ROUNDS), width[left] == 0.0
-            doubt[left[open_]], done = math.inf, open_ | ends
-            time[left[done]] = begin[left[done]]
-            left = left[~done & ~np.isnan(begin[left])]
-            if not left.size:
-                break
-            piece, sign = (begin[left], width[left], channel[left]), 1.0 - 2.0 * side[left]
-            doubt[left] = width[left] * float(PARTS) ** -NARROWED
-            found = self._within(*piece, sign, level[left], shift[left], last=last)
-            time[left], begin[left], width[left] = found
-            left = left[np.isnan(time[left])]
+        time, doubt = np.full((2, len(asked.side)), np.nan)
+        ends, bounds = self.ends[asked.channel], self.end_bounds[asked.channel]
+        above = asked.sign * ends + asked.shift * bounds > asked.level
+        start = np.zeros(len(time), np.int64)
+        if last:
+            open_ = (asked.shift > 0.0) & self.reached(self.blocks, asked)
+            time[above | open_], doubt[above | open_] = self.stop, 0.0
+            doubt[open_ & ~above], start = math.inf, self.last_blocks(asked)
+        number, step, found = start.copy(), (-1 if last else 1), _Found.none(len(time))
+        left = np.flatnonzero(np.isnan(time))
+        while (left := left[(number[left] >= 0) & (number[left] < self.blocks)]).size:
+            now = step * int((step * number[left]).min())
+            here = left[number[left] == now]
+            reached, many = (
+                self.reached(now, asked.chosen(here)),
+                abs(now - start[here]) == self.most,
+            )
+            lost, some = here[reached & many], here[reached & ~many]
+            time[lost], doubt[lost] = 0.0 if last else self.stop, math.inf
+            self._in_block(now, asked, some, found, last=last)
+            number[here] = np.where(many, -1, number[here] + step)
+            left = left[np.isnan(time[left]) & ~found.is_cell[left]]
+        if not last:
+            at_end = np.isnan(time) & above & ~found.is_cell
+            time[at_end], doubt[at_end] = self.stop, 0.0
+        some = np.flatnonzero(found.is_cell)
+        cells, ask = CubicCells(*found.cells[:, some]), asked.chosen(some)
+        level = ask.level - ask.shift * (cells.room + cells.doubt)
+        time[some], doubt[some] = _edges(cells, ask.sign, level, last=last)
+        doubt[found.is_open] = math.inf
         return Crossings(time, np.fmax(doubt, np.spacing(np.nan_to_num(time))))
 
-    def _candidates(
-        self, side: int, channel: int, level: float, shift: float, *, last: bool
-    ) -> Iterator[tuple[float, float]]:
-        """Yield begin and width of the cells that may be above a level, s, the outermost first.
-
-        A width of 0 is an end of the trace that is above, an infinite one says that others may be.
-        """
-        numbers = range(self.blocks)
-        end = (1.0 - 2.0 * side) * self.ends[channel] + shift * self.end_bounds[channel]
-        if last:
-            left = self.reached(self.blocks, side, channel, shift) > level
-            if end > level or (shift > 0.0 and left):
-                yield self.stop, (0.0 if end > level else math.inf)
-            numbers = range(self.last_block(side, channel, shift, level), -1, -1)
-        for tried, number in enumerate(numbers):
-            reached = self.reached(number, side, channel, shift) > level
-            if tried == self.most:
-                if reached:
-                    yield (0.0 if last else self.stop), math.inf
+    def _in_block(
+        self, number: int, asked: Asked, left: Ints, found: _Found, *, last: bool
+    ) -> None:
+        """Find the outermost cells in a block in which the trace is above some of the levels."""
+        cells, tops, doubts = self._topped(number)
+        ask = asked.chosen(left)
+        reach = tops[ask.side, ask.channel]
+        if np.any(ask.shift):
+            reach += ask.shift[:, None] * doubts[ask.channel]
+        order = slice(None, None, -1 if last else 1)
+        maybe = (reach > ask.level[:, None])[:, order]  # the outermost first
+        begin, width = cells.begin[order, 0], cells.width[order, 0]
+        row = np.arange(len(left))
+        for turn in range(ROUNDS + 1):
+            place = maybe[row].argmax(axis=1)
+            some = maybe[row, place]
+            row, place = row[some], place[some]
+            if not row.size:
                 return
-            if reached:
-                cells, tops, doubts = self._topped(number)
-                places = np.flatnonzero(tops[side, channel] + shift * doubts[channel] > level)
-                places = places[::-1] if last else places
-                starts = [0, *range(FEW, len(places), TOGETHER)]
-                for first, end_ in zip(starts, [*starts[1:], len(places)], strict=True):
-                    begin, width = (x[places[first:end_], 0] for x in (cells.begin, cells.width))
-                    if first:  # most of so many are not above in truth
-                        parts = self.divide(begin, width, np.full(len(begin), channel))
-                        top = parts.tops(1.0 - 2.0 * side)[1] + parts.room + shift * parts.doubt
-                        begin, width = (x[(top > level).any(axis=0)] for x in (begin, width))
-                    yield from zip(begin.tolist(), width.tolist(), strict=True)
-        if not last and end > level:
-            yield self.stop, 0.0
+            many = row
+            if turn == ROUNDS:
+                found.is_open[left[row]] = True
+            elif turn >= FEW:
+                which, place = np.nonzero(maybe[row])
+                few = np.arange(len(which)) - np.searchsorted(which, which) < TOGETHER
+                many, place = row[which[few]], place[few]
+            maybe[many, place] = False
+            self._in_pieces(asked, left[many], begin[place], width[place], found, last=last)
+            row = row[~found.is_cell[left[row]]]
+
+    def _in_pieces(
+        self, asked: Asked, row: Ints, begin: Floats, width: Floats, found: _Found, *, last: bool
+    ) -> None:
+        """Find the outermost parts of pieces of cells in which the trace is above levels.
+
+        `row` (pieces,), which grows, has the place in `asked` of each; those of one place begin
+        with the outermost. Each turn divides the pieces in which a level may be exceeded, but none
+        behind a point that is above it.
+        """
+        order, count = slice(None, None, -1 if last else 1), len(asked.side)
+        for turn in range(DEEPEST):
+            pieces = np.stack([begin, width, asked.channel[row]], axis=1).view("V24").ravel()
+            _, one, which = np.unique(pieces, return_index=True, return_inverse=True)
+            divided = self.divide(begin[one], width[one], asked.channel[row[one]])
+            parts = CubicCells(*(each[order, which].T.ravel() for each in divided))
+            row = np.repeat(row, len(divided.begin))
+            ask = asked.chosen(row)
+            sign, shifted = ask.sign, ask.level - ask.shift * parts.doubt
+            fine = (parts.room <= FINE * np.abs(ask.level)) | (turn == DEEPEST - 1)
+            room = np.where(fine, ask.shift * parts.room, parts.room)
+            above = parts.tops(sign)[1] + room > shifted
+            sure = np.maximum(sign * parts.left, sign * parts.right) - parts.room > shifted
+            place, first = np.arange(len(row)), np.full(count, len(row))
+            np.minimum.at(first, row[sure], place[sure])
+            above &= place <= first[row]
+            coarse = np.zeros(count, np.bool_)
+            coarse[row[above & ~fine]] = True
+            known = np.flatnonzero(above & ~coarse[row])[::-1]  # the last one written counts
+            found.cells[:, row[known]] = np.stack(parts)[:, known]
+            found.is_cell[row[known]] = True
+            again = above & coarse[row]
+            row, begin, width = row[again], parts.begin[again], parts.width[again]
+            if not row.size:
+                return
 
     def _topped(self, number: int) -> tuple[CubicCells, Floats, Floats]:
         """Return the cells of a block, bounds on ``e`` and ``-e`` but for the doubt, and the doubt.
@@ -213,49 +286,6 @@ class Trace(ABC):
     @functools.cached_property
     def _made(self) -> dict[int, tuple[CubicCells, Floats, Floats]]:
         return {}
-
-    def _within(
-        self,
-        begin: Floats,
-        width: Floats,
-        channel: Ints,
-        sign: Floats,
-        level: Floats,
-        shift: Floats,
-        *,
-        last: bool,
-    ) -> tuple[Floats, Floats, Floats]:
-        """Find the outermost instants at which pieces of cells (Q,) are above levels.
-
-        Returns the instants, NaN without one, and begin and width of what is left to be looked at;
-        a begin of NaN says that nothing is.
-        """
-        found, rest = np.empty((len(CubicCells._fields), len(begin))), np.arange(len(begin))
-        found[:2], barrier = (begin, width), np.full(len(begin), np.nan)
-        for turn in range(DEEPEST):
-            pieces = np.stack([*found[:2, rest], channel[rest]])  # several levels may ask for one
-            asked, which = np.unique(pieces, axis=1, return_inverse=True)
-            parts = self.divide(asked[0], asked[1], asked[2].astype(np.int64))
-            parts = CubicCells(*(each[:, which] for each in parts))
-            fine = (parts.room <= FINE * np.abs(level[rest])) | (turn == DEEPEST - 1)
-            room = np.where(fine, shift[rest] * parts.room, parts.room)
-            above = parts.tops(sign[rest])[1] + room + shift[rest] * parts.doubt > level[rest]
-            pick = above.argmax(axis=0)
-            if last:
-                pick = len(above) - 1 - above[::-1].argmax(axis=0)
-            nothing = ~above.any(axis=0)
-            barrier[rest[nothing]] = (found[0] if last else found[0] + found[1])[rest[nothing]]
-            found[:, rest] = parts.chosen(pick)
-            rest = rest[~nothing & ~fine[pick, np.arange(len(pick))]]
-            if not rest.size:
-                break
-        cells = CubicCells(*found)
-        edges = _edges(cells, sign, level - shift * (cells.room + cells.doubt), last)
-        time = cells.begin + cells.width * edges
-        time[~np.isnan(barrier)] = np.nan
-        left = barrier - begin if last else begin + width - barrier
-        begin = np.where(left > SMALLEST * width, begin if last else barrier, np.nan)
-        return time, begin, left
 
     def highest(self, sign: float) -> tuple[Floats, Floats]:
         """Return the maximum of ``sign * error`` of every channel and its uncertainty, (K,)."""
@@ -296,20 +326,20 @@ class Trace(ABC):
         np.maximum(reach, others.max(axis=2), out=reach)
         begin, width = cells.begin[place, 0], cells.width[place, 0]
         for turn in range(DEEPEST):
-            parts, sign = self.divide(begin, width, channel), np.where(side, -1.0, 1.0)
+            divided = self.divide(begin, width, channel)
+            side, channel = (np.tile(each, len(divided.begin)) for each in (side, channel))
+            parts, sign = CubicCells(*map(np.ravel, divided)), np.where(side, -1.0, 1.0)
             x, height = parts.tops(sign)
             fine = (parts.room <= self.level) | (turn == DEEPEST - 1)
             values = np.where(fine, height, sign * parts.left)
-            for each in zip(values, parts.doubt, parts.begin + x * parts.width, strict=True):
-                _raise(found, side, channel, *each)
+            _raise(found, side, channel, values, parts.doubt, parts.begin + x * parts.width)
             more = ~fine & (height + parts.room > found[0][side, channel] + self.level)
             bound = np.where(more, -math.inf, height + parts.room + parts.doubt)
-            np.maximum.at(reach, (side, channel), bound.max(axis=0, initial=-math.inf))
-            part, q = np.nonzero(more)
-            if not part.size:
+            np.maximum.at(reach, (side, channel), bound)
+            if not more.any():
                 break
-            begin, width = parts.begin[part, q], parts.width[part, q]
-            side, channel = side[q], channel[q]
+            begin, width = parts.begin[more], parts.width[more]
+            side, channel = side[more], channel[more]
 
 
 def _raise(
@@ -321,15 +351,28 @@ def _raise(
     found[:, side[order], channel[order]] = np.stack([height, doubt, time])[:, order]
 
 
-def _edges(cells: CubicCells, sign: Floats, level: Floats, last: bool) -> Floats:
-    """Return where ``sign * cubic`` of cells (Q,) is last, or first, above levels, 0 to 1."""
-    top, places = cells.tops(sign)[0], np.arange(PARTS + 1)[:, None] / PARTS
-    low, high = (top + 0.0, np.ones(len(top))) if last else (np.zeros(len(top)), top + 0.0)
-    every = np.arange(len(top))
-    for _ in range(NARROWED):
-        x = low + (high - low) * places
-        up = sign * cells.at(x) > level
-        # The last place that is above and the next one, or the first one and that before.
-        k = PARTS - up[::-1].argmax(axis=0) if last else up.argmax(axis=0) - 1
-        low, high = x[np.maximum(k, 0), every], x[np.minimum(k + 1, PARTS), every]
-    return low if last else high
+def _edges(cells: CubicCells, sign: Floats, level: Floats, *, last: bool) -> tuple[Floats, Floats]:
+    """Return when ``sign * cubic`` of cells (Q,) is last, or first, above levels, and bounds, s.
+
+    Places count from the outer end of a cell to the maximum of the cubic, 0 to 1. The first step
+    compares equal places; the others such beside the zero of the chord, and the middle.
+    """
+    outer, every = 1.0 if last else 0.0, np.arange(len(sign))
+    inward, (a, b, c, d) = cells.tops(sign)[0] - outer, cells.powers(sign)
+    places = np.linspace(0.0, 1.0, PARTS + 1)[:, None] * np.ones(len(sign))
+    for _ in range(STEPS):
+        x = outer + inward * places
+        over = a - level + x * (b + x * (c + x * d))
+        k = (over[:-1] > 0.0).argmax(axis=0)
+        k[over[k, every] <= 0.0] = len(over) - 1  # the maximum, but for rounding
+        before = np.maximum(k - 1, 0)
+        low, high = places[before, every], places[k, every]
+        below, above = over[before, every], np.maximum(over[k, every], 0.0)
+        wide = high - low
+        if not np.any(wide > NARROW):
+            break
+        zero = low + wide * below / np.where(wide > 0.0, below - above, 1.0)
+        by = np.maximum(wide * np.minimum(wide, 0.25), 0.3 * NARROW)
+        inner = np.sort([zero - by, zero + by, 0.5 * (low + high)], axis=0)
+        places = np.stack([low, *np.clip(inner, low, high), high])
+    return cells.begin + cells.width * (outer + inward * high), cells.width * np.abs(inward) * wide
