@@ -209,14 +209,12 @@ class _Cubic:
         return cls(t, y1, d12, d012, (d123 - d012) / (t3 - t0))
 
     def derivative(self, at: Floats, order: int) -> Floats:
-        """Return values at instants, s, or the first or the second time derivative."""
+        """Return values at instants, s, or the time derivative."""
         a, b, c = (at - t for t in self.t[:3])
         if order == 0:
             return self.value + b * (self.first + c * (self.second + a * self.third))
-        if order == 1:
-            found = (b + c) * self.second + (b * c + a * c + a * b) * self.third
-            return np.asarray(self.first + found)
-        return 2.0 * (self.second + (a + b + c) * self.third)
+        found = (b + c) * self.second + (b * c + a * c + a * b) * self.third
+        return np.asarray(self.first + found)
 
     def doubt(self, begin: Floats, end: Floats, left: Floats, right: Floats) -> Floats:
         """Bound the error in intervals with these ends and samples.

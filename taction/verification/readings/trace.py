@@ -10,6 +10,7 @@ The cells come in blocks, which are made when a search reaches them.
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from abc import ABC, abstractmethod
 from typing import NamedTuple
@@ -21,7 +22,6 @@ from taction.system.array_types import Bools, Floats, Ints
 CELLS = 1 << 15  # cells times channels of a block
 PARTS = 8  # of a cell that is divided
 BLOCKS = 12  # so many blocks of an exact solution are looked at in one search
-ROUNDS = 200  # so often a search goes on in the next cells of a block
 FINE = 1e-7  # of a level: with less room a cell is not divided
 DEEPEST = 8  # so often a cell is divided
 NARROW, STEPS = 1e-13, 40  # of a cell: how well a crossing is placed in it, and most steps to it
@@ -91,19 +91,6 @@ class Asked(NamedTuple):
         return np.where(self.side, -1.0, 1.0)
 
 
-class _Found(NamedTuple):
-    """The parts of cells in which a search found its instants, (fields of cells, Q)."""
-
-    cells: Floats
-    is_cell: Bools  # whether there is one
-    is_open: Bools  # whether the search ended before all cells were looked at
-
-    @classmethod
-    def none(cls, count: int) -> _Found:
-        """Return the beginning of a search."""
-        return cls(np.empty((len(CubicCells._fields), count)), *np.zeros((2, count), np.bool_))
-
-
 class Trace(ABC):
     """Errors of the channels of a board over time, which counts from 0."""
 
@@ -169,7 +156,7 @@ class Trace(ABC):
     def _search(self, asked: Asked, *, last: bool) -> Crossings:
         """Find the last, or first, instants at which the trace is above levels, (Q,).
 
-        Infinite uncertainty for an instant that the number of blocks, or of divisions, leaves open.
+        Infinite uncertainty for an instant that the number of blocks leaves open.
         """
         time, doubt = np.full((2, len(asked.side)), np.nan)
         ends, bounds = self.ends[asked.channel], self.end_bounds[asked.channel]
@@ -179,32 +166,30 @@ class Trace(ABC):
             open_ = (asked.shift > 0.0) & self.reached(self.blocks, asked)
             time[above | open_], doubt[above | open_] = self.stop, 0.0
             doubt[open_ & ~above], start = math.inf, self.last_blocks(asked)
-        number, step, found = start.copy(), (-1 if last else 1), _Found.none(len(time))
+        number, step = start.copy(), -1 if last else 1
+        found = np.full((len(CubicCells._fields), len(time)), np.nan)  # cells
         left = np.flatnonzero(np.isnan(time))
         while (left := left[(number[left] >= 0) & (number[left] < self.blocks)]).size:
             now = step * int((step * number[left]).min())
             here = left[number[left] == now]
-            reached, many = (
-                self.reached(now, asked.chosen(here)),
-                abs(now - start[here]) == self.most,
-            )
+            many = abs(now - start[here]) == self.most
+            reached = self.reached(now, asked.chosen(here))
             lost, some = here[reached & many], here[reached & ~many]
             time[lost], doubt[lost] = 0.0 if last else self.stop, math.inf
             self._in_block(now, asked, some, found, last=last)
             number[here] = np.where(many, -1, number[here] + step)
-            left = left[np.isnan(time[left]) & ~found.is_cell[left]]
+            left = left[np.isnan(time[left]) & np.isnan(found[0, left])]
         if not last:
-            at_end = np.isnan(time) & above & ~found.is_cell
+            at_end = np.isnan(time) & above & np.isnan(found[0])
             time[at_end], doubt[at_end] = self.stop, 0.0
-        some = np.flatnonzero(found.is_cell)
-        cells, ask = CubicCells(*found.cells[:, some]), asked.chosen(some)
+        some = np.flatnonzero(~np.isnan(found[0]))
+        cells, ask = CubicCells(*found[:, some]), asked.chosen(some)
         level = ask.level - ask.shift * (cells.room + cells.doubt)
         time[some], doubt[some] = _edges(cells, ask.sign, level, last=last)
-        doubt[found.is_open] = math.inf
         return Crossings(time, np.fmax(doubt, np.spacing(np.nan_to_num(time))))
 
     def _in_block(
-        self, number: int, asked: Asked, left: Ints, found: _Found, *, last: bool
+        self, number: int, asked: Asked, left: Ints, found: Floats, *, last: bool
     ) -> None:
         """Find the outermost cells in a block in which the trace is above some of the levels."""
         cells, tops, doubts = self._topped(number)
@@ -216,25 +201,22 @@ class Trace(ABC):
         maybe = (reach > ask.level[:, None])[:, order]  # the outermost first
         begin, width = cells.begin[order, 0], cells.width[order, 0]
         row = np.arange(len(left))
-        for turn in range(ROUNDS + 1):
+        for turn in itertools.count():
             place = maybe[row].argmax(axis=1)
             some = maybe[row, place]
-            row, place = row[some], place[some]
+            many, place = row, place = row[some], place[some]
             if not row.size:
                 return
-            many = row
-            if turn == ROUNDS:
-                found.is_open[left[row]] = True
-            elif turn >= FEW:
+            if turn >= FEW:
                 which, place = np.nonzero(maybe[row])
                 few = np.arange(len(which)) - np.searchsorted(which, which) < TOGETHER
                 many, place = row[which[few]], place[few]
             maybe[many, place] = False
             self._in_pieces(asked, left[many], begin[place], width[place], found, last=last)
-            row = row[~found.is_cell[left[row]]]
+            row = row[np.isnan(found[0, left[row]])]
 
     def _in_pieces(
-        self, asked: Asked, row: Ints, begin: Floats, width: Floats, found: _Found, *, last: bool
+        self, asked: Asked, row: Ints, begin: Floats, width: Floats, found: Floats, *, last: bool
     ) -> None:
         """Find the outermost parts of pieces of cells in which the trace is above levels.
 
@@ -254,15 +236,15 @@ class Trace(ABC):
             fine = (parts.room <= FINE * np.abs(ask.level)) | (turn == DEEPEST - 1)
             room = np.where(fine, ask.shift * parts.room, parts.room)
             above = parts.tops(sign)[1] + room > shifted
-            sure = np.maximum(sign * parts.left, sign * parts.right) - parts.room > shifted
+            sure = np.maximum(sign * parts.left, sign * parts.right) - parts.room
+            sure = sure > ask.level - np.minimum(ask.shift, 0.0) * parts.doubt  # also with less
             place, first = np.arange(len(row)), np.full(count, len(row))
             np.minimum.at(first, row[sure], place[sure])
             above &= place <= first[row]
             coarse = np.zeros(count, np.bool_)
             coarse[row[above & ~fine]] = True
             known = np.flatnonzero(above & ~coarse[row])[::-1]  # the last one written counts
-            found.cells[:, row[known]] = np.stack(parts)[:, known]
-            found.is_cell[row[known]] = True
+            found[:, row[known]] = np.stack(parts)[:, known]
             again = above & coarse[row]
             row, begin, width = row[again], parts.begin[again], parts.width[again]
             if not row.size:

@@ -264,6 +264,25 @@ class Modes:
         found = block_diagonal([block.coupling for block in self.blocks])
         return np.asarray(found[np.ix_(self.order, self.order)])
 
+    @functools.cached_property
+    def mixing(self) -> tuple[Floats, Floats] | None:
+        """Bounds on how couplings exchange modes: the rates of near ones, 1/s, and shares, (n, n).
+
+        None where they are not known.
+        """
+        s, E, rates = self.poles, self.coupling, self.rates
+        strong = ~(self.alone[:, None] & self.alone)
+        gap = np.abs(np.where(strong, rates[:, None] - rates, s[:, None] - s))
+        near = gap <= np.minimum(np.abs(rates)[:, None], np.abs(rates))
+        apart = np.where(near, 0.0, E / np.where(near, 1.0, gap))
+        known = all(block.is_known for block in self.blocks)
+        if not (known and np.all(balanced_sums(apart, s) < CERTAIN)):
+            return None
+        more = np.linalg.inv(np.eye(len(s)) - 4.0 * apart)  # of higher orders
+        close = np.where(near, E, 0.0)
+        np.fill_diagonal(close, 0.5 * np.diag(E))  # it counts once
+        return np.asarray(more @ close @ more), np.asarray(more @ apart)
+
     def shares(self, C: Floats, deviation: Floats, doubt: Floats | None = None) -> ModeShares:
         """Return the shares of the modes in the rows of ``C x`` (K, n) for a start.
 
@@ -337,22 +356,12 @@ class ModeShares:
         The error is at most ``sum_i (a_i t + b_i) exp(rates_i t)``: couplings of modes that are
         near one another grow with the time, others are divided by their distance.
         """
-        modes = self.modes
-        s, E, rates = modes.poles, modes.coupling, modes.rates
-        strong = ~(modes.alone[:, None] & modes.alone)
-        gap = np.abs(np.where(strong, rates[:, None] - rates, s[:, None] - s))
-        near = gap <= np.minimum(np.abs(rates)[:, None], np.abs(rates))
-        apart = np.where(near, 0.0, E / np.where(near, 1.0, gap))
-        known = all(block.is_known for block in modes.blocks)
-        if not (known and np.all(balanced_sums(apart, s) < CERTAIN)):
+        parts = self.modes.mixing
+        if parts is None:
             unknown = np.full(self.seen.shape, np.inf)
             return unknown, unknown
-        more = np.linalg.inv(np.eye(len(s)) - 4.0 * apart)  # of higher orders
         seen = self._grown(np.abs(self.seen) + self.doubt, transposed=True)
         dual = self._grown(np.abs(self.dual) + self.unsure, transposed=False)
-        close = np.where(near, E, 0.0)
-        np.fill_diagonal(close, 0.5 * np.diag(E))  # it counts once
-        parts = more @ close @ more, more @ apart
         lag, vague = ((seen @ X) * dual + seen * (X @ dual) for X in parts)
         own = self._grown(np.abs(self.seen), transposed=True)
         missed = self._grown(self.doubt, transposed=True)
