@@ -236,8 +236,8 @@ class Trace(ABC):
             fine = (parts.room <= FINE * np.abs(ask.level)) | (turn == DEEPEST - 1)
             room = np.where(fine, ask.shift * parts.room, parts.room)
             above = parts.tops(sign)[1] + room > shifted
-            sure = np.maximum(sign * parts.left, sign * parts.right) - parts.room
-            sure = sure > ask.level - np.minimum(ask.shift, 0.0) * parts.doubt  # also with less
+            least = np.maximum(sign * parts.left, sign * parts.right) - parts.room
+            sure = least > ask.level - np.minimum(ask.shift, 0.0) * parts.doubt  # also with less
             place, first = np.arange(len(row)), np.full(count, len(row))
             np.minimum.at(first, row[sure], place[sure])
             above &= place <= first[row]
