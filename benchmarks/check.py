@@ -18,9 +18,9 @@ import taction
 from benchmarks.measuring import Figure, in_turns, processor, ratios
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.studies.foreign_board import read_board
-from taction.verification.studies.measured_board import measure_board
-from taction.verification.studies.witnesses import planned
+from taction.verification.studies.decks.foreign_board import read_board
+from taction.verification.studies.decks.measured_board import measure_board
+from taction.verification.studies.decks.witnesses import planned
 from tests.support.designer_decks import DECKS
 
 SWEPT = {"sallen-key-fast": "C1", "wien": "C1", "ring": "R1"}

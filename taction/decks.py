@@ -11,7 +11,7 @@ from taction.system.processes import one_limit
 
 if TYPE_CHECKING:
     from taction.system.progress import Progress
-    from taction.verification.studies.board_check import BoardCheck
+    from taction.verification.studies.decks.board_check import BoardCheck
 
 SECONDS = 60.0  # of all runs of ngspice of one check
 
@@ -122,11 +122,11 @@ def check(
     if (matrix is None) != (strain is None):
         missing = "--matrix" if matrix is None else "--strain"
         raise InputError(missing, Complaint("file", "", "--matrix and --strain belong together"))
-    from taction.verification.studies.questions import reference_values, wanted
+    from taction.verification.studies.decks.questions import reference_values, wanted
 
     asked = wanted(_listed(checks), _listed(expect))
-    from taction.verification.studies.board_sweep import SweptValue
-    from taction.verification.studies.foreign_board import read_board
+    from taction.verification.studies.decks.board_sweep import SweptValue
+    from taction.verification.studies.decks.foreign_board import read_board
 
     progress("deck")
     board, notes, spread = read_board(deck, _listed(outputs)), tuple[str, ...](), None
@@ -141,7 +141,7 @@ def check(
 
         spread = read_tolerances(tolerances, board.circuit, board.parameters)
     # all that can be refused is refused before the engine is loaded
-    from taction.verification.studies.board_check import check_board
+    from taction.verification.studies.decks.board_check import check_board
 
     found = check_board(
         board,

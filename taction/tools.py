@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from taction.spice_models.opamp import OpAmp
     from taction.verification.characterise.characterise import OpAmpFigures
-    from taction.verification.studies.vendor_model import ImportedModel
+    from taction.verification.studies.decks.vendor_model import ImportedModel
 
 
 def models() -> dict[str, OpAmp]:
@@ -124,7 +124,7 @@ def import_model(
     from taction.netlist_gen.scene.fields import BOTH_SIGNS
     from taction.netlist_gen.scene.imported_opamps import to_document
     from taction.system.output_files import write_atomically
-    from taction.verification.studies.vendor_model import ImportedModel, import_opamp
+    from taction.verification.studies.decks.vendor_model import ImportedModel, import_opamp
 
     volts = _quantity("supply", BOTH_SIGNS.sub("", str(supply)), "V", 1e6)
     farads = _quantity("compensation", str(compensation), "F", 1.0) if compensation else 0.0

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from taction.netlist_gen.scene.scene import Scene
     from taction.system.progress import Progress
     from taction.verification.design.remedies import Remedies
-    from taction.verification.studies.difference import Curves, VerdictDifference
+    from taction.verification.studies.regression.difference import Curves, VerdictDifference
     from taction.verification.studies.scene_files import VerifiedFiles
     from taction.verification.verdict.run import MeasuredTransient
     from taction.verification.verdict.verify import Verdict
@@ -377,7 +377,7 @@ def diff(
     >>> [(key.key, key.first, key.second) for key in found.keys]
     [('Cc_4', 1e-11, 2e-11)]
     """
-    from taction.verification.studies.difference import (
+    from taction.verification.studies.regression.difference import (
         compare_verdicts,
         is_circuit,
         refuse_pair,
@@ -386,7 +386,7 @@ def diff(
 
     refuse_pair(first, second)
     if is_circuit(first) or is_circuit(second):
-        from taction.verification.studies.compared_boards import compare_circuits
+        from taction.verification.studies.regression.compared_boards import compare_circuits
 
         progress("decks")
         return compare_circuits(first, second, agree)

@@ -281,7 +281,7 @@ ANNOTATE = option(
     " where GITHUB_ACTIONS is set.",
 )
 OUTPUT = option("output", "-o", "--output", type=click.Path(dir_okay=False), writes=True)
-DATABASE = replace(OUTPUT, check="verification.studies.store:check_database")
+DATABASE = replace(OUTPUT, check="verification.studies.running.store:check_database")
 PYTHON_ONLY = ("progress", "strains", "announce")
 """Parameters of functions that are no options."""
 OPTIONS = {

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from taction.verification.studies.difference import compare_verdicts
+from taction.verification.studies.regression.difference import compare_verdicts
 from tests.support.entries import write_fast
 from tests.support.paths import SCENES
 from tests.support.running import document, taction

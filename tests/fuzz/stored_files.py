@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from taction.system.documents import plain
 from taction.verification.studies.regression.baseline import baseline_text, load_baseline
-from taction.verification.studies.store import Store
+from taction.verification.studies.running.store import Store
 from taction.verification.verdict.record import Record
 from tests.fuzz.edits import BYTE_EDITS, IN_PLACE, VALUE_EDIT, edited
 from tests.fuzz.target import Target

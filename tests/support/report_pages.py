@@ -43,7 +43,7 @@ from taction.verification.report.views import tolerance_view as tolerance
 from taction.verification.report.views.sweep_view import view as sweep_report
 from taction.verification.report.views.verdict_view import view as verdict_report
 from taction.verification.studies.regression.regress import RegressionReport, SceneResult, Status
-from taction.verification.studies.store import Store
+from taction.verification.studies.running.store import Store
 from taction.verification.studies.sweep.plan import SweepCounts, grid_points
 from taction.verification.studies.sweep.result import SweepResult
 from taction.verification.studies.tolerance.corners import worst_of

@@ -7,7 +7,7 @@ from typing import Any
 
 from taction.netlist_gen.scene.axes import parse_axes
 from taction.system.reading_definitions import READINGS
-from taction.verification.studies.store import Store
+from taction.verification.studies.running.store import Store
 from taction.verification.studies.sweep.plan import Plan, grid_points
 from taction.verification.studies.tolerance.varied_board import BoardSample
 from taction.verification.verdict.checks import Check, Outcome

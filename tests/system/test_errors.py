@@ -19,7 +19,7 @@ from taction.system.errors import (
 )
 from taction.system.processes import more_time, one_limit, time_left
 from taction.system.progress import LONGEST, attempt
-from taction.verification.studies.foreign_board import read_board
+from taction.verification.studies.decks.foreign_board import read_board
 
 
 def test_a_message_lists_some_mistakes_and_counts_the_others() -> None:

@@ -3,7 +3,7 @@
 ngspice expands the deck and finds a first point as it does by itself, then a tight one from there.
 The text of the second run is kept: whoever asks ngspice about the point sends the same text, so
 that ngspice repeats this point to the last bit. It has a source of current into every node, which
-`studies.witnesses` drives.
+`studies.decks.witnesses` drives.
 
 Elements are measured on one bench, held at rest: each becomes its ``G + s C`` as linear parts. One
 copy stands there for each node or current that is excited. A device is measured without its ohmic

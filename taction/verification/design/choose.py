@@ -46,7 +46,7 @@ from taction.verification.design.choice_plan import (
 from taction.verification.design.trials import KEPT, Trial, accepted_parts, broken_at_rest
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.studies.store import Store
+from taction.verification.studies.running.store import Store
 from taction.verification.studies.sweep.plan import Plan, computed, grid_points
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.headroom import FULL

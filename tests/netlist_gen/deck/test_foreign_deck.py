@@ -14,7 +14,7 @@ from taction.netlist_gen.deck.flat_cards import stimulus_of
 from taction.netlist_gen.deck.foreign_deck import read_deck
 from taction.system.errors import InputError, TactionError
 from taction.verification.engines.ngspice import commands
-from taction.verification.studies.foreign_board import read_board
+from taction.verification.studies.decks.foreign_board import read_board
 
 RC = "V1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n\n"
 

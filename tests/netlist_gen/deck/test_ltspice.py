@@ -14,7 +14,7 @@ from taction.netlist_gen.deck.ltspice import plain_cards, spelt
 from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.poles import poles
-from taction.verification.studies.foreign_board import ForeignBoard, read_board
+from taction.verification.studies.decks.foreign_board import ForeignBoard, read_board
 
 pytestmark = pytest.mark.usefixtures("ngspice")
 Read = Callable[[str], ForeignBoard]

@@ -10,7 +10,7 @@ import pytest
 from taction.netlist_gen.deck.ltspice import missing_cards, plain_cards
 from taction.system.errors import InputError
 from taction.verification.stability.poles import poles
-from taction.verification.studies.foreign_board import read_board
+from taction.verification.studies.decks.foreign_board import read_board
 from tests.support.paths import ROOT
 
 CASES = ROOT / "tests" / "data" / "cases"

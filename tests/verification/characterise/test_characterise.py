@@ -15,7 +15,7 @@ from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
 from taction.spice_models.imported import ImportedOpAmp
 from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.studies.vendor_model import import_opamp
+from taction.verification.studies.decks.vendor_model import import_opamp
 
 PINS = ("inp", "inn", "vcc", "vee", "out")
 TWO_POLES = """

@@ -26,7 +26,7 @@ from taction.verification.design.choice_plan import (
 )
 from taction.verification.design.choose import best_designs, design_scene, designs
 from taction.verification.report.views.choose_view import view
-from taction.verification.studies.store import Store
+from taction.verification.studies.running.store import Store
 from taction.verification.studies.sweep.plan import Plan, computed
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Record

@@ -15,9 +15,9 @@ from taction.verification.stability import edge_search
 from taction.verification.stability.instant_feedback import latching
 from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import poles
-from taction.verification.studies.board_sweep import Sweep, SweptValue, sweep_deck
-from taction.verification.studies.foreign_board import read_board
-from taction.verification.studies.part_influence import influences
+from taction.verification.studies.decks.board_sweep import Sweep, SweptValue, sweep_deck
+from taction.verification.studies.decks.foreign_board import read_board
+from taction.verification.studies.decks.part_influence import influences
 from tests.support.designer_decks import DECKS
 from tests.support.nodal_analysis import exact_poles
 from tests.support.wide_decks import wide_cards

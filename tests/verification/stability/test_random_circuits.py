@@ -18,7 +18,7 @@ from taction.verification.engines.statespace.linearised.noise_covariance import 
 from taction.verification.stability.edge_search import find_edges
 from taction.verification.stability.families import Family
 from taction.verification.stability.poles import Poles, brief_poles, poles
-from taction.verification.studies.part_influence import sensitivities
+from taction.verification.studies.decks.part_influence import sensitivities
 from tests.support.nodal_analysis import Pencil, exact_poles
 from tests.support.random_circuits import random_cards
 

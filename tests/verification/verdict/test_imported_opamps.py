@@ -21,8 +21,8 @@ from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import InputError
 from taction.verification.engines.ngspice.process import find_simulator, start
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.studies.decks.vendor_model import import_opamp
 from taction.verification.studies.onset.onset import onset
-from taction.verification.studies.vendor_model import import_opamp
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
 

@@ -32,9 +32,9 @@ class Head:
 MODELS = {
     "verify": "verification.report.documents.verdict.VerdictBody",
     "verify-files": "verification.report.documents.plain.VerifyFilesDocument",
-    "check": "verification.studies.board_check.BoardCheck",
+    "check": "verification.studies.decks.board_check.BoardCheck",
     "demo": "verification.evidence.demonstration.Demonstration",
-    "diff": "verification.studies.difference.VerdictDifference",
+    "diff": "verification.studies.regression.difference.VerdictDifference",
     "netlist": "verification.verdict.scene_deck.Netlist",
     "bom": "verification.verdict.board_power.PartsList",
     "kicad": "netlist_gen.kicad.board.KicadProject",

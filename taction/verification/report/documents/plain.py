@@ -15,8 +15,8 @@ from taction.verification.design.fresh_scene import NewScene
 from taction.verification.design.scaling import Scaled
 from taction.verification.report.documents.verdict import VerdictBody
 from taction.verification.report.views.opamp_view import TITLES, stated_figures
+from taction.verification.studies.decks.vendor_model import ImportedModel
 from taction.verification.studies.scene_files import VerifiedFiles
-from taction.verification.studies.vendor_model import ImportedModel
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounde
 from taction.system.output_files import printable
 from taction.verification.design.remedies import Remedies, StableRange, stable_ranges
 from taction.verification.stability.margin import Margin
-from taction.verification.studies.difference import StoredKey
+from taction.verification.studies.regression.difference import StoredKey
 from taction.verification.verdict.active_sets import VisitedSet
 from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart, difference
 from taction.verification.verdict.headroom import Load

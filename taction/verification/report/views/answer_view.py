@@ -18,7 +18,7 @@ from taction.verification.report.texts import (
     spaced,
     with_error,
 )
-from taction.verification.studies.questions import QUESTIONS
+from taction.verification.studies.decks.questions import QUESTIONS
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.cause import band_text, causes, listed, named
 from taction.verification.verdict.checks import Check, Outcome

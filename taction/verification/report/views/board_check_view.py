@@ -44,11 +44,11 @@ from taction.verification.report.views.tolerance_view import (
     spreads,
 )
 from taction.verification.report.views.tolerance_view import tables as corner_tables
-from taction.verification.studies.board_check import BoardCheck, OutputRow
-from taction.verification.studies.board_sweep import PointRow, Sweep
-from taction.verification.studies.measured_board import MeasuredBoard
-from taction.verification.studies.part_influence import PartRow
-from taction.verification.studies.questions import QUESTIONS, Question
+from taction.verification.studies.decks.board_check import BoardCheck, OutputRow
+from taction.verification.studies.decks.board_sweep import PointRow, Sweep
+from taction.verification.studies.decks.measured_board import MeasuredBoard
+from taction.verification.studies.decks.part_influence import PartRow
+from taction.verification.studies.decks.questions import QUESTIONS, Question
 from taction.verification.verdict.checks import Check, overall
 
 POLES, PARTS, POINTS = 12, 12, 31  # rows in a terminal

@@ -34,7 +34,7 @@ from taction.verification.report.views.waveforms_view import (
     curves,
     end_names,
 )
-from taction.verification.studies.difference import VerdictDifference
+from taction.verification.studies.regression.difference import VerdictDifference
 from taction.verification.studies.regression.regress import RegressionReport, SceneResult, Status
 from taction.verification.studies.scene_files import VerifiedFiles
 from taction.verification.verdict.cause import band_text, causes

@@ -30,7 +30,7 @@ from taction.verification.report.blocks import (
     Table,
 )
 from taction.verification.report.texts import counted, fields, percent, quantity
-from taction.verification.studies.vendor_model import ImportedModel
+from taction.verification.studies.decks.vendor_model import ImportedModel
 from taction.verification.verdict.board_power import BoardPower, PartsList
 
 TITLES = {

@@ -27,7 +27,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.readings.ringing import Mode, find_growth, find_ringing
 from taction.verification.stability.edges import Edge
 from taction.verification.stability.poles import poles
-from taction.verification.studies.part_influence import pole_vectors
+from taction.verification.studies.decks.part_influence import pole_vectors
 from taction.verification.verdict.transient_plan import truncation_for
 
 DISTANCE = 0.03  # distance of a transient from the crossing, relative

@@ -37,9 +37,9 @@ from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounde
 from taction.system.progress import Notice, Progress
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.pool import Workers
+from taction.verification.studies.running.store import Store
 from taction.verification.studies.running.study import attempted, study, workers_at
 from taction.verification.studies.running.versions import digest, own_code, simulator_name
-from taction.verification.studies.store import Store
 from taction.verification.verdict.record import ERROR, Record
 from taction.verification.verdict.simulation import choose_engine
 from taction.verification.verdict.verify import Request, Verdict, verify_together

@@ -23,7 +23,7 @@ from taction.system.errors import Complaint, InputError
 from taction.system.output_files import check_file, replacing
 from taction.system.progress import Progress, ask
 from taction.system.results import Result
-from taction.verification.studies.store import Store
+from taction.verification.studies.running.store import Store
 from taction.verification.studies.sweep.plan import (
     Plan,
     SweepCounts,

@@ -28,9 +28,9 @@ from taction.system.quantities import fraction, percent
 from taction.system.results import Result
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.pool import Workers
+from taction.verification.studies.running.store import Store
 from taction.verification.studies.running.study import workers_at
 from taction.verification.studies.running.versions import digest, own_code, simulator_name
-from taction.verification.studies.store import Store
 from taction.verification.studies.tolerance.varied_board import (
     BoardSample,
     Quantity,

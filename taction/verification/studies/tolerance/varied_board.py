@@ -1,7 +1,7 @@
 """Boards whose parts deviate from their nominal values, and what is known of each of them.
 
 Monte Carlo and corners see a `Varied` board only: that of a scene (`VariedBoard`), or of a deck
-(`verification.studies.board_sweep`). All samples share the problem, its ideal answer and the
+(`verification.studies.decks.board_sweep`). All samples share the problem, its ideal answer and the
 nominal board, which are prepared once.
 """
 

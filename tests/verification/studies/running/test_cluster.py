@@ -17,7 +17,7 @@ from taction.netlist_gen.scene.axes import parse_axes
 from taction.system.errors import InputError, NoVerdictError
 from taction.verification.studies.running import cluster as module
 from taction.verification.studies.running.cluster import cluster
-from taction.verification.studies.store import Store
+from taction.verification.studies.running.store import Store
 from taction.verification.studies.sweep.plan import Plan, sweep_points
 from taction.verification.studies.sweep.result import records
 from tests.support.clusters import address, another_taction, scheduler, worker

@@ -18,7 +18,7 @@ from taction.system.errors import (
     SimulatorNotFound,
 )
 from taction.verification.studies.running.pool import WorkerDiedError, Workers
-from taction.verification.studies.store import Store
+from taction.verification.studies.running.store import Store
 from taction.verification.studies.sweep.plan import (
     Plan,
     SweepCounts,

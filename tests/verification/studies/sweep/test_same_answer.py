@@ -18,7 +18,7 @@ from taction.system.documents import plain
 from taction.system.errors import TactionError
 from taction.system.reading_definitions import READINGS
 from taction.verification.studies.running.pool import HERE
-from taction.verification.studies.store import Store
+from taction.verification.studies.running.store import Store
 from taction.verification.studies.sweep.plan import compute_points as compute
 from taction.verification.studies.sweep.plan import plan_sweep, sweep_points
 from taction.verification.studies.sweep.result import records

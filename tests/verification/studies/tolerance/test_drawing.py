@@ -16,7 +16,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
 from taction.verification.report.views.sweep_view import columns_of
-from taction.verification.studies.store import Store
+from taction.verification.studies.running.store import Store
 from taction.verification.studies.tolerance import montecarlo
 from taction.verification.studies.tolerance.montecarlo import (
     SampleCollection,

@@ -53,8 +53,8 @@ from taction.verification.characterise.operating_point import (
 )
 from taction.verification.engines.ngspice.commands import expand
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.studies.measured_board import Start
-from taction.verification.studies.witnesses import RELATIVE
+from taction.verification.studies.decks.measured_board import Start
+from taction.verification.studies.decks.witnesses import RELATIVE
 
 MOST_PARTS = 3000  # R C L K E F G H that are not measured
 MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a topology

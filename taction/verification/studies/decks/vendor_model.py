@@ -61,7 +61,7 @@ from taction.verification.engines.ngspice.executable import Simulator, find_simu
 from taction.verification.engines.ngspice.process import simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.poles import poles
-from taction.verification.studies.witnesses import small_signals
+from taction.verification.studies.decks.witnesses import small_signals
 
 OUT = "out"
 DRIVEN = ("vdrive", "vinp", "iload")  # inverting input, other input, output

@@ -30,15 +30,20 @@ from taction.verification.characterise.operating_point import AT_ONCE, DeckPoint
 from taction.verification.engines.ngspice.commands import RESULT, run_commands
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.studies.board_checks import judge
-from taction.verification.studies.board_sweep import Sweep, SweptValue, sweep_deck, varied_outcomes
-from taction.verification.studies.foreign_board import ForeignBoard
-from taction.verification.studies.measured_board import FAR, MeasuredBoard, measure_board
-from taction.verification.studies.part_influence import PartRow, influences, pole_vectors
-from taction.verification.studies.questions import QUESTIONS, Wanted, units
+from taction.verification.studies.decks.board_checks import judge
+from taction.verification.studies.decks.board_sweep import (
+    Sweep,
+    SweptValue,
+    sweep_deck,
+    varied_outcomes,
+)
+from taction.verification.studies.decks.foreign_board import ForeignBoard
+from taction.verification.studies.decks.measured_board import FAR, MeasuredBoard, measure_board
+from taction.verification.studies.decks.part_influence import PartRow, influences, pole_vectors
+from taction.verification.studies.decks.questions import QUESTIONS, Wanted, units
+from taction.verification.studies.decks.witnesses import compare_ac, compare_transient, stepping
 from taction.verification.studies.tolerance.corners import CornerStudy
 from taction.verification.studies.tolerance.montecarlo import YieldReport
-from taction.verification.studies.witnesses import compare_ac, compare_transient, stepping
 from taction.verification.verdict.checks import Check, Outcome, overall, undecided
 from taction.verification.verdict.measure import Agreement
 

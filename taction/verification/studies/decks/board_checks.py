@@ -12,8 +12,8 @@ from taction.system.array_types import EPS
 from taction.system.quantities import show_rate
 from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles
-from taction.verification.studies.measured_board import LATCH, WANTED, MeasuredBoard
-from taction.verification.studies.questions import QUESTIONS, Expected, Wanted
+from taction.verification.studies.decks.measured_board import LATCH, WANTED, MeasuredBoard
+from taction.verification.studies.decks.questions import QUESTIONS, Expected, Wanted
 from taction.verification.verdict.board import SteadyState
 from taction.verification.verdict.cause import cause
 from taction.verification.verdict.checks import Check, Evidence, Outcome, at_most, doubtful, overall

@@ -30,11 +30,11 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.stability.edge_search import find_edges
 from taction.verification.stability.edges import Edge, Edges, Range
 from taction.verification.stability.families import Family
-from taction.verification.studies.board_checks import judge, record_of
-from taction.verification.studies.foreign_board import ForeignBoard
-from taction.verification.studies.measured_board import MeasuredBoard, measure_boards
-from taction.verification.studies.part_influence import influences
-from taction.verification.studies.questions import QUESTIONS, Wanted, units
+from taction.verification.studies.decks.board_checks import judge, record_of
+from taction.verification.studies.decks.foreign_board import ForeignBoard
+from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_boards
+from taction.verification.studies.decks.part_influence import influences
+from taction.verification.studies.decks.questions import QUESTIONS, Wanted, units
 from taction.verification.studies.running.pool import HERE
 from taction.verification.studies.tolerance.corners import CornerStudy, worst_of
 from taction.verification.studies.tolerance.montecarlo import (

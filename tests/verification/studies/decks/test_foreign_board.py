@@ -12,10 +12,10 @@ from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.poles import poles
-from taction.verification.studies.board_check import BoardCheck, check_board
-from taction.verification.studies.board_sweep import SweptValue
-from taction.verification.studies.foreign_board import ForeignBoard, read_board
-from taction.verification.studies.questions import wanted
+from taction.verification.studies.decks.board_check import BoardCheck, check_board
+from taction.verification.studies.decks.board_sweep import SweptValue
+from taction.verification.studies.decks.foreign_board import ForeignBoard, read_board
+from taction.verification.studies.decks.questions import wanted
 from tests.support.designer_decks import DECKS, deck
 from tests.support.nodal_analysis import exact_poles
 

@@ -28,8 +28,10 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.readings.measurements import measure as measure_record
 from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.studies.board_checks import record_of
-from taction.verification.studies.difference import (
+from taction.verification.studies.decks.board_checks import record_of
+from taction.verification.studies.decks.foreign_board import ForeignBoard, read_board
+from taction.verification.studies.decks.measured_board import Start, measure_board, step_response
+from taction.verification.studies.regression.difference import (
     CHANNEL_FIGURES,
     FIGURES,
     RECORDS,
@@ -39,8 +41,6 @@ from taction.verification.studies.difference import (
     is_circuit,
     key_differences,
 )
-from taction.verification.studies.foreign_board import ForeignBoard, read_board
-from taction.verification.studies.measured_board import Start, measure_board, step_response
 from taction.verification.verdict.compare import Difference, compare, relative, within_uncertainties
 from taction.verification.verdict.measure import state_space_beside
 from taction.verification.verdict.record import Channel, Record

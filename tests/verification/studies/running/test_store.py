@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from taction.system.errors import InputError, OutOfDisk
-from taction.verification.studies import store as module
-from taction.verification.studies.store import FORMAT, Store
+from taction.verification.studies.running import store as module
+from taction.verification.studies.running.store import FORMAT, Store
 from tests.support.paths import ROOT
 
 
@@ -148,7 +148,7 @@ def test_another_process_that_never_lets_go(
 
 WRITER = """
 import sys
-from taction.verification.studies.store import Store
+from taction.verification.studies.running.store import Store
 from taction.verification.verdict.record import Record
 with Store(sys.argv[1]) as store:
     for number in range(40):

@@ -31,7 +31,7 @@ from taction.verification.engines.ngspice.executable import Simulator, find_simu
 from taction.verification.engines.ngspice.process import simulate
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.studies.measured_board import WANTED, MeasuredBoard
+from taction.verification.studies.decks.measured_board import WANTED, MeasuredBoard
 from taction.verification.verdict.checks import Check, Outcome, at_most
 from taction.verification.verdict.measure import Agreement, state_space_beside
 from taction.verification.verdict.step_forecast import StepModel

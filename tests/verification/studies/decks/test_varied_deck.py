@@ -10,7 +10,7 @@ import pytest
 
 import taction
 from taction.system.errors import InputError
-from taction.verification.studies.board_check import BoardCheck
+from taction.verification.studies.decks.board_check import BoardCheck
 from tests.support.running import taction as command
 
 pytestmark = pytest.mark.usefixtures("ngspice")

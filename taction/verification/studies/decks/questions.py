@@ -20,7 +20,7 @@ from taction.system.errors import Complaint, InputError
 from taction.system.quantities import fraction, number, parse
 from taction.system.reading_definitions import READINGS
 from taction.verification.readings.readings import Reading
-from taction.verification.studies.measured_board import MeasuredBoard
+from taction.verification.studies.decks.measured_board import MeasuredBoard
 from taction.verification.verdict.checks import Check, at_most, undecided
 from taction.verification.verdict.record import finite
 

@@ -10,8 +10,8 @@ import pytest
 
 import taction
 from taction.verification.readings.readings import Reading
-from taction.verification.studies.measured_board import MeasuredBoard
-from taction.verification.studies.questions import QUESTIONS, Question
+from taction.verification.studies.decks.measured_board import MeasuredBoard
+from taction.verification.studies.decks.questions import QUESTIONS, Question
 from tests.support.running import taction as command
 
 DIVIDER = "divider\nV1 in 0 PULSE(0 4)\nR1 in out 1k\nR2 out 0 3k\nC1 out 0 1n\n.end\n"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import taction
-from taction.verification.studies.board_check import BoardCheck
+from taction.verification.studies.decks.board_check import BoardCheck
 from tests.verification.studies.test_measured_decks import HIDDEN, LATCH, SCHMITT
 
 pytestmark = pytest.mark.usefixtures("ngspice")

@@ -15,9 +15,9 @@ from taction.netlist_gen.topologies.frame.topology import TOPOLOGIES
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.edges import Edge
 from taction.verification.stability.poles import poles
-from taction.verification.studies.foreign_board import read_board
-from taction.verification.studies.measured_board import measure_board
-from taction.verification.studies.part_influence import _least, _Nearest
+from taction.verification.studies.decks.foreign_board import read_board
+from taction.verification.studies.decks.measured_board import measure_board
+from taction.verification.studies.decks.part_influence import _least, _Nearest
 
 READABLE = ("ngspice", "ltspice", "hspice")  # the dialects that ngspice can read
 LINEAR = ("integrator", "passive", "inv", "pinv", "ridge")

@@ -13,8 +13,8 @@ import pytest
 import taction
 from taction.system.errors import InputError
 from taction.verification.characterise import operating_point
-from taction.verification.studies.board_check import BoardCheck
-from taction.verification.studies.foreign_board import read_board
+from taction.verification.studies.decks.board_check import BoardCheck
+from taction.verification.studies.decks.foreign_board import read_board
 from tests.support.paths import ROOT
 
 pytestmark = pytest.mark.usefixtures("ngspice")

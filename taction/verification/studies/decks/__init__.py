@@ -1,0 +1,1 @@
+"""Decks of another hand: read, linearised, measured, asked, compared with ngspice."""
