@@ -9,7 +9,7 @@ import pytest
 
 import taction
 from taction.verification.studies.decks.board_check import BoardCheck
-from tests.verification.studies.test_measured_decks import HIDDEN, LATCH, SCHMITT
+from tests.verification.studies.decks.test_measured_decks import HIDDEN, LATCH, SCHMITT
 
 pytestmark = pytest.mark.usefixtures("ngspice")
 
