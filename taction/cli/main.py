@@ -122,6 +122,11 @@ def naming_the_remedy() -> Iterator[None]:
         raise
 
 
+def print_reference(group: click.Group, names: Sequence[str]) -> None:
+    """Print all commands, or those of `names`, with their options as one JSON document."""
+    print_json(reference(group, names), "")
+
+
 class LazyGroup(click.Group):
     """A click group whose commands are made when they are used.
 
@@ -147,7 +152,7 @@ class LazyGroup(click.Group):
             self._main_shell_completion({}, PROGRAM)
             names = [word for word in words if word not in ("--json", *HELP)]
             if "--json" in words and HELP & {*words} and {*names} <= {*self.list_commands(None)}:
-                print_json(reference(self, names), "")
+                print_reference(self, names)
                 return
             if not words:
                 click.echo(FIRST_STEPS, nl=False)
@@ -219,6 +224,20 @@ def main() -> None:
         os.environ.setdefault(name, "1")
 
 
+TYPES = {  # click's names
+    "Bool": "boolean",
+    "File": "path",
+    "Float": "number",
+    "FloatRange": "number",
+    "NumberRange": "number",
+    "Int": "integer",
+    "IntRange": "integer",
+    "Path": "path",
+    "String": "text",
+    "Tuple": "text",
+}
+
+
 def reference(main: click.Group, names: Sequence[str] = ()) -> dict[str, Any]:
     """Return the commands, or those of `names` and those below them; made from click."""
     from taction.verification.report.documents.document_catalogue import document_head
@@ -252,33 +271,41 @@ def _commands(
 def _command(command: click.Command, name: str, context: click.Context) -> dict[str, Any]:
     from taction.verification.report.documents.document_catalogue import ERROR, MODELS, schema_name
 
-    parameters = command.get_params(context)
+    parameters = [_parameter(p, context) for p in command.get_params(context)]
     schema = own_name(context)
     documents = [key for key in MODELS if key == schema or key.startswith(f"{schema}-")]
     return {
         "name": name,
         "usage": f"taction {' '.join([name, *command.collect_usage_pieces(context)])}",
         "help": inspect.cleandoc(command.help or ""),
-        "arguments": [_parameter(p) for p in parameters if not isinstance(p, click.Option)],
-        "options": [_option(p, context) for p in parameters if isinstance(p, click.Option)],
+        "arguments": [p for p in parameters if p.pop("kind") == "argument"],
+        "options": [p for p in parameters if "flags" in p],
         "schemas": [schema_name(key) for key in (*documents, ERROR)],
     }
 
 
-def _parameter(parameter: click.Parameter) -> dict[str, Any]:
-    choices = getattr(parameter.type, "choices", None)
-    return {
-        "name": parameter.name,
-        "type": parameter.type.name,
-        "required": parameter.required,
-        "several": parameter.multiple or parameter.nargs == -1,
-    } | ({} if choices is None else {"choices": list(choices)})
-
-
-def _option(option: click.Option, context: click.Context) -> dict[str, Any]:
-    default = option.get_default(context)
-    return _parameter(option) | {
-        "flags": [*option.opts, *option.secondary_opts],
-        "default": default if isinstance(default, str | int | float | bool) else None,
-        "help": option.help or "",
+def _parameter(parameter: click.Parameter, context: click.Context) -> dict[str, Any]:
+    """Return an argument or an option as plain data."""
+    info = parameter.to_info_dict()
+    kind = dict(info["type"])
+    choices = kind.get("choices")
+    record: dict[str, Any] = {
+        "kind": info["param_type_name"],
+        "name": info["name"],
+        "type": "choice" if choices is not None else TYPES[kind["param_type"]],
+        "required": info["required"],
+        "several": bool(info["multiple"]) or info["nargs"] == -1,
     }
+    record |= {key: kind[key] for key in ("min", "max") if kind.get(key) is not None}
+    record |= {} if choices is None else {"choices": list(choices)}
+    if isinstance(parameter, click.Option):
+        default = parameter.get_default(context)
+        record |= {
+            "flags": [*parameter.opts, *parameter.secondary_opts],
+            "is_flag": parameter.is_flag,
+            "default": default if isinstance(default, str | int | float | bool) else None,
+            "metavar": parameter.metavar,
+            "envvar": parameter.envvar,
+            "help": parameter.help or "",
+        }
+    return record

@@ -101,9 +101,14 @@ class ParameterHelp:
     type: str
     required: bool
     several: bool
+    min: Annotated[Number, OPTIONAL] = None
+    max: Annotated[Number, OPTIONAL] = None
     choices: Annotated[list[str] | None, OPTIONAL] = None
     flags: Annotated[list[str] | None, OPTIONAL, Note("of an option")] = None
+    is_flag: Annotated[bool | None, OPTIONAL] = None
     default: Annotated[Value | None, OPTIONAL] = None
+    metavar: Annotated[str | None, OPTIONAL] = None
+    envvar: Annotated[str | None, OPTIONAL] = None
     help: Annotated[str | None, OPTIONAL] = None
 
 
