@@ -21,7 +21,7 @@ from tests.fuzz.edits import BYTE_EDITS, edited
 from tests.fuzz.target import Target
 from tests.support.paths import DATA
 
-VERDICT = (DATA / "verdict-of-version-1.json").read_bytes()
+VERDICT = (DATA / "verdict.json").read_bytes()
 OPAMP = (DATA / "fet100.opamp.json").read_bytes()
 VALUES: tuple[Any, ...] = (
     *(None, True, False, 0, -1, 1, 2.5, -0.0, 1e-300, 1e308, -1e308, 10**40, 10**400, -(10**400)),
