@@ -166,7 +166,8 @@ class RecordTrace(Trace):
             self.curve(self.begin + at.ravel(), which).reshape(times.shape)
             for at in (sooner, times, later)
         )
-        slope = part * ((after - before) / (later - sooner))[::2]
+        apart = np.maximum(later - sooner, np.finfo(float).tiny)  # equal instants: no slope
+        slope = part * ((after - before) / apart)[::2]
         room, sides = np.zeros_like(slope[:-1]), (here[:-2:2], here[2::2], slope[:-1], slope[1:])
         doubt = np.full_like(room, self.bound)
         cells = CubicCells(times[:-2:2], np.diff(times[::2], axis=0), *sides, room, doubt)

@@ -24,7 +24,7 @@ PARTS = 8  # of a cell that is divided
 BLOCKS = 12  # so many blocks of an exact solution are looked at in one search
 FINE = 1e-7  # of a level: with less room a cell is not divided
 DEEPEST = 8  # so often a cell is divided
-PIECES = 64  # of cells for each level, on average, up to which they are divided further
+PIECES = 128  # of cells for each level, on average, up to which they are divided again
 NARROW, STEPS = 1e-13, 40  # of a cell: how well a crossing is placed in it, and most steps to it
 FEW, TOGETHER = 3, 512  # first cells of a search, one at a time, and those that follow, at once
 
@@ -234,7 +234,7 @@ class Trace(ABC):
             row = np.repeat(row, len(divided.begin))
             ask = asked.chosen(row)
             sign, shifted = ask.sign, ask.level - ask.shift * parts.doubt
-            ends = turn == DEEPEST - 1 or len(begin) > PIECES * count
+            ends = turn == DEEPEST - 1 or (turn > 0 and len(begin) > PIECES * count)
             fine = (parts.room <= FINE * np.abs(ask.level)) | ends
             room = np.where(fine, ask.shift * parts.room, parts.room)
             above = parts.tops(sign)[1] + room > shifted

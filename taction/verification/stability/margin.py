@@ -175,9 +175,9 @@ class MarginSearch:
                 shared = find_edges(family, least, most, self.poles)
             if shared is None or shared.near or isinstance(shared, Scan):
                 least, most, shared = 0.0, math.inf, None  # each board finds its own
-        while len(_SHARED) >= KEPT:
-            _SHARED.pop(next(iter(_SHARED)), None)
         if key is not None:
+            while len(_SHARED) >= KEPT:
+                _SHARED.pop(next(iter(_SHARED)), None)
             _SHARED[key] = least, most, shared
         return shared or find_edges(family, low, high, self.poles, nearest=True)
 
