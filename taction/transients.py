@@ -277,7 +277,7 @@ def verify_files(
 def what_to_change(
     verdict: Verdict,
     *,
-    changes: float = 1000.0,
+    changes: float = 2000.0,
     any_part: bool = False,
     progress: Progress = lambda stage: None,
 ) -> Remedies | None:

@@ -13,11 +13,12 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.charts import Axis, Chart, Curve
 from taction.system.errors import InputError
-from taction.verification.design.choice_plan import ChoiceRequest, choice_plan
 from taction.verification.design.choose import (
     BestDesign,
     Choice,
+    ChoiceRequest,
     best_designs,
+    choice_plan,
     design_scene,
     designs,
 )

@@ -1,9 +1,7 @@
 """The back end of the explorer: settings, and rest, poles, curves, limits, verdict of a board.
 
-The settings, values of the keys that the page changes, give the scene that has them, its command
-line and its file. What the page shows of this scene is found in steps, each a function of the
-results before it. For a linear board of ten channels all but the verdict (`judge`) take about ten
-milliseconds together; the verdict runs in a process of its own.
+What the page shows is found in steps, each a function of the results before it; the verdict
+(`judge`) runs in a process of its own.
 """
 
 from __future__ import annotations
@@ -58,7 +56,7 @@ NO_NUMBER = "expected a plain, finite number"
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """A key with a logarithmic slider; all values are in `unit`, which a plain number has not."""
+    """A key with a logarithmic slider; all values are in `unit`."""
 
     path: str
     unit: str
@@ -70,7 +68,7 @@ class Control:
     has_zero: bool = False  # the lower end of the slider is zero
 
     def chosen(self, place: float) -> float:
-        """Return the value that a hand means at a place: of four digits, or the scene's own."""
+        """Return the value that a hand means at a place."""
         if abs(place - self.place(self.own)) < 0.5 / STEPS:
             return self.own
         return float(f"{self.value(place):.{DIGITS}g}")
@@ -78,7 +76,7 @@ class Control:
     def value(self, place: float) -> float:
         """Return the value at a place of the slider from 0 to 1."""
         start = ZERO_PART if self.has_zero else 0.0
-        if place < start or (self.has_zero and place == 0.0):
+        if self.has_zero and place < start:
             return 0.0
         share = min((place - start) / (1.0 - start), 1.0)
         return self.high if share == 1.0 else self.low * (self.high / self.low) ** share
@@ -130,7 +128,7 @@ class Start:
 
     @classmethod
     def of(cls, scene: Scene) -> Start:
-        """Begin with a scene; raises `InputError` and `SolverError` as `resolve_lambda`."""
+        """Begin with a scene."""
         scene = resolve_lambda(scene)
         problem = make_problem(scene)
         return cls(scene, problem, controls(scene, problem))
@@ -191,8 +189,7 @@ class Settings:
     def save(self, start: Start, name: str) -> Path:
         """Write the scene with these values beside the scene's own file, and return the new file.
 
-        InputError: `name` is no plain name that ends with ``.toml``, the file exists, or it cannot
-          be written.
+        InputError: `name` is no plain name, the file exists, or it cannot be written.
         """
 
         def refused(reason: str) -> InputError:
@@ -218,17 +215,8 @@ class Settings:
 
 
 def read_value(control: Control, text: str) -> float:
-    """Return the value that a user typed for a control, in its unit.
-
-    InputError: the text is no value in the unit of the control, or a number without a unit: of a
-      field that shows pF, nobody can say what 10 means.
-
-    Examples
-    --------
-    >>> read_value(Control("design.capacitance", "F", "C", "", 1e-12, 1e-9, 1e-11), "12 pF")
-    1.2e-11
-    """
-    text = text.strip()
+    """Return the value that a user typed for a control, in its unit, which must stand there."""
+    text, reason = text.strip(), NO_NUMBER
     try:
         value = parse(text, control.unit) if control.unit else number(text)
         if control.unit and value != 0.0 and text[-1] in "0123456789.":
@@ -236,8 +224,6 @@ def read_value(control: Control, text: str) -> float:
             reason = f"the unit is missing; expected a value with its unit, such as {like!r}"
         elif math.isfinite(value):
             return value
-        else:
-            reason = NO_NUMBER
     except ValueError as error:
         reason = str(error) if control.unit else NO_NUMBER
     raise InputError("explore", Complaint(control.path, repr(text[:40]), reason))
@@ -260,15 +246,12 @@ LIMITED = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplorerCurves:
-    """Outputs of every channel: `time` (P,), s, and `outputs` (P, N), V.
+    """Outputs of every channel over time, in the windows of the first rise and of the record."""
 
-    `rise` and `stop` are the ends of the window of the first rise and of the whole record, s.
-    """
-
-    time: Floats
-    outputs: Floats
-    rise: float
-    stop: float
+    time: Floats  # (P,), s
+    outputs: Floats  # (P, N), V
+    rise: float  # end of the first rise, s
+    stop: float  # end of the record, s
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -354,17 +337,11 @@ class PoleView:
     @property
     def state(self) -> str:
         """``"stable"``, ``"unstable"`` or ``"undecided"``."""
-        if self.poles.known_stable:
-            return "stable"
-        return "unstable" if self.poles.known_unstable else "undecided"
+        return {True: "stable", False: "unstable", None: "undecided"}[self.poles.stable]
 
 
 def view_rest(scene: Scene, problem: InverseProblem) -> RestView:
-    """Build the board and find where it rests.
-
-    InputError: the board cannot be built.
-    NoVerdictError: the board has no equilibrium, or the problem no solution.
-    """
+    """Build the board and find where it rests; `InputError`, or `NoVerdictError` without rest."""
     board = LinearBoard(synthesise(scene, problem))
     scales = time_scales(board, initial=scene.analysis.initial)
     network = ideal_network(problem, scene)
@@ -373,10 +350,7 @@ def view_rest(scene: Scene, problem: InverseProblem) -> RestView:
 
 
 def view_poles(view: RestView) -> PoleView:
-    """Return the poles of a board, and the response of a small linear one.
-
-    EngineError: the board has no state-space form.
-    """
+    """Return the poles of a board, and the response of a small linear one."""
     found, scales, analysis = poles(view.board), view.scales, view.scene.analysis
     if not view.has_curves:
         return PoleView(found, None)
@@ -392,10 +366,7 @@ def view_poles(view: RestView) -> PoleView:
 
 
 def view_limits(view: RestView, poles: PoleView) -> tuple[str, ...]:
-    """Return what the op-amps of a stable linear board cannot do, the worst first.
-
-    Costs some milliseconds, more where the board rings for long.
-    """
+    """Return what the op-amps of a stable linear board cannot do, the worst first."""
     if poles.response is None or not poles.poles.known_stable:
         return ()
     loads = PartLoads.of(view.board, initial=view.scene.analysis.initial)
@@ -406,9 +377,7 @@ def view_limits(view: RestView, poles: PoleView) -> tuple[str, ...]:
 
 
 def view_boundary(view: RestView, poles: PoleView, name: str, low: float, high: float) -> Edges:
-    """Find the edges of stability of a knob from `low` to `high`, or beyond.
-
-    They are solved as `onset` solves them: by the loci of the parts, not by samples.
+    """Find the edges of stability of a knob from `low` to `high`, or beyond, by the loci.
 
     EngineError: they are not known, with the reason.
     """
@@ -468,10 +437,7 @@ def others(control: Control, settings: Settings) -> Settings:
 
 
 def spots(start: Start, settings: Settings) -> Iterator[tuple[Control, int, Settings]]:
-    """Yield the middles of the cells of all sliders, those nearest to the present values first.
-
-    A slider, the number of the cell, and the settings there: all others are as they stand.
-    """
+    """Yield slider, number and settings of the middle of each cell, the nearest first."""
 
     def distance(cell: tuple[Control, int]) -> int:
         control, place = cell

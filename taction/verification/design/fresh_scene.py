@@ -1,8 +1,7 @@
 """A new scene: with comments, or for a matrix and a strain from files.
 
 For a matrix lambda is chosen, the board is scaled, stable and verified. Entries of T that do not
-move the solution are left out (`pruning_for`). The limits of the checks follow from the tolerance
-of the resistors (`with_limits`).
+move the solution are left out. The limits of the checks follow from the tolerance of the resistors.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -33,18 +31,15 @@ from taction.system.progress import Progress
 from taction.system.quantities import fraction
 from taction.system.results import Result
 from taction.verification.design.scaling import Scaled, Scaling, find_scaling
-from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.lambda_choice import choose
 from taction.verification.reference.problem import Problem, solution_difference
 from taction.verification.reference.solve import solve
-from taction.verification.studies.tolerance.corners import rest_slopes
-from taction.verification.studies.tolerance.varied_board import VariedBoard, prepare
-from taction.verification.verdict.input_spread import outputs_at_rest
+from taction.verification.verdict.build import build
 from taction.verification.verdict.verify import verify
 
 GRADES = (0.01, 1e-3, 1e-4)  # tolerances of resistors that are sold, the cheapest first
 WANTED = 0.02  # a better grade is taken where the limit would be above this share of the step
-BEYOND = 0.02  # share of the boards with a channel beyond the limit
+KEPT = 0.98  # share of the boards without a channel beyond the limit
 ROUND = (1.0, 2.0, 5.0, 10.0)
 LEAST = 1e-3  # the default limit
 BAND = 2.0  # the settling band over the limit
@@ -66,16 +61,11 @@ DEFAULT = 0.01  # lambda without a noise level, in squared spectral norms of T
 def with_limits(scene: Scene) -> tuple[Scene, str]:
     """Return the scene with limits that 98 % of its boards keep at rest, and how they were chosen.
 
-    Resistors within their tolerance move the outputs at rest. To first order the error of channel n
-    is Gaussian with ``sigma_n² = sum_p (dy_n/dp)² / 9``, since a tolerance is three sigma. The
-    limit is above the error that one of N channels exceeds in 2 % of the boards.
-
     InputError, NoVerdictError: the board cannot be built, or has no equilibrium.
     """
     grade, share, limit = 0.0, math.inf, math.inf
     for finer in GRADES:
-        changed = with_values(scene, {"tolerances.resistor": finer})
-        reached = exceeded(prepare(changed), BEYOND)
+        reached = exceeded(with_values(scene, {"tolerances.resistor": finer}))
         if max(LEAST, next_round_value(reached)) >= limit:
             break  # input errors or rounded values decide
         grade, share, limit = finer, reached, max(LEAST, next_round_value(reached))
@@ -101,17 +91,13 @@ def with_limits(scene: Scene) -> tuple[Scene, str]:
     return with_values(scene, keys), note
 
 
-def exceeded(board: VariedBoard, beyond: float) -> float:
-    """Return the error at rest that a share of the boards exceeds in a channel, in steps.
-
-    The nominal board, with rounded resistors and input errors of one sign, is where they start.
-    """
-    slopes, outputs = rest_slopes(board), outputs_at_rest(LinearBoard(board.nominal))
-    away = float(np.abs(outputs - board.ideal.target).max())
-    sigma = np.sqrt((slopes**2).sum(axis=0)) / 3.0
-    quantile = NormalDist().inv_cdf(1.0 - beyond / (2.0 * slopes.shape[1]))
-    share = (away + quantile * float(sigma.max(initial=0.0))) / board.step_amplitude
-    return share if math.isfinite(share) else 0.0  # without a step nothing is judged
+def exceeded(scene: Scene) -> float:
+    """Return the distance from the reference that 98 % of the built boards keep, in steps."""
+    board = build(scene.with_engine("statespace"))
+    spread, amplitude = board.built_spread(), board.amplitude
+    if spread is None or not amplitude:  # without a step nothing is judged
+        return 0.0
+    return spread.distance(board.ideal.target, KEPT)[0] / amplitude
 
 
 def next_round_value(value: float) -> float:
@@ -123,16 +109,8 @@ def next_round_value(value: float) -> float:
 def pruning_for(T: Floats, eps: Floats, lam: float) -> tuple[float, str]:
     """Return the most pruning that changes the solution by less than `UNSEEN`, and it in words.
 
-    A fraction of the largest entry; 0 where no entry is below a thousandth of it. Where every
-    fraction changes more, the smallest that gives resistors that can be bought, if there must be
-    one. T is (M, N), eps (M,); `SolverError` as `solve`.
-
-    Examples
-    --------
-    >>> T = np.array([[1.0, 1e-9], [0.5, 1.0]])
-    >>> fraction, note = pruning_for(T, np.array([1.0, 1.0]), 0.1)
-    >>> fraction, note.partition(":")[0]
-    (0.001, 'design.prune = 0.001 leaves out 1 of the entries of T')
+    A fraction of the largest entry. Where every fraction changes more, the smallest that gives
+    resistors that can be bought. T is (M, N), eps (M,); `SolverError` as `solve`.
     """
     before = solve(Problem(T, eps, lam))
     largest = float(np.abs(before.u).max(initial=0.0)) or 1.0
@@ -190,11 +168,10 @@ def fresh_scene(
     design: Mapping[str, Any] | None = None,
     any_part: bool = False,
 ) -> FreshScene:
-    """Return a scene for a matrix (M, N) and a strain (M,), see `problem_tables`.
+    """Return a scene for a matrix (M, N) and a strain (M,), for the new scene file `output`.
 
-    `output` is the new scene file, to whose folder names of files are relative; `design` has keys
-    of its table. Without ``prune`` the entries of T are left out that do not move the solution (see
-    `pruning_for`). All else, and the errors, are those of `taction.new`.
+    `design` has keys of its table; without ``prune`` `pruning_for` chooses it. All else, and the
+    errors, are those of `taction.new`.
     """
     chosen, rule = _lambda(matrix.values, strain.values, noise, lam)
     arrays = {"kind": "matrix", "matrix": matrix.values, "strain": strain.values}
@@ -239,15 +216,7 @@ def _commented(remarks: list[str], scene: Scene) -> str:
 
 
 def noise_of(noise: str | float, eps: Floats) -> float:
-    """Return the standard deviation that `noise` states: a number, or a share as ``"1%"``.
-
-    InputError: it is not a positive number.
-
-    Examples
-    --------
-    >>> noise_of("1%", np.array([0.5, -2.0])), noise_of("0.03", np.ones(2))
-    (0.02, 0.03)
-    """
+    """Return the standard deviation that `noise` states: a number, or a share as ``"1%"``."""
     try:
         value = fraction(noise)
     except ValueError:
@@ -418,10 +387,7 @@ def _template(opamp: str) -> str:
 
 
 def refuse_existing(path: Path, *, force: bool) -> None:
-    """Refuse to write over a file, unless asked to.
-
-    InputError: the file exists.
-    """
+    """Refuse to write over a file, unless asked to."""
     if path.exists() and not force:
         text = "the file exists; give another name, or --force to overwrite it"
         raise InputError(path, Complaint("FILE", "", text))

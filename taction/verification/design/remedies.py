@@ -1,16 +1,15 @@
 """What to change on a board whose checks fail: the nearest changes that mend it, each verified.
 
-Every failed check has its own keys (`mending_keys`). Over each key one search goes outwards from
-the scene's value to the nearest value with which the state-space engine's verdict passes. What an
-unstable board needs is solved on the poles first: the search begins at the edge of the nearest
-stable range. Where no single key mends a transient, two knobs are changed together. A board that
-rests far beyond the limit is judged at rest. Lambda, and with it the solution, stays.
+Every failed check has its own keys (`mending_keys`). Over each key one loop goes outwards from the
+scene's value, or from the edge of the nearest stable range, to the first value with which the
+state-space engine's verdict passes. Where no single key mends a transient, two knobs are changed
+together. Lambda, and with it the solution, stays.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +23,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.errors import InputError, NoVerdictError
 from taction.system.reading_definitions import READINGS
-from taction.verification.design.nearest import Search, search_key, search_list, search_pair
+from taction.verification.design.search import Search, search, search_key, search_pair
 from taction.verification.design.trials import (
     OPAMP,
     OutOfWorkError,
@@ -96,18 +95,7 @@ def stable_ranges(trials: Trials, paths: Iterable[str] = ()) -> tuple[StableRang
     """Return the nearest stable range of each key that has a positive value in the scene.
 
     Without `paths` the keys are those of the knobs with a margin, and `OTHERS`. What the work of
-    `trials` leaves out has its `reason`. Costs the loci of C (seven channels: 0.1 s), and the poles
-    of some 50 boards for every other key (0.2 s).
-
-    Examples
-    --------
-    >>> import taction
-    >>> from taction.netlist_gen.scene.axes import with_value
-    >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
-    >>> unstable = Trials(with_value(scene, "design.capacitance", 5e-12))
-    >>> found = stable_ranges(unstable, ["design.capacitance"])[0]
-    >>> print(f"stable from {found.low:.3g} F")
-    stable from 9.02e-12 F
+    `trials` leaves out has its `reason`.
     """
     found = []
     for path in tuple(paths) or (*knobs_with_margin(trials.scene), *OTHERS):
@@ -142,7 +130,7 @@ def _edges(trials: Trials, path: str, own: float) -> Edges:
     return boards.scan(values, fine=False)
 
 
-LIMIT = 1000.0  # designs: the work of a search
+LIMIT = 2000.0  # designs: the work of a search
 SERIES = ("E24", "E96", "E192", "exact")
 SUPPLIES = (5.0, 9.0, 12.0, 15.0, 18.0, 22.0)
 SHOWN = 4  # op-amps that are proposed
@@ -232,15 +220,12 @@ def mending_keys(scene: Scene) -> dict[str, tuple[str, ...]]:
     """
     knobs = knobs_with_margin(scene)
     idle = {f"design.{key}" for key in topology_of(scene).unused}
+    rest = ("unit_conductance", "gain", "lambda")
     mending = {
         **dict.fromkeys(("stability", *READINGS), (*knobs, OPAMP)),
         "steady_state": (
-            "design.resistor_series",
-            "design.prune",
-            OPAMP,
-            "design.unit_conductance",
-            "design.gain",
-            "design.lambda",
+            *("design.resistor_series", "design.prune", OPAMP),
+            *(f"design.{key}" for key in rest),
         ),
         "headroom": ("design.unit_voltage", OPAMP, "design.supply"),
         "noise": (OPAMP, *knobs, "design.unit_voltage"),
@@ -254,7 +239,7 @@ def find_remedies(
     """Return the nearest changes that mend a failed verdict; None for any other outcome.
 
     `work` and the errors are those of `taction.what_to_change`; the result is the same on every
-    machine. Seven channels: 30 to 130 verdicts of 20 ms.
+    machine.
     """
     failed = tuple(check.name for check in verdict.checks if check.outcome is Outcome.FAIL)
     if not failed:
@@ -265,48 +250,36 @@ def find_remedies(
     causes = [name for name in failed if name not in follows]
     unmendable = tuple(name for name in failed if name not in keys)
     paths = [] if unmendable else list(dict.fromkeys(p for name in causes for p in keys[name]))
-    unstable = verdict.poles.known_unstable and paths
-    ranges = stable_ranges(trials, knobs) if unstable else ()
-    edges = {each.path: each.edge for each in ranges if each.edge is not None}
-    if verdict.parts.largest_unit_voltage is not None:
-        edges["design.unit_voltage"] = verdict.parts.largest_unit_voltage
-    searches = {
-        each.path: Search((each.path,), each.least, each.most)
-        for each in ranges
-        if not each.found and not each.reason
-    }
-    paths = [path for path in paths if path not in searches]
+    ranges = stable_ranges(trials, knobs) if verdict.poles.known_unstable and paths else ()
+    begin = {each.path: each.edge for each in ranges}
+    begin["design.unit_voltage"] = verdict.parts.largest_unit_voltage
+    never = {each.path: each for each in ranges if not each.found and not each.reason}
+    searches = [Search((path,), each.least, each.most) for path, each in never.items()]
+    paths = [path for path in paths if path not in never]
     for place, path in enumerate(paths):
         share = 2.0 / (1 + len(paths) - place)  # the first keys, twice an equal part
         trials.limit = trials.spent + share * (work - trials.spent)
-        search = _search(trials, path, edges.get(path))
-        searches |= {} if search is None else {path: search}
+        searches += filter(None, [_search(trials, path, begin.get(path))])
     trials.limit = work
-    transient = not unmendable and all(name in ("stability", *READINGS) for name in causes)
-    found = {path for path, search in searches.items() if search.found}
-    if transient and len(knobs) > 1 and not found.intersection(knobs):
-        pair = search_pair(trials, (knobs[0], knobs[1]))
-        searches |= {} if pair is None else {"pair": pair}
-    passing = [trial for search in searches.values() for trial in search.found[:SHOWN]]
-    opamps = (t.values[OPAMP] for t in trials.tried if {OPAMP} == {*t.values} and _stable(t))
+    transient = not unmendable and {*causes} <= {"stability", *READINGS}
+    if transient and len(knobs) > 1 and not any(s.found for s in searches if s.paths[0] in knobs):
+        searches += filter(None, [search_pair(trials, (knobs[0], knobs[1]))])
+    passing = [trial for one in searches for trial in one.found[:SHOWN]]
+    stable = (t for t in trials.tried if t.passed("stability") and {OPAMP} == {*t.values})
     return Remedies(
         failed=failed,
         stability=ranges,
         changes=tuple(_change(trials, failed, trial) for trial in passing or _best(trials, failed)),
-        without=tuple(s for s in searches.values() if s.complete and not s.found),
-        searched=tuple(dict.fromkeys(path for s in searches.values() for path in s.paths)),
-        cut=tuple(s.paths for s in searches.values() if not s.complete),
+        without=tuple(one for one in searches if one.complete and not one.found),
+        searched=tuple(dict.fromkeys(path for one in searches for path in one.paths)),
+        cut=tuple(one.paths for one in searches if not one.complete),
         unmendable=unmendable,
-        opamps=tuple(map(str, opamps)) if ranges else (),
+        opamps=tuple(str(trial.values[OPAMP]) for trial in stable) if ranges else (),
         trials=len(trials.tried),
         undecided=tuple(t.reason for t in trials.tried if t.outcome == ERROR),
         work=trials.spent,
         limit=trials.limit,
     )
-
-
-def _stable(trial: Trial) -> bool:
-    return trial.passed("stability")
 
 
 def _mended(failed: Sequence[str], trial: Trial) -> tuple[str, ...]:
@@ -334,21 +307,19 @@ def _change(trials: Trials, failed: Sequence[str], trial: Trial) -> Change:
     return Change(values, _mended(failed, trial), trial.left, resistance)
 
 
-def _search(trials: Trials, path: str, edge: float | None) -> Search | None:
+def _search(trials: Trials, path: str, begin: float | None) -> Search | None:
     """Return the search over a key: over its list, the nearest first, or outwards."""
     design = trials.scene.design
-    lists: dict[str, Callable[[], Sequence[Value]]] = {
-        OPAMP: lambda: _opamps(trials.scene),
-        "design.resistor_series": lambda: SERIES[SERIES.index(design.resistor_series) + 1 :],
-        "design.prune": lambda: [
-            each for each in (design.prune / 3.0, design.prune / 10.0, 0.0) if design.prune
-        ],
-        "design.supply": lambda: [volts for volts in SUPPLIES if volts > design.supply],
+    lists: dict[str, Sequence[Value]] = {
+        "design.resistor_series": SERIES[SERIES.index(design.resistor_series) + 1 :],
+        "design.prune": [design.prune / 3.0, design.prune / 10.0, 0.0] if design.prune else [],
+        "design.supply": [volts for volts in SUPPLIES if volts > design.supply],
     }
-    if path not in lists:
-        return search_key(trials, path, edge)
-    values = lists[path]()
-    return search_list(trials, path, values) if values else None
+    values = _opamps(trials.scene) if path == OPAMP else lists.get(path)
+    if values is None:
+        return search_key(trials, path, begin)
+    rows = ({path: value} for value in values)
+    return search(trials, Search((path,)), rows, math.inf) if values else None
 
 
 def _opamps(scene: Scene) -> list[Value]:
@@ -362,9 +333,5 @@ def _opamps(scene: Scene) -> list[Value]:
         gbw = OPAMPS[name].gbw
         return abs(math.log(gbw / own.gbw)) if math.isfinite(own.gbw) else -gbw
 
-    names = (
-        name
-        for name, part in OPAMPS.items()
-        if math.isfinite(part.gbw) and (name != changed.base or own.name != name)
-    )
-    return [*sorted(names, key=distance)]
+    others = (n for n in OPAMPS if n != changed.base or own.name != n)
+    return [*sorted((n for n in others if math.isfinite(OPAMPS[n].gbw)), key=distance)]

@@ -12,7 +12,6 @@ a linear board, and the highest output voltage becomes the wanted share of the s
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -38,7 +37,7 @@ from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.progress import Progress
 from taction.system.quantities import show
 from taction.system.results import Result
-from taction.verification.design.nearest import is_good, search_key
+from taction.verification.design.search import Accept, is_good, search_key
 from taction.verification.design.trials import (
     Trial,
     Trials,
@@ -47,14 +46,12 @@ from taction.verification.design.trials import (
     broken_at_rest,
 )
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.reference.dynamics import lambda_times_resistance
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.stability.poles import poles
+from taction.verification.verdict.build import build
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.headroom import FULL, Load, PartLoads, describe
-from taction.verification.verdict.transient_plan import plan_transient
+from taction.verification.verdict.headroom import FULL, Load, describe
 from taction.verification.verdict.verify import Verdict, verify
 
 NO_C = "no C that was tried makes the board pass"
@@ -79,16 +76,15 @@ def scaled_resistors(
     """Return s and G0 by their paths; R, which follows from lambda, is in the series, too.
 
     s is `factor` times the value that balances constraint plane and outputs; resistors are within
-    `limits`, ohm, and `notes` receives what could not be reached. Raises `InputError` where T or
-    lambda need others.
+    `limits`, ohm, and `notes` receives what could not be reached. `InputError` where T or lambda
+    need others.
     """
     sizes = np.abs(problem.matrix[problem.matrix != 0.0])
-    smallest, largest = float(sizes.min()), float(sizes.max())
-    pruned = sizes[sizes >= scene.design.prune * largest]
-    smallest = float(pruned.min())
+    largest = float(sizes.max())
+    smallest = float(sizes[sizes >= scene.design.prune * largest].min())
     least, most = limits
-    if largest / smallest > most / least:
-        ratio = least / most
+    ratio = least / most
+    if largest * ratio > smallest:
         text = (
             f"the entries of T differ by the factor {largest / smallest:.3g}, and resistors that"
             f" can be bought by {1 / ratio:.3g}; leave out small entries with design.prune ="
@@ -99,35 +95,27 @@ def scaled_resistors(
     # the rounding of R and s moves G0 by less than this
     slack = min(ROUNDING, math.sqrt(most / least * smallest / largest))
     unit = min(max(unit, slack / (most * smallest)), 1.0 / (slack * least * largest))
-    lam, product = answer.network.lam, _product(scene, unit)
+    design, lam = scene.design, answer.network.lam
+    product = lambda_times_resistance(
+        design.amplifier, s=1.0, G0=unit, U0=design.unit_voltage, Ve=design.exponential_slope or 1.0
+    )  # lambda R s, ohm²
     strain = float(np.abs(problem.strain).max(initial=0.0))
     drive = float(np.abs(answer.solution.u).max(initial=0.0))
     balanced = drive / (unit * strain) if strain and drive else math.sqrt(product / lam)
-    low, high = product / lam / most, product / lam / least
-    low, high = max(low, least), min(high, most)
+    low, high = max(product / lam / most, least), min(product / lam / least, most)
     if low > high:
         text = (
             f"no s and R between {least:g} and {most:g} ohm have this lambda; expected"
             f" about {product / most**2:.1g} to {product / least**2:.1g}"
         )
         raise InputError(scene.file, Complaint("design.lambda", f"{lam:g}", text))
-    series = scene.design.resistor_series
-    series = "E24" if series == "exact" else series
+    series = "E24" if design.resistor_series == "exact" else design.resistor_series
     gain = buyable(min(max(factor * balanced, low), high), series)
     resistance = buyable(product / (lam * gain), series)
     if not low <= balanced <= high:
         notes.append("s is not balanced with the outputs: R would be out of its range")
     unit *= math.sqrt(product / (lam * gain * resistance))
     return {"design.gain": gain, "design.unit_conductance": unit}
-
-
-def _product(scene: Scene, unit: float) -> float:
-    """Return lambda R s, ohm²."""
-    design = scene.design
-    slope = design.exponential_slope or 1.0
-    return lambda_times_resistance(
-        design.amplifier, s=1.0, G0=unit, U0=design.unit_voltage, Ve=slope
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,41 +250,39 @@ def find_scaling(
     answer = ideal_answer(ideal_network(problem, scene), scene)
     accepted = accepted or accepted_parts(scene, problem)
     limits = EVERY_OHM if accepted.any_part else LIMITED
-    found = list[_Scaled]()
+    found = list[tuple[float, Scene, tuple[Load, ...], list[str]]]()
     for factor in SMALLER:
-        said = list[str]()
-        values = scaled_resistors(scene, problem, answer, factor, said, limits)
+        notes = list[str]()
+        values = scaled_resistors(scene, problem, answer, factor, notes, limits)
         scaled = _with_voltage(_held(scene, values, answer), problem, answer, share)
-        scaled = _with_capacitance(scaled, accepted, said, _damped) or scaled
-        scaled, loads = _with_loads(scaled, problem, share, said)
-        found.append(_Scaled(scaled, loads, said))
-        if not loads or found[-1].voltage >= FULL * share:  # U0 has two digits
+        scaled = _with_capacitance(scaled, accepted, notes, _damped) or scaled
+        scaled, loads = _with_loads(scaled, problem, share, notes)
+        volts = max((load.share for load in loads if load.quantity == "voltage"), default=0.0)
+        found.append((volts, scaled, loads, notes))
+        if not loads or volts >= FULL * share:  # U0 has two digits
             break
-    best = max(found, key=lambda one: one.voltage)
-    for one in sorted(found, key=lambda one: -one.voltage):
-        passing = _with_capacitance(one.scene, accepted, one.notes, is_good)
+    found.sort(key=lambda one: -one[0])
+    volts, scaled, loads, notes = found[0]
+    for one in found:  # the C that passes depends on U0
+        passing = _with_capacitance(one[1], accepted, one[3], is_good)
         if passing is not None:
-            best = replace(one, scene=passing)
+            (volts, _, loads, notes), scaled = one, passing
             break
-    if best.loads and best.voltage < FULL * share:
-        best.notes.append(f"{describe(best.loads[0])}: it sets U0, not the share of the swing")
-    design = best.scene.design.model_copy(update={"opamp": scene.design.opamp})
-    scaled = best.scene.model_copy(update={"design": design})
+    if loads and volts < FULL * share:
+        notes.append(f"{describe(loads[0])}: it sets U0, not the share of the swing")
+    design = scaled.design.model_copy(update={"opamp": scene.design.opamp})
+    scaled = scaled.model_copy(update={"design": design})
     circuit = synthesise(scaled, problem)
     if refused := accepted.refused(broken_at_rest(LinearBoard(circuit))):
         text = f"the scalings need {refused}, which the scene does not have; --any-part accepts it"
         raise InputError(scene.file, Complaint("design", "", text))
-    notes = dict.fromkeys((*best.notes, *part_warnings(circuit)))
-    return Scaling(scaled, circuit, best.loads, tuple(notes))
+    return Scaling(scaled, circuit, loads, tuple(dict.fromkeys((*notes, *part_warnings(circuit)))))
 
 
 def rescaled(
     scene: Scene, problem: InverseProblem, answer: IdealAnswer, share: float, factor: float
 ) -> Scene:
-    """Return the scene with G0, U0 and s as `scale` has them, and a C with the same R C.
-
-    `factor` is one of `SMALLER`; the errors are those of `scale`.
-    """
+    """Return the scene with G0, U0 and s as `scale` has them, and a C with the same R C."""
     before = topology_of(scene).facts(scene)["R"].value
     scaled = _held(scene, scaled_resistors(scene, problem, answer, factor, []), answer)
     ratio = before / topology_of(scaled).facts(scaled)["R"].value
@@ -307,20 +293,6 @@ def rescaled(
 def _held(scene: Scene, values: dict[str, float], answer: IdealAnswer) -> Scene:
     """Return the scene with changes and the same lambda, its op-amps at the small-signal level."""
     return with_values(at_small_signal(scene), {**values, "design.lambda": answer.network.lam})
-
-
-@dataclass(slots=True)
-class _Scaled:
-    """The scene with one gain s, and its loads."""
-
-    scene: Scene
-    loads: tuple[Load, ...]
-    notes: list[str]
-
-    @property
-    def voltage(self) -> float:
-        """The highest output voltage, as a share of the swing."""
-        return max((load.share for load in self.loads if load.quantity == "voltage"), default=0.0)
 
 
 def _with_voltage(
@@ -351,13 +323,9 @@ def _damped(trial: Trial) -> bool:
 
 
 def _with_capacitance(
-    scene: Scene, accepted: AcceptedParts, notes: list[str], accept: Callable[[Trial], bool]
+    scene: Scene, accepted: AcceptedParts, notes: list[str], accept: Accept
 ) -> Scene | None:
-    """Return the scene with the nearest C that is accepted; None where none is.
-
-    The number of trials limits the search, and not the time: what is proposed must not depend on
-    the speed of the machine.
-    """
+    """Return the scene with the nearest C that is accepted; None where none is."""
     path, trials = "design.capacitance", Trials(scene, accepted=accepted)
     own = trials.at({path: scene.design.capacitance})
     if accept(own):
@@ -377,21 +345,17 @@ def _with_loads(
     """Return the scene with the largest U0 that keeps the shares, and its loads."""
     loads: tuple[Load, ...] = ()
     for _ in range(ROUNDS):
-        board = LinearBoard(synthesise(scene, problem))
-        scales = time_scales(board, initial=scene.analysis.initial)
-        found = poles(board)
-        if not found.known_stable:
+        board = build(scene.with_engine("statespace"), problem=problem)
+        if not board.poles.known_stable:
             notes.append("the loads of an unstable board are not known: U0 is that of the outputs")
             return scene, ()
-        plan = plan_transient(scene, board, scales, steps=False)
-        parts = PartLoads.of(board, initial=scene.analysis.initial, transient=plan.transient)
-        if parts.unknown:
-            raise EngineError(parts.unknown)
-        loads = parts.loads
+        if board.loads.unknown:
+            raise EngineError(board.loads.unknown)
+        loads = board.loads.loads
         if not loads:
             notes.append("the op-amps have no limits: U0 is that of the scene")
             return scene, ()
-        ratio = min(_allowed(load, share) for load in parts.loads)
+        ratio = min(_allowed(load, share) for load in loads)
         if not math.isfinite(ratio):
             notes.append("nothing moves with this strain: U0 is that of the scene")
             return scene, loads

@@ -27,7 +27,7 @@ from taction.system.errors import EngineError, InputError, NoVerdictError
 from taction.system.quantities import percent
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from taction.verification.stability.poles import Poles, poles
+from taction.verification.stability.poles import poles
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.record import Record
@@ -40,10 +40,8 @@ VERDICT = 10.0  # designs: the work of a verdict
 STEPPED = 20.0  # times as much: that of a board whose transient takes steps
 POLES = 2.0  # designs: the work of poles with bounds
 STATES = 70.0  # of a board whose decomposition costs as much as all that grows slower with it
-RINGING = 250.0  # rad in a time constant: the work of following it is that of one design
 LONGEST = 1000.0  # rad in a time constant, of a board whose transient takes steps
 CLEARLY = 2.0  # times the limit: a board that rests farther away needs no transient
-TINY = 1e-12
 
 
 class OutOfWorkError(Exception):
@@ -52,20 +50,14 @@ class OutOfWorkError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What the checks say about one design.
-
-    Attributes
-    ----------
-    values : dict
-        New values by dotted paths.
-    """
+    """What the checks say about one design."""
 
     DOCUMENT: ClassVar[tuple[str, ...]] = (
         *("values = plain_values", "settling_time [s]", "overshoot [step]"),
         *("left # checks that do not pass", "refused"),
     )
 
-    values: dict[str, Any]  # numbers and names
+    values: dict[str, Any]  # new numbers and names by dotted paths
     record: Record  # of the verdict, or why there is none
     # Which of its parts cannot be bought, or the layout undoes, or why there is no verdict.
     refused: str = ""
@@ -121,13 +113,11 @@ class Trial:
 
 
 class Trials:
-    """The trials of one scene.
+    """The trials of one scene, whose lambda is a number.
 
-    `scene`: lambda is a number.
-    `work`: most work of all trials together: a design of few states is 1 (`Trials.spend`).
-    `accepted`: parts beyond the limits that are not refused, by default those of the scene.
-    `rest_first`: a board that rests far beyond the limit is judged without a transient.
-    InputError: the problem of the scene cannot be made.
+    `work`: most work of all trials together (`Trials.spend`). `accepted`: parts beyond the limits
+    that are not refused, by default those of the scene. `rest_first`: a board that rests far beyond
+    the limit is judged without a transient. InputError: the problem of the scene cannot be made.
     """
 
     def __init__(
@@ -150,12 +140,12 @@ class Trials:
         """All trials so far."""
         return tuple(self._known.values())
 
-    def spend(self, designs: float, board: LinearBoard, ringing: float = 0.0) -> None:
-        """Count work before it is done: its cost grows with the cube of the states.
+    def spend(self, designs: float, board: LinearBoard) -> None:
+        """Count work before it is done, which grows with the cube of the states.
 
         OutOfWorkError: the work that is left does not suffice for it; nothing is counted.
         """
-        work = designs * (1.0 + (board.state_space.n / STATES) ** 3) + ringing / RINGING
+        work = designs * (1.0 + (board.state_space.n / STATES) ** 3)
         if self.spent + work > self.limit:
             raise OutOfWorkError
         self.spent += work
@@ -171,27 +161,17 @@ class Trials:
         return {**kept, **with_lambda_held(self.scene, changes, self.lam)}
 
     def scene_at(self, changes: Mapping[str, Value]) -> Scene:
-        """Return the scene with a change and the same lambda.
-
-        InputError: a value that its key does not accept.
-        """
+        """Return the scene with a change and the same lambda; `InputError` if a key refuses it."""
         return with_values(self.scene, self.completed(changes))
 
     def board_at(self, changes: Mapping[str, Value]) -> LinearBoard:
-        """Return the board with a change.
-
-        InputError: the board cannot be built.
-        OutOfWorkError: the work that is left does not suffice for it.
-        """
+        """Return the board with a change; `InputError`, or `OutOfWorkError` as `spend`."""
         board = LinearBoard(synthesise(self.scene_at(changes), self.problem))
         self.spend(POLES, board)
         return board
 
     def at(self, changes: Mapping[str, Value]) -> Trial:
-        """Return the trial of a change.
-
-        OutOfWorkError: the work that is left does not suffice for it.
-        """
+        """Return the trial of a change; `OutOfWorkError` as `spend`."""
         key = tuple(sorted(changes.items()))
         if key not in self._known:
             try:
@@ -203,28 +183,42 @@ class Trials:
         return self._known[key]
 
     def _try(self, changes: dict[str, Any]) -> Trial:
-        """Verify a change; a board whose poles show that it is unstable needs no transient."""
+        """Verify a change; a board whose poles or rest show that it fails needs no transient."""
         scene = at_small_signal(self.scene_at(changes))
         board = LinearBoard(synthesise(scene, self.problem))
         self.spend(POLES, board)
-        found = poles(board)
+        found, fail = poles(board), Outcome.FAIL
         if found.known_unstable:
-            return Trial(changes, _unstable(found, scene))
+            rate, reason = found.rightmost.real, "it is unstable"
+            lost = ["steady_state", "settling_time"]
+            lost += ["overshoot"] * (scene.checks.overshoot is not None)
+            stability = Check("stability", fail, rate, found.resolution, unit="1/s", reason=reason)
+            others = (Check(name, fail, reason=reason) for name in lost)
+            return Trial(changes, _without_transient(False, reason, stability, *others))
         limit = scene.checks.steady_state.tolerance
         if self.rest_first:
             rest = rest_distance(board, ideal_answer(ideal_network(self.problem, scene), scene))
             if rest > CLEARLY * limit:
-                return Trial(changes, _resting_off(rest, limit))
-        ringing = 1.0 / max(found.damping_ratio, TINY)
-        if not board.circuit.is_linear and ringing > LONGEST:
+                reason = f"rests {percent(rest)} off the reference"
+                steady = Check("steady_state", fail, rest, None, 0.0, limit, "step", reason)
+                stability = Check("stability", Outcome.PASS, unit="1/s")
+                return Trial(changes, _without_transient(True, reason, stability, steady))
+        linear = board.circuit.is_linear
+        if not linear and found.damping_ratio * LONGEST < 1.0:
             ratio = f"{found.damping_ratio:.2g}"
             raise EngineError(f"its damping ratio is {ratio}: it rings too long for a search")
-        times = 1.0 if board.circuit.is_linear else STEPPED
-        self.spend(times * VERDICT, board, times * ringing)
+        self.spend(VERDICT if linear else STEPPED * VERDICT, board)
         verdict = verify(scene, problem=self.problem, circuit=board, full_margin=False)
         passes = verdict.outcome is Outcome.PASS
         refused = self.accepted.refused(broken_at_rest(board)) if passes else ""
         return Trial(changes, Record.of(verdict, channels=False), refused)
+
+
+def _without_transient(stable: bool, reason: str, *checks: Check) -> Record:
+    """Return the record of a board that fails by its poles, or at rest."""
+    none = Record.without_verdict("", reason, "statespace")
+    outcome = Outcome.FAIL.value
+    return replace(none, outcome=outcome, failure=None, stable=stable, checks=checks)
 
 
 def rest_distance(board: LinearBoard, answer: IdealAnswer) -> float:
@@ -244,10 +238,7 @@ def rest_distance(board: LinearBoard, answer: IdealAnswer) -> float:
 
 
 def accepted_parts(scene: Scene, problem: InverseProblem) -> AcceptedParts:
-    """Return what a proposal may have beyond the limits of real parts: what the scene has.
-
-    InputError: the board cannot be built.
-    """
+    """Return what a proposal may have beyond the limits of real parts: what the scene has."""
     return AcceptedParts(broken_at_rest(LinearBoard(synthesise(scene, problem))))
 
 
@@ -276,32 +267,4 @@ def at_small_signal(scene: Scene) -> Scene:
     """Return the scene with its op-amps at the small-signal level, if it leaves the level open."""
     if scene.design.opamp.level != "auto":
         return scene
-    opamp = scene.design.opamp.model_copy(update={"level": "small-signal"})
-    return scene.model_copy(update={"design": scene.design.model_copy(update={"opamp": opamp})})
-
-
-def _without_transient(stable: bool, reason: str, *checks: Check) -> Record:
-    """Return the record of a board that is judged by its poles, or at rest, and fails."""
-    none = Record.without_verdict("", reason, "statespace")
-    outcome = Outcome.FAIL.value
-    return replace(none, outcome=outcome, failure=None, stable=stable, checks=checks)
-
-
-def _resting_off(rest: float, limit: float) -> Record:
-    """Return the record of a stable board that is judged at rest only; lengths in steps."""
-    reason = f"rests {percent(rest)} off the reference"
-    steady = Check("steady_state", Outcome.FAIL, rest, None, 0.0, limit, "step", reason)
-    return _without_transient(True, reason, Check("stability", Outcome.PASS, unit="1/s"), steady)
-
-
-def _unstable(found: Poles, scene: Scene) -> Record:
-    """Return the record of a board whose poles show that it is unstable.
-
-    It never settles, and a limit of its overshoot is exceeded as soon as the ringing has grown.
-    """
-    rate, reason, fail = found.rightmost.real, "it is unstable", Outcome.FAIL
-    stability = Check("stability", fail, rate, found.resolution, unit="1/s", reason=reason)
-    limited = ("overshoot",) if scene.checks.overshoot is not None else ()
-    names = ("steady_state", "settling_time", *limited)
-    others = (Check(name, fail, reason=reason) for name in names)
-    return _without_transient(False, reason, stability, *others)
+    return with_values(scene, {"design.opamp.level": "small-signal"})

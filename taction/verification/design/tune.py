@@ -23,13 +23,7 @@ from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.progress import Progress
 from taction.system.quantities import percent, show
 from taction.system.results import Result
-from taction.verification.design.nearest import (
-    SearchRange,
-    Values,
-    descend,
-    parse_ranges,
-    search_key,
-)
+from taction.verification.design.search import SearchRange, Values, descend, parse_ranges
 from taction.verification.design.trials import Trial, Trials
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.verdict.record import ERROR
@@ -217,12 +211,6 @@ class _TuneSearch:
         for number, point in enumerate(grid, 1):
             progress(f"grid {number} of {len(grid)}")
             self.trials.at(dict(zip(self.own, point, strict=True)))
-        if not self.feasible(self.best(1)[0]):
-            progress("from the scene outwards")  # the grid may step over a narrow window
-            for each in self.ranges:
-                search_key(self.trials, each.path, limits=(each.low, each.high))
-            for found in [trial for trial in self.trials.tried if trial.good]:
-                self.trials.at(self.own | found.values)
         count = GRID[len(self.ranges)] - 1
         spacings = [0.5 * math.log(each.high / each.low) / count for each in self.ranges]
         for number, start in enumerate(self.best(STARTS), 1):

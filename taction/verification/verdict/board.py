@@ -21,7 +21,6 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.input_errors import MOST
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.system.reading_definitions import FOUND
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 from taction.verification.engines.statespace.transients.exact import is_exact
@@ -122,11 +121,7 @@ class Board:
 
     @property
     def response(self) -> ExactResponse | None:
-        """The exact solution of a stable linear board; None of any other board.
-
-        Its excursions err by at most `FOUND`; beside a record with steps they are exact, as they
-        show the error of the steps.
-        """
+        """The exact solution of a stable linear board; None of any other board."""
         if not (self.poles.known_stable and is_exact(self.linear)):
             return None
         return ExactResponse(
@@ -136,7 +131,7 @@ class Board:
             initial=self.transient.initial,
             band=self.scene.checks.settling_time.band,
             target_error=self.target_error,
-            level=0.0 if self.plan.by_steps else FOUND,
+            level=0.0,
         )
 
     @cached_property

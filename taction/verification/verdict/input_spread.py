@@ -109,19 +109,12 @@ class InputSpread:
         uniform = 0.0 if self.ends is None else (self.ends**2).sum(axis=0) / 3.0
         return np.asarray(np.sqrt((self.parts**2).sum(axis=0) + uniform))
 
-    def distance(self, target: Floats) -> tuple[float, float]:
-        """Return how far the outputs rest from `target` (N,) in all but 5 % of the boards, V.
+    def distance(self, target: Floats, share: float = SHARE) -> tuple[float, float]:
+        """Return how far from `target` (N,) no output rests in a share of the boards, V.
 
-        No channel of such a board is farther away. The second number bounds the error.
-
-        Examples
-        --------
-        >>> one = InputSpread(np.zeros(1), np.ones((1, 1)), 0.0, "v_1.offset_voltage", False)
-        >>> distance, error = one.distance(np.zeros(1))
-        >>> abs(distance - 1.96) < error < 0.05
-        True
+        The second number bounds the error.
         """
-        return max(self._distance(away) for away in self._away(target))
+        return max(self._distance(away, share) for away in self._away(target))
 
     def within(self, target: Floats, limit: float) -> tuple[float, float]:
         """Return bounds on the share of boards whose outputs rest at most `limit`, V, off `target`.
@@ -142,10 +135,10 @@ class InputSpread:
         parts = (0.0, self.moved) if np.any(self.moved) else (0.0,)
         return [self.mean - part - target for part in parts]
 
-    def _distance(self, away: Floats) -> tuple[float, float]:
+    def _distance(self, away: Floats, share: float) -> tuple[float, float]:
         """Return the distance, and its error, for means that are `away` (N,), V."""
         farthest = np.sort(np.abs(away + self._sums).max(axis=1))
-        ranks = DRAWN * (SHARE + self._scatter(SHARE) * np.array([-1.0, 0.0, 1.0]))
+        ranks = DRAWN * (share + self._scatter(share) * np.array([-1.0, 0.0, 1.0]))
         low, middle, high = farthest[np.ceil(ranks).astype(np.int64) - 1].tolist()
         return middle, max(high - middle, middle - low) + self._first_order(away)
 

@@ -1,13 +1,9 @@
 """A second solution beside a record, from which its error follows, and readings with bounds.
 
-The state-space engine gives the second solution with a bound of its own error. Where it has none,
-no reading has a bound.
-
-The uncertainties of the readings of a record are bounds on their errors. A record with a bound on
-its error has readings between those of the shifted levels. A record of ngspice is measured beside
-the state-space solution: the error of a reading is at most its difference to the reading of that
-solution, and the uncertainty of that one. The exact solution of a linear board is measured for all
-time, so that no reading depends on the end of a record.
+The state-space engine gives the second solution with a bound of its own error. The error of a
+reading of ngspice is at most its difference to the reading of that solution, and the uncertainty of
+that one. The exact solution of a linear board is measured for all time, so that no reading depends
+on the end of a record.
 """
 
 from __future__ import annotations
@@ -47,19 +43,15 @@ LATE = 0.9  # of a record: after it the largest distance from the equilibrium wi
 class Agreement:
     """The outputs of a record beside those of a second solution."""
 
-    # (Q,): instants at which both are compared, s: points of the record, and those of a solution by
-    # steps, at which the record is interpolated.
-    instants: Floats
-    # `u`, `other`: (Q, N): outputs of the record and of the second solution, V.
-    u: Floats
-    other: Floats
+    instants: Floats  # (Q,): at which both are compared, s
+    u: Floats  # (Q, N): outputs of the record, V
+    other: Floats  # (Q, N): outputs of the second solution, V
     solution: Waveforms  # the second solution at instants that resolve it
     doubt: float  # bound of the error of the second solution, V; infinite without one
     how: str  # source of the second solution
     reason: str = ""  # why the state-space engine has no solution, or empty
     step_error: float = 0.0  # expected error of the time steps of ngspice, V
-    # Largest accepted difference, fraction of the step amplitude; without a step, of `unit`.
-    limit: float = AGREE
+    limit: float = AGREE  # accepted difference, of the step amplitude; without a step, of `unit`
     unit: float = 1.0  # unit voltage U0, V
 
     @property
@@ -115,11 +107,9 @@ def state_space_beside(
 ) -> Agreement:
     """Return the state-space solution for the `record` of ngspice.
 
-    `tolerance`: relative tolerance of the steps, if the state-space engine needs steps.
-    `dense`: instants, beside those of the record, that resolve the solution, s.
-    `wanted`: error of the solution that suffices, V.
-    EngineError: the state-space engine has no solution for the whole record, or none with a known
-      error.
+    `tolerance` is relative, of steps; `dense` are further instants that resolve the solution, s;
+    an error of `wanted`, V, suffices. EngineError: there is none for the whole record, or none with
+    a known error.
     """
     from taction.verification.engines.statespace.transients.simulate import simulate
 
@@ -159,18 +149,14 @@ class StepError:
     """
 
     steady_state: float  # of the record's end, fraction of the step amplitude
-    # Of the readings of the network, in their units; 0 for a time that no channel has. Of the rise
-    # times, the largest error of any channel counts.
+    # Of the readings of the network; 0 for a time that no channel has, the largest of all channels.
     readings: Annotated[
         Mapping[str, float], Inline({name: kind.unit for name, kind in READINGS.items()})
     ]
 
     @classmethod
     def of(cls, measured: Measurements, end_error: float) -> StepError:
-        """Return the errors of measurements whose uncertainties are bounds.
-
-        `end_error`: bound of the error of the record's end, V.
-        """
+        """Return the errors of measurements; `end_error` bounds that of the record's end, V."""
         readings = measured.readings.items()
         known = {name: found.uncertainty if found else 0.0 for name, found in readings}
         rises = (channel.rise_time for channel in measured.channels)
@@ -179,27 +165,15 @@ class StepError:
 
 
 def measure_with_bounds(
-    board: Board,
-    wave: Waveforms,
-    own: StateSpaceError | None,
-    beside: Agreement | None,
-    *,
-    finest: bool = False,
+    board: Board, wave: Waveforms, own: StateSpaceError | None, beside: Agreement | None
 ) -> tuple[Measurements, bool]:
     """Measure a record; the uncertainties of the readings are bounds.
 
-    `own`: the error of a record of the state-space engine.
-    `beside`: a second solution beside a record of ngspice.
-    `finest`: whether excursions of an exact solution have no error but that of rounding.
-
-    Returns
-    -------
-    Measurements, bool
-        And whether they are those of the exact solution, which has no end.
+    `own` is the error of a record of the state-space engine, `beside` a second solution beside a
+    record of ngspice. Returns also whether the readings are those of the exact solution, which has
+    no end.
     """
     exact = board.exact if own or beside else None
-    if exact is not None and finest and (response := board.response) is not None:
-        exact = replace(response, level=0.0).measured()
     if beside is not None:
         if beside.reason:
             return _by_its_error(board, wave, math.inf), False
@@ -224,9 +198,7 @@ def bounded(measured: Measurements, other: Measurements | None) -> Measurements:
     """Return `measured` with uncertainties that hold for the true solution.
 
     The error of a reading is at most its difference to the reading of the better solution `other`,
-    and the uncertainty of that one. A reading that only one solution has is infinitely uncertain,
-    and all readings are without another solution. A settling time jumps by half a ringing period
-    when a peak moves through the edge of the band, and this difference counts, too.
+    and the uncertainty of that one. A reading that only one solution has is infinitely uncertain.
     """
     channels = []
     for n, channel in enumerate(measured.channels):
@@ -243,17 +215,8 @@ def bounded(measured: Measurements, other: Measurements | None) -> Measurements:
 
 
 def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
-    """Return u of every channel, shape (P, N), V; each channel is contiguous in memory.
-
-    Callers must not change the array: it may share memory with `waveforms`.
-    """
-    nodes = tuple(out.node for out in circuit.outputs)
-    if nodes == waveforms.nodes and all(out.sign == 1.0 for out in circuit.outputs):
-        return np.ascontiguousarray(waveforms.values.T).T
-    rows = np.empty((len(circuit.outputs), len(waveforms.time)))
-    for row, out in zip(rows, circuit.outputs, strict=True):
-        np.multiply(waveforms[out.node], out.sign, out=row)
-    return rows.T
+    """Return u of every channel, shape (P, N), V; each channel is contiguous in memory."""
+    return np.array([out.sign * waveforms[out.node] for out in circuit.outputs]).T
 
 
 def measure_outputs(board: Board, waveforms: Waveforms, *, error: float = 0.0) -> Measurements:

@@ -25,7 +25,6 @@ from taction.verification.verdict.board import Board
 from taction.verification.verdict.build import build
 from taction.verification.verdict.measure import (
     Agreement,
-    StepError,
     measure_outputs,
     measure_with_bounds,
     outputs,
@@ -35,7 +34,6 @@ from taction.verification.verdict.simulation import (
     StateSpaceError,
     Waiting,
     begin,
-    bound_after,
     own_error,
 )
 from taction.verification.verdict.transient_plan import (
@@ -61,20 +59,15 @@ class Accuracy:
     """The error of a transient, largest over all outputs and times."""
 
     wanted: float  # error that the checks allow, fraction of the step amplitude (`wanted_error`)
-    # Bound of the error, measured after the run; None if it cannot be measured.
-    achieved: float | None
-    seconds: float  # wall time of the run (of all tries), s
+    achieved: float | None  # bound of the error, measured after the run; None if that is not known
+    seconds: float  # wall time of all tries, s
     points: int  # time points or steps of the run
-    # Points on the period of the fastest ringing, averaged over the record.
-    points_per_period: float
-    # `engine`, `method`: engine and integration method.
+    points_per_period: float  # of the fastest ringing, averaged over the record
     engine: str
-    method: str
+    method: str  # of integration
     how: str  # how `achieved` was measured
-    tries: int = 1  # number of runs; 2 or more if the first run did not suffice
-    # Whether the scene allows `wanted`; False where it states the steps, of which an error follows
-    # that it does not name.
-    asked: Annotated[bool, HIDDEN] = True
+    tries: int = 1  # number of runs
+    asked: Annotated[bool, HIDDEN] = True  # False where the scene states the steps, not an error
 
     @property
     def reached(self) -> bool:
@@ -92,8 +85,7 @@ class Run:
     """A transient of a board, with the error of its record."""
 
     board: Board  # with the plan of this record
-    # The record, with the remarks of the engine; at least its first and its last point.
-    ends: Waveforms
+    ends: Waveforms  # the record, at least its first and its last point
     own: StateSpaceError | None = None  # its error, if its engine bounds that itself
     beside: Agreement | None = None  # else the second solution; None for an unstable board
     before: Accuracy | None = None  # of the runs that did not suffice
@@ -107,13 +99,6 @@ class Run:
     def u(self) -> Floats:
         """Outputs, V, (P, N)."""
         return outputs(self.board.circuit, self.waveforms)
-
-    @property
-    def is_stepped(self) -> bool:
-        """Whether the record of a stable board is by steps that can be halved."""
-        from taction.verification.engines.statespace.transients.stepped import METHOD
-
-        return self.ends.method == METHOD and self.board.poles.known_stable
 
     @property
     def first_and_last(self) -> Floats:
@@ -166,23 +151,13 @@ class Run:
             asked=board.scene.analysis.points_per_period is None,
         )
 
-    def measured(self, *, finest: bool = False) -> tuple[Measurements, bool]:
-        """Return the measurements of the record; see `measure_with_bounds`."""
-        return measure_with_bounds(self.board, self.ends, self.own, self.beside, finest=finest)
-
 
 def observe(board: Board, pending: Waiting | None, clock: Clock) -> tuple[Run, Measurements, bool]:
     """Wait for a simulation, which begins here unless it runs, and measure the record.
 
     A run that missed the wanted error is repeated with smaller steps, a record that is too short
-    for a reading is repeated with a longer stop time; the record stays if its repeat fails.
-
-    Returns
-    -------
-    Run, Measurements, bool
-        The run, and as `measure_with_bounds`.
-
-    SimulationError: of the first run, as `taction.verification.verdict.simulation.begin`.
+    for a reading is repeated with a longer stop time; the record stays if its repeat fails. The
+    last value is that of `measure_with_bounds`. SimulationError: of the first run, as `begin`.
     """
     run, measured, forever = _observed(board, pending, clock)
     for _ in range(REPEATS):
@@ -210,20 +185,8 @@ def _observed(
     if own is None and board.poles.known_stable:
         beside = second_solution(board, wave)
     clock.begin("measures")
-    run = Run(board, wave if own is None else own.record, own, beside)
-    return run, *run.measured()
-
-
-def finest(run: Run) -> tuple[Measurements, StepError]:
-    """Return the measurements of a better solution, and their errors.
-
-    Those of an exact solution are known to its rounding; steps are halved once more.
-    """
-    own, ends = own_error(run.board, run.ends), run.ends
-    if own is not None and own.record is not ends:
-        own, ends = bound_after(run.error[0], own), own.record
-    measured, _ = replace(run, ends=ends, own=own).measured(finest=True)
-    return measured, StepError.of(measured, math.inf if own is None else own.volts)
+    wave = wave if own is None else own.record
+    return Run(board, wave, own, beside), *measure_with_bounds(board, wave, own, beside)
 
 
 def better_plan(run: Run, measured: Measurements) -> TransientPlan | None:
@@ -232,7 +195,7 @@ def better_plan(run: Run, measured: Measurements) -> TransientPlan | None:
 
 
 def _longer(board: Board, measured: Measurements) -> TransientPlan | None:
-    """Plan a longer record if a channel settles only after the end of the record."""
+    """Plan a longer record if a channel settles only after its end."""
     automatic = board.scene.analysis.stop == "auto" and board.poles.known_stable
     if not automatic or measured.settling_time is not None or not measured.amplitude:
         return None
@@ -304,11 +267,9 @@ def record_transient(
     *,
     problem: InverseProblem | None = None,
 ) -> MeasuredTransient:
-    """Simulate the transient of `scene` and measure the record without its error.
+    """Simulate the transient of `scene`, or of another `problem`; measure it without its error.
 
-    `problem` replaces the problem of the scene.
-
-    InputError, NoVerdictError: as `taction.verification.verdict.verify.verify`.
+    InputError, NoVerdictError: as `verify`.
     """
     clock = Clock(progress)
     board = build(scene, clock, problem=problem)

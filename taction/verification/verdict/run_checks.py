@@ -8,7 +8,7 @@ inconclusive. A new check is one function and one entry in `CHECKS`, or an entry
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -30,7 +30,6 @@ from taction.verification.verdict.checks import (
     joined,
 )
 from taction.verification.verdict.headroom import FULL, amount, describe, limited_text
-from taction.verification.verdict.warnings import WELL_ABOVE
 
 PASS, FAIL, UNDECIDED = Outcome.PASS, Outcome.FAIL, Outcome.INCONCLUSIVE
 SEVERITY = (PASS, UNDECIDED, FAIL)
@@ -365,15 +364,6 @@ def run_checks(evidence: Evidence) -> tuple[Check, ...]:
                 check = replace(check, outcome=UNDECIDED, reason=reason)
             checks.append(check)
     return tuple(checks)
-
-
-def could_be_finer(evidence: Evidence, checks: Iterable[Check]) -> bool:
-    """Whether an error decides a check, or is near to a limit, and a better solution has less."""
-    undecided = any(c.outcome is UNDECIDED and c.uncertainty for c in checks)
-    limits = ((getattr(evidence.limits, name), name) for name in EXCURSIONS)
-    near = any(c and c.max < WELL_ABOVE * evidence.error.readings[name] for c, name in limits)
-    smaller = evidence.forever or (evidence.run is not None and evidence.run.is_stepped)
-    return smaller and (undecided or near)
 
 
 OWN = {

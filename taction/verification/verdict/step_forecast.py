@@ -9,9 +9,8 @@ and never above a maximum step. The modes of a board give q at any time, so they
 any time and the number of steps. They also give the error of the outputs: a step multiplies each
 mode by ``(1 + hp/2) / (1 - hp/2)`` instead of ``exp(hp)``. No transient is simulated.
 
-For a linear board the forecast omits the start of ngspice (up to 50 steps) and the rounding of
-steps. For a board with behavioural amplifiers, and for the coarse board of a large board, the
-forecast is an estimate: the measured error is within a factor of 2 of the forecast.
+The forecast omits the start of ngspice (up to 50 steps). For a board with behavioural amplifiers,
+and for the coarse board of a large board, the measured error is within a factor of 2 of it.
 """
 
 from __future__ import annotations
@@ -89,10 +88,7 @@ class StepModel:
     ) -> StepModel:
         """Model the strain step of `board` up to `stop`, s; a large board by its coarse board.
 
-        A growing mode of the coarse image of a board that is known to be `stable` is taken as
-        decaying at the same rate.
-
-        EngineError: no state-space form, or no equilibrium.
+        A growing mode of the coarse image of a `stable` board is taken as decaying at its rate.
         """
         coarse = board.descriptor.is_large
         board = board.coarse if coarse else board
@@ -131,31 +127,21 @@ class StepModel:
     def above_rounding(self, relative: float) -> StepModel:
         """Return the model with an absolute error of currents above the rounding of the charges.
 
-        Newton's iteration ends at a `relative` change of a current, or at this error, which is
-        `relative` times `current`. A large charge at rest, such as that of a coupling capacitor,
-        rounds its current by more than a small current may change.
+        A large charge at rest, such as that of a coupling capacitor, rounds its current by more
+        than a small current may change by a `relative` error.
         """
         shortest = float(self.time[1]) if len(self.time) > 1 else math.inf
         charge = float(np.abs(self.rest).max(initial=0.0))
         return replace(self, current=ROUNDINGS * EPS * charge / shortest / relative)
 
     @cached_property
-    def exponents(self) -> Complexes:
-        """``p t`` of the modes that show, shape (T, n)."""
-        return np.asarray(np.multiply.outer(self.time, self.poles))
-
-    @cached_property
     def growth(self) -> Complexes:
         """``exp(p t)`` of the modes that show, shape (T, n)."""
-        return limited_exp(self.exponents)
+        return limited_exp(np.multiply.outer(self.time, self.poles))
 
     @cached_property
     def limits(self) -> tuple[Floats, Floats]:
-        """The longest steps that the charges allow at a truncation error of 1, s, shape (T,) each.
-
-        By `charge`, which grows with the third root of the truncation error, and by the currents,
-        which grows with the second root.
-        """
+        """The longest steps that charges and currents allow at a truncation error of 1, s, (T,)."""
         growth = limited_exp(np.multiply.outer(self.time, self.all_poles))
         first, second = (self.all_poles[:, None] ** k * self.charges for k in (1, 3))
         third = np.maximum(np.abs((growth @ second).real), TINY)
@@ -175,7 +161,7 @@ class StepModel:
         """Forecast the run of ngspice with a truncation error and a maximum step, s."""
         step = self.step_lengths(truncation, max_step)[:, None]
         drift = integral(slip(step, self.poles), self.time)
-        off = limited_exp(self.exponents + drift) - self.growth
+        off = limited_exp(np.multiply.outer(self.time, self.poles) + drift) - self.growth
         return StepForecast(
             truncation=truncation,
             charge=self.charge,
@@ -198,9 +184,8 @@ class StepModel:
     def instants(self, error: float) -> Floats:
         """Return the instants of a record whose cubic interpolation errs by `error`, s.
 
-        `error`: interpolation error, in step amplitudes. The error of a cubic through four points h
-          apart is ``h⁴ |d⁴u/dt⁴| 3/128``. The record errs more where `MOST_INSTANTS` do not
-          suffice.
+        The error of a cubic through four points h apart is ``h⁴ |d⁴u/dt⁴| 3/128``, here in step
+        amplitudes.
         """
         rate = np.abs(self.growth @ (self.poles[:, None] * self.shares)).max(axis=1, initial=TINY)
         bend = np.abs(self.growth @ (self.poles[:, None] ** 4 * self.shares))
@@ -216,13 +201,14 @@ class StepModel:
 
         If no step control does, return the one with the smallest error.
         """
-        stop, found = float(self.time[-1]), list[StepForecast]()
+        found, stop, begin = list[StepForecast](), float(self.time[-1]), 1e-6
         for fewest in FEWEST_STEPS:
-            best = min(found, key=lambda each: (max(each.error, error), each.steps), default=None)
-            if best is None or best.error > error or best.steps > 2.0 * fewest:
-                first = 1e-6 if best is None else best.truncation
-                found.append(self._within(error, stop / fewest, first))
-        return min(found, key=lambda each: (max(each.error, error), each.steps))
+            found.append(self._within(error, stop / fewest, begin))
+            best = min(found, key=lambda each: (max(each.error, error), each.steps))
+            begin = best.truncation
+            if best.error <= error and best.steps <= 4.0 * fewest:
+                break  # no shorter maximum step has fewer steps
+        return best
 
     def _within(self, error: float, max_step: float, truncation: float) -> StepForecast:
         """Search the largest truncation error whose forecast stays within `error`."""
@@ -239,8 +225,6 @@ class StepModel:
             following = min(truncation * min(ratio, 1e12) ** EXPONENT, MOST)
             inside = low < following < high or (following == high == MOST)
             truncation = following if inside else math.sqrt(low * high)
-            if high < 1.05 * low:
-                break
         return best or forecast
 
 

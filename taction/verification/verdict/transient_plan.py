@@ -82,10 +82,9 @@ class TransientPlan:
         return f"about {self.seconds:.0f} s for {self.forecast.steps:.2g} steps; {SHORTER}"
 
     def instants(self, board: LinearBoard) -> Floats | None:
-        """Return the instants of a state-space record, s; None if the outputs grow.
+        """Return the instants of a state-space record, s, dense where the outputs bend.
 
-        The instants are dense where the outputs bend, so that cubic interpolation errs by about
-        `RECORD_ERROR`.
+        None if the outputs grow.
         """
         if self.growing:
             return None
@@ -96,8 +95,7 @@ class TransientPlan:
 def state_space_tolerance(wanted: float) -> float:
     """Return the tolerance of the state-space engine's steps for an error of `wanted`.
 
-    Step errors add up over the periods of ringing, so the tolerance is well below `wanted`. It is
-    that of the first run: the record, with half of its steps, errs far less.
+    Step errors add up over the periods of ringing, so the tolerance is well below `wanted`.
     """
     return min(max(STEP_SHARE * wanted, LEAST_TOLERANCE), MOST_TOLERANCE)
 
@@ -105,24 +103,15 @@ def state_space_tolerance(wanted: float) -> float:
 def wanted_error(scene: Scene) -> float:
     """Return the largest error of the transient that the scene allows, in step amplitudes.
 
-    ``analysis.error``, or with ``"auto"`` the share `SHARE` of the tightest of: the tolerances of
-    the steady state and of the comparison of engines, the settling band, the limits of the
-    excursions.
+    ``analysis.error``, or with ``"auto"`` the share `SHARE` of the tightest limit.
     """
-    error = scene.analysis.error
-    return SHARE * tightest(scene.checks) if error == "auto" else error
-
-
-def tightest(checks: Checks) -> float:
-    """Return the smallest limit of `checks` that is a fraction of the step amplitude."""
-    limits = [
-        checks.steady_state.tolerance,
-        checks.engines_agree.limit,
-        checks.settling_time.band,
-    ]
+    if scene.analysis.error != "auto":
+        return scene.analysis.error
+    checks = scene.checks
+    tolerances = checks.steady_state.tolerance, checks.engines_agree.limit
     excursions = (getattr(checks, name) for name in EXCURSIONS)
-    limits += [check.max for check in excursions if check is not None and check.max > 0.0]
-    return min(limits)
+    limits = [check.max for check in excursions if check is not None and check.max > 0.0]
+    return SHARE * min(*tolerances, checks.settling_time.band, *limits)
 
 
 def plan_transient(
@@ -137,47 +126,45 @@ def plan_transient(
 ) -> TransientPlan:
     """Choose the length of the record and the cheapest step control for the wanted error.
 
-    With ``stop = "auto"`` a record ends when the remaining ringing is a tenth of the steady-state
-    tolerance, or when an instability has grown. ``analysis.points_per_period`` asks for even steps
-    instead of the cheapest step control.
-
-    `steps`: whether the engine takes the steps of the plan; False for one that bounds its own
-      error.
-    `stable`: whether the board is stable, by its own poles; by default as `scales` say, which for a
-      large board are those of its coarse image.
-    `resolution`: rounding error of the poles, 1/s. Modes that decay or grow more slowly than this
-      do not lengthen the record: their rates are not known.
-    `aim`: error to plan for, in step amplitudes; the default is `AIM` times the wanted error.
-    EngineError: no mode of the board is visible at its outputs.
+    `steps`: whether the engine takes the steps of the plan. `stable`: whether the board is stable;
+    by default as `scales` say. `resolution`: rounding error of the poles, 1/s; modes that are
+    slower do not lengthen the record. `aim`: error to plan for, in step amplitudes, by default
+    `AIM` times the wanted error. EngineError: no mode of the board is visible at its outputs.
     """
     growing = math.isfinite(scales.growth_time) if stable is None else not stable
-    stop, error = _stop(scene, scales, resolution, growing=growing), wanted_error(scene)
-    initial = scene.analysis.initial
-    if not steps:
-        return _without_steps(scene, board, scales, stop, growing=growing)
-    model = StepModel.of(board, stop, initial, stable=not growing)
-    step_seconds, points = seconds_per_step(board), scene.analysis.points_per_period
+    stop, wanted = _stop(scene, scales, resolution, growing=growing), wanted_error(scene)
+    initial, points = scene.analysis.initial, scene.analysis.points_per_period
     notes: tuple[str, ...] = ()
-    if points is not None:
-        forecast = model.even(scales.max_step_for(points))
-    elif growing:
-        stop, forecast, notes = _growing(board, model, initial, step_seconds)
-    else:
-        allowed = max(AIM * error if aim is None else aim, LEAST_ERROR)
-        forecast = model.cheapest(allowed)
-        if any(board.broken):
-            forecast = _also_from_start(board, model, initial, forecast, allowed)
-    transient = Transient(
-        stop=stop,
-        max_step=_six_digits(forecast.max_step),
-        truncation=_six_digits(forecast.truncation),
-        charge=_six_digits(forecast.charge),
-        first_step=_six_digits(forecast.first_step),
-        initial=initial,
-    )
-    seconds, grown = forecast.steps * step_seconds, min(scales.growth_time, stop)
-    curved = board.circuit.has_nonlinear_amplifiers
-    return TransientPlan(transient, error, forecast, seconds, growing, grown, notes, curved)
+    forecast, seconds = NO_STEPS, 0.0
+    if steps:
+        model = StepModel.of(board, stop, initial, stable=not growing)
+        step_seconds = seconds_per_step(board)
+        if points is not None:
+            forecast = model.even(scales.max_step_for(points))
+        elif growing:
+            forecast = model.cheapest(GROWTH_ERROR * GROWN)
+            if forecast.steps * step_seconds > UNSTABLE_SECONDS:
+                stop = model.reached(forecast, UNSTABLE_SECONDS / step_seconds)
+                notes = (TOO_SLOW.format(stop=show(stop, "s", 3), seconds=UNSTABLE_SECONDS),)
+                forecast = StepModel.of(board, stop, initial).cheapest(GROWTH_ERROR)
+        else:
+            allowed = max(AIM * wanted if aim is None else aim, LEAST_ERROR)
+            forecast = model.cheapest(allowed)
+            if any(board.broken):
+                forecast = _also_from_start(board, model, initial, forecast, allowed)
+        seconds = forecast.steps * step_seconds
+        names = ("max_step", "truncation", "charge", "first_step")
+        control = {name: _six_digits(getattr(forecast, name)) for name in names}
+        transient = Transient(stop, initial=initial, **control)
+    else:  # a growing run shows every period, and is kept short
+        stepped = not board.circuit.is_linear or board.descriptor.is_large
+        longest = (UNSTABLE_PERIODS if stepped else EXACT_PERIODS) * scales.max_step_for(1.0)
+        if growing and stop > longest:
+            stop, notes = longest, (TOO_LONG.format(stop=show(longest, "s", 3)),)
+        spacing = min(stop, scales.max_step_for(GROWING_POINTS)) if growing else stop
+        transient = Transient(stop, spacing, initial=initial)
+    grown, curved = min(scales.growth_time, stop), board.circuit.has_nonlinear_amplifiers
+    return TransientPlan(transient, wanted, forecast, seconds, growing, grown, notes, curved)
 
 
 def _also_from_start(
@@ -196,40 +183,10 @@ def _also_from_start(
         return rest
     share = min(1.0, model.amplitude / start.amplitude)
     other = start.cheapest(max(share * allowed, LEAST_ERROR))
-    least = {
-        name: min(getattr(rest, name), getattr(other, name))
-        for name in ("truncation", "charge", "max_step", "first_step")
-    }
+    names = ("truncation", "charge", "max_step", "first_step")
+    least = {name: min(getattr(rest, name), getattr(other, name)) for name in names}
     most = {"steps": max(rest.steps, other.steps), "error": max(rest.error, other.error / share)}
     return StepForecast(**least, **most)
-
-
-def _growing(
-    board: LinearBoard, model: StepModel, initial: Initial, step_seconds: float
-) -> tuple[float, StepForecast, tuple[str, ...]]:
-    """Return the end of a growing record, s, its step control, and a note if the end is early."""
-    forecast = model.cheapest(GROWTH_ERROR * GROWN)
-    if forecast.steps * step_seconds <= UNSTABLE_SECONDS:
-        return float(model.time[-1]), forecast, ()
-    stop = model.reached(forecast, UNSTABLE_SECONDS / step_seconds)
-    note = TOO_SLOW.format(stop=show(stop, "s", 3), seconds=UNSTABLE_SECONDS)
-    return stop, StepModel.of(board, stop, initial).cheapest(GROWTH_ERROR), (note,)
-
-
-def _without_steps(
-    scene: Scene, board: LinearBoard, scales: TimeScales, stop: float, *, growing: bool
-) -> TransientPlan:
-    """Plan a run of the state-space engine; a growing run shows every period and is kept short."""
-    notes: tuple[str, ...] = ()
-    stepped = not board.circuit.is_linear or board.descriptor.is_large
-    longest = (UNSTABLE_PERIODS if stepped else EXACT_PERIODS) * scales.max_step_for(1.0)
-    if growing and stop > longest:
-        stop, notes = longest, (TOO_LONG.format(stop=show(longest, "s", 3)),)
-    spacing = min(stop, scales.max_step_for(GROWING_POINTS)) if growing else stop
-    transient = Transient(stop, spacing, initial=scene.analysis.initial)
-    grown = min(scales.growth_time, stop)
-    error, curved = wanted_error(scene), board.circuit.has_nonlinear_amplifiers
-    return TransientPlan(transient, error, NO_STEPS, 0.0, growing, grown, notes, curved)
 
 
 def seconds_per_step(board: LinearBoard) -> float:
@@ -274,11 +231,7 @@ def even_transient(scene: Scene, scales: TimeScales, points: float, stop: float)
 
 
 def truncation_for(points: float) -> float:
-    """Return twice the local error ``(omega h)³ / 12`` of a mode with `points` on its period.
-
-    A mode that is faster than the mode that sets the maximum step then gets nearly as many points
-    on its period, and half the maximum step halves every step.
-    """
+    """Return twice the local error ``(omega h)³ / 12`` of a mode with `points` on its period."""
     return (2 * math.pi / points) ** 3 / 6
 
 

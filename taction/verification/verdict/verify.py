@@ -36,8 +36,8 @@ from taction.verification.verdict.checks import Check, Evidence, Outcome, overal
 from taction.verification.verdict.error_budget import ErrorBudget, error_budget
 from taction.verification.verdict.measure import StepError
 from taction.verification.verdict.output_noise import OutputNoise
-from taction.verification.verdict.run import Accuracy, Run, finest, observe
-from taction.verification.verdict.run_checks import could_be_finer, run_checks
+from taction.verification.verdict.run import Accuracy, Run, observe
+from taction.verification.verdict.run_checks import run_checks
 from taction.verification.verdict.simulation import Waiting, begin, begin_together
 from taction.verification.verdict.warnings import all_warnings, find_contradiction, missing_witness
 
@@ -200,49 +200,20 @@ def verify(
 ) -> Verdict:
     """Verify a scene: simulate its board, solve its problem, and compare the results.
 
-    Parameters
-    ----------
-    scene : Scene
-        Problem, design, analysis and checks.
-    progress : callable, optional
-        Called with the name of each stage when the stage begins.
-    problem : InverseProblem, optional
-        Problem of the scene, if it has been made before; its files are then not read.
-    circuit : Circuit, optional
-        The board to verify; the default is the synthesised board of the scene.
-    ideal : IdealAnswer, optional
-        Reference solution, if it has been computed before.
-    full_margin : bool, optional
-        Whether to scan the stability margin up to `REACH`, not only up to the limit of the scene;
-        no check depends on it.
+    `progress` gets the name of each stage. A `problem`, a `circuit` and the answer of the `ideal`
+    network are taken in the place of those of the scene. Without `full_margin` the stability margin
+    is scanned up to the limit of the scene only.
 
-    Raises
-    ------
-    InputError
-        The scene's files or numbers cannot be used.
-    NoVerdictError
-        No engine was found, or the simulation or the reference solution failed.
+    InputError: the scene's files or numbers cannot be used.
+    NoVerdictError: no engine was found, or the simulation or the reference solution failed.
     """
-    clock = Clock(progress)
-    with clock.listening():
-        board = build(scene, clock, problem=problem, circuit=circuit, ideal=ideal,
-                      full_margin=full_margin)  # fmt: skip
-        clock.begin("simulation", remark=board.plan.remark)
-        pending = begin(board)
-        return conclude(board, pending, clock)
+    return Request(scene, problem, circuit, ideal, full_margin).verdict(progress)
 
 
 def conclude(board: Board, pending: Waiting | None, clock: Clock) -> Verdict:
-    """Read the record of a board whose simulation may run, and judge the readings.
-
-    Where an error touches a limit that could be smaller, the finest readings are judged.
-    """
+    """Read the record of a board whose simulation may run, and judge the readings."""
     evidence = read(board, pending, clock)
     checks = run_checks(evidence)
-    if evidence.run is not None and could_be_finer(evidence, checks):
-        measured, error = finest(evidence.run)
-        evidence = replace(evidence, measurements=measured, error=error)
-        checks = run_checks(evidence)
     clock.end()
     facts = {each.name: getattr(evidence, each.name) for each in fields(Evidence)}
     return Verdict(**facts, checks=checks, timing=clock.seconds)
@@ -291,10 +262,13 @@ class Request:
         return build(self.scene, clock, problem=self.problem, circuit=self.circuit,
                      ideal=self.ideal, full_margin=self.full_margin)  # fmt: skip
 
-    def verdict(self) -> Verdict:
+    def verdict(self, progress: Progress = lambda stage: None) -> Verdict:
         """Return the verdict of this board alone; errors as `verify`."""
-        return verify(self.scene, problem=self.problem, circuit=self.circuit, ideal=self.ideal,
-                      full_margin=self.full_margin)  # fmt: skip
+        clock = Clock(progress)
+        with clock.listening():
+            board = self.build(clock)
+            clock.begin("simulation", remark=board.plan.remark)
+            return conclude(board, begin(board), clock)
 
 
 BRIEF = 1.0  # s: a longer run of ngspice gains nothing, and is not repeated if it fails
@@ -304,19 +278,8 @@ TOGETHER = 600_000  # squared numbers of parts of the boards that are computed t
 def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]]:
     """Verify scenes; the steps of their boards are computed in one go.
 
-    Yields
-    ------
-    int, Verdict
-        Place of a request, and its verdict. A request is left out where it gains nothing from
-        other ones, and where `verify` raises. Simulations in processes run one after the other.
-
-    Examples
-    --------
-    >>> import taction
-    >>> scene = taction.load_scene("scenes/custom-matrix.toml").with_engine("statespace")
-    >>> ((place, verdict),) = verify_together([Request(scene)])
-    >>> place, verdict.outcome is taction.verify(scene).outcome
-    (0, True)
+    Yields the place of a request and its verdict. A request is left out where it gains nothing from
+    other ones, and where `verify` raises. Simulations in processes run one after the other.
     """
     boards, size = dict[int, tuple[Board, Clock]](), 0
     for place, request in enumerate(requests):

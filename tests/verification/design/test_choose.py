@@ -17,14 +17,16 @@ from taction.netlist_gen.scene.keys import scene_text
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
-from taction.verification.design.choice_plan import (
+from taction.verification.design.choose import (
     CAPACITANCE,
     G0,
     GAIN,
     ChoiceRequest,
+    best_designs,
     choice_plan,
+    design_scene,
+    designs,
 )
-from taction.verification.design.choose import best_designs, design_scene, designs
 from taction.verification.report.views.choose_view import view
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.sweep.plan import Plan, computed

@@ -14,8 +14,17 @@ import numpy as np
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.charts import Axis, Chart, Curve, Grid, Mark, segments, zero_lines
 from taction.system.foreign_files import shortened
-from taction.verification.design.choice_plan import CAPACITANCE, FEEDBACK, G0, GAIN, NAMES, U0
-from taction.verification.design.choose import BestDesign, Choice, ChosenDesign
+from taction.verification.design.choose import (
+    CAPACITANCE,
+    FEEDBACK,
+    G0,
+    GAIN,
+    NAMES,
+    U0,
+    BestDesign,
+    Choice,
+    ChosenDesign,
+)
 from taction.verification.report.blocks import Content, Notes, Page, Section, Table
 from taction.verification.report.texts import (
     Cell,
