@@ -110,7 +110,7 @@ def wanted_error(scene: Scene) -> float:
     checks = scene.checks
     tolerances = checks.steady_state.tolerance, checks.engines_agree.limit
     excursions = (getattr(checks, name) for name in EXCURSIONS)
-    limits = [check.max for check in excursions if check is not None and check.max > 0.0]
+    limits: list[float] = [each.max for each in excursions if each is not None and each.max > 0.0]
     return SHARE * min(*tolerances, checks.settling_time.band, *limits)
 
 
@@ -153,9 +153,14 @@ def plan_transient(
             if any(board.broken):
                 forecast = _also_from_start(board, model, initial, forecast, allowed)
         seconds = forecast.steps * step_seconds
-        names = ("max_step", "truncation", "charge", "first_step")
-        control = {name: _six_digits(getattr(forecast, name)) for name in names}
-        transient = Transient(stop, initial=initial, **control)
+        transient = Transient(
+            stop,
+            _six_digits(forecast.max_step),
+            _six_digits(forecast.truncation),
+            charge=_six_digits(forecast.charge),
+            first_step=_six_digits(forecast.first_step),
+            initial=initial,
+        )
     else:  # a growing run shows every period, and is kept short
         stepped = not board.circuit.is_linear or board.descriptor.is_large
         longest = (UNSTABLE_PERIODS if stepped else EXACT_PERIODS) * scales.max_step_for(1.0)
