@@ -20,12 +20,13 @@ from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.studies.decks.foreign_board import read_board
 from taction.verification.studies.decks.measured_board import measure_board
-from taction.verification.studies.decks.witnesses import planned
+from taction.verification.verdict.step_forecast import StepModel
 from tests.support.designer_decks import DECKS
 
 SWEPT = {"sallen-key-fast": "C1", "wien": "C1", "ring": "R1"}
 """Decks, and the part of each that is swept."""
 AROUND = 3.0
+RELATIVE, ERROR = 1e-6, 1e-4  # of ngspice: reltol, and the error of a transient
 SINGLE, SWEEP = 3.0, 10.0  # wanted: a check over a bare run; bare runs over a sweep
 
 
@@ -33,10 +34,16 @@ def bare(file: Path) -> Callable[[], object]:
     """Return a function that runs ngspice once on a deck, as planned for an error of 1e-4."""
     board = read_board(file)
     found = measure_board(LinearBoard(board.circuit), board.initial, 0.01)
-    plan, _, _ = planned(found, found.scales.stop)
-    simulator = find_simulator()
+    stop, simulator = found.scales.stop, find_simulator()
+    stable = found.poles.known_stable
+    model = StepModel.of(found.board, stop, found.initial, stable=stable).above_rounding(RELATIVE)
+    plan = model.cheapest(ERROR)
+    cards = (
+        f".options {simulator.solver_option} reltol={RELATIVE} trtol={plan.truncation / RELATIVE}",
+        f".tran {plan.max_step} {stop} 0 {plan.max_step}",
+    )
     place = file.with_suffix(".bare")
-    place.write_text(board.witness(plan, simulator.solver_option).text)
+    place.write_text(board.flat_text.replace(".end\n", "\n".join((*cards, ".end\n"))))
     words = [simulator.executable, "-b", "-n", "-r", str(place.with_suffix(".raw")), str(place)]
     return lambda: subprocess.run(words, capture_output=True, check=True)
 

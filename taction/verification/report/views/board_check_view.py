@@ -332,10 +332,6 @@ def _response(found: BoardCheck) -> Chart | None:
 
 
 def _witness(found: BoardCheck) -> str:
-    if found.agreement is not None:
-        off = figure(found.agreement, "step")
-        text = f"ngspice's own transient differs by at most {off} of the step"
-        return f"{text} from the state-space engine"
     known = [each.value for each in found.checks if each.name == "ac_agrees"]
     if not known or known[0] is None:
         return "one witness: the state-space engine"

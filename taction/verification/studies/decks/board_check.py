@@ -22,7 +22,7 @@ import numpy as np
 
 from taction.netlist_gen.deck.part_tolerances import DeckTolerances
 from taction.system.array_types import Floats
-from taction.system.documents import Hertz, Inline, Note, Number, Rate, Steps, Volts
+from taction.system.documents import Hertz, Inline, Note, Number, Rate, Volts
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.system.results import Result
@@ -38,14 +38,13 @@ from taction.verification.studies.decks.board_sweep import (
     varied_outcomes,
 )
 from taction.verification.studies.decks.foreign_board import ForeignBoard
-from taction.verification.studies.decks.measured_board import FAR, MeasuredBoard, measure_board
+from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
 from taction.verification.studies.decks.part_influence import PartRow, influences, pole_vectors
 from taction.verification.studies.decks.questions import QUESTIONS, Wanted, units
-from taction.verification.studies.decks.witnesses import compare_ac, compare_transient, stepping
+from taction.verification.studies.decks.witnesses import compare_ac, stepping
 from taction.verification.studies.tolerance.corners import CornerStudy
 from taction.verification.studies.tolerance.montecarlo import YieldReport
-from taction.verification.verdict.checks import Check, Outcome, overall, undecided
-from taction.verification.verdict.measure import Agreement
+from taction.verification.verdict.checks import Check, Outcome, overall
 
 Progress = Callable[[str], None]
 
@@ -81,12 +80,11 @@ class BoardCheck(MeasuredBoard, Result):
     DOCUMENT = (
         *("name", "outcome", "initial", "notes", "stable = poles.stable"),
         *("poles = pole_rows", "parts", "band = measurements.band", "amplitude [V]", "outputs"),
-        *("noise_unknown = noise.unknown", "agreement", "checks", "sweeps", "corners", "yields"),
+        *("noise_unknown = noise.unknown", "checks", "sweeps", "corners", "yields"),
     )
 
     notes: tuple[str, ...]
     looked: tuple[PartRow, ...]  # all parts with their margins, where a margin was asked for
-    record: Agreement | None
     checks: tuple[Check, ...]
     sweeps: tuple[Sweep, ...]
     corners: CornerStudy | None = None
@@ -138,13 +136,6 @@ class BoardCheck(MeasuredBoard, Result):
             )
         return tuple(rows)
 
-    @property
-    def agreement(self) -> Steps:
-        """Largest difference of the two engines over the record, in step amplitudes."""
-        if self.record is None or not self.amplitude:
-            return None
-        return self.record.difference / self.amplitude
-
     def __repr__(self) -> str:
         said = f"stable: {self.poles.stable}, {len(self.circuit.knobs)} parts"
         return f"BoardCheck({self.name!r}, {self.outcome.value}; {said})"
@@ -158,7 +149,6 @@ def check_board(
     asked: Wanted,
     *,
     ngspice: bool = True,
-    transient: bool = False,
     over: Iterable[SweptValue] = (),
     tolerances: DeckTolerances | None = None,
     samples: tuple[int, int] = (300, 1),
@@ -180,24 +170,14 @@ def check_board(
         progress("parts")
         margin, rows = influences(board, found.poles, every=True)
     progress("ngspice")
-    record, why, small, left = None, "without ngspice", None, [""]
-    moves = transient or deck.has_transient or "engines_agree" in asked.names
-    if ngspice and deck.point is None and moves:
-        why = f"ngspice's transient was not compared: {FAR}"
-        if not found.apart.beyond:
-            limit = asked.limits.engines_agree.tolerance
-            record, why = compare_transient(found, deck.witness, limit)
-    elif ngspice:
-        why, every = "", np.append(found.poles.poles, found.apart.hidden)
-        small = compare_ac(deck.at_rest, board, every)
+    checks, why = [*judge(found, asked, margin)], ["" if ngspice else "without ngspice"]
+    if ngspice:
+        every = np.append(found.poles.poles, found.apart.hidden)
+        checks.append(compare_ac(deck.at_rest, board, every))
     if ngspice and deck.point is not None:
-        left = [points_note(found, deck.point)]
+        why.append(points_note(found, deck.point))
         if any(each.moves for each in deck.flat.stimuli.values()):
-            left.append(step_note(found, deck.point))
-    checks = list(judge(found, asked, margin, record))
-    if record is None and "engines_agree" in asked.names:
-        checks.append(undecided("engines_agree", "step", why, asked.limits.engines_agree.limit))
-    checks += [] if small is None else [small]
+            why.append(step_note(found, deck.point))
     progress("sweeps")
     sweeps = tuple(sweep_deck(deck, board, each, band) for each in over)
     corners, yields = None, None
@@ -205,9 +185,8 @@ def check_board(
         corners, yields = varied_outcomes(found, deck, tolerances, asked, samples, progress)
     made = BoardCheck(
         **{each.name: getattr(found, each.name) for each in fields(found)},
-        notes=tuple(filter(None, (*found.apart.sentences, *deck.notes, *notes, why, *left))),
+        notes=tuple(filter(None, (*found.apart.sentences, *deck.notes, *notes, *why))),
         looked=rows,
-        record=record,
         checks=tuple(checks),
         sweeps=sweeps,
         corners=corners,

@@ -17,7 +17,7 @@ from taction.verification.studies.decks.questions import QUESTIONS, Expected, Wa
 from taction.verification.verdict.board import SteadyState
 from taction.verification.verdict.cause import cause
 from taction.verification.verdict.checks import Check, Evidence, Outcome, at_most, doubtful, overall
-from taction.verification.verdict.measure import Agreement, StepError
+from taction.verification.verdict.measure import StepError
 from taction.verification.verdict.record import (
     STATES,
     Channel,
@@ -36,7 +36,6 @@ def judge(
     found: MeasuredBoard,
     asked: Wanted,
     margin: Margin | None = None,
-    agreement: Agreement | None = None,
 ) -> Iterator[Check]:
     """Yield the expected values, then the limits that were asked for."""
     yield from (_expected(found, each) for each in asked.expected)
@@ -48,18 +47,17 @@ def judge(
         end=math.inf,
         forever=True,
         wanted=WANTED,
-        agreement=agreement,
+        agreement=None,
         poles=found.poles,
         margin=margin if asked.margin else None,
         reference_error=0.0,
         reference_problem="",
         noise=found.noise if asked.limits.noise is not None else None,
     )
-    named = {*asked.names, *(["engines_agree"] if agreement is not None else [])}
     for check in run_checks(evidence):
         if check.name == "stability" and evidence.growth:
             check = replace(check, reason=f"{check.reason}; {found.remedy}")
-        if check.name in named:
+        if check.name in asked.names:
             yield check
     yield from (QUESTIONS[name].check(found, limit) for name, limit in asked.own.items())
     if asked.oscillates:

@@ -13,9 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 
-from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.deck.elements import ACCEPTED, CardError, shown
 from taction.netlist_gen.deck.flat_cards import (
     ABSENT,
@@ -42,7 +40,6 @@ from taction.netlist_gen.deck.vendor_subcircuit import (
     ltspice_opamps,
     ready_lines,
 )
-from taction.spice_models.branches import Source
 from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
 from taction.system.processes import more_time
 from taction.verification.characterise.operating_point import (
@@ -54,11 +51,9 @@ from taction.verification.characterise.operating_point import (
 from taction.verification.engines.ngspice.commands import expand
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.studies.decks.measured_board import Start
-from taction.verification.studies.decks.witnesses import RELATIVE
 
 MOST_PARTS = 3000  # R C L K E F G H that are not measured
 MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a topology
-EDGE = 0.01  # of the first step: the edge of a step in ngspice
 PROBE = "v_taction_parameter"  # a source whose value is that of a .param
 VALUE_SECONDS = 1.0  # that a value of a .param adds to the time of all runs
 NAMED = 12  # elements in a note
@@ -88,38 +83,10 @@ class ForeignBoard:
         )
 
     @property
-    def has_transient(self) -> bool:
-        """Whether the deck has a ``.tran``."""
-        return any(card.word == ".tran" for card in self.deck.left)
-
-    def witness(self, transient: Transient, solver: str) -> Deck:
-        """Return the deck of ngspice's own transient: its flat cards, with the step at t = 0."""
-        cards = [_CHARGE.sub("", line) for line in self.lines if line[0] not in "vi"]
-        sources = (part for part in self.flat.parts if isinstance(part, Source))
-        cards += [_stepping(part, transient) for part in sources]
-        nodes = tuple(out.node for out in self.circuit.outputs)
-        amps, charge = max(1e-12, transient.current), transient.charge or 1e-18
-        uncharged = " uic" if self.initial == "zero" else ""
-        closing = [
-            f".options {solver} reltol={RELATIVE!r} abstol={amps!r} vntol={1e-3 * RELATIVE!r}",
-            f".options chgtol={charge!r} gmin=1e-15 pivtol=1e-18",
-            f".options method=trap trtol={transient.truncation / RELATIVE!r}",
-            ".save " + " ".join(f"v({node})" for node in nodes),
-            f".tran {10.0 * transient.begin!r} {transient.stop!r} 0.0 {transient.max_step!r}"
-            f"{uncharged}",
-            ".end",
-            "",
-        ]
-        return Deck("\n".join(["* flat cards of a deck", *cards, *closing]), nodes, transient)
-
-    @property
     def flat_text(self) -> str:
-        """The deck of ngspice's transient with its own steps, of 1/1000 of the record."""
-        from taction.verification.engines.statespace.linearised.time_scales import time_scales
-
-        stop = time_scales(self.circuit, initial=self.initial).stop or 1.0
-        plan = Transient(stop, 1e-3 * stop, initial=self.initial)
-        return self.witness(plan, "noopiter").text
+        """The flat cards as a deck."""
+        cards = (_CHARGE.sub("", line) for line in self.lines)
+        return "\n".join(["* flat cards of a deck", *cards, ".end", ""])
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -289,12 +256,3 @@ def _sweep_of(text: str) -> str:
     if values[:1] == ["list"] and len(values) > 1:
         return f"--over {name[0]}={','.join(values[1:])}"
     return f"--over {name[0]}={':'.join(values[:2])}" if len(values) > 1 else "--over"
-
-
-def _stepping(part: Source, transient: Transient) -> str:
-    """Return a source that steps at t = 0."""
-    before, after = part.before, part.value
-    wave = f"dc {after!r}"
-    if before != after and transient.initial == "rest":
-        wave = f"dc {before!r} PWL(0 {before!r} {EDGE * transient.begin!r} {after!r})"
-    return f"{part.card} {part.a} {part.b} {wave}"

@@ -30,9 +30,9 @@ LARGEST = 100.0  # factor of a value up to which `stability.margin` searches
 OSCILLATES = "oscillates"
 OTHERS = {
     "stable": "stability", "stability": "stability", "margin": "stability",
-    "agree": "engines_agree", "engines_agree": "engines_agree", OSCILLATES: OSCILLATES,
+    "agree": "", "engines_agree": "", OSCILLATES: OSCILLATES,
 }  # fmt: skip
-"""Words of checks that are no questions."""
+"""Words of checks that are no questions; those without one are asked no more."""
 Answers = Sequence[Reading | None]  # of the outputs
 
 
@@ -269,12 +269,12 @@ def _check_of(text: str) -> tuple[str, dict[str, Any]]:
             pass
         accepted = f"expected a factor from 1 to {LARGEST:g}, such as {word}=2"
         raise _refused(word, repr(value), accepted)
-    if name == "engines_agree":
-        return name, {"tolerance": share_of(value)}
+    if name == "":
+        raise _refused(word, repr(value), "is gone: every check compares with ngspice (ac_agrees)")
     if name == OSCILLATES:
         raise _refused(word, repr(value), "expected no value")
     known = ", ".join(each.usual for each in QUESTIONS.values())
-    text = f"expected a check such as {known}, margin=2, stable, oscillates, agree=1e-3"
+    text = f"expected a check such as {known}, margin=2, stable, oscillates"
     raise _refused("check", repr(word), text)
 
 

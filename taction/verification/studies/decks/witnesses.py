@@ -1,40 +1,28 @@
-"""ngspice beside the linear circuit of a deck: its small signal, and its transient.
+"""ngspice's small signal beside the linear circuit of a deck.
 
-The small signal is that of the deck as it is, asked twice in one run: from the sources that step,
-and from currents of random size into every node, which see every pole, also one that no source
-reaches. Two things are no disagreement, and are said where they are more than the limit: what the
-rounding of all values does to a node, and the currents that ngspice does not resolve. A node that
-only 1 nS holds rests within 1 uV of them, and a junction there has a slope that is known within
-4e-5.
+It is that of the deck as it is, asked twice in one run: from the sources that step, and from
+currents of random size into every node, which see every pole, also one that no source reaches. Two
+things are no disagreement, and are said where they are more than the limit: what the rounding of
+all values does to a node, and the currents that ngspice does not resolve. A node that only 1 nS
+holds rests within 1 uV of them, and a junction there has a slope that is known within 4e-5.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
 
-from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.deck.deck import Deck
-from taction.netlist_gen.scene.check_keys import AGREE
 from taction.spice_models.branches import Source
 from taction.system.array_types import EPS, Complexes, Floats
-from taction.system.errors import EngineError, SimulationError, StepTooSmall, one_line
-from taction.system.processes import time_left
-from taction.system.waveforms import PHYSICAL_BOUND
 from taction.verification.characterise.operating_point import AT_ONCE, PROBE, DeckPoint
 from taction.verification.engines.ngspice.commands import RESULT, run_commands
 from taction.verification.engines.ngspice.executable import Simulator, find_simulator
-from taction.verification.engines.ngspice.process import simulate
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.studies.decks.measured_board import WANTED, MeasuredBoard
 from taction.verification.verdict.checks import Check, Outcome, at_most
-from taction.verification.verdict.measure import Agreement, state_space_beside
-from taction.verification.verdict.step_forecast import StepModel
 
 LIMIT = 1e-6  # relative difference of small signals
 ROUNDING = 3e4  # times that of one value: some 30 act on a node, and pivots of ngspice are >= 1e-3
@@ -46,13 +34,6 @@ POINTS = 40
 LEAST, MOST = 1e-3, 1e10  # Hz
 FAINT = 1e-6  # of the largest voltage at a frequency: smaller ones count as this
 SHARP = 0.2  # damping below which frequencies about a pole are added
-
-RELATIVE = 1e-6  # reltol of a transient
-MOST_STEPS = 200_000.0  # of ngspice: a longer record is cut, and says so
-SHORTEST = 2e-11  # of ngspice's longest step: below half of it a step is too short for it
-SPARSE = "noopiter"  # the matrix solver that every ngspice has
-LEAST_SECONDS = 0.1  # of a run for which no time is left
-TIMEOUT = 20.0  # of ngspice, s; what takes longer is not compared, and says so
 
 
 def compare_ac(point: DeckPoint, board: LinearBoard, poles: Complexes) -> Check:
@@ -197,69 +178,3 @@ def _sweeps(poles: Complexes, factor: float) -> Iterator[str]:
     if len(sizes) and damping.min() < SHARP:
         hertz = float(sizes[damping.argmin()])
         yield f"ac lin 5 {0.98 * factor * hertz!r} {1.02 * factor * hertz!r}"
-
-
-def compare_transient(
-    found: MeasuredBoard, write: Callable[[Transient, str], Deck], limit: float | None
-) -> tuple[Agreement | None, str]:
-    """Compare ngspice's own transient, whose deck `write` returns, with the exact one.
-
-    `limit` is the accepted difference, in step amplitudes; None for `AGREE`. Returned are the
-    agreement, or None; and why it was not compared, or that the record was cut.
-    """
-    amplitude, stop = found.amplitude, found.scales.stop
-    if amplitude == 0.0:
-        return None, "no output moves, so ngspice's transient was not compared"
-    if found.poles.known_unstable and math.isfinite(found.scales.growth_time):
-        stop = min(stop, found.scales.growth_time)
-    if not stop > 0.0:
-        return None, "no mode shows at an output, so ngspice's transient was not compared"
-    simulator, bound = find_simulator(), PHYSICAL_BOUND * max(1.0, amplitude)
-    try:
-        plan, error, cut = planned(found, stop)
-        seconds = max(time_left(TIMEOUT), LEAST_SECONDS)
-        run = partial(simulate, simulator=simulator, timeout=seconds, bound=bound)
-        try:
-            wave = run(write(plan, simulator.solver_option))
-        except StepTooSmall:  # its other solver may converge
-            wave = run(write(plan, SPARSE))
-        first = int(np.searchsorted(wave.time, plan.begin, side="right"))  # before it, no jump
-        wave = replace(wave, time=wave.time[first:], values=wave.values[first:])
-        beside = state_space_beside(found.board, plan, wave, WANTED)
-    except (EngineError, SimulationError) as problem:
-        return None, f"ngspice's transient was not compared: {one_line(problem)}"
-    return replace(beside, step_error=error * amplitude, limit=limit or AGREE), cut
-
-
-def planned(found: MeasuredBoard, stop: float) -> tuple[Transient, float, str]:
-    """Return ngspice's transient of a board up to an instant, s, for an error of `WANTED`.
-
-    With it the forecast error, in step amplitudes, and what is to be said where it was cut.
-    `EngineError`: no transient reaches this error.
-    """
-    stable, cut = found.poles.known_stable, ""
-
-    def model_to(stop: float) -> StepModel:
-        model = StepModel.of(found.board, stop, found.initial, stable=stable)
-        return model.above_rounding(RELATIVE)
-
-    model = model_to(stop)
-    forecast = model.cheapest(WANTED)
-    if forecast.steps > MOST_STEPS:
-        stop = model.reached(forecast, MOST_STEPS)
-        cut = f"ngspice's transient was compared up to {stop:.4g} s only"
-        model = model_to(stop)
-        forecast = model.cheapest(WANTED)
-    plan = Transient(
-        stop=stop,
-        max_step=forecast.max_step,
-        truncation=forecast.truncation,
-        charge=forecast.charge,
-        current=RELATIVE * model.current,
-        first_step=forecast.first_step,
-        initial=found.initial,
-    )
-    longest = plan.begin / SHORTEST  # a longer one would make the first step too short
-    if stop / longest <= MOST_STEPS:
-        plan = replace(plan, max_step=min(plan.max_step, longest))
-    return plan, forecast.error, cut
