@@ -14,9 +14,8 @@ from dataclasses import dataclass, field, replace
 from taction.netlist_gen.board.circuit import GROUND, Circuit, Fact, Knob, Output, common_facts
 from taction.netlist_gen.board.linear_models import with_parts
 from taction.netlist_gen.deck.elements import CardError, Element, element_of, shown, spelt_card
+from taction.netlist_gen.deck.expressions import OWN, affine
 from taction.netlist_gen.deck.foreign_lines import number
-from taction.netlist_gen.deck.linear_expressions import affine
-from taction.netlist_gen.deck.transfer_functions import OWN
 from taction.spice_models.branches import CONTROLS, Branch, Source
 from taction.system.errors import Complaint, InputError
 

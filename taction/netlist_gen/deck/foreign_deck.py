@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from taction.netlist_gen.deck.expressions import OWN, source_cards
 from taction.netlist_gen.deck.foreign_lines import (
     CODE_MODEL,
     DEEPEST_FILES,
@@ -32,7 +33,6 @@ from taction.netlist_gen.deck.foreign_lines import (
     subcircuits,
 )
 from taction.netlist_gen.deck.ltspice import DROPPED, LIBRARY, plain_cards, spelt
-from taction.netlist_gen.deck.transfer_functions import OWN, source_cards
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import UnusableFileError, read_bounded
 

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from taction.netlist_gen.deck.elements import spelt_card
+from taction.netlist_gen.deck.expressions import without_calls, without_poly, without_table
 from taction.netlist_gen.deck.foreign_deck import LETTERS, ForeignDeck, forbidden, read_library
 from taction.netlist_gen.deck.foreign_lines import (
     MOST_CARDS,
@@ -21,7 +22,6 @@ from taction.netlist_gen.deck.foreign_lines import (
     number,
     subcircuits,
 )
-from taction.netlist_gen.deck.linear_expressions import without_calls, without_poly, without_table
 from taction.netlist_gen.deck.ltspice import OPAMPS, missing_cards, opamp_cards, plain_name
 from taction.spice_models.imported import DEVICE, Subcircuit
 from taction.system.errors import Complaint, InputError

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from taction.netlist_gen.deck.linear_expressions import polynomial
+from taction.netlist_gen.deck.expressions import polynomial
 from taction.netlist_gen.deck.vendor_subcircuit import (
     flat_subcircuit,
     stored_subcircuit,

@@ -1,0 +1,388 @@
+"""Expressions of B, E, F, G and H cards: sums, polynomials, tables and transfer functions.
+
+A transfer function becomes a chain of states, each the voltage of a capacitor.
+"""
+
+from __future__ import annotations
+
+import ast
+import operator
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import chain, combinations_with_replacement, count, pairwise
+from typing import Any
+
+from taction.netlist_gen.deck.foreign_lines import LONGEST, beyond, number
+
+DEEPEST = 50  # parentheses within one another
+OWN = "_taction_"
+"""In names of cards that are made: such parts are no knobs."""
+Probe = tuple[str, ...]
+"""``("v", a, b)``: the voltage from a to b; ``("i", source)``: the current of a source; (): 1."""
+NOT_LINEAR = (
+    "not linear: expected sums of voltages v(a), v(a,b) and currents i(source) times numbers"
+)
+_OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
+    ast.Div: operator.truediv, ast.Pow: operator.pow,
+}  # fmt: skip
+_NUMBER = re.compile(r"[a-z_]\w*|(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?[a-z]*", re.I)
+_PROBE = re.compile(r"\b([vi])\s*\(\s*([^\s(),]+)\s*(?:,\s*([^\s(),]+)\s*)?\)")
+
+
+def _evaluated(text: str, leaf: Callable[[str | float], Any], refused: str) -> Any:
+    """Return an expression as whatever `leaf` makes of its names, numbers and calls."""
+
+    def plain(match: re.Match[str]) -> str:
+        word = match[0]
+        return word if word[0].isalpha() or word[0] == "_" else repr(number(word))
+
+    def value(node: ast.expr) -> Any:
+        match node:
+            case ast.Constant(value=float(constant)):
+                return leaf(constant)
+            case ast.Name() | ast.Call():
+                return leaf(ast.unparse(node))
+            case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=inner):
+                return leaf(-1.0 if isinstance(sign, ast.USub) else 1.0) * value(inner)
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
+                return _OPERATORS[type(op)](value(left), value(right))
+        raise ValueError(refused)
+
+    if text.count("(") > DEEPEST:
+        raise ValueError(f"more than {DEEPEST} parentheses")
+    try:
+        tree = ast.parse(_NUMBER.sub(plain, text.strip()).replace("^", "**"), mode="eval")
+        return value(tree.body)
+    except (SyntaxError, MemoryError):
+        raise ValueError(f"the expression {text[:40]!r} cannot be read; {refused}") from None
+    except RecursionError:
+        raise ValueError("the expression has too many terms; expected several cards") from None
+    except (OverflowError, ZeroDivisionError):
+        raise ValueError(f"a number that is not finite; {refused}") from None
+
+
+class Sum(dict[Probe, float]):
+    """Coefficients of a linear expression."""
+
+    def _number(self, what: str) -> float:
+        """Return its value; a sum that depends on a voltage has none."""
+        if self.keys() - {()}:
+            raise ValueError(f"{what} of voltages; {NOT_LINEAR}")
+        return self.get((), 0.0)
+
+    def __add__(self, other: Sum) -> Sum:
+        return Sum({p: self.get(p, 0.0) + other.get(p, 0.0) for p in {**self, **other}})
+
+    def __sub__(self, other: Sum) -> Sum:
+        return self + other * Sum({(): -1.0})
+
+    def __mul__(self, other: Sum) -> Sum:
+        of_number = not self.keys() - {()}
+        one, factor = (other, self) if of_number else (self, other)
+        by = factor._number("a product")
+        return Sum({probe: by * value for probe, value in one.items()})
+
+    def __truediv__(self, other: Sum) -> Sum:
+        return self * Sum({(): 1.0 / other._number("a quotient")})
+
+    def __pow__(self, other: Sum) -> Sum:
+        base, power = self._number("a product"), other._number("a product")
+        if not base > 0.0:
+            raise ValueError(NOT_LINEAR)
+        return Sum({(): base**power})
+
+
+def affine(text: str) -> Sum:
+    """Return the coefficients of an expression by their probes; ValueError: it is not linear."""
+    probes: dict[str, Probe] = {}
+
+    def placed(match: re.Match[str]) -> str:
+        kind, one, other = match.groups()
+        name = f"P{len(probes)}"
+        probes[name] = (kind, one, other or "0") if kind == "v" else (kind, one)
+        return name
+
+    def leaf(found: str | float) -> Sum:
+        if isinstance(found, float):
+            return Sum({(): found})
+        if found not in probes:
+            raise ValueError(NOT_LINEAR)
+        return Sum({probes[found]: 1.0})
+
+    return Sum(_evaluated(_PROBE.sub(placed, text.strip().strip("{}'")), leaf, NOT_LINEAR))
+
+
+_POLY = re.compile(r"([efgh])(\S+) (\S+) (\S+) poly ?\(? ?(\d+)\b ?\)? ?(.*)")
+_TABLE = re.compile(
+    r"([egi])(\S+) (\S+) (\S+) (?:([^\s{}]+ [^\s{}]+) )?(?:table|tbl) ?(?:\{([^{}]*)\})? ?=? ?(.*)"
+)
+_CALL = re.compile(r"(?<![\w.])(?:table|tbl) ?\((?=[^()]*[(,])")
+_POINT = re.compile(r"\{[^{}]*\}|[^\s(),{}]+")
+_PLAIN = re.compile(r"-?[0-9.]+(?:e[+-]?[0-9]+)?")
+
+
+def without_poly(text: str) -> str:
+    """Return a card with ``POLY`` as a B card with its expression; any other card as it is."""
+    if not (match := _POLY.fullmatch(text)):
+        return text
+    letter, name, a, b, many, rest = match.groups()
+    if len(many) > len(str(LONGEST)):
+        raise ValueError(f"POLY of {many[:20]}... inputs; expected as many as the card has")
+    words, by_voltage = re.sub(r"[(),]", " ", rest).split(), letter in "eg"
+    width = int(many) * (2 if by_voltage else 1)
+    if len(words) <= width:
+        raise ValueError(f"POLY({many}) needs {width} names of its inputs, and coefficients")
+    controls, coefficients = words[:width], words[width:]
+    if by_voltage:
+        inputs = [f"v({p},{q})" for p, q in zip(controls[::2], controls[1::2], strict=False)]
+    else:
+        inputs = [f"i({source})" for source in controls]
+    if 1 < len(coefficients) <= len(inputs) + 1:  # linear, perhaps with parameters
+        terms = [coefficients[0], *map("*".join, zip(coefficients[1:], inputs, strict=False))]
+        made = "+".join(terms)
+    else:
+        made = polynomial(inputs, [number(word) for word in coefficients])
+    return f"b{letter}{name} {a} {b} {'v' if letter in 'eh' else 'i'}={made}"
+
+
+def polynomial(inputs: list[str], coefficients: list[float]) -> str:
+    """Return SPICE's POLY as an expression of its inputs, ``v(a,b)`` or ``i(source)``.
+
+    The coefficients are those of 1, then of each input, then of each product of two inputs in the
+    order ``x1 x1, x1 x2, ..., x2 x2, ...``, of three, and so on. A single coefficient of one input
+    is that of the input itself.
+    """
+    if len(inputs) == 1 and len(coefficients) == 1:
+        coefficients = [0.0, *coefficients]
+    factors = chain.from_iterable(combinations_with_replacement(inputs, k) for k in count())
+    terms, length = list[str](), 0
+    for value, each in zip(coefficients, factors, strict=False):
+        if value != 0.0:
+            terms.append("*".join((repr(value), *each)))
+            length += len(terms[-1]) + 1
+        if length > LONGEST:
+            raise ValueError(beyond(length, "characters in a polynomial written anew", LONGEST))
+    return "+".join(terms).replace("+-", "-") or "0.0"
+
+
+def without_calls(text: str) -> str:
+    """Return a card with each call of ``table`` or ``tbl`` as an expression of straight lines."""
+    for _ in range(DEEPEST):
+        every = list(_CALL.finditer(text))
+        if not every:
+            return text
+        begin, depth = every[-1], 0  # the innermost one, or one after it
+        words = [""]
+        for end in range(begin.end(), len(text)):
+            letter = text[end]
+            if letter == ")" and depth == 0:
+                break
+            depth += (letter == "(") - (letter == ")")
+            if letter == "," and depth == 0:
+                words.append("")
+            else:
+                words[-1] += letter
+        else:
+            raise ValueError("parentheses that do not match")
+        made = _piecewise(words[0].strip(), words[1:])
+        text = f"{text[: begin.start()]}{made}{text[end + 1 :]}"
+        if len(text) > LONGEST:
+            raise ValueError(beyond(len(text), "characters with tables written anew", LONGEST))
+    raise ValueError(f"more than {DEEPEST} tables in an expression")
+
+
+def without_table(text: str) -> str:
+    """Return a card with a table, of PSpice or LTspice, as a B card with its expression."""
+    match = _TABLE.fullmatch(text)
+    if match is None:
+        return text
+    letter, name, a, b, across, inner, points = match.groups()
+    across = across and f"v({','.join(across.split())})"
+    across = across or (f"v({a},{b})" if letter == "i" else "")
+    if not (inner or across):
+        raise ValueError("a table needs its expression: TABLE {expression} = (x,y) (x,y) ...")
+    made = _piecewise(inner or across, _POINT.findall(points))
+    return f"b{letter}{name} {a} {b} {'v' if letter in 'eh' else 'i'}={made}"
+
+
+def _piecewise(value: str, points: list[str]) -> str:
+    """Return the function of straight lines through points x0, y0, x1, y1, ..., level outside."""
+    x, y = list(map(_point, points[::2])), list(map(_point, points[1::2]))
+    if not y or len(x) != len(y):
+        raise ValueError("a table needs pairs of numbers")
+    terms = [y[0]]
+    for k in range(1, len(x)):
+        if all(map(_PLAIN.fullmatch, x[k - 1 : k + 1])) and not float(x[k]) > float(x[k - 1]):
+            raise ValueError(f"a table in which {x[k]} follows {x[k - 1]}")
+        rise, run = f"(({y[k]})-({y[k - 1]}))", f"(({x[k]})-({x[k - 1]}))"
+        terms.append(f"{rise}/{run}*(max(min(({value}),{x[k]}),{x[k - 1]})-({x[k - 1]}))")
+    return f"({'+'.join(terms)})"
+
+
+def _point(text: str) -> str:
+    """Return a number in plain digits, or an expression in parentheses."""
+    try:
+        return repr(number(text.strip()))
+    except ValueError:
+        return f"({text.strip().strip('{}')})"
+
+
+HIGHEST = 12  # order of a transfer function
+FARADS = 1e-9  # of a state
+RATIONAL = "expected a quotient of polynomials of s, such as {1e5/(1+s/62.8)}, of order 0 to 12"
+_LAPLACE = (
+    re.compile(r"([eg]\S*) (\S+) (\S+) laplace ?=? ?\{(?P<inner>[^{}]*)\} ?=? ?[{(](.*)[)}]"),
+    re.compile(r"([eg]\S*) (\S+) (\S+) (?P<plus>\S+) (?P<minus>\S+) laplace ?= ?(.+)"),
+    re.compile(r"(b\S*) (\S+) (\S+) (?P<kind>[vi]) ?= ?(?P<inner>.+?) laplace ?= ?(.+)"),
+)
+"""Of PSpice, of LTspice, and of LTspice's B."""
+_OPAMP = re.compile(r"(e\S*) (\S+) (\S+) opamp (\S+) (\S+)")
+_NUMERICAL = re.compile(r" (?:window|nfft|mtol) ?= ?\S+")  # of LTspice's inverse transform
+Coefficient = float | str
+"""A number, or an expression of parameters."""
+Polynomial = dict[int, Coefficient]
+"""Coefficients by the power of s; those that are 0 are absent."""
+
+
+def _joined(sign: str, one: Coefficient, other: Coefficient) -> Coefficient:
+    """Return a sum or a product: a number where both are numbers."""
+    if isinstance(one, float) and isinstance(other, float):
+        return one + other if sign == "+" else one * other
+    return f"({one}{sign}{other})" if sign == "+" or one != 1.0 else other
+
+
+def _sum(one: Polynomial, other: Polynomial) -> Polynomial:
+    every = {**one, **other} | {k: _joined("+", one[k], other[k]) for k in one.keys() & other}
+    return {k: each for k, each in every.items() if each != 0.0}
+
+
+def _product(one: Polynomial, other: Polynomial) -> Polynomial:
+    if max(one, default=0) + max(other, default=0) > 2 * HIGHEST:
+        raise ValueError(f"an order above {2 * HIGHEST}; {RATIONAL}")
+    found: Polynomial = {}
+    for i, a in one.items():
+        for j, b in other.items():
+            found = _sum(found, {i + j: _joined("*", a, b)})
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Ratio:
+    """A quotient of polynomials of s."""
+
+    above: Polynomial
+    below: Polynomial
+
+    def __add__(self, other: _Ratio) -> _Ratio:
+        if self.below == other.below:
+            return _Ratio(_sum(self.above, other.above), self.below)
+        crossed = _product(self.above, other.below), _product(other.above, self.below)
+        return _Ratio(_sum(*crossed), _product(self.below, other.below))
+
+    def __sub__(self, other: _Ratio) -> _Ratio:
+        return self + _Ratio({0: -1.0}, {0: 1.0}) * other
+
+    def __mul__(self, other: _Ratio) -> _Ratio:
+        return _Ratio(_product(self.above, other.above), _product(self.below, other.below))
+
+    def __truediv__(self, other: _Ratio) -> _Ratio:
+        return self * _Ratio(other.below, other.above)
+
+    def __pow__(self, other: _Ratio) -> _Ratio:
+        power = other.above.get(0, 0.0)
+        if other.above.keys() - {0} or other.below != {0: 1.0} or power not in range(HIGHEST + 1):
+            raise ValueError(f"no quotient of polynomials; {RATIONAL}")
+        found = _Ratio({0: 1.0}, {0: 1.0})
+        for _ in range(int(power)):
+            found = found * self
+        return found
+
+
+def _ratio(text: str) -> _Ratio:
+    """Return a transfer function."""
+
+    def leaf(found: str | float) -> _Ratio:
+        if found == "s":
+            return _Ratio({1: 1.0}, {0: 1.0})
+        if isinstance(found, str) and re.search(r"\bs\b", found):
+            raise ValueError(f"no quotient of polynomials; {RATIONAL}")
+        value = found if isinstance(found, float) else f"({found})"
+        return _Ratio({0: value} if value else {}, {0: 1.0})
+
+    made: _Ratio = _evaluated(text, leaf, RATIONAL)
+    if not made.below:
+        raise ValueError(f"a denominator of 0; {RATIONAL}")
+    if (order := max(made.below)) > HIGHEST or max(made.above, default=0) > order:
+        highest = max(made.above, default=0)
+        raise ValueError(f"the order of the numerator is {highest}, above {order}; {RATIONAL}")
+    return made
+
+
+def source_cards(text: str) -> list[str]:
+    """Return plain cards for a source with LAPLACE or OPAMP; any other card alone.
+
+    The ideal op-amp of HSPICE makes the voltage between its inputs 0: this voltage times 1 S is the
+    only current of a node whose voltage is that of the output.
+    """
+    if match := _OPAMP.fullmatch(text):
+        name, a, b, plus, minus = match.groups()
+        inner = f"taction_{name}"
+        return [
+            f"g{OWN}{name} 0 {inner} {plus} {minus} 1",
+            f"e{OWN}{name} {a} {b} {inner} 0 1",
+            *(f"g{OWN}{name}_{k} 0 {inner} {inner} 0 {k}" for k in (1, -1)),  # nothing together
+        ]
+    if "laplace" not in text:
+        return [text]
+    text = _NUMERICAL.sub("", text)
+    match = next(filter(None, (each.fullmatch(text) for each in _LAPLACE)), None)
+    if match is None:
+        raise ValueError("expected E or G with LAPLACE {V(a,b)} {F(s)}, or a b Laplace=F(s)")
+    (name, a, b, *_, ratio), given = match.groups(), match.groupdict()
+    is_voltage = given.get("kind", "v" if name[0] == "e" else "i") == "v"
+    inner = given.get("inner") or f"v({given['plus']},{given['minus']})"
+    cards = [f"b{OWN}{name}_u taction_{name}_u 0 v={inner}"]
+    cards += _states(name, (a, b), is_voltage, _ratio(ratio.strip().strip("{}'\"")))
+    if max(map(len, cards)) > LONGEST:
+        raise ValueError(f"a transfer function that is too long; {RATIONAL}")
+    return cards
+
+
+def _states(name: str, ends: tuple[str, str], is_voltage: bool, ratio: _Ratio) -> list[str]:
+    """Return the cards of the states and of the output.
+
+    With ``p = s / w`` state k is ``p^k x``; ``sum below_k w^k p^k x = u`` gives the last rate.
+    """
+    above, below, node, own = ratio.above, ratio.below, f"taction_{name}", f"{OWN}{name}"
+    order, first = max(below), min(below)
+    w = f"abs({below[first]}/{below[order]})**{1.0 / (order - first)!r}" if order > first else "1"
+    scaled = {k: f"({each}*({w})**{k})" for k, each in below.items()}
+    source, states = f"{node}_u", [f"{node}_{k}" for k in range(order)]
+    cards = [f"c{own}_{k} {state} 0 {FARADS!r}" for k, state in enumerate(states)]
+    rate = f"{FARADS!r}*{w}"
+    currents = [("0", a, b, rate) for a, b in pairwise(states)]
+    if order:
+        last = f"{rate}/{scaled[order]}"
+        currents.append(("0", states[-1], source, last))
+        currents += [
+            ("0", states[-1], state, f"-({last})*{scaled[k]}")
+            for k, state in enumerate(states)
+            if k in below
+        ]
+    a, b = ("0", f"{node}_y") if is_voltage else ends
+    through = f"({above[order]}/{below[order]})" if order in above else "0"
+    for k, state in enumerate(states):
+        shown = [f"{above[k]}*({w})**{k}"] if k in above else []
+        shown += [f"-{through}*{scaled[k]}"] if k in below and order in above else []
+        currents += [(a, b, state, "".join(shown))] if shown else []
+    currents += [(a, b, source, through)] if order in above else []
+    if is_voltage:
+        currents.append((b, "0", b, "1"))
+        cards.append(f"e{own}_y {ends[0]} {ends[1]} {b} 0 1")
+    cards += [
+        f"g{own}_{k} {one} {other} {control} 0 {{{factor}}}"
+        for k, (one, other, control, factor) in enumerate(currents)
+    ]
+    return cards
