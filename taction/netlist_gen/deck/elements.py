@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from taction.netlist_gen.deck.foreign_lines import number
 from taction.spice_models.branches import label_of
@@ -18,9 +18,12 @@ OHMIC = {
     "q": (("rc",), ("rb", "rbm", "irb"), ("re",)),
     "j": (("rd",), (), ("rs",)),
     "m": (("rd", "rsh"), (), ("rs", "rsh")),
-    "vdmos": (("rd",), ("rg",), ("rs",)),
 }
-"""Parameters of a model that are resistances in series with its terminals, by terminal."""
+"""Parameters of a model that are resistances in series with its terminals, by terminal.
+
+Of a MOS transistor they are those of the levels 1 to 3: all else of it is measured as it is.
+"""
+LEVELS = ("1", "2", "3")
 STRIPPED = "__inner"  # ends the name of a model without them
 LEAST_TERMINALS = {"d": 2, "q": 3, "j": 3, "m": 3}
 _VOLTAGE = re.compile(r"(?<![\w.#])v ?\( ?([^,() ]+) ?(?:, ?([^,() ]+) ?)?\)")
@@ -60,17 +63,10 @@ class Element:
     pattern: str
     held: tuple[str, ...]  # nodes whose voltages are held, terminals first
     currents: tuple[str, ...] = ()  # sources whose currents are held
-    out: tuple[str, str, str] | None = (
-        None  # kind (``v``, ``i`` or ``l``) and both nodes of its output
-    )
+    out: tuple[str, str, str] | None = None  # kind (``v`` or ``i``) and both nodes of its output
     terminals: int = 0  # how many of `held` are terminals, whose currents are read
     # by terminal, the inner node behind an ohmic resistance, ohm
     inner: Mapping[int, tuple[str, float]] = field(default_factory=dict)
-
-    @property
-    def whole(self) -> Element:
-        """The element with its ohmic resistances in it."""
-        return replace(self, pattern=self.pattern.replace(STRIPPED, ""), inner={})
 
     @property
     def subcircuit(self) -> str:
@@ -84,7 +80,7 @@ def model_cards(models: Models, elements: Iterable[Element]) -> Iterator[str]:
     words = {word for element in elements for word in element.pattern.split()}
     for name in sorted(w.removesuffix(STRIPPED) for w in words if w.endswith(STRIPPED)):
         kind, card = models[name]
-        keys = "|".join(key for each in OHMIC[_letter(kind)] for key in each)
+        keys = "|".join(key for each in OHMIC[_KINDS.get(kind, "m")] for key in each)
         card = re.sub(rf"(?<=[\s(])(?:{keys}) ?= ?[^\s(),]+", " ", card)
         yield re.sub(r"^\.model \S+", f".model {name}{STRIPPED}", _inner_junction(card))
 
@@ -102,9 +98,7 @@ def _inner_junction(card: str) -> str:
     return re.sub(r"(?<=[\s(])cjc ?= ?[^\s(),]+", f"cjc={inner!r}", card)
 
 
-def _letter(kind: str) -> str:
-    known = {"npn": "q", "pnp": "q", "d": "d", "njf": "j", "pjf": "j"}
-    return "vdmos" if kind.startswith("vdmos") else known.get(kind, "m")
+_KINDS = {"npn": "q", "pnp": "q", "d": "d", "njf": "j", "pjf": "j"}
 
 
 def spelt_card(card: str) -> str:
@@ -132,11 +126,9 @@ def element_of(card: str, models: Models) -> Element | None:
         held, front, count, terminals = words[:4], "{0} {1} {2} {3}", 4, 2
     elif kind == "w":
         held, currents, front, count, terminals = words[:2], words[2:3], "{0} {1} {i0}", 3, 2
-    elif kind in "rcl" and (taking or any(word in models for word in words[2:])):
+    elif kind in "rc" and (taking or any(word in models for word in words[2:])):
         card = re.sub(r"\bic=\S+", "", card)
         held, front, terminals = words[:2], "{0} {1}", 2
-        if kind == "l":
-            held, front, terminals, out = [], "{o0} {o1}", 0, "l"
     elif kind in "begh" and "poly" not in card and (taking or kind in "eg"):
         front, value = "{o0} {o1}", " ".join(words[2:])
         is_current = re.match(r"(?:i|cur)=", value) or (kind == "g" and value[:3] != "vol")
@@ -186,8 +178,9 @@ def _device(card: str, models: Models) -> Element:
     if kind == "q" and n == 3:
         nodes.append("0")  # its substrate
     type_name, text = models.get(model, ("", ""))
-    letter = _letter(type_name) if kind == "m" else kind
-    inner = _inner(name, letter, dict(_GIVEN.findall(text)), rest)
+    values = dict(_GIVEN.findall(text))
+    plain = kind != "m" or (type_name in ("nmos", "pmos") and values.get("level", "1") in LEVELS)
+    inner = _inner(name, kind, values, rest) if plain else {}
     places = " ".join(f"{{{k}}}" for k in range(len(nodes)))
     tail = " ".join(word for word in rest if word != "off" and not word.startswith("ic="))
     pattern = f"{kind}~ {places} {model}{STRIPPED if inner else ''} {tail}"

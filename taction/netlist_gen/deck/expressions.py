@@ -353,12 +353,15 @@ def source_cards(text: str) -> list[str]:
 def _states(name: str, ends: tuple[str, str], is_voltage: bool, ratio: _Ratio) -> list[str]:
     """Return the cards of the states and of the output.
 
-    With ``p = s / w`` state k is ``p^k x``; ``sum below_k w^k p^k x = u`` gives the last rate.
+    With ``p = s / w`` state k is ``p^k x``; ``sum below_k w^k p^k x = u`` gives the last rate. All
+    coefficients are shares of the lowest one of the denominator.
     """
-    above, below, node, own = ratio.above, ratio.below, f"taction_{name}", f"{OWN}{name}"
-    order, first = max(below), min(below)
+    above, below = (
+        {k: f"({value})" for k, value in each.items()} for each in (ratio.above, ratio.below)
+    )
+    node, own, order, first = f"taction_{name}", f"{OWN}{name}", max(below), min(below)
     w = f"abs({below[first]}/{below[order]})**{1.0 / (order - first)!r}" if order > first else "1"
-    scaled = {k: f"({each}*({w})**{k})" for k, each in below.items()}
+    scaled = {k: f"({each}/{below[first]}*({w})**{k})" for k, each in below.items()}
     source, states = f"{node}_u", [f"{node}_{k}" for k in range(order)]
     cards = [f"c{own}_{k} {state} 0 {FARADS!r}" for k, state in enumerate(states)]
     rate = f"{FARADS!r}*{w}"
@@ -374,7 +377,7 @@ def _states(name: str, ends: tuple[str, str], is_voltage: bool, ratio: _Ratio) -
     a, b = ("0", f"{node}_y") if is_voltage else ends
     through = f"({above[order]}/{below[order]})" if order in above else "0"
     for k, state in enumerate(states):
-        shown = [f"{above[k]}*({w})**{k}"] if k in above else []
+        shown = [f"{above[k]}/{below[first]}*({w})**{k}"] if k in above else []
         shown += [f"-{through}*{scaled[k]}"] if k in below and order in above else []
         currents += [(a, b, state, "".join(shown))] if shown else []
     currents += [(a, b, source, through)] if order in above else []

@@ -7,9 +7,9 @@ that ngspice repeats this point to the last bit. It has a source of current into
 
 Elements are measured on one bench, held at rest: each becomes its ``G + s C`` as linear parts. One
 copy stands there for each node or current that is excited. A device is measured without its ohmic
-resistances, which are parts of their own. The parts of an element have constant currents or
-voltages that make it rest where it rests; those of a device count from its last terminal, so that
-one between floating nodes stays floating.
+resistances, which are parts of their own; that they are in series the witness sees. The parts of
+an element have constant currents or voltages that make it rest where it rests; those of a device
+count from its last terminal, so that one between floating nodes stays floating.
 """
 
 from __future__ import annotations
@@ -211,10 +211,8 @@ def linear_flat(flat: Flat, volts: Mapping[str, float], options: str, simulator:
         raise CardError(f"ngspice does not measure the elements alone: {answers.complaint}")
     tables = [dict(zip(names, values[-1], strict=True)) for names, values in answers.plots]
     wrong = list[str]()
-    for element, copies, whole in zip(flat.elements, bench.reads, bench.whole, strict=True):
+    for element, copies in zip(flat.elements, bench.reads, strict=True):
         found, text = bench.fitted(element, [_matrix(copies, table) for table in tables])
-        if element.inner and not text:
-            text = found.apart([_matrix(whole, table) for table in tables[1:]])
         parts += found.parts()
         wrong += [f"{shown(element.name)}: {text}"] if text else []
     if wrong:
@@ -230,10 +228,6 @@ class _Bench:
         self.models, self.volts = flat.models, volts
         self.cards = list(model_cards(flat.models, flat.elements))
         self.reads = [self._copies(f"b{k}", each) for k, each in enumerate(flat.elements)]
-        self.whole = [  # devices with their ohmic resistances, which are to be in series
-            self._copies(f"w{k}", each.whole) if each.inner else []
-            for k, each in enumerate(flat.elements)
-        ]
 
     def _copies(self, tag: str, element: Element) -> list[Reads]:
         """Put a copy on the bench for each node or current that is excited."""
@@ -280,8 +274,6 @@ class _Bench:
             self.cards.append(f"vz{tag} o{tag}_1 0 dc 0")
             if kind == "i":
                 self.cards.append(f"vo{tag} o{tag}_0 0 dc 0")
-            if kind == "l":
-                self.cards.append(f"io{tag} 0 o{tag}_0 dc 0 ac 1")
             reads.append((f"i(vo{tag})", -1.0) if kind == "i" else (f"v(o{tag}_0)", 1.0))
         return reads
 
@@ -316,29 +308,6 @@ class _Measured:
     ohms: Mapping[int, float]  # of the resistances before terminals
     outer: float  # of a transistor, from its base, before the resistance, to its collector, F
 
-    def apart(self, whole: Sequence[Complexes]) -> str:
-        """Return whether the device as it is has another small signal than with its parts.
-
-        `whole` are the currents (terminals, terminals), A, for 1 V at each terminal.
-        """
-        n = self.element.terminals
-        R = np.diag([self.ohms.get(i, 0.0) for i in range(n)])
-        for hertz, currents in zip(FREQUENCIES, whole, strict=True):
-            s = 2j * math.pi * hertz
-            Y, beside = self.G + s * self.C, np.zeros((n, n), complex)
-            if self.outer:  # it joins the inner node of the collector with the base's terminal
-                Y[0, 0] += s * self.outer
-                beside[0, 1] = s * self.outer
-            found = np.linalg.solve(np.eye(n) + Y @ R, Y - beside)
-            if self.outer:
-                volts = np.eye(n) - R @ found  # of the inner nodes
-                found[1] += s * self.outer * (np.eye(n)[1] - volts[0])
-            off = float(np.abs(found - currents).max()) / (float(np.abs(currents).max()) or 1.0)
-            if not off <= MISFIT:
-                where = f"off by {off:.1e} at {hertz:.0e} Hz"
-                return f"its inner resistances are not in series: {where}"
-        return ""
-
     def parts(self) -> Iterator[Branch]:
         """Yield the linear parts that stand for it."""
         element, n, name = self.element, self.element.terminals, self.element.name
@@ -348,9 +317,6 @@ class _Measured:
         ports = [inner.get(i, node) for i, node in enumerate(element.held[:n])]
         if self.outer:
             yield Branch("C", f"{name}#x", element.held[1], ports[0], self.outer)
-        if element.out and element.out[0] == "l":
-            yield from self._coil(*element.out[1:])
-            return
         end, volts = ports[-1] if n else GROUND, self.held.copy()
         volts[:n] -= volts[n - 1] if n else 0.0
         controls: list[Control] = [(port, end) for port in ports]
@@ -366,14 +332,6 @@ class _Measured:
         every = self._charges(ports, charging) if n else self._rates(rows[0][2:], charging)
         least = SMALL * float(np.abs(self.C).max(initial=0.0))
         yield from (part for part in every if abs(part.value) > least and part.a != part.b)
-
-    def _coil(self, a: str, b: str) -> Iterator[Branch]:
-        """Yield the parts of a coil whose inductance is an expression."""
-        name, ohms = self.element.name, float(self.G[0, 0])
-        middle = f"{name}#m" if ohms else b
-        yield Branch("L", name[1:], a, middle, float(self.C[0, 0]))
-        if ohms:
-            yield Branch("H", f"{name}#r", middle, b, ohms, (f"L{name[1:]}",))
 
     def _rates(self, ends: tuple[str, str], controls: Sequence[Control]) -> Iterator[Branch]:
         """Yield the charges of a current that an expression gives."""

@@ -194,3 +194,13 @@ def test_a_library_of_another_folder_is_read_from_the_deck_s(tmp_path: Path, rea
     board = read(f"V1 in 0 1\nX1 in out rc\n{lost}.include C:\\Users\\ann lee\\rc.lib")
     assert found_poles(board) == pytest.approx([-1e6], rel=1e-9)
     assert any("rc.lib in the deck's folder is read" in note for note in board.notes)
+
+
+def test_a_transfer_function_whose_coefficients_differ_by_decades(read: Read) -> None:
+    """A gain of 1e5 with a pole at 62.8 /s and a double one at 1e6 /s."""
+    board = read(
+        "V1 in 0 PULSE(0 1)\nR1 out 0 1k\n"
+        "E1 out 0 in 0 Laplace=1e5*(1+s/1e3)/((1+s/62.8)*(1+s/1e6)^2)"
+    )
+    assert found_poles(board) == pytest.approx([-1e6, -1e6, -62.8], rel=1e-6)
+    assert rest(board) == pytest.approx(1e5, rel=1e-9)
