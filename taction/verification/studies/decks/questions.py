@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -28,52 +29,25 @@ SHARE = 1e-3  # default tolerance of an expected value
 LISTED = 20  # nodes in a message
 LARGEST = 100.0  # factor of a value up to which `stability.margin` searches
 OSCILLATES = "oscillates"
-OTHERS = {
-    "stable": "stability", "stability": "stability", "margin": "stability",
-    "agree": "", "engines_agree": "", OSCILLATES: OSCILLATES,
-}  # fmt: skip
-"""Words of checks that are no questions; those without one are asked no more."""
 Answers = Sequence[Reading | None]  # of the outputs
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A number of each output of a deck.
+    """A number of each output of a deck."""
 
-    Attributes
-    ----------
-    name, unit : str
-        Key of the document and name of the check; unit of the number.
-    title : str
-        Of its column.
-    words : str
-        What the number is, in the sentence of its check.
-    answer : callable
-        Returns the number of each output, with its bound; None where an output has none.
-    short : str
-        Word of ``--check``; empty: `name`.
-    example : str
-        Of a limit.
-    second : str
-        Key of the scene's check for what follows ``@`` in a limit.
-    large : bool
-        Whether a large number is good: the limit is the least one.
-    over : bool
-        Whether a sweep shows it.
-    whole : callable, optional
-        Returns the number of the whole board; by default the worst one of the outputs.
-    """
-
-    name: str
+    name: str  # key of the document, and name of the check
     unit: str
-    title: str
-    words: str
+    title: str  # of its column
+    words: str  # what the number is, in the sentence of its check
+    # the number of each output, with its bound; None where an output has none
     answer: Callable[[MeasuredBoard], Answers]
-    short: str = ""
-    example: str = ""
-    second: str = ""
-    large: bool = False
-    over: bool = True
+    short: str = ""  # word of ``--check``; empty: `name`
+    example: str = "1"  # of a limit
+    second: str = ""  # key of the scene's check for what follows ``@`` in a limit
+    large: bool = False  # whether a large number is good: the limit is the least one
+    over: bool = True  # whether a sweep shows it
+    # the number of the whole board; by default the worst one of the outputs
     whole: Callable[[MeasuredBoard], Reading | None] | None = None
 
     @property
@@ -104,13 +78,10 @@ class Question:
     def limits(self, text: str, extra: str) -> dict[str, Any]:
         """Return the keys of the check of a limit, and of what follows it behind ``@``."""
         if not text:
-            raise _refused(self.asked, "", f"expected a limit, such as {self.usual}")
+            raise _refused(self.asked, "", f"expected a limit, such as {self.asked}={self.example}")
         if extra and not self.second:
-            several = (
-                f"{q.asked}=LIMIT@{q.second.upper()}" for q in QUESTIONS.values() if q.second
-            )
-            only = f"only {' and '.join(several)} have a second value"
-            raise _refused(self.asked, repr(extra), only)
+            several = [f"{q.asked}=LIMIT@{q.second.upper()}" for q in EVERY if q.second]
+            raise _refused(self.asked, repr(extra), f"only {' and '.join(several)} have two values")
         if not self.is_of_scenes:
             try:
                 return {"limit": parse(text, self.unit) if self.unit else number(text)}
@@ -120,11 +91,6 @@ class Question:
         if extra:
             keys[self.second] = share_of(extra) if self.second == "band" else extra
         return keys
-
-    @property
-    def usual(self) -> str:
-        """An example of its check."""
-        return f"{self.asked}={self.example or 1}"
 
     def figures(self, reading: Reading | None) -> dict[str, float | None]:
         """Return a number and its bound by their keys, None where there is none."""
@@ -226,16 +192,7 @@ class Wanted:
 
 
 def wanted(checks: Iterable[str] = (), expect: Iterable[str] = ()) -> Wanted:
-    """Read the texts of checks and expected values.
-
-    InputError: a text that is no check; it says what is accepted.
-
-    Examples
-    --------
-    >>> found = wanted(["settling=1ms@1%", "margin=2"], ["v(out)=1.25@0.1%"])
-    >>> found.limits.settling_time.max, found.limits.stability.margin, found.expected
-    (0.001, 2.0, (Expected(node='out', volts=1.25, tolerance=0.00125),))
-    """
+    """Read the texts of checks and expected values; InputError says what is accepted."""
     tables: dict[str, dict[str, Any]] = {}
     for text in checks:
         name, keys = _check_of(text)
@@ -254,28 +211,24 @@ def wanted(checks: Iterable[str] = (), expect: Iterable[str] = ()) -> Wanted:
 def _check_of(text: str) -> tuple[str, dict[str, Any]]:
     """Return the name of a check and the keys of its table."""
     word, _, value = (part.strip() for part in text.partition("="))
-    value, _, extra = (part.strip() for part in value.partition("@"))
+    limit, _, extra = (part.strip() for part in value.partition("@"))
     for question in QUESTIONS.values():
         if word in (question.asked, question.name):
-            return question.name, question.limits(value, extra)
-    name = OTHERS.get(word)
-    if name in (OSCILLATES, "stability") and not value and word != "margin":
-        return name, {}
-    if name == "stability":
-        try:
+            return question.name, question.limits(limit, extra)
+    if word == "margin" or (word == "stability" and value):
+        with suppress(ValueError):
             if 1.0 <= (factor := float(value)) <= LARGEST:  # margins are searched up to it
-                return name, {"margin": factor}
-        except ValueError:
-            pass
+                return "stability", {"margin": factor}
         accepted = f"expected a factor from 1 to {LARGEST:g}, such as {word}=2"
         raise _refused(word, repr(value), accepted)
-    if name == "":
+    if word in ("stable", "stability", OSCILLATES):
+        if value:
+            raise _refused(word, repr(value), "expected no value")
+        return (OSCILLATES if word == OSCILLATES else "stability"), {}
+    if word in ("agree", "engines_agree"):
         raise _refused(word, repr(value), "is gone: every check compares with ngspice (ac_agrees)")
-    if name == OSCILLATES:
-        raise _refused(word, repr(value), "expected no value")
-    known = ", ".join(each.usual for each in QUESTIONS.values())
-    text = f"expected a check such as {known}, margin=2, stable, oscillates"
-    raise _refused("check", repr(word), text)
+    known = ", ".join(f"{each.asked}={each.example}" for each in QUESTIONS.values())
+    raise _refused("check", repr(word), f"expected {known}, margin=2, stable or {OSCILLATES}")
 
 
 def _expected(text: str) -> Expected:
@@ -297,11 +250,9 @@ def _expected(text: str) -> Expected:
 
 def share_of(text: str, option: str = "--check") -> float:
     """Return a fraction from ``5%`` or ``0.05``."""
-    try:
+    with suppress(ValueError):
         if 0.0 <= (share := fraction(text)) < math.inf:
             return share
-    except ValueError:
-        pass
     raise _refused("share", repr(text), "expected a share such as 5% or 0.05", option)
 
 
@@ -317,13 +268,10 @@ def reference_values(
     unit: str = "1V",
     accept: str = "0.1%",
 ) -> tuple[tuple[Expected, ...], tuple[str, ...]]:
-    """Return the expected voltages of nodes, one of every channel, and what is to be said.
+    """Return the regularised optimum as expected voltages of nodes, and what is to be said.
 
-    A deck that recovers u from ``eps = T u + noise`` should show the regularised optimum. The
-    arguments are those of `taction.check`.
-
-    InputError: a file or a value cannot be used, the numbers of channels and of nodes differ, or
-      the problem has no certain solution.
+    The arguments are those of `taction.check`. InputError: a file or a value cannot be used, the
+    numbers of channels and of nodes differ, or the problem has no certain solution.
     """
     from taction.netlist_gen.scene.array_files import problem_tables
     from taction.verification.reference.problem import Problem
