@@ -98,7 +98,12 @@ class VariedDeck(Varied):
         count = len(self.varied) - len(self.params)
         nominal: Sequence[Circuit | InputError] = [self.nominal] * len(each)
         if self.params:
-            nominal = self.deck.at([self._values(z[count:]) for z in each])
+            shares = [math.log1p(parameter.tolerance) for parameter in self.varied[count:]]
+            own = np.array([*self.params.values()])
+            values = [own * np.exp(z[count:] * shares) for z in each]
+            nominal = self.deck.at(
+                [dict(zip(self.params, found.tolist(), strict=True)) for found in values]
+            )
         for board, z in zip(nominal, each, strict=True):
             try:
                 if isinstance(board, InputError):
@@ -106,12 +111,6 @@ class VariedDeck(Varied):
                 yield vary(board, self.tolerances, z[:count])
             except InputError as error:
                 yield error
-
-    def _values(self, z: Floats) -> dict[str, float]:
-        """Return the values of the parameters with their deviations."""
-        shares = (math.log1p(p.tolerance) for p in self.varied[len(self.varied) - len(z) :])
-        every = zip(self.params.items(), z.tolist(), shares, strict=True)
-        return {name: own * math.exp(off * share) for (name, own), off, share in every}
 
     def measured(self, number: int, z: Floats) -> BoardSample:
         """Return the sample with deviations `z`; `EngineError` where it cannot be measured."""
@@ -132,19 +131,18 @@ class VariedDeck(Varied):
         band = self.asked.limits.settling_time.band
         measured = measure_boards(boards, self.deck.initial, band, self.asked.lowest)
         for (number, _), found in zip(requests, measured, strict=True):
-            yield self._sample(number, found) if isinstance(found, MeasuredBoard) else found
-
-    def _sample(self, number: int, found: MeasuredBoard) -> BoardSample:
-        """Return the sample of a measured board."""
-        margin = None
-        if self.asked.margin:
-            margin, _ = influences(found.board, found.poles, every=True)
-        record = record_of(found, judge(found, self.asked, margin), self.asked, margin)
-        errors = (found.rest - self.target) / self.step_amplitude
-        figures: dict[str, float | None] = dict(record.figures)
-        figures["steady_state_error"] = float(np.abs(errors).max(initial=0.0))
-        record = replace(record, figures=figures, channels=())
-        return BoardSample(number, record, tuple(errors.tolist()))
+            if isinstance(found, Exception):
+                yield found
+                continue
+            margin = None
+            if self.asked.margin:
+                margin, _ = influences(found.board, found.poles, every=True)
+            record = record_of(found, judge(found, self.asked, margin), self.asked, margin)
+            errors = (found.rest - self.target) / self.step_amplitude
+            off = float(np.abs(errors).max(initial=0.0))
+            figures = {**record.figures, "steady_state_error": off}
+            record = replace(record, figures=figures, channels=())
+            yield BoardSample(number, record, tuple(errors.tolist()))
 
 
 def _quantities(asked: Wanted) -> Iterator[Quantity]:
@@ -236,14 +234,29 @@ class PointRow:
     """A value of a sweep: the rightmost pole, its bound, and the answers of `QUESTIONS`."""
 
     value: Number
-    real: Rate
-    frequency: Hertz
-    stable: bool | None
+    real: Rate = None
+    frequency: Hertz = None
+    stable: bool | None = None
     bound: Rate = None
     failure: str = ""
     figures: Annotated[dict[str, float | None], Inline(units(over=True))] = field(
         default_factory=dict
     )
+
+    @classmethod
+    def of(cls, value: float, found: MeasuredBoard | Exception) -> PointRow:
+        """Return the poles and the answers at a value."""
+        if isinstance(found, Exception):
+            return cls(value, failure=str(found))
+        figures = dict[str, float | None]()
+        for each in QUESTIONS.values():
+            if each.over:
+                figures |= each.figures(each.worst(found))
+        made, lead = cls(value, stable=found.poles.stable, figures=figures), found.poles.rightmost
+        if not len(found.poles.poles):
+            return made
+        rates = {"real": lead.real, "frequency": lead.imag / math.tau}
+        return replace(made, **rates, bound=found.poles.resolution)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -302,16 +315,23 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweptValue, band: 
     """
     values = swept.values
     family = Family.of(board, swept.knob) if swept.knob else Family.over(_over(deck, swept))
-    family = replace(family, board=cache(family.board))  # a scan and the readings share boards
-    boards = [_board(family, value) for value in values]
+    at = cache(family.board)  # a scan and the readings share boards
+    family = replace(family, board=at)
+
+    def made(value: float) -> LinearBoard | Exception:
+        try:
+            return LinearBoard.of(at(value))
+        except (EngineError, InputError) as error:
+            return error
+
     if not board.state_space.n:  # and so without a pole at any value of a part
         edges = Edges(min(values), max(values), ())
     elif family.ports is not None and swept.logarithmic:
         edges = find_edges(family, min(values), max(values), values=values)
     else:
         edges = family.scan(values, logarithmic=swept.logarithmic)
-    measured = tuple(measure_boards(boards, deck.initial, band))
-    points = tuple(map(_point, values, measured))
+    measured = tuple(measure_boards(map(made, values), deck.initial, band))
+    points = tuple(map(PointRow.of, values, measured))
     return Sweep(swept.name, swept.unit, swept.own, edges, points, measured)
 
 
@@ -328,24 +348,3 @@ def _over(deck: ForeignBoard, swept: SweptValue) -> Callable[[float], Circuit]:
         return found
 
     return at
-
-
-def _point(value: float, found: MeasuredBoard | Exception) -> PointRow:
-    """Return the poles and the answers at a value."""
-    if isinstance(found, Exception):
-        return PointRow(value, None, None, None, failure=str(found))
-    lead = found.poles.rightmost
-    rates = (lead.real, lead.imag / math.tau, found.poles.resolution)
-    real, frequency, bound = rates if len(found.poles.poles) else (None, None, None)
-    figures = dict[str, float | None]()
-    for each in QUESTIONS.values():
-        if each.over:
-            figures |= each.figures(each.worst(found))
-    return PointRow(value, real, frequency, found.poles.stable, bound, figures=figures)
-
-
-def _board(family: Family, value: float) -> LinearBoard | Exception:
-    try:
-        return LinearBoard.of(family.board(value))
-    except (EngineError, InputError) as error:
-        return error

@@ -7,7 +7,7 @@ check, a sweep, a comparison and the samples of a yield all measure their boards
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -47,30 +47,17 @@ Start = Literal["zero", "rest"]
 
 @dataclass(frozen=True, eq=False)
 class MeasuredBoard:
-    """A linear board, its poles, and the step of its outputs against their own equilibrium.
-
-    Attributes
-    ----------
-    initial : str
-        Whether the step begins at rest, or with no charge.
-    before, rest : ndarray (N,)
-        Outputs before the step and at rest, V.
-    rest_error : float
-        Bound on the error of `rest`, V.
-    apart : PolesApart
-        Poles that do not decide: no output shows them, or they are those of a model.
-    lowest : float or None
-        Lowest frequency of the noise, Hz; None: that of the op-amps.
-    """
+    """A linear board, its poles, and the step of its outputs against their own equilibrium."""
 
     board: LinearBoard
-    initial: Start
+    initial: Start  # whether the step begins at rest, or with no charge
     poles: Poles
     measurements: Measurements
-    before: Floats
-    rest: Floats
-    rest_error: float
-    apart: PolesApart = field(default_factory=PolesApart)
+    before: Floats  # (N,): outputs before the step, V
+    rest: Floats  # (N,): and at rest, V
+    rest_error: float  # bound on the error of `rest`, V
+    apart: PolesApart = field(default_factory=PolesApart)  # poles that do not decide
+    # Lowest frequency of the noise, Hz; None: that of the op-amps.
     lowest: float | None = None
 
     @property
@@ -148,10 +135,21 @@ def measure_board(
 
     EngineError: no equilibrium, no state-space form, or no exact solution.
     """
-    (found,) = measure_boards([board], initial, band, lowest)
-    if isinstance(found, Exception):
-        raise found
-    return found
+    found, apart = told_apart(board, poles(board))
+    if found.known_stable and (doubt := latching(board.circuit)):
+        found = replace(found, doubt=doubt)
+    step, before = step_response(board, initial, band), ends(board, initial)[0]
+    if not found.known_stable or apart.beyond:
+        measured = _without_rest(step, found)
+    elif step.start is not None and np.array_equal(step.start, before):
+        measured = step.measured()
+    else:  # outputs that return to their start only settle
+        measured = step.measured()
+        channels = [replace(channel, rise_reason=NO_RISE) for channel in measured.channels]
+        measured = replace(measured, channels=tuple(channels))
+        measured = _without(measured, ("rise_time", "overshoot", "undershoot"))
+    rest, error = step.target, step.target_error
+    return MeasuredBoard(board, initial, found, measured, before, rest, error, apart, lowest)
 
 
 def measure_boards(
@@ -159,64 +157,29 @@ def measure_boards(
     initial: Start,
     band: float,
     lowest: float | None = None,
-) -> list[MeasuredBoard | Exception]:
-    """Return measured boards, with the error of each one that cannot be measured in its place."""
-    return [_measured(board, initial, band, lowest) for board in boards]
+) -> Iterator[MeasuredBoard | Exception]:
+    """Yield measured boards, with the error of each one that cannot be measured in its place."""
+    for board in boards:
+        try:
+            if isinstance(board, Exception):
+                yield board
+            else:
+                yield measure_board(board, initial, band, lowest)
+        except (EngineError, InputError) as error:
+            yield error
 
 
-def _measured(
-    board: LinearBoard | Exception, initial: Start, band: float, lowest: float | None
-) -> MeasuredBoard | Exception:
-    """Return a measured board, or why it cannot be measured."""
-    try:
-        found, step = _begun(board, initial, band, lowest)
-        if step is None or isinstance(found, Exception):
-            return found
-        return _with(found, step, step.measured())
-    except EngineError as error:
-        return error
-
-
-def _with(found: MeasuredBoard, step: ExactResponse, measured: Measurements) -> MeasuredBoard:
-    """Return a board with its readings; outputs that return to their start only settle."""
-    if step.start is not found.before:
-        channels = [replace(channel, rise_reason=NO_RISE) for channel in measured.channels]
-        names = ("rise_time", "overshoot", "undershoot")
-        measured = _without(replace(measured, channels=tuple(channels)), names)
-    return replace(found, measurements=measured)
-
-
-def _begun(
-    board: LinearBoard | Exception, initial: Start, band: float, lowest: float | None
-) -> tuple[MeasuredBoard | Exception, ExactResponse | None]:
-    """Return a board without readings, and its step; None of one that does not come to rest."""
-    if isinstance(board, Exception):
-        return board, None
-    try:
-        (found, apart), places = told_apart(board, poles(board)), ends(board, initial)
-        if found.known_stable and (doubt := latching(board.circuit)):
-            found = replace(found, doubt=doubt)
-        step = step_response(board, initial, band, places)
-        still = _without_rest(step, found)
-    except (EngineError, InputError) as error:
-        return error, None
-    rests = found.known_stable and not apart.beyond
-    measured = MeasuredBoard(board, initial, found, still, *places, apart, lowest)
-    return measured, step if rests else None
-
-
-def step_response(
-    board: LinearBoard,
-    initial: Start,
-    band: float,
-    places: tuple[Floats, Floats, float] | None = None,
-) -> ExactResponse:
+def step_response(board: LinearBoard, initial: Start, band: float) -> ExactResponse:
     """Return the step of the outputs, to be measured.
 
-    `places` are the `ends` of the board, where they are known.
+    Outputs that all return to their start begin at their largest excursion instead: then one behind
+    a capacitor settles in shares of it.
     """
-    before, rest, error = places or ends(board, initial)
-    start = _pulses(board, before, rest, error, initial)
+    before, rest, error = ends(board, initial)
+    start = before
+    if float(np.abs(rest - before).max(initial=0.0)) <= error:
+        peaks = _peaks(board, rest, error, initial)
+        start = rest + peaks if float(np.abs(peaks).max(initial=0.0)) > error else before
     return ExactResponse(board, rest, start, initial, band, error)
 
 
@@ -233,15 +196,8 @@ def _without_rest(response: ExactResponse, found: Poles) -> Measurements:
     return _without(summary(step.amplitude, response.band, (), channels), tuple(READINGS))
 
 
-def _pulses(
-    board: LinearBoard, before: Floats, rest: Floats, error: float, initial: Start
-) -> Floats:
-    """Return where the outputs start; if all return to there, their largest excursion instead.
-
-    Then an output behind a capacitor settles in shares of this excursion.
-    """
-    if float(np.abs(rest - before).max(initial=0.0)) > error:
-        return before
+def _peaks(board: LinearBoard, rest: Floats, error: float, initial: Start) -> Floats:
+    """Return the largest excursions of the outputs from their rest, V, with their signs."""
     solution = exact_solution(board, initial=initial)
     if np.all(solution.poles.real < 0.0):
         size = float(np.abs(solution.flow.share).max(initial=0.0))
@@ -251,8 +207,7 @@ def _pulses(
         seen = np.linspace(0.0, time_scales(board, initial=initial).stop, DRAWN)
         moved = solution.at(seen) * _signs(board) - rest
         high, low = moved.max(axis=0), -moved.min(axis=0)
-    peaks = np.where(high >= low, high, -low)
-    return rest + peaks if float(np.abs(peaks).max(initial=0.0)) > error else before
+    return np.asarray(np.where(high >= low, high, -low))
 
 
 def _without(measured: Measurements, names: Sequence[str]) -> Measurements:
