@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from operator import attrgetter
-from typing import Any
+from collections.abc import Iterable, Sequence
+from dataclasses import fields
 
 import numpy as np
 
@@ -23,61 +21,45 @@ SCENE_NAME = re.compile(r"[A-Za-z0-9_.-]*")
 VENDORS_GMIN, VENDORS_AMPS = 1e-12, 1e-15
 FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
-_NAMES: dict[str, Callable[[Any], tuple[str, ...]]] = {  # fields of the parts that hold a name
-    "resistors": attrgetter("name", "a", "b"),
-    "capacitors": attrgetter("name", "a", "b"),
-    "opamps": attrgetter("name", "model", "noninverting", "inverting", "output"),
-    "amplifiers": attrgetter("name", "input", "output"),
-    "transistors": attrgetter("name", "model", "collector", "base", "emitter"),
-    "currents": attrgetter("name", "node"),
-    "noises": attrgetter("name", "node"),
-    "voltages": attrgetter("name", "node"),
-}
+KINDS = (
+    *("resistors", "capacitors", "opamps", "amplifiers", "transistors"),
+    *("currents", "noises", "voltages"),
+)
+SIGNED = ("currents", "voltages")
+"""Fields of a circuit that hold parts: their texts are names, and their numbers values."""
 
 
 def check_circuit(circuit: Circuit) -> None:
     """Raise ValueError for a name or a value that must not reach a simulator.
 
-    Only a circuit that was not made from a scene has one.
-
-    ngspice runs a line after a newline in a name as a command, and reads 1/0 as 1e32.
+    No circuit that was made from a scene has one. ngspice runs a line after a newline in a name as
+    a command, and reads 1/0 as 1e32.
     """
     if not SCENE_NAME.fullmatch(circuit.name):
         raise ValueError(f"{circuit.name!r} is not a valid name of a scene")
     for item in circuit.omissions:
         if not (item.what + item.why).isprintable():
             raise ValueError(f"{item!r} has characters that a comment line cannot hold")
-    _check_names(_names(circuit))
-    for kind in _NAMES:
-        names = [part.name for part in getattr(circuit, kind)]
-        if len(set(names)) != len(names):
-            twice = next(name for name in names if names.count(name) > 1)
+    names = [circuit.amplifier, circuit.topology]
+    for kind in KINDS:
+        parts = getattr(circuit, kind)
+        own = [part.name for part in parts]
+        for field in fields(parts[0]) if parts else ():
+            values = [getattr(part, field.name) for part in parts]
+            if isinstance(values[0], str):
+                names += values
+            elif isinstance(values[0], float):
+                for name, value in zip(own, values, strict=True):
+                    _check_value(name, abs(value) if kind in SIGNED else value)
+        if len(set(own)) != len(own):
+            twice = next(name for name in own if own.count(name) > 1)
             raise ValueError(f"two {kind} have the name {twice!r}")
-    for resistor in circuit.resistors:
-        _check_value(resistor.name, resistor.ohms)
-    for capacitor in circuit.capacitors:
-        _check_value(capacitor.name, capacitor.farads)
-    for stage in circuit.amplifiers:
-        _check_value(stage.name, stage.u_scale)
-        _check_value(stage.name, stage.v_scale)
-    for current in circuit.currents:
-        _check_value(current.name, abs(current.amps))
-    for noise in circuit.noises:
-        _check_value(noise.name, noise.density)
-    for voltage in circuit.voltages:
-        _check_value(voltage.name, abs(voltage.volts))
-    _check_value("the absolute temperature", circuit.temperature + ZERO_CELSIUS)
     for matrix in circuit.matrices:
+        names += [matrix.name, *matrix.sinks, *matrix.plus, *filter(None, matrix.minus)]
         if not np.all(matrix.ohms > 0):
             raise ValueError(f"matrix {matrix.name} has a resistance that is not above zero")
-
-
-def _names(circuit: Circuit) -> Iterator[str]:
-    """Return the names of all parts, nodes and models."""
-    parts = [map(names, getattr(circuit, kind)) for kind, names in _NAMES.items()]
-    matrices = [(m.name, *m.sinks, *m.plus, *filter(None, m.minus)) for m in circuit.matrices]
-    kinds = [(circuit.amplifier, circuit.topology)]
-    return itertools.chain.from_iterable(itertools.chain(kinds, *parts, matrices))
+    _check_names(names)
+    _check_value("the absolute temperature", circuit.temperature + ZERO_CELSIUS)
 
 
 def check_request(

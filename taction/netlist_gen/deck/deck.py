@@ -7,14 +7,11 @@ of text, because an object per part costs twenty times as much. Every number is 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import groupby
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, Transient
 from taction.netlist_gen.board.circuit import GROUND, Circuit, Fact
@@ -26,7 +23,6 @@ from taction.netlist_gen.scene.open_tables import AMPLIFIERS
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import opamp_subcircuit
 from taction.spice_models.transistor import model_card
-from taction.system.array_types import Floats
 
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import Circuit as PySpiceCircuit
@@ -165,45 +161,17 @@ def _strains(circuit: Circuit, analysis: Analysis) -> list[str]:
 
 
 def matrix_lines(matrices: Iterable[ResistorMatrix]) -> list[str]:
-    """Return one line per resistor, by matrices and rows: ``Rf_3_5`` is row 3, column 5.
-
-    The wires of a matrix follow its resistors.
-    """
-    lines: list[str] = []
-    printed: dict[int, list[list[str]]] = {}  # forward and feedback resistors are one array
+    """Return one line per resistor by rows, ``Rf_3_5`` in row 3, column 5, or with its wires."""
+    text, lines = _Texts(), list[str]()
     for matrix in matrices:
         if matrix.wires is not None:
             lines += [f"{name} {a} {b} {ohms!r}" for name, a, b, ohms in wire_branches(matrix)]
-            continue
-        if id(matrix.ohms) not in printed:
-            printed[id(matrix.ohms)] = _printed(matrix.ohms)
-        for k, row in enumerate(printed[id(matrix.ohms)]):
-            name = f"{matrix.name}_{k + 1}_"
+        else:
             lines += [
-                f"{name}{n} {drive} {sink} {ohms}"
-                for n, (drive, sink, ohms) in enumerate(zip(*_ends(matrix, k), row, strict=True), 1)
-                if ohms
+                f"{matrix.name}_{k + 1}_{n + 1} {drive} {sink} {text[ohms]}"
+                for k, n, drive, sink, ohms in matrix.elements()
             ]
     return lines
-
-
-def _printed(ohms: Floats) -> list[list[str]]:
-    """Return the text of every entry, "" if infinite; each distinct value is printed once."""
-    values, places = np.unique(ohms, return_inverse=True)
-    texts = np.array([repr(v) if v != math.inf else "" for v in values.tolist()], dtype=object)
-    rows: list[list[str]] = texts[places].reshape(ohms.shape).tolist()
-    return rows
-
-
-def _ends(matrix: ResistorMatrix, k: int) -> tuple[Sequence[str], Sequence[str]]:
-    """Return the driving and the summing nodes of row `k`."""
-    signs = matrix.negative[k].tolist()
-    if not matrix.by_column:
-        ends = matrix.plus[k], matrix.minus[k]
-        return [ends[sign] for sign in signs], matrix.sinks
-    pairs = zip(matrix.plus, matrix.minus, signs, strict=True)
-    drives = [minus if negative else plus for plus, minus, negative in pairs]
-    return drives, [matrix.sinks[k]] * len(drives)
 
 
 def header_lines(circuit: Circuit) -> list[str]:

@@ -41,27 +41,26 @@ class Dialect:
     analysis: tuple[str, ...] = ()  # saved voltages, the transient, the end of the deck
     saved: str = "v({})"  # a node to save
     uncharged: str = " uic"  # what a transient has that begins with no charge
-    # keys of `_UNCHECKED`: no program could check the deck of a board with them
-    refused: tuple[str, ...] = ()
+    is_linear: bool = False  # no program could check the deck of a board that is not
     measures: bool = True  # whether the dialect has ``.meas``, and a program that checks it
     language: str = ""  # first line of an included file
 
     def refusals(self, circuit: Circuit) -> Iterator[Complaint]:
         """Yield what the dialect cannot express of `circuit`, by the key of the scene."""
-        imported = [] if self.name == NATIVE else circuit.models.values()
-        for model in imported:
+        for model in () if self.name == NATIVE else circuit.models.values():
             if model.imported is not None:
                 text = (
                     f"a vendor's netlist is written for ngspice only, not for {self.name}; expected"
                     " a preset (`taction parts`), or --dialect ngspice"
                 )
                 yield Complaint("design.opamp.file", repr(model.name), text)
-        for key, value, there in (
-            ("design.amplifier", circuit.amplifier, circuit.has_nonlinear_amplifiers),
-            ("design.opamp.level", "large-signal", not circuit.is_small_signal),
-        ):
-            if there and key in self.refused:
-                yield Complaint(key, repr(value), _UNCHECKED[key].format(self.name))
+        none = f"no free program reads {{}} of {self.name}; expected {{}}, or another --dialect"
+        if self.is_linear and circuit.has_nonlinear_amplifiers:
+            text = none.format("the nonlinear sources", "'linear'")
+            yield Complaint("design.amplifier", repr(circuit.amplifier), text)
+        if self.is_linear and not circuit.is_small_signal:
+            text = none.format("the limits of op-amps", "'small-signal'")
+            yield Complaint("design.opamp.level", "'large-signal'", text)
 
     def cards(self, text: str) -> str:
         """Return cards of parts and measures, given as ngspice has them."""
@@ -111,15 +110,6 @@ class Dialect:
         return textwrap.fill(
             line, LONGEST, subsequent_indent="+ ", break_long_words=False, break_on_hyphens=False
         )
-
-
-_UNCHECKED = {
-    "design.amplifier": "no free program reads the nonlinear sources of {}; expected 'linear', or"
-    " another --dialect",
-    "design.opamp.level": "no free program reads the limits of op-amps of {}; expected"
-    " 'small-signal', or another --dialect",
-}
-"""Why a deck with this key of a scene cannot be checked."""
 
 
 def _written(line: str, patterns: Sequence[tuple[re.Pattern[str], str]]) -> str:
@@ -270,7 +260,7 @@ SPECTRE = Dialect(  # of linear parts: what gnucap can read and simulate, too
     ),
     "{}",
     " skipdc=yes",
-    ("design.amplifier", "design.opamp.level"),
+    is_linear=True,
     measures=False,
     language="simulator lang=spectre",
 )

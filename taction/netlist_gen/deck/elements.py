@@ -40,13 +40,7 @@ class CardError(ValueError):
 
 
 def shown(card: str) -> str:
-    """Return the name of a flat card as its designer wrote it.
-
-    Examples
-    --------
-    >>> shown("r1"), shown("r.1"), shown("r.x1.xop.rin")
-    ('R1', 'R.1', 'x1.xop.Rin')
-    """
+    """Return the name of a flat card as its designer wrote it."""
     letter, dot, rest = card.partition(".")
     if not dot or len(letter) != 1 or "." not in rest:  # R.1 is a name of the top level
         return card[:1].upper() + card[1:]
@@ -109,14 +103,7 @@ def spelt_card(card: str) -> str:
 
 
 def element_of(card: str, models: Models) -> Element | None:
-    """Return the element of a card that is not linear; None of one that none can be.
-
-    Examples
-    --------
-    >>> found = element_of("b1 a 0 v=tanh(v(c))", {})
-    >>> found.pattern, found.held, found.out
-    ('b~ {o0} {o1} v=tanh(v({0}))', ('c',), ('v', 'a', '0'))
-    """
+    """Return the element of a card that is not linear; None of one that none can be."""
     kind, (name, *words) = card[0], card.split()
     if kind in "dqjm":
         return _device(card, models)

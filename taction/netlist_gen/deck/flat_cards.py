@@ -48,13 +48,7 @@ class Stimulus:
 
 
 def stimulus_of(text: str) -> Stimulus:
-    """Return what a source does, from its card without name and nodes.
-
-    Examples
-    --------
-    >>> stimulus_of("dc 0 ac 1 pulse(0 2.5 1u 1n 1n 1 2)")
-    Stimulus(before=0.0, after=2.5, at=1e-06, kind='pulse', ac=True)
-    """
+    """Return what a source does, from its card without name and nodes."""
     match = _WAVE.search(text)
     plain = (text[: match.start()] + " " + text[match.end() :]) if match else text
     words, dc, ac = re.sub(r"[=(),]", " ", plain).split(), None, False
@@ -161,13 +155,6 @@ def read_cards(lines: Iterable[str], *, measure: bool = False) -> Flat:
     """Read flat cards; raise CardError for one with an unknown field.
 
     One that is not linear becomes an element with `measure`, and is refused without.
-
-    Examples
-    --------
-    >>> found = read_cards(["r1 a 0 1k", "b1 a 0 v=tanh(v(c))"], measure=True)
-    >>> found.parts[0], found.elements[0].pattern
-    (Branch(letter='R', name='1', a='a', b='0', value=1000.0, control=()), \
-'b~ {o0} {o1} v=tanh(v({0}))')
     """
     flat, cards = Flat(), [spelt_card(line) for line in lines]
     flat.models = {m[1]: (m[2], card) for card in cards if (m := _MODEL.match(card))}

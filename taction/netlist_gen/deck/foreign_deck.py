@@ -152,16 +152,6 @@ def read_deck(file: str | Path) -> ForeignDeck:
 
     InputError: the file, or one that it includes, cannot be read; a card is not accepted, with its
       line.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     place = pathlib.Path(folder, "rc.cir")
-    ...     _ = place.write_text("low pass\nV1 in 0 1\nR1 in out 1K\n.tran 1u 1m\n.end\n")
-    ...     deck = read_deck(place)
-    >>> deck.lines, [card.word for card in deck.left]
-    (('v1 in 0 1', 'r1 in out 1k'), ['.tran'])
     """
     path = Path(file)
     if path.suffix.lower() == ".asc":

@@ -24,13 +24,7 @@ _NUMBER = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?)([a-z]*)")
 
 
 def number(text: str) -> float:
-    """Return a SPICE number: ``M`` is milli, ``MEG`` mega, further letters are a unit.
-
-    Examples
-    --------
-    >>> number("2.2k"), number("10meg"), number("3pf")
-    (2200.0, 10000000.0, 3e-12)
-    """
+    """Return a SPICE number: ``M`` is milli, ``MEG`` mega, further letters are a unit."""
     match = _NUMBER.fullmatch(text)
     if match is None:
         raise ValueError(f"{text!r} is not a number")
@@ -125,11 +119,6 @@ def logical_lines(text: str, file: str | Path = "netlist", *, title: bool = Fals
     A card that names a file has its text as it stands, any other one is in lower case. The first
     line may be a `title`. Refuse too many lines, what is too long, and a character that is not
     accepted outside of comments.
-
-    Examples
-    --------
-    >>> logical_lines("* title\nR1 a b 1K ; load\n+ tc1=0\n").cards
-    [Card(number=2, text='r1 a b 1k tc1=0', file='netlist')]
     """
     raw = text.split("\n")
     if len(raw) > MOST_LINES:

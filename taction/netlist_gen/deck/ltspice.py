@@ -109,13 +109,7 @@ def _ascii(match: re.Match[str]) -> str:
 
 
 def plain_cards(text: str) -> Iterator[str]:
-    """Yield plain cards for one in lower case: values such as 2k2 in digits, parasitics as parts.
-
-    Examples
-    --------
-    >>> list(plain_cards("l1 a b 10u rser=0.1 cpar=5p"))
-    ['l1 a_taction_l1_1 b 10u', 'rser_l1 a a_taction_l1_1 0.1', 'cpar_l1 a b 5p']
-    """
+    """Yield plain cards for one in lower case: 2k2 in digits, parasitics as parts."""
     letter = text[0]
     if text.startswith(".param"):
         yield _MARKED_PARAM.sub(r"=\1.\3\2", text)

@@ -90,18 +90,6 @@ def read_tolerances(
     `parameters`: the names of its ``.param`` cards, in lower case.
     InputError: the file cannot be read, has a key or a value that is none, or names no part; all
       mistakes.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
-    >>> flat = read_cards(["v1 in 0 1", "r1 in out 1k", "c1 out 0 1n", "c2 out 0 1n"])
-    >>> circuit = circuit_of(flat, "rc", ["out"])
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     place = pathlib.Path(folder, "parts.toml")
-    ...     _ = place.write_text('capacitor = "5%"\n[parts]\nC2 = 0.2\n')
-    ...     read_tolerances(place, circuit).parts.parts
-    {'C1': 0.05, 'C2': 0.2}
     """
     path = Path(file)
     data, _ = read_toml(path, ACCEPTED)

@@ -65,15 +65,7 @@ class Bode:
 
 
 def open_loop(opamp: OpAmp) -> Bode:
-    """Return the open-loop gain as stated, from far below the first pole to far above unity gain.
-
-    Examples
-    --------
-    >>> from taction.netlist_gen.scene.open_tables import OPAMPS
-    >>> frequency, margin = open_loop(OPAMPS["ua741"]).crossing()
-    >>> round(frequency), round(margin, 1)
-    (1000000, 65.0)
-    """
+    """Return the open-loop gain as stated, from below the first pole to above unity gain."""
     finite = math.isfinite(opamp.gbw)
     low, high = (opamp.first_pole, unity_gain_bandwidth(opamp)) if finite else (1.0, 1e6)
     frequency = np.geomspace(BELOW * low, ABOVE * high, POINTS)
