@@ -255,8 +255,8 @@ class PointRow:
         made, lead = cls(value, stable=found.poles.stable, figures=figures), found.poles.rightmost
         if not len(found.poles.poles):
             return made
-        rates = {"real": lead.real, "frequency": lead.imag / math.tau}
-        return replace(made, **rates, bound=found.poles.resolution)
+        bound, frequency = found.poles.resolution, lead.imag / math.tau
+        return replace(made, real=lead.real, frequency=frequency, bound=bound)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
