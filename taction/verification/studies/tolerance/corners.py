@@ -1,16 +1,11 @@
 """Worst cases within the design tolerances, from the signs of the sensitivities or from a list.
 
-The sensitivity of a quantity to a component is a difference of two verifications by the
-state-space engine. In the worst corner of a quantity every component has the end of its tolerance
-with the sign of the sensitivity, which is exact for a quantity that is monotonic in each component.
-The steady-state error is not monotonic, since it is smallest near the nominal board: its corner is
-that of the channel with the largest signed error, which is monotonic. If the corner of one quantity
-is worse for another quantity than that quantity's own corner, it is reported for both.
-
-The error of channel n at rest is ``e_n + sum_p S_pn z_p`` to first order, with the deviations z in
-tolerances and analytic slopes S. It is largest where every component is at the end of its tolerance
-that the sign of S_pn says: ``e_n + sum_p |S_pn|``. That corner is solved, too, and both numbers
-stand side by side.
+A sensitivity is a difference of two verifications by the state-space engine. In the worst corner of
+a quantity every component has the end of its tolerance with the sign of the sensitivity, which is
+exact where the quantity is monotonic in each component. The steady-state error is not, since it is
+smallest near the nominal board: its corner is that of the channel with the largest signed error,
+``e_n + sum_p |S_pn|`` to first order, which is solved, too. If the corner of one quantity is worse
+for another quantity than that quantity's own corner, it is reported for both.
 """
 
 from __future__ import annotations
@@ -24,8 +19,6 @@ from typing import Annotated
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.variation import Parameter
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.documents import HIDDEN
@@ -33,7 +26,6 @@ from taction.system.errors import Complaint, InputError
 from taction.system.progress import Notice, Progress
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.pool import HERE, Workers
 from taction.verification.studies.running.study import workers_at
@@ -44,36 +36,11 @@ from taction.verification.studies.tolerance.varied_board import (
     evaluate_all,
     prepare,
 )
-from taction.verification.verdict.input_spread import tolerance_slopes
 
-
-def rest_slopes(board: Varied) -> Floats:
-    """Return the change of each output for a deviation of one tolerance, V, (components, N).
-
-    EngineError: the nominal board has no equilibrium.
-
-    Notes
-    -----
-    Costs one factorisation of all unknowns, and two sets of equations for each part without an
-    analytic slope.
-    """
-    names = [parameter.name for parameter in board.varied]
-
-    def at(name: str, deviation: float) -> Circuit:
-        z = np.zeros(len(names))
-        z[names.index(name)] = deviation
-        return board.at(z)
-
-    return tolerance_slopes(RestSensitivity.of(LinearBoard(board.nominal)), board.varied, at)
-
-
-def largest_parts(
-    slopes: Floats, varied: Sequence[Parameter], deviations: Mapping[str, float]
-) -> tuple[str, ...]:
-    """Return the components with the largest `slopes` (components,), and where they deviate to."""
-    order = np.argsort(-np.abs(slopes), kind="stable")[:NAMED].tolist()
-    moved = [(varied[k].name, deviations.get(varied[k].name, 0.0)) for k in order]
-    return tuple(f"{'+' if z > 0 else '-'}{name}" for name, z in moved if z)
+PROBE = 0.25  # of the tolerance: large against rounding errors, small against curvature
+NOTHING = 1e-9  # of the largest slope of a channel: rounding
+NAMED = 5  # components listed with each direction and each corner, and corners in a `repr`
+STEADY_CORNERS = 8  # corners of the steady state that are tried
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,57 +56,6 @@ class Direction:
     deviations: dict[str, float]  # of the corner, in tolerances, by component
     # Change of the error, times `sign`, for a deviation of one tolerance, in step amplitudes.
     slopes: Annotated[Floats, HIDDEN]
-
-    @property
-    def corner(self) -> Floats:
-        """The deviations of the corner, in tolerances, (components,)."""
-        return np.sign(self.slopes)
-
-
-def steady_directions(board: Varied) -> tuple[Direction, ...]:
-    """Return the directions of all channels and both signs, the largest error first.
-
-    There are none where no output has to move: errors are fractions of the largest step.
-
-    EngineError: the nominal board, or one at a corner, has no equilibrium.
-
-    Notes
-    -----
-    Costs what `rest_slopes` costs, and one equilibrium for each direction.
-    """
-    amplitude = board.step_amplitude
-    if math.isnan(amplitude):
-        return ()
-    slopes, centre = rest_slopes(board) / amplitude, _errors(board, np.zeros(len(board.varied)))
-    found = []
-    for n, sign in itertools.product(range(len(centre)), (1, -1)):
-        towards = sign * slopes[:, n]
-        corner = np.sign(towards)
-        moved = {p.name: z for p, z in zip(board.varied, corner.tolist(), strict=True) if z}
-        found.append(
-            Direction(
-                channel=n + 1,
-                sign=sign,
-                predicted=float(centre[n] + sign * np.abs(towards).sum()),
-                solved=float(_errors(board, corner)[n]),
-                largest=largest_parts(towards, board.varied, moved),
-                deviations=moved,
-                slopes=towards,
-            )
-        )
-    return tuple(sorted(found, key=lambda direction: -direction.sign * direction.solved))
-
-
-def _errors(board: Varied, z: Floats) -> Floats:
-    """Return the error of every channel at rest with deviations `z`, in step amplitudes."""
-    rest = LinearBoard(board.at(z)).equilibrium
-    outputs = [output.sign * rest[output.node] for output in board.nominal.outputs]
-    return (np.array(outputs) - board.target) / board.step_amplitude
-
-
-PROBE = 0.25  # of the tolerance: large against rounding errors, small against curvature
-NAMED = 5  # components listed with each direction and each corner, and corners in a `repr`
-STEADY_CORNERS = 8  # corners of the steady state that are tried
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,19 +165,21 @@ def worst_of(
 ) -> CornerStudy:
     """Return the nominal board, for every quantity the corner that makes it worst, and directions.
 
-    `workers`: run the verifications, one for each component.
     EngineError: the nominal board, or one at a corner, has no equilibrium.
-    NoVerdictError: the cluster does not answer any more.
     """
-    reported = board.quantities
-    gradient = _gradient(board.by_statespace(), workers, progress)
-    progress("sensitivities of the steady state")
-    directions = steady_directions(board)
-    gradient["steady_state"] = directions[0].slopes if directions else np.zeros(len(board.varied))
+    count, reported = len(board.varied), board.quantities
+    probes = [("", z) for z in (np.zeros(count), *(PROBE * np.eye(count)))]
+    centre, *moved = _verified(board.by_statespace(), probes, workers, progress, "sensitivities")
+    gradient = {
+        quantity.name: np.array([_worse(quantity, each.result, centre.result) for each in moved])
+        for quantity in reported
+    }
+    directions = steady_directions(board, centre.result, [each.result for each in moved])
+    gradient["steady_state"] = directions[0].slopes if directions else np.zeros(count)
     ends = [
-        ("nominal", np.zeros(len(board.varied))),
+        ("nominal", np.zeros(count)),
         *((quantity.name, np.sign(gradient[quantity.name])) for quantity in reported),
-        *(("", found.corner) for found in directions[1:STEADY_CORNERS]),
+        *(("", np.sign(found.slopes)) for found in directions[1:STEADY_CORNERS]),
     ]
     nominal, *tried = _verified(board, ends, workers, progress, "corners")
     worst = [min(tried, key=lambda c: _goodness(c.result, q, c.name)) for q in reported]
@@ -270,11 +188,59 @@ def worst_of(
             corner,
             name=f"worst {quantity.name}",
             quantity=quantity.name,
-            largest=largest_parts(gradient[quantity.name], board.varied, corner.deviations),
+            largest=largest_parts(gradient[quantity.name], board, corner.deviations),
         )
         for quantity, corner in zip(reported, worst, strict=True)
     ]
     return CornerStudy(board.name, reported, (nominal, *named), directions)
+
+
+def steady_directions(
+    board: Varied, centre: BoardSample, moved: Sequence[BoardSample]
+) -> tuple[Direction, ...]:
+    """Return the directions of all channels and both signs, the largest error first.
+
+    `moved` are the boards with each component in its turn off by `PROBE`. There are no directions
+    where no output has to move: errors are fractions of the largest step.
+    """
+    if math.isnan(board.step_amplitude):
+        return ()
+    count = len(board.varied)
+    rest = np.array(centre.errors or _errors(board, np.zeros(count)))
+    probes = zip(moved, PROBE * np.eye(count), strict=True)
+    slopes = [(np.array(each.errors or _errors(board, z)) - rest) / PROBE for each, z in probes]
+    S = np.array(slopes).reshape(count, len(rest))
+    S = np.where(np.abs(S) > NOTHING * np.abs(S).max(axis=0, initial=0.0), S, 0.0)
+    found = []
+    for n, sign in itertools.product(range(len(rest)), (1, -1)):
+        towards = sign * S[:, n]
+        corner = _deviations(board, np.sign(towards))
+        predicted = float(rest[n] + sign * np.abs(towards).sum())
+        solved = float(_errors(board, np.sign(towards))[n])
+        largest = largest_parts(towards, board, corner)
+        found.append(Direction(n + 1, sign, predicted, solved, largest, corner, towards))
+    return tuple(sorted(found, key=lambda direction: -direction.sign * direction.solved))
+
+
+def largest_parts(
+    slopes: Floats, board: Varied, deviations: Mapping[str, float]
+) -> tuple[str, ...]:
+    """Return the components with the largest `slopes` (components,), and where they deviate to."""
+    order = np.argsort(-np.abs(slopes), kind="stable")[:NAMED].tolist()
+    moved = [(board.varied[k].name, deviations.get(board.varied[k].name, 0.0)) for k in order]
+    return tuple(f"{'+' if z > 0 else '-'}{name}" for name, z in moved if z)
+
+
+def _errors(board: Varied, z: Floats) -> tuple[float, ...]:
+    """Return the error of every channel at rest with deviations `z`, in step amplitudes."""
+    rest = LinearBoard(board.at(z)).equilibrium
+    outputs = np.array([output.sign * rest[output.node] for output in board.nominal.outputs])
+    return tuple(((outputs - board.target) / board.step_amplitude).tolist())
+
+
+def _deviations(board: Varied, z: Floats) -> dict[str, float]:
+    """Return the deviations that are not 0, by component."""
+    return {p.name: off for p, off in zip(board.varied, z.tolist(), strict=True) if off}
 
 
 def named_corners(
@@ -284,9 +250,8 @@ def named_corners(
 ) -> tuple[Corner, ...]:
     """Verify corners that the user gives, in this process.
 
-    `named`: deviations in tolerances (1 and -1 are the ends), by component or by kind
-      (``capacitor``); the deviation of a component overrides that of its kind.
-    InputError: a key names neither a component that varies nor a kind.
+    `named`: deviations in tolerances, by component or by kind (``capacitor``); the deviation of a
+    component overrides that of its kind.
     """
     kinds = sorted({parameter.kind for parameter in board.varied})
     known = [*kinds, *(parameter.name for parameter in board.varied)]
@@ -313,28 +278,10 @@ def _verified(
     for sample in evaluate_all(board, enumerate(z for _, z in ends), workers, len(ends)):
         samples[sample.number] = sample
         progress(f"{stage}: {len(samples)} of {len(ends)} boards")
-    names = [parameter.name for parameter in board.varied]
     return tuple(
-        Corner(
-            name=name,
-            quantity="",
-            result=samples[number],
-            largest=(),
-            deviations={part: off for part, off in zip(names, z.tolist(), strict=True) if off},
-        )
+        Corner(name, "", samples[number], (), _deviations(board, z))
         for number, (name, z) in enumerate(ends)
     )
-
-
-def _gradient(board: Varied, workers: Workers, progress: Progress) -> dict[str, Floats]:
-    """Return the change of each quantity, positive if worse, by component, (components,) each."""
-    count = len(board.varied)
-    ends = [("", z) for z in (np.zeros(count), *(PROBE * np.eye(count)))]
-    centre, *moved = _verified(board, ends, workers, progress, "sensitivities")
-    return {
-        quantity.name: np.array([_worse(quantity, each.result, centre.result) for each in moved])
-        for quantity in board.quantities
-    }
 
 
 def _goodness(sample: BoardSample, quantity: Quantity, corner: str) -> tuple[float, bool]:
@@ -353,15 +300,7 @@ def _worse(quantity: Quantity, moved: BoardSample, centre: BoardSample) -> float
 
 
 def deviations_of(corner: str | Mapping[str, float]) -> tuple[str, Mapping[str, float]]:
-    """Return the name of a corner and its deviations, in units of the tolerances.
-
-    InputError: a part of the text is not ``KEY=Z``, or Z is not from -100 to 100.
-
-    Examples
-    --------
-    >>> deviations_of("capacitor=-1,opamp_gbw=0.5")[1]
-    {'capacitor': -1.0, 'opamp_gbw': 0.5}
-    """
+    """Return the name of a corner and its deviations, in units of the tolerances."""
     if not isinstance(corner, str):
         return ",".join(f"{key}={value:g}" for key, value in corner.items()), corner
     deviations = {}

@@ -1,24 +1,21 @@
 """Yield of a board with component tolerances: samples, confidence interval, sensitivities.
 
 Every sample has its own random stream: sample 17 of seed 1 is the same board on any machine and in
-any order. A sample without a verdict counts as a sample that does not pass. A study that was killed
-continues with the next sample. The key of a sample in a database is a digest of board, checks, seed
-and versions, so samples of several studies and the points of sweeps share a file without being
-mixed.
+any order. A sample without a verdict counts as one that does not pass. The key of a sample in a
+database is a digest of board, checks, seed and versions.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from taction.netlist_gen.board.variation import draw
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.documents import taken
@@ -50,13 +47,9 @@ CHECK_OF = {"growth_rate": "stability", "margin": "stability"}  # of a quantity 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QuantitySpread(Quantity):
-    """Distribution of a quantity over the samples.
+    """Distribution of a quantity over the samples."""
 
-    `low`, `median` and `high` are the `QUANTILES`, each the value of one sample: infinite for the
-    time of a sample that never settles or rises, not a number without samples.
-    """
-
-    low: float
+    low: float  # of `QUANTILES`, each the value of one sample: infinite for one that never settles
     median: float
     high: float
     missing: int  # samples without the quantity
@@ -66,10 +59,8 @@ class QuantitySpread(Quantity):
 class Sensitivity:
     """Correlation of a quantity with the deviation of a component over the samples.
 
-    Times enter by their logarithm; the steady state by the signed error of the channel with the
-    largest root mean square, whose number, from 1, is `channel`. The square of `correlation` is the
-    share of the variance that the component explains. `lost` is the yield that the check of the
-    quantity costs: the share of the samples that do not pass it.
+    Times enter by their logarithm; the steady state by the signed error of one `channel`, that with
+    the largest root mean square. `lost` is the share of the samples that fail the check.
     """
 
     parameter: str
@@ -139,20 +130,19 @@ class YieldReport(Result):
     @property
     def sentence(self) -> str:
         """The yield in words, without a full stop."""
-        return yield_sentence(self.passed, self.samples)
+        if not self.samples:
+            return "no sample, no yield"
+        share, low, high = percent(self.fraction, 4), percent(self.low), percent(self.high)
+        counts = f"{self.passed} of {self.samples} boards pass"
+        return f"yield {share}, 95 % interval {low} to {high}: {counts}"
 
     def __repr__(self) -> str:
         low, high = (f"{100 * share:.3g}" for share in (self.low, self.high))
+        words = [f"{number} fail {name}" for name, number in self.failures.items()][:MOST]
         return (
             f"YieldReport({self.passed} of {self.samples} pass, yield {percent(self.fraction, 4)},"
-            f" 95 % interval {low} to {high} %{_listed(self.failures)})"
+            f" 95 % interval {low} to {high} %{'; ' * bool(words)}{', '.join(words)})"
         )
-
-
-def _listed(failures: Mapping[str, int]) -> str:
-    """Return the most frequent failed checks for a `repr`."""
-    words = [f"{number} fail {name}" for name, number in [*failures.items()][:MOST]]
-    return f"; {', '.join(words)}" if words else ""
 
 
 def summarise_samples(board: Varied, samples: list[BoardSample], seed: int) -> YieldReport:
@@ -161,7 +151,6 @@ def summarise_samples(board: Varied, samples: list[BoardSample], seed: int) -> Y
     low, high = interval(passed, len(samples))
     failures = Counter(name for sample in samples for name in sample.failed)
     undecided = [sample for sample in samples if sample.undecided]
-    reported = board.quantities
     return YieldReport(
         name=board.name,
         engine=board.engine,
@@ -175,24 +164,10 @@ def summarise_samples(board: Varied, samples: list[BoardSample], seed: int) -> Y
         high=high,
         failures=dict(failures.most_common()),
         reasons=dict(Counter(s.lost for s in undecided if s.lost).most_common()),
-        quantities=tuple(_spread(quantity, samples) for quantity in reported),
-        sensitivities=tuple(_sensitivities(board, reported, samples, seed)),
+        quantities=tuple(_spread(quantity, samples) for quantity in board.quantities),
+        # Those of the check that costs most yield come first, and of one check the strongest.
+        sensitivities=tuple(sorted(_sensitivities(board, samples, seed), key=_by_loss)),
     )
-
-
-def yield_sentence(passed: int, samples: int) -> str:
-    """Return a yield in words, without a full stop.
-
-    Examples
-    --------
-    >>> yield_sentence(1, 2)
-    'yield 50 %, 95 % interval 1.26 % to 98.7 %: 1 of 2 boards pass'
-    """
-    if not samples:
-        return "no sample, no yield"
-    low, high = (percent(end) for end in interval(passed, samples))
-    share = percent(passed / samples, 4)
-    return f"yield {share}, 95 % interval {low} to {high}: {passed} of {samples} boards pass"
 
 
 def interval(passed: int, samples: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
@@ -219,51 +194,36 @@ def _spread(quantity: Quantity, samples: list[BoardSample]) -> QuantitySpread:
     return taken(QuantitySpread, quantity, low=low, median=median, high=high, missing=missing)
 
 
-def _sensitivities(
-    board: Varied, reported: tuple[Quantity, ...], samples: list[BoardSample], seed: int
-) -> list[Sensitivity]:
-    """Return the correlations beyond `SIGNIFICANT` standard errors, where the check costs yield.
-
-    Those of the check that costs most yield come first, and of one check the strongest.
-    """
-    tolerances = board.tolerances
-    sensitivities = []
-    for quantity in reported:
+def _sensitivities(board: Varied, samples: list[BoardSample], seed: int) -> Iterator[Sensitivity]:
+    """Yield the correlations beyond `SIGNIFICANT` standard errors, where the check costs yield."""
+    for quantity in board.quantities:
         check = CHECK_OF.get(quantity.name, quantity.name)
         lost = sum(check in sample.failed for sample in samples) / max(len(samples), 1)
-        # A margin is computed only up to the limit of the check.
-        if quantity.name == "margin" or not lost:
+        if quantity.name == "margin" or not lost:  # a margin is known up to its limit only
             continue
-        channel = _furthest(samples) if quantity.name == "steady_state" else None
-        pairs = [(sample.number, _value(sample, quantity.name, channel)) for sample in samples]
-        usable = [(n, v) for n, v in pairs if v is not None and math.isfinite(v)]
-        if len(usable) < MIN_SAMPLES:
+        channel, values = None, [sample.value(quantity.name) for sample in samples]
+        if quantity.name == "steady_state":
+            errors = np.array([sample.errors for sample in samples if sample.errors])
+            channel = int(np.argmax((errors**2).mean(axis=0))) if len(errors) else None
+            values = [s.errors[channel or 0] if s.errors else None for s in samples]
+        pairs = zip(samples, values, strict=True)
+        known = {s.number: v for s, v in pairs if v is not None and math.isfinite(v)}
+        if len(known) < MIN_SAMPLES:
             continue
-        values = np.array([value for _, value in usable])
+        found = np.array(list(known.values()))
         if quantity.unit == "s":
-            values = np.log(np.maximum(values, 1e-300))
-        z = np.array([draw(tolerances, board.varied, seed, number) for number, _ in usable])
-        error = 1.0 / math.sqrt(len(usable))
-        sensitivities += [
-            Sensitivity(
-                parameter.name, parameter.kind, quantity.name, float(r), error, channel, lost
-            )
-            for parameter, r in zip(board.varied, _correlation(z, values), strict=True)
+            found = np.log(np.maximum(found, 1e-300))
+        z = np.array([board.drawn(seed, number) for number in known])
+        error, number = 1.0 / math.sqrt(len(known)), None if channel is None else channel + 1
+        yield from (
+            Sensitivity(part.name, part.kind, quantity.name, float(r), error, number, lost)
+            for part, r in zip(board.varied, _correlation(z, found), strict=True)
             if abs(r) > SIGNIFICANT * error
-        ]
-    return sorted(sensitivities, key=lambda each: (-each.lost, -abs(each.correlation)))
+        )
 
 
-def _furthest(samples: list[BoardSample]) -> int | None:
-    """Return the channel whose error has the largest mean square, from 1."""
-    errors = np.array([sample.errors for sample in samples if sample.errors])
-    return 1 + int(np.argmax((errors**2).mean(axis=0))) if len(errors) else None
-
-
-def _value(sample: BoardSample, name: str, channel: int | None) -> float | None:
-    if channel is not None:
-        return sample.errors[channel - 1] if sample.errors else None
-    return sample.value(name)
+def _by_loss(found: Sensitivity) -> tuple[float, float]:
+    return -found.lost, -abs(found.correlation)
 
 
 def _correlation(z: Floats, values: Floats) -> Floats:
@@ -282,10 +242,7 @@ def sample_keys(board: VariedBoard, seed: int) -> Callable[[int], bytes]:
 
 @dataclass(slots=True)
 class SampleCollection:
-    """Samples in the order of their numbers, until there are enough.
-
-    The yield does not depend on the order in which the samples end.
-    """
+    """Samples in the order of their numbers, not of their ends, until there are enough."""
 
     limit: int
     width: float | None = None  # requested half width of the confidence interval
@@ -320,11 +277,7 @@ def run_samples(
 ) -> Iterator[BoardSample]:
     """Draw samples into `collection` until it has enough; yield the computed ones as they end.
 
-    Samples in `store`, where each has its `key`, are not computed again; computed samples are added
-    to it.
-
-    InputError, NoVerdictError, OutOfDisk: as
-      `taction.verification.studies.tolerance.varied_board.evaluate_all` and `Store`.
+    Samples in `store`, where each has its `key`, are not computed again; others are added to it.
     """
 
     def missing() -> Iterator[tuple[int, Floats]]:
@@ -430,15 +383,9 @@ def montecarlo(
 
 
 def half_width(until: str | float | None) -> float | None:
-    """Return the requested half width of the confidence interval, from ``"1%"`` or 0.01.
-
-    InputError: the half width is not between 0 and 0.5.
-    """
-    value = None
-    if until is not None:
-        with suppress(ValueError):
-            value = fraction(until)
-        if value is None or not 0 < value < 0.5:
-            accepted = "expected a half width such as 1% or 0.01"
-            raise InputError("--until", Complaint("WIDTH", repr(until), accepted))
-    return value
+    """Return the requested half width of the confidence interval, from ``"1%"`` or 0.01."""
+    with suppress(ValueError):
+        if until is None or 0 < fraction(until) < 0.5:
+            return None if until is None else fraction(until)
+    accepted = "expected a half width such as 1% or 0.01"
+    raise InputError("--until", Complaint("WIDTH", repr(until), accepted))

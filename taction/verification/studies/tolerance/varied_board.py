@@ -1,8 +1,7 @@
 """Boards whose parts deviate from their nominal values, and what is known of each of them.
 
 Monte Carlo and corners see a `Varied` board only: that of a scene (`VariedBoard`), or of a deck
-(`verification.studies.decks.board_sweep`). All samples share the problem, its ideal answer and the
-nominal board, which are prepared once.
+(`verification.studies.decks.board_sweep`).
 """
 
 from __future__ import annotations
@@ -72,9 +71,8 @@ class BoardSample:
 
     def value(self, name: str) -> float | None:
         """Return a `Quantity` of the board, by its name; None where the board lacks it."""
-        if name == "rise_time":  # of the channel that a scene checks
-            check = self.record.check(name)
-            return self.record.value(name) if check is None else finite(check.value)
+        if name == "rise_time" and (check := self.record.check(name)) is not None:
+            return finite(check.value)  # of the channel that a scene checks
         return self.record.value("steady_state_error" if name == "steady_state" else name)
 
 
@@ -104,12 +102,10 @@ class Quantity:
 class Varied(ABC):
     """A nominal board, its varied parameters, and the data that all its samples share.
 
-    Every call to a worker sends it: it is pickled once and each worker unpickles it once, because
-    pickling takes as long as varying the board.
+    It is pickled once, and each worker unpickles it once: that takes as long as varying the board.
     """
 
-    # `name`, `engine`: what the study is called, and the engine of its samples.
-    name: str
+    name: str  # of the study
     engine: str
     nominal: Circuit  # the board without deviations
     varied: tuple[Parameter, ...]  # in the order of the deviations z
@@ -152,10 +148,7 @@ def _unpickled(kind: type[Varied], packed: bytes) -> Varied:
 
 
 def evaluate(board: Varied, number: int, z: Floats) -> BoardSample:
-    """Verify the board with deviations `z`; a verification that fails gives a sample, too.
-
-    NoVerdictError: this process can compute no sample; the sample itself may be right.
-    """
+    """Verify the board with deviations `z`; a verification that fails gives a sample, too."""
     return attempted(partial(board.measured, number, z), partial(_without_verdict, number, board))
 
 
@@ -178,13 +171,7 @@ def evaluate_all(
     count: int,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Iterator[BoardSample]:
-    """Yield the samples of `requests`, (number, z) each, as they end, until `stopped` is true.
-
-    There are at most `count` of them. A sample whose worker was killed several times has no
-    verdict.
-
-    NoVerdictError: as `taction.verification.studies.running.study.study`.
-    """
+    """Yield the samples of at most `count` requests, (number, z) each, until `stopped` is true."""
     points = ((number, (board, number, z)) for number, z in requests)
     size = 1 if board.engine == "ngspice" else count  # processes share no work
     for number, sample in study(workers, _evaluate_together, points, size, stopped):
@@ -220,27 +207,26 @@ class VerifiedSample(Result):
 def quantities(scene: Scene) -> tuple[Quantity, ...]:
     """Return the quantities that are reported of the samples of `scene`, with their limits."""
     checks = scene.checks
-    steady = Quantity("steady_state", "step", at_most=checks.steady_state.tolerance)
+
+    def limited(name: str, unit: str, band: float | None = None) -> Quantity:
+        """Return a quantity with the limits of the check of its name."""
+        check = getattr(checks, name)
+        least, most = getattr(check, "min", None), getattr(check, "max", None)
+        return Quantity(name, unit, 1.0, least, most, band)
+
     reported = [
-        _limited(scene, Quantity("settling_time", "s", band=checks.settling_time.band)),
-        *(_limited(scene, Quantity(name, "step")) for name in EXCURSIONS),
-        steady,
+        limited("settling_time", "s", checks.settling_time.band),
+        *(limited(name, "step") for name in EXCURSIONS),
+        Quantity("steady_state", "step", at_most=checks.steady_state.tolerance),
         Quantity("growth_rate", "1/s", at_most=0.0),
     ]
     if checks.rise_time is not None:
-        reported.append(_limited(scene, Quantity("rise_time", "s")))
+        reported.append(limited("rise_time", "s"))
     if checks.stability.margin > 1:
         reported.append(Quantity("margin", "ratio", -1.0, at_least=checks.stability.margin))
     if checks.noise is not None:
-        reported.append(_limited(scene, Quantity("noise", "V")))
+        reported.append(limited("noise", "V"))
     return tuple(reported)
-
-
-def _limited(scene: Scene, quantity: Quantity) -> Quantity:
-    """Return a quantity with the limits of the scene's check of its name."""
-    check = getattr(scene.checks, quantity.name, None)
-    least, most = getattr(check, "min", None), getattr(check, "max", None)
-    return replace(quantity, at_least=least, at_most=most)
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,11 +258,7 @@ class VariedBoard(Varied):
 
 
 def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
-    """Build the nominal board of `scene` and solve its problem.
-
-    InputError: the scene cannot be built, or none of its tolerances is above zero.
-    NoVerdictError: the problem has no answer, or the scene needs ngspice and no ngspice was found.
-    """
+    """Build the nominal board of `scene` and solve its problem; refuse one that never varies."""
     problem = make_problem(scene)
     nominal = synthesise(scene, problem)
     varied = parameters(nominal, scene.tolerances)

@@ -9,21 +9,20 @@ import numpy as np
 import pytest
 from click.testing import Result
 
-from taction.netlist_gen.board.variation import vary
 from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.system.array_types import Floats
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.tolerance_view import corner_view
 from taction.verification.studies.tolerance.corners import (
     Corner,
     named_corners,
-    rest_slopes,
-    steady_directions,
     worst_of,
 )
 from taction.verification.studies.tolerance.montecarlo import SampleCollection, run_samples
 from taction.verification.studies.tolerance.varied_board import evaluate, prepare
+from taction.verification.verdict.input_spread import tolerance_slopes
 from tests.support.running import taction as command
 from tests.support.studying import DAMPED, QUIET, one_thread, small_scene
 
@@ -123,7 +122,8 @@ def test_the_directions_are_those_of_every_corner_of_all_resistors_of_two_kinds(
     tolerances = QUIET | {"resistor": 0.02, "opamp_gain": 0.5}
     opamp = {"base": "ideal", "dc_gain": 300}
     study = prepare(small_scene(design=DAMPED | {"opamp": opamp}, tolerances=tolerances))
-    found = steady_directions(study)
+    with one_thread() as workers:
+        found = worst_of(study, workers).directions
     assert [(d.channel, d.sign) for d in found] != sorted((d.channel, d.sign) for d in found)
     assert {(d.channel, d.sign) for d in found} == set(itertools.product((1, 2), (1, -1)))
     assert {name.rpartition(".")[2] for name in found[0].deviations} >= {"dc_gain", "Rr_1"}
@@ -145,10 +145,15 @@ def test_slopes_are_those_of_the_solved_boards() -> None:
     scene = small_scene(design=DAMPED | {"opamp": {"base": "ideal", "dc_gain": 300}})
     scene = scene.model_copy(update={"tolerances": Tolerances(**tolerances)})
     study = prepare(scene)
-    slopes = rest_slopes(study)
+    names = [part.name for part in study.varied]
+    slopes = tolerance_slopes(
+        RestSensitivity.of(LinearBoard(study.nominal)),
+        study.varied,
+        lambda name, z: study.at(np.array([z * (name == each) for each in names])),
+    )
 
     def rest(z: Floats) -> Floats:
-        board = LinearBoard(vary(study.nominal, study.scene.tolerances, z))
+        board = LinearBoard(study.at(z))
         return np.array([o.sign * board.equilibrium[o.node] for o in study.nominal.outputs])
 
     for place, unit in enumerate(0.01 * np.eye(len(study.varied))):
