@@ -26,8 +26,7 @@ _E24 = (
 def mantissas(series: str) -> Floats:
     """Return the values of one decade, from 1 to below 10; read-only.
 
-    E6 and E12 hold every fourth and every second value of E24. E192 holds 9.20 as the standard has
-    it; ``10^(185/192)`` rounds to 9.19.
+    The standard has 9.20 in E192, where ``10^(185/192)`` rounds to 9.19.
     """
     count = int(series[1:])
     if count <= len(_E24):

@@ -1,11 +1,7 @@
 """`Circuit`: the board, its parts with values and nodes, and what its topology states about them.
 
-The synthesis makes it, the deck writer turns it into text, and the state-space engine into
-equations. Node ``"0"`` is ground. Matrices are arrays, never N² objects. A topology states
-
-- `Circuit.roles`: which parts do what, by their names in the deck (`Role`),
-- `Circuit.facts`: the numbers of the design (`Fact`),
-- `Circuit.knobs`: the keys of a scene that can be moved, with the parts that they scale (`Knob`).
+A topology states which parts do what, by their names in the deck (`Role`), the numbers of the
+design (`Fact`), and the keys of a scene that scale parts (`Knob`). Node ``"0"`` is ground.
 """
 
 from __future__ import annotations
@@ -226,11 +222,7 @@ class Circuit(Result):
 
     @property
     def charged_capacitance(self) -> float:
-        """The capacitance whose charge tells what a small charge is, F.
-
-        C, or on a board without it the largest capacitance at an input of an op-amp; a board that
-        has neither takes 1 pF.
-        """
+        """C, F, or without it the largest capacitance at an input of an op-amp, or 1 pF."""
         if "C" in self.facts:
             return self.value("C")
         strays = [part.farads for part in self.capacitors]
@@ -262,22 +254,14 @@ class Circuit(Result):
 
     @property
     def forward_ohms(self) -> Floats:
-        """Resistors of the entries of T towards the constraint nodes, ohm, (M, N).
-
-        Infinite where there is none. A topology may have one matrix for positive entries and one
-        for negative entries.
-        """
+        """Resistors of T towards the constraint nodes, ohm, (M, N); infinite without one."""
         names = self.named(Role.FORWARD)
         parts = [matrix.ohms for matrix in self.matrices if matrix.name in names]
         return np.asarray(np.minimum.reduce(parts))
 
     @property
     def realised(self) -> Floats:
-        """T (M, N) as the resistors have it, with their rounding.
-
-        Each resistor counts with its sign: `ResistorMatrix.negative`, or the input of the op-amp
-        at which it ends; an offset column subtracts the same from every entry.
-        """
+        """T (M, N) as the resistors have it, with their rounding, less an offset column."""
         names, siemens = self.named(Role.FORWARD), self.value("G0")
         T = np.zeros(self.shape)
         for matrix in self.matrices:

@@ -1,9 +1,4 @@
-"""Conductance devices of arrays as data: what they are aimed at, how far off they are, presets.
-
-A device is set to the nearest level within its window, with a programming error. It drifts as
-``g (t/t0)^-nu``, where nu differs from device to device; from solve to solve it has a read noise.
-Some cells are stuck at an end of the window, whatever they are aimed at.
-"""
+"""Conductance devices of arrays as data: window, levels, drift ``g (t/t0)^-nu``, noise."""
 
 from __future__ import annotations
 
@@ -133,8 +128,7 @@ class Device:
     def programmed(self, siemens: Floats, deviations: Floats) -> Floats:
         """Return what devices have that have `siemens` on average, for standard normal deviations.
 
-        The tails of the deviations are the cells that are stuck; what is between them is as normal
-        as without these.
+        The tails of the deviations are the cells that are stuck.
         """
         low = high = np.zeros(siemens.shape, dtype=np.bool_)
         if self.stuck:

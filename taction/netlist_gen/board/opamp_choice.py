@@ -21,11 +21,7 @@ ACCEPTED = "a file that `taction parts import` writes"
 
 
 def choose_opamp(scene: Scene) -> OpAmp:
-    """Return the op-amp of `scene`: a preset with the scene's changed figures.
-
-    Offset, input currents and common-mode error are in its macromodel as ``input_errors`` says; at
-    ``"none"`` those that the scene gives.
-    """
+    """Return the op-amp of `scene`: a preset with changed figures, or an imported one."""
     choice, supply = scene.design.opamp, scene.design.supply
     if choice.file is not None:
         return imported_opamp(scene, choice.file)

@@ -112,9 +112,7 @@ def _input_errors(circuit: Circuit) -> Iterator[Parameter]:
 def draw(tolerances: Tolerances, varied: Sequence[Parameter], seed: int, sample: int) -> Floats:
     """Return the z of one sample, one of each of the parameters `varied`.
 
-    Each sample has its own random stream, so a single sample can be drawn again, bit for bit
-    (versions of NumPy may differ in their normal distributions). Input errors and devices are
-    normal whatever the distribution of the parts is.
+    Each sample has its own random stream. Input errors and devices are normal in any distribution.
     """
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(sample,)))
     errors = [parameter.kind in (INPUT_ERROR, DEVICE) for parameter in varied]
@@ -128,9 +126,8 @@ def draw(tolerances: Tolerances, varied: Sequence[Parameter], seed: int, sample:
 def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
     """Return `circuit` with every part varied by its `z`, one value per item of `parameters`.
 
-    An op-amp's gain-bandwidth product and second pole have the same factor, independent of its DC
-    gain. Each of its input errors has the mean of its distribution and z times the tolerance. The
-    temperature changes all parts of a kind by ``exp(drift z temperature)``.
+    An op-amp's gain-bandwidth product and second pole have the same factor. The temperature changes
+    all parts of a kind by ``exp(drift z temperature)``.
     """
     varied = parameters(circuit, tolerances)
     shift = {p.name: float(value) for p, value in zip(varied, z, strict=True)}
@@ -178,9 +175,8 @@ def _branch(part: Branch, factor: float) -> Branch:
 def with_devices_at(circuit: Circuit, deviations: Mapping[str, float]) -> Circuit:
     """Return `circuit` with programmed devices, off by so many of `MOST` standard deviations.
 
-    By their names; a positive deviation is a larger resistance, and without one a device is what it
-    was aimed at. Deviations of exactly one are the corners of a study, at which no cell is stuck.
-    What is programmed varies no more.
+    A positive deviation is a larger resistance. Deviations of exactly one are the corners of a
+    study, at which no cell is stuck. What is programmed varies no more.
     """
     return replace(
         circuit, matrices=tuple(_programmed(each, deviations) for each in circuit.matrices)

@@ -1,8 +1,4 @@
-"""The arrays of a board with their wires: as a deck has them, and as they look from their ports.
-
-`wires` has what wires do to an array of conductances. Here a `ResistorMatrix` becomes such arrays,
-one for each sign, and its resistors and wires get names and nodes.
-"""
+"""The arrays of a board with their wires: as a deck has them, and as they look from their ports."""
 
 from __future__ import annotations
 
@@ -87,9 +83,8 @@ def joined_resistors(circuit: Circuit) -> Iterator[tuple[str, str, float]]:
 def wire_branches(matrix: ResistorMatrix) -> Iterator[tuple[str, str, str, float]]:
     """Yield name, both nodes and ohms of every entry of a wired matrix, then of its wires.
 
-    ``Rfw_3_5`` and ``Rfb_3_5`` lead from the crossing of word line 3 and bit line 5 towards the
-    ports of both; the nodes at this crossing are ``fw_3_5`` and ``fb_3_5``. A wire of 0 ohm is one
-    node.
+    ``Rfw_3_5`` and ``Rfb_3_5`` lead from the crossing of word line 3 and bit line 5, where the
+    nodes are ``fw_3_5`` and ``fb_3_5``, towards the ports of both. A wire of 0 ohm is one node.
     """
     wires = matrix.wires or Wires()
     along, down = wires.distances(matrix.ohms.shape)

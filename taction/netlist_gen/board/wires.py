@@ -1,23 +1,13 @@
 """Wires of the arrays: a matrix of resistors becomes a crossbar of word lines and bit lines.
 
-Row k of T is word line k, column n is bit line n. Every crossing with a resistor is a node of both
-lines; between neighbouring crossings a line has its resistance per pitch, and one pitch more
-between its first crossing and its port. An op-amp drives its lines through `Wires.driver` and takes
-up their current through `Wires.sense`. Entries of either sign have an array of their own, so that a
-crossing joins two lines.
-
-Wires have no capacitance, so an array is seen from its ports as a network of resistors between them
-(Kron, 1939), which is exact at any time. `Crossbar` finds it row by row, the row that is farthest
-from the ports of the bit lines first, in sums that do not cancel: with S the conductances of a row
-between its bit nodes, seen through its word line, and r the resistance of a bit line's segment,
-the currents J of the bit lines at voltages b and word lines' voltages a are
+Row k of T is word line k, column n is bit line n; every crossing with a resistor is a node of both.
+Entries of either sign have an array of their own. Wires have no capacitance, so an array is a
+network of resistors between its ports (Kron, 1939). `Crossbar` finds it row by row, the row that is
+farthest from the ports of the bit lines first, in sums that do not cancel: with S the conductances
+of a row between its bit nodes, seen through its word line, and r the resistance of a bit line's
+segment, the currents J of the bit lines at voltages b and word lines' voltages a are
 
     J = F a - P b,     P <- P + S,    [F, P] <- (1 + r P)^-1 [F, P]
-
-Without resistance this leaves F and P as they are, so a good wire costs no digits. Every step
-solves with a positive definite matrix of N bit lines: M N³ operations. A sparse factorisation of
-the 2 M N nodes takes longer, and subtracts conductances of wires that are 10⁵ times those of the
-entries.
 
 The deck has every wire as a resistor, so ngspice shares none of this.
 """
@@ -117,11 +107,7 @@ def _at_line_ends(
 
 
 class Crossbar:
-    """An array with its lines, but without what is at their ports.
-
-    `siemens` (M, N): the entries; zero where there is none.
-    `wires`: their lines; `driver` and `sense` do not count here.
-    """
+    """An array (M, N), S, with its lines, but without what is at their ports."""
 
     def __init__(self, siemens: Floats, wires: Wires) -> None:
         along, down = wires.distances(siemens.shape)
@@ -180,11 +166,8 @@ class Crossbar:
 def compensated(siemens: Floats, wires: Wires, *, by_column: bool) -> Floats:
     """Return conductances (M, N), S, with which a wired array has those of `siemens` at its ports.
 
-    Both have the signs of the entries; those of either sign have an array of their own. Every entry
-    is scaled by what lacks at the ports, again and again. Where no conductances have it all,
-    because wires alone take more, or because the neighbours of a small entry give more, or one that
-    is zero would be needed, the result is what the steps came closest to, in the norm of all
-    entries.
+    Both have the signs of the entries. Every entry is scaled by what lacks at the ports, again and
+    again; the result is the closest in the norm of all entries where no conductances have it all.
     """
     values = np.ascontiguousarray(siemens).tobytes()
     lines = wires.word_line, wires.bit_line, wires.corner

@@ -1,7 +1,6 @@
 """A whole board as one KiCad project: a sheet for each channel and each sensor row.
 
-The first sheet has these as boxes, and the supplies of all packages. Nets that several sheets have
-are joined by the names of their labels.
+The first sheet has these as boxes, and the supplies of all packages; labels join nets.
 """
 
 from __future__ import annotations

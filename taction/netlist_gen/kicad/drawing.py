@@ -1,12 +1,8 @@
 """The stages of a board, found from its nets alone and drawn: one below the other.
 
 A branch is a part of the board that is connected without the matrices, ground and the constant
-voltages: a channel, or a sensor row. So every topology can be drawn, also one of another package.
-A stage is an amplifier with the parts into its input node and its feedback; wires join the parts of
-a stage, labels join stages. Places are in steps of the grid.
-
-A picture shows the sheet of one channel with fewer parts. It has one resistor of each matrix,
-values as a person reads them, and no supplies.
+voltages: a channel, or a sensor row. A stage is an amplifier with the parts into its input node and
+its feedback. A picture shows the sheet of one channel with one resistor of each matrix.
 """
 
 from __future__ import annotations

@@ -43,13 +43,7 @@ def printed_value(value: float, digits: int = DIGITS) -> str:
 
 
 def reference(name: str) -> str:
-    """Return the reference of a part of the deck: KiCad wants a number at the end.
-
-    Examples
-    --------
-    >>> reference("Rf_2_3"), reference("Ra_1_in"), reference("Vbias")
-    ('Rf_2_3', 'Ra_in_1', 'Vbias_1')
-    """
+    """Return the reference of a part of the deck, with a number at the end: Ra_1_in, Ra_in_1."""
     moved = INNER.sub(r"\2\1", name)
     return moved if moved[-1].isdigit() else f"{moved}_1"
 

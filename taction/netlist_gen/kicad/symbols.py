@@ -28,11 +28,7 @@ class Pin:
 
 @dataclass(frozen=True, slots=True)
 class Symbol:
-    """A symbol; unit A is the first of `units`.
-
-    `lines` has for each unit its polylines, and `radius` is that of a circle around the middle.
-    `names` says whether the names of the pins are shown, `power` whether it names a net.
-    """
+    """A symbol; unit A is the first of `units`, and `lines` has the polylines of each unit."""
 
     name: str
     prefix: str

@@ -1,23 +1,11 @@
 """The values that keys of a scene take in a study: axes, fixed keys, and other single values.
 
-Axes (``--over``)::
-
     C=1pF:1nF:31        31 points, logarithmic          C=1p,2p,5p    these three
     C=1pF:1nF:31:lin    31 points, linear               C             the study's own range
     gain=1M,2M C=2p,1p  zipped: both change together (one ``--over``, a blank between)
 
-In Python: ``{"C": ("1pF", "1nF", 31), "opamp.base": ["ua741", "lf353"]}``; a tuple is a range, a
-list holds values.
-
-Several ``--over`` span a grid. A key is a dotted path (``design.opamp.gbw``), the end of one
-(``opamp.gbw``, ``gbw``), or a symbol of the paper (`SYMBOLS`).
-
-Keys that keep one value at every point of a study (``--fix``)::
-
-    --fix lambda        the scene's own lambda, also where the scene gives a resistance
-    --fix lambda=0.5    this lambda
-
-In Python: ``"lambda"``, ``["lambda", "C=10pF"]`` or ``{"lambda": 0.5, "C": "10pF"}``.
+In Python: ``{"C": ("1pF", "1nF", 31), "opamp.base": ["ua741", "lf353"]}``. A key is a dotted path,
+the end of one (``opamp.gbw``), or a symbol of the paper (`SYMBOLS`).
 """
 
 from __future__ import annotations
@@ -107,10 +95,8 @@ def parse_axis(
 ) -> SweepAxis:
     """Return the axis ``KEY=VALUES`` (see the head of this file); its values are tried on `scene`.
 
-    `points` is the number of points of a range without one. With `around`, ``KEY`` alone is a range
-    from the scene's own value divided by it to the value times it, without values that the key does
-    not accept. InputError: an unknown key (with the nearest known key), a value that the key does
-    not accept, or a wrong range.
+    With `around`, ``KEY`` alone is a range from the scene's own value over it to the value times
+    it.
     """
     name, equals, body = (part.strip() for part in text.partition("="))
     key = find_key(scene, name)
@@ -256,8 +242,7 @@ def with_value(scene: Scene, path: str, value: Value) -> Scene:
 def with_values(scene: Scene, changes: Point) -> Scene:
     """Return `scene` with other values at dotted paths, validated like a scene from a file.
 
-    A resistance replaces a lambda and the reverse, likewise second pole and phase margin. A whole
-    table (``design.opamp = "tl084"``) is replaced before keys in it.
+    A key replaces one that it excludes. A whole table is replaced before keys in it.
     """
     tables = {path for path in changes if any(other.startswith(f"{path}.") for other in changes)}
     if tables:
@@ -342,10 +327,7 @@ OPAMP = (
 def with_settings(scene: Scene, settings: Iterable[str]) -> Scene:
     """Return `scene` with the values of texts ``KEY=VALUE``; the last one of a key wins.
 
-    A key is named as for an axis (`axes`). ``design.opamp=NAME`` replaces the whole op-amp by a
-    preset, ``opamp=NAME`` only its base, as an axis does.
-
-    InputError: no ``KEY=VALUE``, an unknown key, or a value that its key does not accept.
+    ``design.opamp=NAME`` replaces the whole op-amp by a preset, ``opamp=NAME`` only its base.
     """
     changes: dict[str, Value] = {}
     for text in settings:

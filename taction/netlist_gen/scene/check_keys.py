@@ -1,8 +1,6 @@
 """The scene's tables of limits: ``[checks]``, ``[tolerances]`` of parts, and ``[regression]``.
 
-A difference from a stored result is accepted up to ``absolute + relative |baseline|``. The defaults
-are far above the differences between versions of ngspice (2e-6 of the step on the project's own
-scenes) and between the engines, and far below the effect of a changed component.
+A difference from a stored result is accepted up to ``absolute + relative |baseline|``.
 """
 
 from __future__ import annotations

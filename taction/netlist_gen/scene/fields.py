@@ -47,8 +47,7 @@ class Checked:
 class Unit(Checked):
     """Annotation of a quantity in `unit` above zero (with `zero`: or zero), or the `word`.
 
-    A quantity of `both` signs may be written with the sign ±, also as +- or +/-. A `signed` one may
-    be zero or negative.
+    One of `both` signs may be written with ±, +- or +/-. A `signed` one may be zero or negative.
     """
 
     unit: str

@@ -84,9 +84,8 @@ def kernel(
 ) -> Floats:
     """Return the strain at `depth` per unit of surface stress at a lateral `offset` (any shape).
 
-    Normal stress: eq (2) with ``(1 - nu²) x²`` in place of the printed ``(1 - nu)² x²`` (only
-    this gives eq (19) at nu = 0.5). Tangential stress: eq (3), ``offset / depth`` times that.
-    A value within rounding of a zero of the kernel is zero: no resistor instead of a huge resistor.
+    Eq (2) with ``(1 - nu²) x²`` in place of the printed ``(1 - nu)² x²``, or eq (3). What is within
+    rounding of a zero of the kernel is zero: no resistor instead of a huge one.
     """
     near = (1 - poisson**2) * depth**2
     far = poisson * (1 + poisson) * offset**2

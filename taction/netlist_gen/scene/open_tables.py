@@ -1,8 +1,7 @@
 """What installed packages add: op-amps and amplifiers, names of choices, and tables of keys.
 
-A plug-in's object in the groups ``taction.checks`` and ``taction.topologies`` may have an attribute
-`keys`, a `Model` (below `taction.netlist_gen.scene.fields`). The scene then has the table
-``[checks.NAME]``, or ``[design.NAME]`` for the topology NAME.
+An object in ``taction.checks`` or ``taction.topologies`` may have an attribute `keys`, a `Model`:
+the table ``[checks.NAME]``, or ``[design.NAME]`` for the topology NAME.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ def in_memory(values: ArrayLike) -> Any:
 def fitted(values: Floats, shape: tuple[int | None, ...]) -> Floats:
     """Return `values` with the dimensions of `shape`, where None stands for any length.
 
-    A vector may be a row or a column. ValueError: another shape, no entry, or an entry that is not
+    A vector may be a row or a column. ValueError: another shape, no entry, or one that is not
     finite.
     """
     import numpy as np

@@ -33,10 +33,7 @@ def find_scenes(folder: str | Path) -> tuple[Path, ...]:
 def scene_files(names: Sequence[str], exclude: Sequence[str] = ()) -> tuple[Path, ...]:
     """Return the files of `names`, in their order: files, and the ``*.toml`` files of folders.
 
-    `names`: paths. A file that is named twice, also by its folder, is read once.
-    `exclude`: patterns as in a shell (``*``, ``?``, ``[abc]``); a file whose name, or whose whole
-      path, matches one is left out.
-    InputError: a folder without scenes, a pattern that matches no file, or no file is left.
+    A file that is named twice is read once; one that matches a pattern of `exclude` is left out.
 
     Examples
     --------

@@ -47,11 +47,7 @@ def _printed(offset: Floats, nu: float) -> Floats:
 
 
 def _plane_strain(offset: Floats, nu: float) -> Floats:
-    """Return the strain under a line force, from its stresses (Flamant) and Hooke's law.
-
-    ``sigma_x = 2 x³ / (pi r⁴)``, ``sigma_y = 2 x y² / (pi r⁴)`` per unit of compressive force,
-    and in plane strain ``E e_x = (1 - nu²) sigma_x - nu (1 + nu) sigma_y``.
-    """
+    """Return the strain under a line force, from its stresses (Flamant) and Hooke's law."""
     r4 = (1.0 + offset**2) ** 2
     along, across = 2.0 / (np.pi * r4), 2.0 * offset**2 / (np.pi * r4)
     return np.asarray((1.0 - nu**2) * along - nu * (1.0 + nu) * across)

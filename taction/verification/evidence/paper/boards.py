@@ -90,9 +90,9 @@ def _constraint(circuit: Circuit) -> tuple[Finding, Finding]:
 def stage_rise_time(circuit: Circuit, *, loaded: bool) -> float:
     """Return the 10-90 % rise time, s, of the constraint stage with the largest resistive load.
 
-    With r the output resistance over s, Y the admittance of the summing node and D = (1 + s A0/wt)
-    (1 + s t2) of the op-amp, the output over the current is (r D - A0) / ((1 + r) Y D + (D + A0)/s)
-    by Kirchhoff's laws. Only a `loaded` stage has the capacitance of the node; NaN if it grows.
+    With r the output resistance over s, Y the node's admittance and D = (1 + s A0/wt) (1 + s t2) of
+    the op-amp, output over current is (r D - A0) / ((1 + r) Y D + (D + A0)/s). Only a `loaded`
+    stage has the capacitance of the node; NaN if it grows.
     """
     load, sinks = np.sum(1.0 / circuit.forward_ohms, axis=1), circuit.forward.sinks
     for part in circuit.resistors_of(Role.STRAIN_RESISTOR):

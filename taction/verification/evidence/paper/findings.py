@@ -34,12 +34,9 @@ class ClaimOutcome(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """One table of ``claims.toml``.
+    """One table of ``claims.toml``: what the paper says where, and what taction runs and finds.
 
-    `chapter` is a key of `verification.evidence.paper.reproduce.CHAPTERS`; `place` says where the
-    paper makes the claim; `printed` is the paper's value or formula. `run` and `ours` are
-    templates of `Sentence`: what taction runs, and what the run gives. A verdict other than
-    `expected` is a regression. A quick run leaves out a claim that is not `quick`.
+    A quick run leaves out a claim that is not `quick`.
     """
 
     id: str
@@ -87,8 +84,7 @@ class Chapter:
 class Sentence(string.Formatter):
     """Templates for numbers and lists of numbers.
 
-    Beside Python's formats, ``{x:.3g%}`` writes a fraction as per cent and ``{t:s.3}`` writes a
-    time in seconds with an SI prefix and three digits (four without ``.3``).
+    ``{x:.3g%}`` writes a fraction as per cent, ``{t:s.3}`` three digits with an SI prefix.
     """
 
     def format_field(self, value: Any, format_spec: str) -> str:

@@ -33,9 +33,8 @@ MOST = 0.9  # share of the seeds for which a claim that holds must be true
 class _Trials:
     """Squared errors (eq 20) over S seeds on one geometry.
 
-    `flow` (S, 2), of the stopped and the converged flow, and `transform` (S, 1) have no
-    regularisation; `printed` (S, 3) and `scanned` (S, 13) have the lambdas of `PRINTED` and
-    `LAMBDAS`. `least` (S, 2) are the least outputs of the stopped flow and at lambda = 0.1.
+    `flow` (S, 2): stopped and converged, `transform` (S, 1), `printed` (S, 3) and `scanned` (S, 13)
+    by lambda; `least` (S, 2): the least outputs of the stopped flow and at lambda = 0.1.
     """
 
     geometry: Geometry

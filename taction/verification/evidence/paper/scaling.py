@@ -160,8 +160,7 @@ def conditioning(quick: bool) -> Chapter:
 def asymptotic(ratio: float) -> float:
     """Return the condition number for a wide range of y and `ratio` = depth over spacing.
 
-    The largest value of the sampled kernel's spectrum is at ``w = 1/x``, the smallest at the
-    Nyquist frequency ``pi/dy``, where two aliases meet.
+    The sampled kernel's spectrum is largest at ``w = 1/x``, least at ``pi/dy``, where aliases meet.
     """
     return math.exp(math.pi * ratio) / (2.0 * math.e * math.pi * ratio)
 

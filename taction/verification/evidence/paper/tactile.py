@@ -1,7 +1,6 @@
 """The paper's simulated problem: cylinder load (18), kernel (19), white noise on the strain.
 
-The paper prints neither the number of channels nor the range of y. The best lambda depends on
-both, so the chapters use two geometries.
+The paper prints neither the number of channels nor the range of y, so there are two geometries.
 """
 
 from __future__ import annotations
@@ -90,10 +89,9 @@ def by_transform(geometry: Geometry, strain: Floats) -> Floats:
 
 
 def gradient_flow(T: Floats, time: float, strain: Floats) -> Floats:
-    """Return the outputs (..., N) at a time of the network without regularisation, from zero.
+    """Return the outputs (..., N) of ``du/dt = -Tᵀ(Tu - eps)`` from zero, exact in the modes of T.
 
-    It has linear amplifiers: ``du/dt = -Tᵀ(Tu - eps)``. Exact in the modes of T; `time` is in time
-    constants of the fastest mode, and infinity is the rest.
+    `time` is in time constants of the fastest mode, and infinity is the rest.
     """
     U, sigma, Vt = np.linalg.svd(T)
     share = -np.expm1(-((sigma / sigma[0]) ** 2) * time) / sigma

@@ -1,11 +1,8 @@
 """The catalogue of stress cases: TOML files of one family each, and matrices made by name.
 
-Every number of a matrix comes from Python's own generator and plain arithmetic and is rounded to 12
-digits, so a case has the same numbers on every processor.
-
-A file has a table ``[base]`` with the tables of a scene, and tables ``[case.NAME]`` whose tables of
-a scene are laid over the base. Beside them a case has the fields of
-`Case` from `why` to `decided`.
+Numbers of a matrix come from Python's own generator and are rounded to 12 digits, so they are the
+same on every processor. A file has a table ``[base]`` with the tables of a scene, over which those
+of ``[case.NAME]`` are laid; beside them a case has the fields of `Case` from `why` to `decided`.
 """
 
 from __future__ import annotations
@@ -148,9 +145,7 @@ ENGINES = ("ngspice", "statespace")
 class Case:
     """One scene with its right outcome.
 
-    The first outcome of an engine is the right one; others are accepted where the accuracy of the
-    engine decides, and none of them contradicts the first. Bad input is refused before an engine is
-    chosen, so it has one engine.
+    Others than the first one of an engine are accepted where its accuracy decides.
     """
 
     name: str

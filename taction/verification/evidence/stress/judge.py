@@ -98,8 +98,7 @@ class TruthComparison:
 def compare(verdict: Verdict, truth: TrueValues) -> tuple[TruthComparison, ...]:
     """Compare every number that a verdict states with its true value.
 
-    An undecided verdict states no readings. The outputs of a board that never arrives at its
-    equilibrium have no readings that a finite record could show: only its poles are compared.
+    Of a board that never arrives at its equilibrium only the poles are compared.
     """
     found = []
     for name, value, uncertainty, true, unit in _stated(verdict, truth):
@@ -145,8 +144,8 @@ def _readings(verdict: Verdict, truth: TrueValues) -> Iterator[_Stated]:
 def _allowed(scene: Scene, name: str) -> float:
     """Return the error that the scene allows for a number, as a fraction.
 
-    An error of the transient moves the instant at which it crosses a level by about the same
-    fraction of the time as the error is of the distance to the target.
+    An error of the transient moves the instant of a level by its share of the distance to the
+    target.
     """
     error, tolerance = scene.analysis.error, scene.checks.steady_state.tolerance
     if name == "steady_state":

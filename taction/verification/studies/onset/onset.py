@@ -174,11 +174,7 @@ class Onset(Result):
 
 
 def parse_onset_axis(scene: Scene, over: Over) -> SweepAxis:
-    """Read ``--over`` of an onset: a key alone means the scene's value / 30 to its value * 30.
-
-    InputError: see `netlist_gen.scene.axes.parse_axes`; also for more than one key, a key that does
-      not vary continuously, or a list of fewer than two values.
-    """
+    """Read ``--over`` of an onset: a key alone means the scene's value / 30 to its value * 30."""
     groups = parse_axes(scene, over, points=POINTS, around=AROUND)
     if [len(group) for group in groups] != [1]:
         raise InputError("--over", Complaint("key", repr(over), "onset needs exactly one key"))
@@ -195,8 +191,7 @@ def parse_onset_axis(scene: Scene, over: Over) -> SweepAxis:
 def board_over(scene: Scene, axis: SweepAxis) -> Callable[[float], Circuit]:
     """Return the board of `scene` as a function of the value on `axis`.
 
-    No series rounds a knob (see `unrounded`): a rounded C would cross only between preferred
-    values. The function raises InputError for a value that gives no board.
+    No series rounds a knob: a rounded C would cross only between preferred values.
     """
     path = axis.key.path
     problem = None if path.startswith("problem.") else make_problem(scene)
@@ -272,10 +267,7 @@ def onset(
 def counts(
     boards: Family, scanned: Scan, *, progress: Progress = lambda stage: None
 ) -> tuple[Count, ...]:
-    """Count the unstable poles between every two crossings by eigenvalues and by winding number.
-
-    Empty for a board too large for all of its eigenvalues.
-    """
+    """Count the unstable poles between crossings by eigenvalues and by winding number, if few."""
     if not scanned.complete:
         return ()
     ends = [scanned.low, *(edge.value for edge in scanned.edges), scanned.high]
@@ -301,10 +293,7 @@ def confirmations(
     timeout: float | None = TIMEOUT,
     progress: Progress = lambda stage: None,
 ) -> tuple[CheckedEdge, ...]:
-    """Check every crossing of a scan by transients; without ngspice crossings stay unconfirmed.
-
-    Without a `timeout`, s, no transient is wanted.
-    """
+    """Check every crossing by transients of `timeout`, s; without ngspice they stay unconfirmed."""
     confirmation, simulator = TransientTest(None, NOT_ASKED), None
     if timeout is not None and scanned.edges:
         try:

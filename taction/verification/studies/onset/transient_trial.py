@@ -1,9 +1,8 @@
 """Transients on both sides of a crossing, started along the crossing mode.
 
-A symmetric load never drives an antisymmetric mode, so the transient does not start from zero but
-from the equilibrium plus the real part of the mode's eigenvector, for every node and every op-amp
-state. ngspice integrates, a fit to the waveforms gives growth rate and frequency, and both are
-compared with the pole.
+A symmetric load never drives an antisymmetric mode, so the transient starts from the equilibrium
+plus the real part of the mode's eigenvector. ngspice integrates, a fit to the waveforms gives
+growth rate and frequency, and both are compared with the pole.
 """
 
 from __future__ import annotations
@@ -89,12 +88,7 @@ def confirm(
 ) -> TransientTest:
     """Run transients on both sides of `crossing` at the same time and compare with the poles.
 
-    `boards`: the board at a value.
-    `crossing`: the crossing to confirm.
-    `simulator`: an ngspice.
-    `logarithmic`: whether the values on the two sides differ by a factor or by a fraction of the
-      value.
-    `timeout`: wall time allowed for each run, s.
+    `logarithmic`: the values differ by a factor; `timeout`: wall time of each run, s.
     """
     try:
         trials = [_prepare(boards, crossing, side, logarithmic, simulator) for side in (-1, 1)]
@@ -121,10 +115,9 @@ def confirm(
 def _prepare(
     boards: Boards, crossing: Edge, side: int, logarithmic: bool, simulator: Simulator
 ) -> tuple[Side, float, Deck]:
-    """Choose a value on one side of the crossing at which the pole has the expected sign.
+    """Return the pole on one side of the crossing, at a value where it has the expected sign.
 
-    Return the pole there, the growth rate of the board's fastest other instability, 1/s, or 0, and
-    the deck of the transient along the mode.
+    Also the growth rate of the board's fastest other instability, 1/s, or 0, and the deck.
     """
     unstable = crossing.unstable_above == (side > 0)
     distance = DISTANCE
@@ -164,19 +157,10 @@ def _follow(
 
 
 def along(board: LinearBoard, pole: complex, fastest: float = 0.0) -> Transient:
-    """Plan a transient that starts from the equilibrium plus the mode of `pole`.
+    """Plan a transient from the equilibrium plus the mode of `pole`, `FOLDS` e-foldings long.
 
-    `board`: the board.
-    `pole`: a pole of the board, 1/s.
-    `fastest`: growth rate of the fastest other instability, 1/s: the record ends before that
-      dominates.
-    EngineError: no state space, or no equilibrium.
-
-    Returns
-    -------
-    Transient
-        `FOLDS` e-foldings long, but at least `FEWEST_PERIODS` and at most `MOST_PERIODS`. With
-        imported op-amps it starts at rest instead, with the strain of `strained_along`.
+    It ends before an instability that grows with `fastest`, 1/s, dominates. With imported op-amps
+    it starts at rest instead, with the strain of `strained_along`.
     """
     length, step = _span(pole, fastest)
     if board.circuit.has_imported:  # the states inside a vendor's netlist cannot be set
@@ -198,10 +182,7 @@ def along(board: LinearBoard, pole: complex, fastest: float = 0.0) -> Transient:
 
 
 def strained_along(board: LinearBoard, pole: complex) -> Circuit:
-    """Return the board with a small strain in the shape of a mode, which excites the mode.
-
-    For boards whose states cannot be set: a strain moves no pole of a board with linear amplifiers.
-    """
+    """Return the board with a small strain in the shape of a mode, which excites the mode."""
     circuit, descriptor = board.circuit, board.descriptor
     shape, _ = pole_vectors(board, pole)
     present = [node for node in circuit.constraint_nodes if node in descriptor.places]

@@ -96,14 +96,7 @@ def _written(scene: Scene) -> dict[str, Any]:
 
 
 def written_keys(scene: Scene) -> dict[str, str]:
-    """Return the keys that a scene gives, by their paths; a list has only its length.
-
-    Examples
-    --------
-    >>> from taction.netlist_gen.scene.loading import load_scene
-    >>> written_keys(load_scene("scenes/paper-breadboard.toml"))["design.capacitance"]
-    '10pF'
-    """
+    """Return the keys that a scene gives, as it could write them; a list has only its length."""
     units = {key.path: key.unit for key in all_keys(scene)}
 
     def texts(table: dict[str, Any], above: str) -> Iterator[tuple[str, str]]:
@@ -130,10 +123,7 @@ class BaselineFile:
 
 
 def load_baseline(path: str | Path) -> dict[str, Entry]:
-    """Read the entries of a baseline.
-
-    InputError: the file cannot be read, is damaged, is no baseline, or has another format.
-    """
+    """Read the entries of a baseline, or refuse a file that is none, or that is damaged."""
 
     def unusable(key: str, value: str, reason: str) -> InputError:
         return InputError(path, Complaint(key, value, reason))

@@ -1,8 +1,7 @@
 """Two boards beside each other that are no two scenes: a deck, or the record of a raw file.
 
 A scene is compared with a deck by the deck that it writes, read back, so that both are measured
-alike: against their own equilibrium. A record is compared with the state-space solution of the
-board at the record's own instants, and both are measured by the same functions.
+alike. A record is compared with the state-space solution of the board at the record's instants.
 """
 
 from __future__ import annotations
@@ -55,10 +54,9 @@ Place = str | Path | Scene
 def compare_circuits(
     first: Place | Verdict, second: Place | Verdict, agree: float
 ) -> VerdictDifference:
-    """Compare two boards, at least one of which is a deck or the record of a raw file.
+    """Compare two boards, at least one of which is a deck or a record; see `refuse_pair`.
 
-    A scene or a verdict stands for its board; `refuse_pair` accepts them. `agree` is the accepted
-    error of a record, as a share of the largest step.
+    `agree` is the accepted error of a record, as a share of the largest step.
     """
     (one, name), (other, named) = _named(first), _named(second)
     if ends_with(one, RECORDS):

@@ -1,7 +1,6 @@
 """The difference of two boards: keys of their scenes or their parts, then readings with bounds.
 
-Both bounds of a reading are bounds, not standard deviations, so their sum bounds the error of a
-difference. A verdict may be a file that `taction verify SCENE --json` wrote.
+Both are bounds, so their sum bounds the error of a difference.
 """
 
 from __future__ import annotations
@@ -57,16 +56,12 @@ class VerdictDifference(Result):
 
     Attributes
     ----------
-    first, second : str
-        How they are called.
     keys : tuple of KeyDifference, or None
         What differs in their scenes, or in the parts of their decks; None beside a raw file.
     readings : tuple of Difference
         Every reading of either.
     outputs : tuple of str
         Names of the channels of readings; empty: u_1, u_2, ...
-    notes : tuple of str
-        What was done with a deck.
     curves : tuple of callable or None
         Instants (P,), s, and outputs (P, N), V, of each; None of a stored verdict.
     """
@@ -197,11 +192,7 @@ def ends_with(given: object, endings: tuple[str, ...]) -> bool:
 
 
 def refuse_pair(first: object, second: object) -> None:
-    """Refuse two things that cannot be compared.
-
-    InputError: two records, a stored verdict beside a deck or a record, or a file that is none of
-      them.
-    """
+    """Refuse two things that cannot be compared, or a file that is none of them."""
     for given, other in ((first, second), (second, first)):
         if ends_with(given, (".json",)) and is_circuit(other):
             text = f"a stored verdict has no circuit to compare with {other}; expected its scene"

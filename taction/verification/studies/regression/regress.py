@@ -39,9 +39,8 @@ from taction.verification.verdict.verify import verify
 def compare_entry(entry: Entry, then: Entry, allowed: Regression) -> tuple[Difference, ...]:
     """Compare a scene's results with its entry in the baseline, which is the first of both.
 
-    Every quantity of either is compared, except checks that only one of them ran; of a board that
-    became stable or unstable only the poles, and of an unstable one no transient: it grows from
-    rounding.
+    Checks that only one of them ran do not count; of a board that became stable or unstable only
+    poles, and of an unstable one no transient: it grows from rounding.
     """
     same, stable = entry.stable == then.stable, entry.stable and then.stable
     common = then.checks.keys() & entry.checks.keys()
@@ -57,10 +56,7 @@ def compare_entry(entry: Entry, then: Entry, allowed: Regression) -> tuple[Diffe
 
 
 def scene_tolerance(allowed: Regression, then: Entry) -> Tolerance:
-    """Return the tolerances of a scene.
-
-    An absolute tolerance of a voltage counts in step amplitudes, one of a pole in its magnitude.
-    """
+    """Return the tolerances of a scene: of voltages in step amplitudes, of poles in magnitudes."""
     amplitude = then.record.value("step_amplitude") or 0.0
 
     def tolerance(name: str, first: Figure, second: Figure) -> float | None:
@@ -299,8 +295,8 @@ def compare_scene(path: Path, then: Entry | None) -> SceneResult:
 def updated_baseline(report: RegressionReport, baseline: Baseline) -> dict[str, Entry]:
     """Return the entries of the updated baseline.
 
-    An unchanged scene keeps its entry, so many changes below the tolerance cannot add up from
-    update to update. A scene that fails or has no verdict is left as it was, or out.
+    An unchanged scene keeps its entry, so small changes cannot add up from update to update. A
+    scene that fails or has no verdict is left as it was, or out.
     """
     entries = {}
     for result in report.results:

@@ -30,13 +30,10 @@ EXPECTED = "expected tcp://HOST:PORT or tls://HOST:PORT, with a port from 1 to 6
 
 @contextmanager
 def cluster(address: str, announce: Callable[[str], None] = lambda text: None) -> Iterator[Workers]:
-    """Run points on the Dask cluster whose scheduler is at `address`.
+    """Run points on the Dask cluster whose scheduler is at `address`, such as ``tcp://HOST:PORT``.
 
-    `address`: ``tcp://HOST:PORT`` or ``tls://HOST:PORT``.
-    `announce`: receives a line of text when a wait for workers begins.
-    InputError: the address cannot be one, dask.distributed is not installed, or no scheduler
-      answers at `address` within `PATIENCE`.
-    NoVerdictError: no worker comes within `WORKER_PATIENCE`.
+    `announce` receives a line of text when a wait for workers begins. InputError: no such address,
+    no dask.distributed, or no scheduler answers. NoVerdictError: no worker comes.
     """
     check_address(address)
     try:
@@ -77,8 +74,8 @@ def _refusal(address: str, text: str) -> InputError:
 def _client(distributed: Any, address: str) -> Any:
     """Return a client of the scheduler at `address`, or raise InputError with the reason.
 
-    A client of Dask waits for ever where something else listens at the port, so the program there
-    is asked first what it is.
+    A client of Dask waits for ever where something else listens, so the program is asked what it
+    is.
     """
     import asyncio  # 30 ms that a study without a cluster does not need
 
@@ -116,8 +113,7 @@ def _wait_for_worker(client: Any, announce: Callable[[str], None]) -> None:
 class _Call:
     """A call that unpickling makes, so that Dask itself knows only `pickle.loads` and bytes.
 
-    A worker of Dask ends where it cannot unpickle a task, as where it has another taction. Here
-    the task is known everywhere, and what it lacks is the error of the task.
+    A worker of Dask ends where it cannot unpickle a task; here that is the error of the task.
     """
 
     def __init__(self, *parts: Any) -> None:

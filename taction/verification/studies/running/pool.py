@@ -114,10 +114,7 @@ class Workers:
 
 
 class Worker:
-    """One process, started by the first call and again after a call that ended the process.
-
-    `threads`: threads of its BLAS libraries; by default as in this process.
-    """
+    """One process, started by the first call and again after a call that ended the process."""
 
     def __init__(self, threads: int | None = None) -> None:
         limits = {} if threads is None else dict.fromkeys(THREADS, str(threads))
@@ -139,11 +136,8 @@ class Worker:
     def call(self, timeout: float | None, function: Callable[..., T], *args: Any, **kw: Any) -> T:
         """Return ``function(*args, **kw)``, computed in the process, or raise its exception.
 
-        `timeout`: s, None for no limit; the time to start the process does not count.
-        `function`: can be pickled, as its arguments and its result.
-        TimeoutError: the call took longer; the process was stopped.
-        WorkerDiedError: the process ended.
-        NotStartedError: no process starts.
+        TimeoutError: it took longer than `timeout`, s, beside the start; the process was stopped.
+        WorkerDiedError: the process ended, or (NotStartedError) it does not start.
         """
         try:
             pipe = self.start()
@@ -211,8 +205,7 @@ class Worker:
 def _environment(variables: dict[str, str]) -> Iterator[None]:
     """Set what a new process inherits, and hide the user's script, whose top level may be a study.
 
-    multiprocessing imports the file and the name of the module ``__main__``. Calls of a study need
-    neither: what they pass is taction's. Everything else of the module stays in reach.
+    multiprocessing imports the module ``__main__`` by its file and name; everything else stays.
     """
     before, script = dict(os.environ), sys.modules["__main__"]
     stand_in = ModuleType("__main__")
@@ -231,8 +224,7 @@ def _environment(variables: dict[str, str]) -> Iterator[None]:
 class LocalPool(ThreadPoolExecutor):
     """A pool of threads with one process each; a killed process costs only its own call.
 
-    A call whose process was killed is repeated in a new process, `ATTEMPTS` times in all; then its
-    future raises `WorkerDiedError`.
+    Such a call is repeated, `ATTEMPTS` times in all; then its future raises `WorkerDiedError`.
     """
 
     def __init__(self, jobs: int) -> None:

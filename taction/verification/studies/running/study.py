@@ -50,15 +50,13 @@ def study(
 ) -> Iterator[tuple[K, R | BaseException]]:
     """Yield the key and the row of each point as it ends, until `stopped` returns true.
 
-    Memory does not grow with the number of points, which are read only as workers become free.
+    Points are read only as workers become free. `compute` gets several of about `count` points and
+    returns the row of each, or None of a point that needs a call of its own; it raises only what is
+    wrong with the worker. A call that killed its workers gives an exception in the place of each
+    row.
 
-    `compute`: gets several points and returns the row of each, or None of a point that needs a call
-      of its own. It raises only what is wrong with the worker: a `NoVerdictError`.
-    `points`: a call that killed its workers gives an exception in the place of its row; if it has
-      several points, each of them gets another call of its own.
-    `count`: about how many points there are; 1: each gets a call of its own.
-    NoVerdictError: no worker answers, one cannot run `compute`, or its machine or its versions are
-      unfit. The message says that what is stored is intact.
+    NoVerdictError: no worker answers or can compute; the message says that what is stored is
+    intact.
 
     Examples
     --------
@@ -146,24 +144,9 @@ def for_each_file(
 ) -> list[R | BaseException | None]:
     """Return ``function(file, *arguments[i])`` of each file, in the order of `files`.
 
-    `function`: with several processes it can be pickled, as its arguments and its results. It
-      raises no exception of one file.
-    `arguments`: the further arguments for each file.
-    `jobs`: number of processes; by default one for each core. One file, or one job, is computed in
-      this process.
-    NoVerdictError: the processes do not start.
-
-    Returns
-    -------
-    list
-        An exception where a call killed its process again and again; None where Ctrl-C came before
-        the result.
-
-    Examples
-    --------
-    >>> files = [Path("b.toml"), Path("a.toml")]
-    >>> for_each_file(lambda path, more: path.stem + more, files, [("1",), ("2",)], jobs=1)
-    ['b1', 'a2']
+    `function` can be pickled and raises no exception of one file. One file, or one of `jobs`, is
+    computed in this process. The result is an exception where a call killed its process again and
+    again, and None where Ctrl-C came before it.
     """
     results: list[R | BaseException | None] = [None] * len(files)
     processes = min(jobs or cores(), len(files))
@@ -191,16 +174,8 @@ RUNS = 3  # as often as a point is computed whose simulator is killed
 def attempted(function: Callable[[], T], without: Callable[[BaseException, str], T]) -> T:
     """Return ``function()``, or what `without` makes of an error and its words: a failure is a row.
 
-    This is what a worker does with each point and each sample, also with a defect of taction: it
-    must not end a study of ten thousand. A run whose ngspice was killed by a signal is repeated.
-
-    SimulatorNotFound, SimulatorTooOld, OutOfDisk: this machine can compute nothing; the point
-      itself may be right.
-
-    Examples
-    --------
-    >>> print(attempted(lambda: [][0], lambda error, text: text).splitlines()[0])
-    unforeseen: IndexError: list index out of range
+    A defect of taction must not end a study of ten thousand points. A run whose ngspice was killed
+    by a signal is repeated. Where this machine can compute nothing, its error is raised.
     """
     for run in range(RUNS):
         try:

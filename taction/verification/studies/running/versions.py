@@ -27,8 +27,7 @@ from taction.verification.engines.ngspice.executable import find_simulator
 def digest(*values: object) -> bytes:
     """Return the SHA-256 of `values`: dataclasses, models, containers, arrays, plain values.
 
-    The text that is hashed shows types and borders, and mappings are sorted, so equal content has
-    equal digests on any machine. TypeError: a value of another type.
+    Types and borders count and mappings are sorted: equal content has equal digests on any machine.
     """
     return hashlib.sha256(json.dumps(values, default=_plain, sort_keys=True).encode()).digest()
 

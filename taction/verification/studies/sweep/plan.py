@@ -1,8 +1,7 @@
 """Sweeps: verify every point of a grid, store each result at once, and compute no point twice.
 
-Memory hardly grows with the number of points: the grid is generated lazily, only a few points are
-being computed at a time, and results live in the store. A failed verification is a result like any
-other: no exception crosses the border between processes.
+The grid is generated lazily, only a few points are being computed at a time, and results live in
+the store. A failed verification is a result like any other.
 """
 
 from __future__ import annotations
@@ -82,8 +81,7 @@ class Plan:
     def order(self) -> Ints:
         """Places of the grid in the order of computing, (P,): capacitances change fastest.
 
-        Points of one call then have the same resistances, and more of them one kind of board: where
-        op-amps slew depends on gains more than on capacitances.
+        Points of one call then have the same resistances, and more of them one kind of board.
         """
         fast = [all(axis.key.unit == "F" for axis in group) for group in self.groups]
         axes = sorted(range(len(fast)), key=lambda k: fast[k])
@@ -108,9 +106,6 @@ def grid_points(plan: Plan, places: Iterable[int] | None = None) -> Iterator[Gri
     """Yield points of a plan, by default all, in the order of the grid.
 
     A file that a scene names and that is missing raises its error at the point.
-
-    SimulatorNotFound, SimulatorTooOld: the plan needs ngspice, and no ngspice was found or the
-      ngspice is too old.
     """
     scene = plan.scene.model_dump(by_alias=True, exclude={"name", "regression", "analysis"})
     analysis = plan.scene.analysis.model_dump(exclude={"engine", "timeout"})
@@ -165,11 +160,7 @@ class SweepCounts:
 def sweep_points(
     plan: Plan, store: Store, workers: Workers, *, progress: Progress = lambda line: None
 ) -> SweepCounts:
-    """Compute every point of `plan` that `store` does not have, or has without a verdict.
-
-    InputError, NoVerdictError: as `taction.sweep`; the points stored before are intact.
-    OutOfDisk: the store cannot grow.
-    """
+    """Compute every point of `plan` that `store` does not have, or has without a verdict."""
     count, missing = SweepCounts(plan.points), []
     for point in grid_points(plan, plan.order):
         outcome = store.outcome_of(point.key)
@@ -212,10 +203,7 @@ def _requests(plan: Plan, places: Iterable[int]) -> Iterator[tuple[bytes, Reques
 def compute_points(*points: Request | Record) -> list[Record | None]:
     """Compute points; a verification that fails gives a record, too, and a record is its own.
 
-    Of several points those are computed that the engine solves together; each other one is None,
-    and needs a call of its own.
-
-    NoVerdictError: this process can compute no point; the point itself may be right.
+    Of several points each one is None that the engine does not solve together with others.
     """
     if len(points) == 1:
         return [point if isinstance(point, Record) else _computed(point) for point in points]

@@ -295,10 +295,9 @@ def _rows(result: SweepResult) -> Iterator[dict[str, Any]]:
 
 
 def grids(result: SweepResult) -> dict[str, np.ndarray[Any, Any]]:
-    """Return the numbers of a sweep as arrays over the grid, (*plan.shape).
+    """Return the numbers of a sweep as arrays over the grid, NaN where there is none.
 
-    Every name of `FIGURES` (NaN for a missing number), and ``outcome``, places in `OUTCOMES` (-1
-    for a point that is not stored).
+    ``outcome`` has places in `OUTCOMES`, -1 for a point that is not stored.
     """
     plan = result.plan
     arrays: dict[str, np.ndarray[Any, Any]] = {
@@ -386,13 +385,7 @@ def check_sweep_export(path: str) -> None:
 
 
 def export_sweep(result: SweepResult, path: str) -> None:
-    """Write every point of a sweep to `path`.
-
-    CSV and Parquet have one row for each point; netCDF has one dimension for each group of axes,
-    the axes as coordinates, and a unit for every variable.
-
-    InputError: see `check_sweep_export`; or the file cannot be written.
-    """
+    """Write every point of a sweep to `path`; netCDF has a dimension for each group of axes."""
     check_sweep_export(path)
     with replacing(path) as temporary:
         WRITERS[Path(path).suffix.lower()](result, temporary)

@@ -163,10 +163,7 @@ def corners(
 def worst_of(
     board: Varied, workers: Workers, progress: Progress = lambda stage: None
 ) -> CornerStudy:
-    """Return the nominal board, for every quantity the corner that makes it worst, and directions.
-
-    EngineError: the nominal board, or one at a corner, has no equilibrium.
-    """
+    """Return the nominal board, the worst corner of every quantity, and the directions."""
     count, reported = len(board.varied), board.quantities
     probes = [("", z) for z in (np.zeros(count), *(PROBE * np.eye(count)))]
     centre, *moved = _verified(board.by_statespace(), probes, workers, progress, "sensitivities")
@@ -248,11 +245,7 @@ def named_corners(
     named: Sequence[tuple[str, Mapping[str, float]]],
     progress: Progress = lambda stage: None,
 ) -> tuple[Corner, ...]:
-    """Verify corners that the user gives, in this process.
-
-    `named`: deviations in tolerances, by component or by kind (``capacitor``); the deviation of a
-    component overrides that of its kind.
-    """
+    """Verify corners in this process: deviations in tolerances, by component or else by kind."""
     kinds = sorted({parameter.kind for parameter in board.varied})
     known = [*kinds, *(parameter.name for parameter in board.varied)]
     for key in (key for _, ends in named for key in ends):

@@ -78,10 +78,6 @@ class YieldReport(Result):
 
     Attributes
     ----------
-    name, engine : str
-        Of the board, and of its samples.
-    seed : int
-        Of the samples.
     boards : tuple of BoardSample
         The samples, in the order of their numbers.
     reasons : dict of str to int

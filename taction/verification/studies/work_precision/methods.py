@@ -1,7 +1,6 @@
 """The table `METHODS` of the integration methods that a work-precision study compares.
 
-A new method needs an entry in the table and a function that runs it. The order is that of the
-largest error over time as a function of the mean step. `solutions` are what runs are compared with.
+The order is that of the largest error over time as a function of the mean step.
 """
 
 from __future__ import annotations

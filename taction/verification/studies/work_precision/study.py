@@ -1,8 +1,7 @@
 """Error against run time of one scene for every engine, method and tolerance or step.
 
-`accuracy` runs the settings of `METHODS`, coarse to fine, and compares each with a reference: the
-exact solution, or one with a far smaller tolerance. `WorkPrecisionStudy.cheapest` returns the
-fastest setting that reaches a given error.
+`accuracy` runs the settings of `METHODS`, coarse to fine, and compares each with the exact
+solution, or one with a far smaller tolerance.
 """
 
 from __future__ import annotations
@@ -51,10 +50,10 @@ ERRORS = tuple(10.0**-k for k in range(2, 11))
 
 
 def convergence(points: Sequence[SettingResult], floor: float) -> float | None:
-    """Return the order of convergence: the median slope of ln error over ln step; None without one.
+    """Return the order: the median slope of ln error over ln step between neighbours of a ladder.
 
-    Each slope is that between two neighbours of a ladder. Runs with an error above `MAX_ERROR` or
-    below `ABOVE_FLOOR` times `floor`, the error of the reference, do not count.
+    Errors above `MAX_ERROR`, or below `ABOVE_FLOOR` times the reference's own, `floor`, do not
+    count.
     """
     usable = [
         (math.log(point.mean_step), math.log(point.error))
@@ -280,8 +279,7 @@ def _ladder(
 ) -> Iterator[Pair]:
     """Yield the settings of a method, coarse to fine, with their last runs, for about `seconds`.
 
-    Each runs up to `REPEATS` times, the coarsest in any case; `left_out` gets the first that does
-    not.
+    Each runs up to `REPEATS` times; `left_out` gets the first that has no time.
     """
     end, stop = clock.perf_counter() + seconds, task.transient.stop
     for place, setting in enumerate(method.ladder):
@@ -316,10 +314,7 @@ def _ladder(
 def _solved(
     worker: Worker, task: MethodTask, time: Floats, limit: float, left_out: list[str]
 ) -> dict[str, Floats]:
-    """Return up to two solutions at instants (P,), s, by name: outputs (P, N), V.
-
-    Each may take `limit`, s; `left_out` gets the reason of one that fails.
-    """
+    """Return up to two solutions at instants (P,), s, by name, (P, N), V; `limit`, s, for each."""
     solved = dict[str, Floats]()
     for name, solve in solutions(task).items():
         try:
