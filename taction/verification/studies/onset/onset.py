@@ -117,12 +117,7 @@ class Onset(Result):
     VIEW = "taction.verification.report.views.stability_view:onset_view"
     DOCUMENT = (
         *("scene = scene.name", "file = scene.file", "over = axis.key.path"),
-        *(
-            "unit = axis.key.unit",
-            "own_value",
-            "scanned",
-            "complete = scan.complete",
-        ),
+        *("unit = axis.key.unit", "own_value", "scanned", "complete = scan.complete"),
         *("crossings = findings", "unstable_counts = counts"),
         *("stable_ranges = scan.stable_ranges", "unresolved = scan.unresolved", "failures"),
     )

@@ -283,11 +283,7 @@ def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
 
 
 def verify_sample(
-    scene: str | Path | Scene,
-    *,
-    sample: int,
-    engine: str | None = "statespace",
-    seed: int = 1,
+    scene: str | Path | Scene, *, sample: int, engine: str | None = "statespace", seed: int = 1
 ) -> VerifiedSample:
     """Verify one sample of a Monte Carlo study in full.
 
