@@ -131,12 +131,12 @@ def check(
     from taction.verification.studies.decks.foreign_board import read_board
 
     progress("deck")
-    board, notes, spread = read_board(deck, _listed(outputs)), tuple[str, ...](), None
+    board, spread = read_board(deck, _listed(outputs)), None
     asked.refuse_unknown(board.flat.nodes)
     swept = [SweptValue.of(each, board) for each in _listed(over)]
     if matrix is not None and strain is not None:
         nodes = [out.node for out in board.circuit.outputs]
-        values, notes = reference_values(nodes, matrix, strain, lam, unit, accept)
+        values = reference_values(nodes, matrix, strain, lam, unit, accept)
         asked = replace(asked, expected=(*asked.expected, *values))
     if tolerances is not None:
         from taction.netlist_gen.deck.part_tolerances import read_tolerances
@@ -152,7 +152,6 @@ def check(
         over=swept,
         tolerances=spread,
         samples=(samples, seed),
-        notes=notes,
         progress=progress,
     )
     if output is not None:

@@ -7,7 +7,6 @@ import io
 import math
 import tokenize
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -40,10 +39,33 @@ def read_array(
     `shape` is that of `fitted`, `transposed` the length of a vector if T were transposed.
     """
     if isinstance(name, str):
-        path, text = scene.folder / name, repr(name)
-        values = _read_npy(path, key) if path.suffix == ".npy" else _read_csv(path, key)
-    else:
-        path, text, values = scene.file, "", name
+        return read_file(scene.folder / name, key, shape, transposed)
+    return _fitted(name, scene.file, key, "", shape, transposed)
+
+
+def read_file(
+    path: Path, key: str, shape: tuple[int | None, ...], transposed: int | None = None
+) -> Floats:
+    """Return the array of a .csv or .npy file."""
+    values = _read_npy(path, key) if path.suffix == ".npy" else _read_csv(path, key)
+    return _fitted(values, path, key, repr(path.name), shape, transposed)
+
+
+def read_problem(matrix: str | Path, strain: str | Path) -> tuple[Floats, Floats]:
+    """Return the matrix (M, N) and the strain (M,) of two files."""
+    T = read_file(Path(matrix), "problem.matrix", (None, None))
+    sensors, channels = T.shape
+    return T, read_file(Path(strain), "problem.strain", (sensors,), channels)
+
+
+def _fitted(
+    values: Floats,
+    path: Path,
+    key: str,
+    text: str,
+    shape: tuple[int | None, ...],
+    transposed: int | None,
+) -> Floats:
     try:
         return fitted(values, shape)
     except ValueError as error:
@@ -71,24 +93,6 @@ def read_profile(scene: StatedProblem, key: str, name: str) -> tuple[Floats, Flo
     return table[:, 0], table[:, 1]
 
 
-def read_table(path: Path, key: str) -> tuple[Floats, bool]:
-    """Return the numbers of a .csv or .npy file, and whether its first row is a header."""
-    if path.suffix == ".npy":
-        return _read_npy(path, key), False
-    rows = _rows(path, key)
-    first = next(rows, None)
-    header = first is not None and not any(_is_number(cell) for cell in first[1])
-    return _read_csv(path, key, skip=first[0] if header and first is not None else 0), header
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
-
-
 def _read_npy(path: Path, key: str) -> Floats:
     """Read a .npy file of real numbers, which must have as many as its header says."""
     try:
@@ -102,12 +106,10 @@ def _read_npy(path: Path, key: str) -> Floats:
     return values.astype(np.float64)
 
 
-def _read_csv(path: Path, key: str, skip: int = 0) -> Floats:
-    """Read numbers separated by commas, after the line `skip`."""
+def _read_csv(path: Path, key: str) -> Floats:
+    """Read numbers separated by commas."""
     rows: list[list[float]] = []
     for line, cells in _rows(path, key):
-        if line <= skip:
-            continue
         rows.append(_numbers(cells, path, key, line))
         if len(rows[-1]) != len(rows[0]):
             text = f"line {line} has {len(rows[-1])} values, the first {len(rows[0])}; expected"
@@ -143,45 +145,3 @@ def _numbers(cells: list[str], path: Path, key: str, line: int) -> list[float]:
             raise InputError(path, Complaint(key, repr(path.name), text))
         numbers.append(value)
     return numbers
-
-
-@dataclass(frozen=True, slots=True)
-class ProblemTable:
-    """Numbers of a file as the scene needs them.
-
-    `changed` says in words what differs from the file, which is then written anew; else empty.
-    """
-
-    path: Path
-    values: Floats
-    changed: str
-
-
-def problem_tables(matrix: Path, strain: Path) -> tuple[ProblemTable, ProblemTable]:
-    """Read a matrix (M, N), transposed where only that fits, and a strain (M,), or refuse them."""
-    T, header = read_table(matrix, "problem.matrix")
-    eps, other = read_table(strain, "problem.strain")
-    try:
-        T, eps = fitted(T, (None, None)), fitted(eps, (None,))
-    except ValueError as error:
-        wrong = strain if T.ndim == 2 and T.size else matrix
-        swapped = wrong is strain and eps.ndim == 2 and min(eps.shape) > 1
-        hint = "; are matrix and strain swapped?" if swapped else ""
-        raise InputError(wrong, Complaint("numbers", "", f"{error}{hint}")) from None
-    changes = ["the first row is a header"] if header else []
-    if len(eps) != T.shape[0]:
-        if len(eps) != T.shape[1]:
-            text = (
-                f"the matrix is {shape_text(T)} and the strain has {len(eps)} values; expected one"
-                " value of strain for every row of T"
-            )
-            raise InputError(strain, Complaint("problem.strain", "", text))
-        T = np.ascontiguousarray(T.T)
-        changes.append(f"transposed, to {shape_text(T)}: the strain has {len(eps)} values")
-    heads = "the first row is a header" if other else ""
-    return ProblemTable(matrix, T, ", ".join(changes)), ProblemTable(strain, eps, heads)
-
-
-def shape_text(T: Floats) -> str:
-    """Return the numbers of rows and columns in words."""
-    return f"{T.shape[0]} rows and {T.shape[1]} columns"

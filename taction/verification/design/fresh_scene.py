@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.board.part_warnings import ANY_PART, LEAST_OHMS, MOST_OHMS, AcceptedParts
-from taction.netlist_gen.scene.array_files import ProblemTable, problem_tables, shape_text
+from taction.netlist_gen.scene.array_files import read_problem
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.keys import scene_text
 from taction.netlist_gen.scene.loading import load_scene
@@ -136,9 +136,8 @@ class FreshScene:
 
     scaling: Scaling  # its file is the new one
     text: str  # of the scene file
-    files: Mapping[Path, str]  # to write: tables that had a header, or that were transposed
     rule: str  # how lambda was chosen
-    notes: tuple[str, ...]  # what was recognised, and which entries of T are left out
+    notes: tuple[str, ...]  # which entries of T are left out, and the limits
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,8 +159,8 @@ class NewScene(Result):
 
 
 def fresh_scene(
-    matrix: ProblemTable,
-    strain: ProblemTable,
+    matrix: str | Path,
+    strain: str | Path,
     output: Path,
     *,
     noise: str | float | None = None,
@@ -169,17 +168,18 @@ def fresh_scene(
     design: Mapping[str, Any] | None = None,
     any_part: bool = False,
 ) -> FreshScene:
-    """Return a scene for a matrix (M, N) and a strain (M,), for the new scene file `output`.
+    """Return a scene for the files of a matrix and a strain, for the new scene file `output`.
 
     `design` has keys of its table; without ``prune`` `pruning_for` chooses it. All else, and the
     errors, are those of `taction.new`.
     """
-    chosen, rule = _lambda(matrix.values, strain.values, noise, lam)
-    arrays = {"kind": "matrix", "matrix": matrix.values, "strain": strain.values}
+    T, eps = read_problem(matrix, strain)
+    chosen, rule = _lambda(T, eps, noise, lam)
+    arrays = {"kind": "matrix", "matrix": T, "strain": eps}
     asked = dict(design or {})
     pruning = ""
     if "prune" not in asked:
-        share, pruning = pruning_for(matrix.values, strain.values, chosen)
+        share, pruning = pruning_for(T, eps, chosen)
         asked |= {"prune": share} if share else {}
     data = {
         "name": _name_of(output),
@@ -193,21 +193,18 @@ def fresh_scene(
     }
     accepted = ANY_PART if any_part else AcceptedParts({})
     scaling = find_scaling(parse_scene(data, output), accepted=accepted)
-    names, files = {}, {}
-    for key, table in (("matrix", matrix), ("strain", strain)):
-        path = table.path
-        if table.changed:
-            path = output.with_name(f"{output.stem}-{key}.csv")
-            files[path] = _csv(table.values)
-        names[f"problem.{key}"] = Path(os.path.relpath(path, output.parent)).as_posix()
+    names = {
+        f"problem.{key}": Path(os.path.relpath(path, output.parent)).as_posix()
+        for key, path in (("matrix", matrix), ("strain", strain))
+    }
     limited, limits = with_limits(scaling.scene)
-    notes = [f"{t.path.name}: {t.changed}" for t in (matrix, strain) if t.changed]
-    notes += [pruning] if pruning else []
-    head = f"Scaled by taction for a matrix of {shape_text(matrix.values)}; lambda: {rule}."
+    notes = [pruning] if pruning else []
+    rows, columns = T.shape
+    head = f"Scaled by taction for a matrix of {rows} rows and {columns} columns; lambda: {rule}."
     text = _commented([head, *notes, f"Limits: {limits}."], with_values(limited, names))
     if limited.checks.steady_state.tolerance > WANTED:  # else no more than was searched for
         notes.append(limits)
-    return FreshScene(scaling, text, files, rule, tuple(notes))
+    return FreshScene(scaling, text, rule, tuple(notes))
 
 
 def _commented(remarks: list[str], scene: Scene) -> str:
@@ -266,11 +263,6 @@ def _lambda(
     value = float(f"{choice.solution.lam:.2e}")
     share = f", {noise} of the largest strain" if str(noise).endswith("%") else ""
     return value, f"by the discrepancy rule, noise {sigma:.3g}{share}"
-
-
-def _csv(values: Floats) -> str:
-    rows = values.reshape(len(values), -1).tolist()
-    return "".join(",".join(map(repr, row)) + "\n" for row in rows)
 
 
 def new(
@@ -351,24 +343,20 @@ def new(
     if matrix is None or strain is None:
         write_atomically(path, _template(opamp).replace("@NAME@", _name_of(path)))
         return NewScene(str(path), (str(path),))
-    tables = problem_tables(Path(matrix), Path(strain))
     progress("scalings")
     design = {"opamp": opamp, "supply": supply, "prune": prune}
     fresh = fresh_scene(
-        *tables,
+        matrix,
+        strain,
         path,
         noise=noise,
         lam=lam,
         design={key: value for key, value in design.items() if value is not None},
         any_part=any_part,
     )
-    for name in fresh.files:
-        refuse_existing(name, force=force)
-    for name, text in (*fresh.files.items(), (path, fresh.text)):
-        write_atomically(name, text)
+    write_atomically(path, fresh.text)
     verdict = verify(load_scene(path).with_engine("statespace"), progress)
-    written = tuple(map(str, (*fresh.files, path)))
-    return NewScene(str(path), written, fresh, Scaled.of(fresh.scaling, verdict))
+    return NewScene(str(path), (str(path),), fresh, Scaled.of(fresh.scaling, verdict))
 
 
 def _name_of(path: Path) -> str:

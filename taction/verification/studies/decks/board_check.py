@@ -152,15 +152,11 @@ def check_board(
     over: Iterable[SweptValue] = (),
     tolerances: DeckTolerances | None = None,
     samples: tuple[int, int] = (300, 1),
-    notes: tuple[str, ...] = (),
     progress: Progress = lambda stage: None,
 ) -> BoardCheck:
     """Check a deck, as `taction.check` does.
 
-    `samples` are how many boards are drawn, and from which seed; `notes` are said after those of
-    the deck.
-
-    EngineError: no equilibrium, or no state-space form.
+    `samples` are how many boards are drawn, and from which seed.
     """
     progress("poles")
     board, band = LinearBoard(deck.circuit), asked.limits.settling_time.band
@@ -185,7 +181,7 @@ def check_board(
         corners, yields = varied_outcomes(found, deck, tolerances, asked, samples, progress)
     made = BoardCheck(
         **{each.name: getattr(found, each.name) for each in fields(found)},
-        notes=tuple(filter(None, (*found.apart.sentences, *deck.notes, *notes, *why))),
+        notes=tuple(filter(None, (*found.apart.sentences, *deck.notes, *why))),
         looked=rows,
         checks=tuple(checks),
         sweeps=sweeps,

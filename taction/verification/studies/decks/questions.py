@@ -267,18 +267,18 @@ def reference_values(
     lam: float = 0.0,
     unit: str = "1V",
     accept: str = "0.1%",
-) -> tuple[tuple[Expected, ...], tuple[str, ...]]:
-    """Return the regularised optimum as expected voltages of nodes, and what is to be said.
+) -> tuple[Expected, ...]:
+    """Return the regularised optimum as expected voltages of nodes, one of every channel.
 
     The arguments are those of `taction.check`. InputError: a file or a value cannot be used, the
     numbers of channels and of nodes differ, or the problem has no certain solution.
     """
-    from taction.netlist_gen.scene.array_files import problem_tables
+    from taction.netlist_gen.scene.array_files import read_problem
     from taction.verification.reference.problem import Problem
     from taction.verification.reference.solve import solve
 
-    T, eps = problem_tables(Path(matrix), Path(strain))
-    channels = T.values.shape[1]
+    T, eps = read_problem(matrix, strain)
+    channels = T.shape[1]
     if len(nodes) != channels:
         text = (
             f"the matrix has {channels} columns, and {len(nodes)} outputs are looked at"
@@ -289,13 +289,12 @@ def reference_values(
         volts = parse(unit, "V")
     except ValueError as error:
         raise _refused("VOLTS", repr(unit), str(error), "--unit") from None
-    found = solve(Problem(T.values, eps.values, lam))
+    found = solve(Problem(T, eps, lam))
     if not found.trusted:
         text = f"the optimum is not certain: {found.reason}; give a larger --lambda"
         raise InputError(matrix, Complaint("--lambda", f"{lam:g}", text))
     wanted = volts * found.u
     largest = float(abs(wanted).max(initial=0.0))
     tolerance = share_of(accept, "--accept") * largest - abs(volts) * found.error_bound
-    notes = tuple(f"{each.path.name}: {each.changed}" for each in (T, eps) if each.changed)
     every = zip(nodes, wanted.tolist(), strict=True)
-    return tuple(Expected(node, value, tolerance) for node, value in every), notes
+    return tuple(Expected(node, value, tolerance) for node, value in every)
