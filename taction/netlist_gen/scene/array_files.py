@@ -69,18 +69,14 @@ def _fitted(
     try:
         return fitted(values, shape)
     except ValueError as error:
-        hint = _decimal_commas(values, shape)
+        hint, table = "", values.ndim == 2 and min(values.shape) > 1
         if transposed is not None and values.size == transposed != shape[0]:
             hint = "; is problem.matrix transposed? It has one row a sensor, one column a channel"
+        elif len(shape) == 1 and table and shape[0] in (None, len(values)):
+            hint = "; are matrix and strain swapped?" * (key == "problem.strain")
+            if values.shape[1] == 2 and np.all(values[:, 1] % 1 == 0):
+                hint = "; is ',' a decimal comma here? It separates values; write 1.5 for 1,5"
         raise InputError(path, Complaint(key, text, f"{error}{hint}")) from None
-
-
-def _decimal_commas(values: Floats, shape: tuple[int | None, ...]) -> str:
-    """Return a question where a column of numbers seems to have decimal commas."""
-    pairs = values.ndim == 2 and values.shape[1] == 2 and len(shape) == 1
-    if pairs and shape[0] in (None, len(values)) and np.all(values[:, 1] % 1 == 0):
-        return "; is ',' a decimal comma here? It separates values; write 1.5 for 1,5"
-    return ""
 
 
 def read_profile(scene: StatedProblem, key: str, name: str) -> tuple[Floats, Floats]:
