@@ -71,7 +71,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("new", "y.toml", "-o", "z.toml"): ("not both",),
     (*FRESH, "semicolon.csv"): ("semicolon.csv", "line 1, column 1", "',' between them"),
     (*FRESH, "ragged.csv"): ("ragged.csv", "line 6 has 2 values", "as many in every line"),
-    (*FRESH, "three.csv"): ("eps.csv", "shape 5 x 1", "expected 3"),
+    (*FRESH, "three.csv"): ("eps.csv", "shape 5", "expected 3"),
     (*GOOD, "--opamp", "TL074"): ("'TL074'", "did you mean 'tl074'?"),
     (*GOOD, "--supply", "12/-12"): ("12/-12", "'±15V'"),
     (*GOOD, "--noise", "10"): ("--noise", "SIGMA = 10", "the strain shows --noise"),

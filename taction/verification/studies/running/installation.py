@@ -76,13 +76,15 @@ def doctor() -> Installation:
     >>> [finding.what for finding in taction.doctor().findings][:2]
     ['Python', 'ngspice']
     """
-    return Installation((_python(), _simulator(), *_blas(), *_extras()))
-
-
-def _python() -> InstalledPart:
-    found = f"{platform.python_version()} on {platform.system()}, {os.cpu_count()} cores"
+    python = f"{platform.python_version()} on {platform.system()}, {os.cpu_count()} cores"
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in PACKAGES)
-    return InstalledPart("Python", True, found, versions)
+    extras = (
+        InstalledPart(name, there, "installed" if there else f"not installed: {remedy}", needed)
+        for name, purpose, remedy in EXTRAS
+        for there, needed in [(util.find_spec(name) is not None, f"needed only for {purpose}")]
+    )
+    first = InstalledPart("Python", True, python, versions)
+    return Installation((first, _simulator(), *_blas(), *extras))
 
 
 def _simulator() -> InstalledPart:
@@ -91,11 +93,8 @@ def _simulator() -> InstalledPart:
     except SimulationError as error:
         means = "taction uses its state-space engine only, without the comparison with ngspice"
         return InstalledPart("ngspice", False, str(error), means)
-    means = (
-        "with the matrix solver KLU: fast on large boards"
-        if simulator.klu
-        else "without the matrix solver KLU: slow on boards of more than 32 channels"
-    )
+    slow = "without the matrix solver KLU: slow on boards of more than 32 channels"
+    means = "with the matrix solver KLU: fast on large boards" if simulator.klu else slow
     return InstalledPart("ngspice", True, f"{simulator.version} at {simulator.executable}", means)
 
 
@@ -107,19 +106,9 @@ def _blas() -> Iterator[InstalledPart]:
 
     for library in threadpool_info():
         if library["user_api"] == "blas":
+            name = f"BLAS of {Path(library['filepath']).parent.name.partition('.')[0]}"
             version = library["version"] or "of no stated version"
-            kernels = library.get("architecture", "unnamed")
-            yield InstalledPart(
-                f"BLAS of {Path(library['filepath']).parent.name.partition('.')[0]}",
-                True,
-                f"{library['internal_api']} {version}, {kernels} kernels,"
-                f" threads: {library['num_threads']}",
-                "rounding differs between kernels; OPENBLAS_CORETYPE chooses others",
-            )
-
-
-def _extras() -> Iterator[InstalledPart]:
-    for package, purpose, remedy in EXTRAS:
-        there = util.find_spec(package) is not None
-        found = "installed" if there else f"not installed: {remedy}"
-        yield InstalledPart(package, there, found, f"needed only for {purpose}")
+            found = f"{library['internal_api']} {version}, threads: {library['num_threads']}"
+            found += f", {library.get('architecture', 'unnamed')} kernels"
+            means = "rounding differs between kernels; OPENBLAS_CORETYPE chooses others"
+            yield InstalledPart(name, True, found, means)

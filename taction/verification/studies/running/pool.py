@@ -43,20 +43,16 @@ def serve(pipe: Connection) -> None:
         threading.Thread(target=_end_with_parent, daemon=True).start()
         pipe.send("ready")
         while not received:
-            done, value = _answer(pipe.recv_bytes())
+            request = pipe.recv_bytes()
+            try:
+                function, args, kw = pickle.loads(request)  # noqa: S301 - from the parent
+                answer = True, function(*args, **kw)
+            except Exception as error:
+                answer = False, error
             if not received:  # a call may drop the exception, and go on
-                _send(pipe, done, value)
+                _send(pipe, *answer)
     if received:
         sys.exit(STATUS)
-
-
-def _answer(request: bytes) -> tuple[bool, object]:
-    """Return whether a call came to its end, and its result or its error."""
-    try:
-        function, args, kw = pickle.loads(request)  # noqa: S301 - from the parent
-        return True, function(*args, **kw)
-    except Exception as error:
-        return False, error
 
 
 def _send(pipe: Connection, done: bool, value: object) -> None:

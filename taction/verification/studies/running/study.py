@@ -82,7 +82,12 @@ def study(
                 future.add_done_callback(ended.put)
             if not running:
                 return
-            future = _next(ended, workers)
+            future = None
+            while future is None:  # as long as there are workers
+                try:
+                    future = ended.get(timeout=WATCH)
+                except Empty:
+                    _ask(workers.check)
             batch = running.pop(future)
             for point, row in zip(batch, _rows(future, workers, len(batch)), strict=True):
                 if len(batch) > 1 and (row is None or isinstance(row, BaseException)):
@@ -97,15 +102,6 @@ def study(
 def one_by_one(function: Callable[..., R], *points: tuple[Any, ...]) -> list[R]:
     """Return ``function(*point)`` of each point: what `study` calls where no two share work."""
     return [function(*point) for point in points]
-
-
-def _next(ended: SimpleQueue[Future[T]], workers: Workers) -> Future[T]:
-    """Wait for the end of a call, as long as there are workers."""
-    while True:
-        try:
-            return ended.get(timeout=WATCH)
-        except Empty:
-            _ask(workers.check)
 
 
 def _ask(method: Callable[..., T], *arguments: Any) -> T:

@@ -8,6 +8,7 @@ import hashlib
 import json
 import os
 import platform
+import re
 import time
 from collections.abc import Mapping
 from importlib import metadata
@@ -57,13 +58,13 @@ def own_code() -> bytes:
 
     A change makes stored results outdated.
     """
-    texts = []
-    for package in (system, spice_models, netlist_gen, verification):
-        folder = Path(str(package.__file__)).parent
-        files = sorted(file for file in folder.rglob("*") if file.suffix in plugins.CODE)
-        texts += [
-            (f"{folder.name}/{file.relative_to(folder)}", file.read_bytes()) for file in files
-        ]
+    packages = (system, spice_models, netlist_gen, verification)
+    folders = [Path(str(package.__file__)).parent for package in packages]
+    texts = [
+        (f"{folder.name}/{file.relative_to(folder)}", file.read_bytes())
+        for folder in folders
+        for file in sorted(each for each in folder.rglob("*") if each.suffix in plugins.CODE)
+    ]
     return digest(texts, *([tuple(plugins.sources())] if plugins.offers() else []))
 
 
@@ -112,8 +113,6 @@ def describe_machine() -> dict[str, str | int | float | None]:
 def _processor() -> str:
     """Return the processor's name, on Linux from /proc."""
     listing = Path("/proc/cpuinfo")
-    if listing.exists():
-        for line in listing.read_text(encoding="utf-8", errors="replace").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
+    text = listing.read_text(encoding="utf-8", errors="replace") if listing.exists() else ""
+    named = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
+    return named[1].strip() if named else platform.processor() or platform.machine()
