@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import metadata, util
-from pathlib import Path
 from typing import Annotated
 
 from taction.system.documents import HIDDEN
@@ -68,7 +66,7 @@ def doctor() -> Installation:
     Returns
     -------
     Installation
-        `findings`: Python, ngspice, the BLAS libraries and the optional packages.
+        `findings`: Python, ngspice and the optional packages.
 
     Examples
     --------
@@ -84,7 +82,7 @@ def doctor() -> Installation:
         for there, needed in [(util.find_spec(name) is not None, f"needed only for {purpose}")]
     )
     first = InstalledPart("Python", True, python, versions)
-    return Installation((first, _simulator(), *_blas(), *extras))
+    return Installation((first, _simulator(), *extras))
 
 
 def _simulator() -> InstalledPart:
@@ -96,19 +94,3 @@ def _simulator() -> InstalledPart:
     slow = "without the matrix solver KLU: slow on boards of more than 32 channels"
     means = "with the matrix solver KLU: fast on large boards" if simulator.klu else slow
     return InstalledPart("ngspice", True, f"{simulator.version} at {simulator.executable}", means)
-
-
-def _blas() -> Iterator[InstalledPart]:
-    """Yield one finding a BLAS library: numpy and scipy bring their own."""
-    import numpy as np  # noqa: F401
-    import scipy.linalg  # noqa: F401
-    from threadpoolctl import threadpool_info
-
-    for library in threadpool_info():
-        if library["user_api"] == "blas":
-            name = f"BLAS of {Path(library['filepath']).parent.name.partition('.')[0]}"
-            version = library["version"] or "of no stated version"
-            found = f"{library['internal_api']} {version}, threads: {library['num_threads']}"
-            found += f", {library.get('architecture', 'unnamed')} kernels"
-            means = "rounding differs between kernels; OPENBLAS_CORETYPE chooses others"
-            yield InstalledPart(name, True, found, means)
