@@ -12,6 +12,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -21,7 +22,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
-from types import ModuleType
 from typing import Any, TypeVar
 
 from taction.system.errors import NoVerdictError
@@ -31,14 +31,15 @@ GRACE = 2.0  # s between the clean-up's start and a hard end
 STATUS = 128 + signal.SIGTERM
 
 
-def serve(pipe: Connection) -> None:
-    """Answer calls until the other end closes; the parent handles Ctrl-C and a lost terminal.
+def serve(handle: int) -> None:
+    """Answer calls from a pipe until its other end closes; the parent handles Ctrl-C.
 
     SIGTERM ends a call through its `finally` clauses, which end a simulator.
     """
     for name in ("SIGINT", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
+    pipe = Connection(handle)
     with suppress(EOFError, OSError, Ended), ending_signals() as received:
         threading.Thread(target=_end_with_parent, daemon=True).start()
         pipe.send("ready")
@@ -66,13 +67,11 @@ def _send(pipe: Connection, done: bool, value: object) -> None:
 
 
 def _end_with_parent() -> None:
-    """Wait for the parent's end, also by a kill; then end this process."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os.kill(os.getpid(), signal.SIGTERM)
-        time.sleep(GRACE)
-        os._exit(STATUS)
+    """Wait for the parent's end, also by a kill, which closes stdin; then end this process."""
+    os.read(0, 1)
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(GRACE)
+    os._exit(STATUS)
 
 
 T = TypeVar("T")
@@ -83,7 +82,9 @@ ENVIRONMENT = {
     "PYTHONSAFEPATH": "1",  # Python does not import from the working folder
     "PYTHONWARNINGS": os.environ.get("PYTHONWARNINGS", "ignore"),
 }
-_STARTING = threading.Lock()  # all threads share the environment
+SERVE = (  # multiprocessing would run the user's script again, whose top level may be a study
+    f"import sys; sys.path[:] = sys.argv[2:]; from {__name__} import serve; serve(int(sys.argv[1]))"
+)
 
 
 class WorkerDiedError(BrokenExecutor):
@@ -115,7 +116,7 @@ class Worker:
     def __init__(self, threads: int | None = None) -> None:
         limits = {} if threads is None else dict.fromkeys(THREADS, str(threads))
         self._variables, self._ended = {**ENVIRONMENT, **limits}, False
-        self._process: multiprocessing.process.BaseProcess | None = None
+        self._process: subprocess.Popen[bytes] | None = None
         self._pipe: Connection | None = None
 
     def __enter__(self) -> Worker:
@@ -154,35 +155,36 @@ class Worker:
 
     def start(self) -> Connection:
         """Start the process, unless it is running; raise NotStartedError if it does not start."""
-        if self._pipe is not None and self._process is not None and self._process.is_alive():
+        if self._pipe is not None and self._process is not None and self._process.poll() is None:
             return self._pipe
         self._stop()
         try:
             self._pipe, theirs = multiprocessing.Pipe()
-            with theirs, _STARTING, _environment(self._variables):
-                context = multiprocessing.get_context("spawn")
-                self._process = context.Process(target=serve, args=(theirs,), daemon=True)
-                self._process.start()
+            with theirs:
+                words = [sys.executable, "-c", SERVE, str(theirs.fileno()), *sys.path]
+                variables = {**os.environ, **self._variables}
+                self._process = subprocess.Popen(
+                    words, stdin=subprocess.PIPE, env=variables, pass_fds=[theirs.fileno()]
+                )
         except OSError as error:
-            self._process = None
             raise NotStartedError(f"a second Python process did not start: {error}") from error
         if self._ended:  # by another thread while the process started
             self._stop()
             raise WorkerDiedError("the process was ended")
-        if not self._pipe.poll(START_UP):
-            self._stop()
-            raise NotStartedError(f"a second Python process gave no answer within {START_UP:g} s")
-        self._pipe.recv()
-        return self._pipe
+        try:
+            if self._pipe.poll(START_UP):
+                self._pipe.recv()
+                return self._pipe
+        except (EOFError, OSError):
+            pass
+        self._stop()
+        raise NotStartedError(f"a second Python process gave no answer within {START_UP:g} s")
 
     def _stop(self) -> None:
         """End the process; its `finally` clauses run first and end its simulator."""
         process, pipe, self._process, self._pipe = self._process, self._pipe, None, None
         if process is not None:
-            process.terminate()
-            process.join(GRACE)
-            process.kill()
-            process.join()
+            _end(process)
         if pipe is not None:
             pipe.close()
 
@@ -190,31 +192,18 @@ class Worker:
         """End the process for good, from any thread and without a wait; a running call is lost."""
         self._ended, process = True, self._process
         if process is not None:
-            with suppress(AttributeError, ValueError):  # it was just closed
-                process.terminate()
-                hard_end = threading.Timer(GRACE, process.kill)  # Python's end waits for it
-                hard_end.daemon = True
-                hard_end.start()
+            threading.Thread(target=_end, args=(process,), daemon=True).start()
 
 
-@contextmanager
-def _environment(variables: dict[str, str]) -> Iterator[None]:
-    """Set what a new process inherits, and hide the user's script, whose top level may be a study.
-
-    multiprocessing imports the module ``__main__`` by its file and name; everything else stays.
-    """
-    before, script = dict(os.environ), sys.modules["__main__"]
-    stand_in = ModuleType("__main__")
-    stand_in.__dict__.update({**vars(script), "__file__": None, "__spec__": None})
-    os.environ.update(variables)
-    sys.modules["__main__"] = stand_in
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.terminate()
     try:
-        yield
-    finally:
-        sys.modules["__main__"] = script
-        for name in variables.keys() - before.keys():
-            del os.environ[name]
-        os.environ.update(before)
+        process.wait(GRACE)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    if process.stdin is not None:
+        process.stdin.close()
 
 
 class LocalPool(ThreadPoolExecutor):
