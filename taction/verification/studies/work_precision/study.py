@@ -213,20 +213,22 @@ def accuracy(
     if scene.analysis.stop != "auto":
         stop = min(stop, scene.analysis.stop)
     transient = even_transient(scene, scales, BASE_POINTS, stop)
-    task, runs, left_out = MethodTask(circuit, transient), list[Pair](), list[str]()
-    usable = list(_applicable(task, left_out))
+    task, left_out = MethodTask(circuit, transient), list[str]()
+    runs, solved = list[tuple[SettingResult, MethodRun | None]](), dict[str, Floats]()
+    usable, end = list(_applicable(task, left_out)), started + budget
     with Worker() as worker:
         for k, method in enumerate(usable):
-            left = started + budget - clock.perf_counter()
-            if runs and left <= 0.0:
-                left_out.append(f"{method.name}: not run, no time is left")
-                continue
-            progress(f"{method.name}, {max(left, 0.0):.0f} s left")
+            left = max(end - clock.perf_counter(), 0.0)
+            progress(f"{method.name}, {left:.0f} s left")
             runs += _ladder(worker, task, method, left / (len(usable) - k), left_out)
         progress("references")
-        limit = max(started + budget - clock.perf_counter(), LEAST_TIME)
+        limit = max(end - clock.perf_counter(), LEAST_TIME)
         time = np.unique(np.concatenate([[0.0], *(run.time for _, run in runs if run)]))
-        solved = _solved(worker, task, time, limit, left_out) if len(time) > 1 else {}
+        for name, solve in solutions(task).items() if len(time) > 1 else ():
+            try:
+                solved[name] = worker.call(limit, solve, task, times=time).u
+            except (TimeoutError, *FAILURES) as error:
+                left_out.append(f"reference, {name}: {error}")
     floor, amplitude = None, math.nan
     if solved:
         first, *others = solved.values()
@@ -234,9 +236,18 @@ def accuracy(
         if not amplitude:
             raise EngineError("the step moves no output of this board: nothing to study")
         floor = float(np.abs(others[0] - first).max() / amplitude) if others else None
+
+    def compared(point: SettingResult, run: MethodRun | None) -> SettingResult:
+        """Return a setting with its error beside the first solution of another method."""
+        name = next((name for name in solved if name != point.method.name), None)
+        if run is None or name is None:
+            return point
+        u = solved[name][np.searchsorted(time, run.time)]
+        return replace(point, error=float(np.abs(run.u - u).max() / amplitude), reference=name)
+
     made = WorkPrecisionStudy(
         scene,
-        tuple(_compared(pair, time, solved, amplitude) for pair in runs),
+        tuple(compared(*pair) for pair in runs),
         tuple(solved),
         floor,
         amplitude,
@@ -258,10 +269,8 @@ def _applicable(task: MethodTask, left_out: list[str]) -> Iterator[Method]:
         find_simulator()
     except SimulationError as error:
         missing = str(error).splitlines()[0]
-    linear = "too many unknowns for dense matrices"
-    inexact = (
-        "" if task.is_exact else linear if task.circuit.is_linear else "the board is not linear"
-    )
+    large = "too many unknowns for dense matrices"
+    inexact = "" if task.is_exact else large if task.circuit.is_linear else "it is not linear"
     for method in METHODS:
         reason = missing if method.engine == "ngspice" else inexact * (method.name == EXACT)
         if reason:
@@ -270,13 +279,9 @@ def _applicable(task: MethodTask, left_out: list[str]) -> Iterator[Method]:
             yield method
 
 
-Pair = tuple[SettingResult, MethodRun | None]
-"""A setting, and its last run; None where it has none."""
-
-
 def _ladder(
     worker: Worker, task: MethodTask, method: Method, seconds: float, left_out: list[str]
-) -> Iterator[Pair]:
+) -> Iterator[tuple[SettingResult, MethodRun | None]]:
     """Yield the settings of a method, coarse to fine, with their last runs, for about `seconds`.
 
     Each runs up to `REPEATS` times; `left_out` gets the first that has no time.
@@ -297,10 +302,10 @@ def _ladder(
                 yield replace(point, status="timeout", seconds=limit, note=str(error)), None
                 return
         except FAILURES as error:
-            note = f"{type(error).__name__}: {error}".splitlines()[0]
-            yield replace(point, status="failed", note=note), None
+            run, point = None, replace(point, status="failed", note=_words(error))
+        if run is None:
+            yield point, None
             continue
-        assert run is not None  # noqa: S101 - the loop runs once at least
         point = replace(
             point,
             seconds=statistics.median(times),
@@ -311,26 +316,5 @@ def _ladder(
         yield point, run.thinned
 
 
-def _solved(
-    worker: Worker, task: MethodTask, time: Floats, limit: float, left_out: list[str]
-) -> dict[str, Floats]:
-    """Return up to two solutions at instants (P,), s, by name, (P, N), V; `limit`, s, for each."""
-    solved = dict[str, Floats]()
-    for name, solve in solutions(task).items():
-        try:
-            solved[name] = worker.call(limit, solve, task, times=time).u
-        except (TimeoutError, *FAILURES) as error:
-            left_out.append(f"reference, {name}: {error}")
-    return solved
-
-
-def _compared(
-    pair: Pair, time: Floats, solved: dict[str, Floats], amplitude: float
-) -> SettingResult:
-    """Return a setting with its error beside the first solution that is not of its method."""
-    point, run = pair
-    name = next((name for name in solved if name != point.method.name), None)
-    if run is None or name is None:
-        return point
-    u = solved[name][np.searchsorted(time, run.time)]
-    return replace(point, error=float(np.abs(run.u - u).max() / amplitude), reference=name)
+def _words(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}".splitlines()[0]
