@@ -89,8 +89,7 @@ class NoiseCheck(UpperLimit):
     max: fields.Volts = Field(description="largest noise of an output, rms, V")
     lowest: fields.Hertz | None = entry(
         None,
-        "the lowest frequency that counts: an observation of T seconds sees nothing"
-        f" below 1/T. By default {LOWEST:g} Hz where op-amps have 1/f noise, else 0",
+        f"lowest frequency that counts; by default {LOWEST:g} Hz where there is 1/f noise, else 0",
     )
 
 
@@ -131,18 +130,14 @@ class Tolerances(fields.Model):
     """Tolerances of real components, fractions of their values."""
 
     distribution: Literal["normal", "uniform"] = entry(
-        "normal", "normal: the tolerance is three sigma; uniform: within it"
+        "normal", "a tolerance is 3 sigma, or the end"
     )
     resistor: fields.NonNegative = entry(0.01, "every resistor by itself")
     capacitor: fields.NonNegative = entry(0.05, "C of every signal node by itself")
     stray: fields.NonNegative = entry(0.2, "stray capacitance of every summing node")
-    opamp_gbw: fields.NonNegative = entry(
-        0.3, "gain-bandwidth product and second pole of every op-amp together"
-    )
+    opamp_gbw: fields.NonNegative = entry(0.3, "gain-bandwidth product and second pole together")
     opamp_gain: fields.NonNegative = entry(0.5, "DC gain of every op-amp")
-    parts: dict[str, fields.NonNegative] = entry(
-        {}, "tolerances of single parts by their names in the deck: { Rf_4_4 = 0.001 }"
-    )
+    parts: dict[str, fields.NonNegative] = entry({}, "of single parts: { Rf_4_4 = 0.001 }")
     temperature: fields.NonNegative = entry(0.0, "K, either side of nominal; the whole board")
     resistor_drift: fields.Real = entry(1e-4, "per K")
     capacitor_drift: fields.Real = entry(3e-5, "per K")

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, StrictBool, WithJsonSchema, model_validator
 
 from taction.netlist_gen.scene import fields
-from taction.netlist_gen.scene.fields import entry
+from taction.netlist_gen.scene.fields import entry, optional
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS, NAMES
 from taction.spice_models.input_errors import ROOM, Surroundings
 from taction.spice_models.transistor import NOMINAL, pair_names
@@ -24,14 +24,9 @@ class WiresTable(fields.Model):
     driver: fields.OhmsOrZero = entry(0.0, "from the output of an op-amp to a line it drives")
     sense: fields.OhmsOrZero = entry(0.0, "from a line to the input that takes its current")
     corner: Literal["top-left", "top-right", "bottom-left", "bottom-right"] = entry(
-        "top-left",
-        "where the ports of rows and columns are; row 1 is at the top, column 1 at the left",
+        "top-left", "where the ports of rows and columns are; row 1 is at the top"
     )
-    compensate: StrictBool = entry(
-        False,
-        "scale the resistors so that the arrays have the conductances of T at their"
-        " ports, as far as this is possible",
-    )
+    compensate: StrictBool = entry(False, "scale resistors: T at the ports, as far as possible")
 
     @property
     def ideal(self) -> bool:
@@ -43,43 +38,24 @@ Share = Annotated[fields.Real, Field(ge=0, lt=1)]
 Levels = Annotated[int, Field(strict=True, ge=2, le=65536)]
 
 
+Cell = Literal["rram-wan", "rram-milo", "pcm-joshi", "pcm-aihwkit"]
+
+
 class DevicesTable(fields.Model):
     """Devices in the place of the arrays' resistors; without any key there are resistors."""
 
-    cell: Literal["rram-wan", "rram-milo", "pcm-joshi", "pcm-aihwkit"] | None = entry(
-        None, "a device by its name, whose figures hold"
-    )
-    least_conductance: fields.Siemens | None = entry(None, "a smaller entry of T has this one")
-    most_conductance: fields.Siemens | None = entry(None, "a larger entry of T has this one")
-    cell_levels: Levels | None = entry(
-        None, "evenly spaced conductances; by default those of the cell, or any"
-    )
-    programming_error: fields.Siemens | None = entry(
-        None,
-        "standard deviation of every device after programming; by default that of the"
-        " cell, as a function of its conductance",
-    )
-    read_noise: Share | None = entry(
-        None, "standard deviation from solve to solve, a fraction of the conductance"
-    )
-    drift_exponent: fields.NonNegative | None = entry(
-        None, "nu: a device has g (t/t0)^-nu; by default that of the cell"
-    )
-    drift_spread: fields.NonNegative | None = entry(
-        None, "standard deviation of nu among the devices"
-    )
-    drift_start: fields.Seconds | None = entry(
-        None, "t0 since programming; by default that of the cell, or 1 s"
-    )
-    age: fields.Seconds | None = entry(
-        None, "t since programming; by default devices have not drifted"
-    )
-    stuck_at_least: Share | None = entry(
-        None, "fraction of the cells that are stuck at the least conductance"
-    )
-    stuck_at_most: Share | None = entry(
-        None, "fraction of the cells that are stuck at the most conductance"
-    )
+    cell: Cell | None = optional("a device by its name, whose figures hold")
+    least_conductance: fields.Siemens | None = optional("a smaller entry of T has this one")
+    most_conductance: fields.Siemens | None = optional("a larger entry of T has this one")
+    cell_levels: Levels | None = optional("evenly spaced conductances; or the cell's, or any")
+    programming_error: fields.Siemens | None = optional("sigma after programming; or the cell's")
+    read_noise: Share | None = optional("sigma from solve to solve, a fraction")
+    drift_exponent: fields.NonNegative | None = optional("nu of g (t/t0)^-nu; or the cell's")
+    drift_spread: fields.NonNegative | None = optional("sigma of nu among the devices")
+    drift_start: fields.Seconds | None = optional("t0 since programming; or the cell's, or 1 s")
+    age: fields.Seconds | None = optional("t since programming; by default nothing has drifted")
+    stuck_at_least: Share | None = optional("fraction of the cells at the least conductance")
+    stuck_at_most: Share | None = optional("fraction of the cells at the most conductance")
 
 
 Celsius = Annotated[fields.Real, Field(ge=-55, le=125)]
@@ -96,9 +72,7 @@ class AntilogChoice(fields.Shortened):
     divider_resistance: fields.Ohms = entry(100.0, "from the divided input to ground")
     emitter_resistance: fields.Ohms = entry(5e3, "from the reference op-amp to the emitters")
     temperature: Celsius = entry(NOMINAL, "of the transistors, degrees C")
-    nominal_temperature: Celsius = entry(
-        NOMINAL, "for which the input divider is computed, degrees C"
-    )
+    nominal_temperature: Celsius = entry(NOMINAL, "of the computed input divider, degrees C")
 
     @model_validator(mode="after")
     def _known_pair(self) -> AntilogChoice:
@@ -131,65 +105,44 @@ class OpAmpChoice(fields.Shortened):
     PLAIN = "base"
 
     base: Annotated[str, NAMES["op-amp"]] = "ua741"
-    file: fields.FileName | None = entry(
-        None, "an imported op-amp (`taction parts import`), in the place of a preset"
-    )
+    file: fields.FileName | None = optional("an imported op-amp, in the place of a preset")
     model: Literal["cards", "figures"] = entry(
-        "cards",
-        "of an imported op-amp: the vendor's cards, or a macromodel with its measured figures",
+        "cards", "of an imported op-amp: its own cards, or a macromodel of its figures"
     )
     level: Literal["auto", "small-signal", "large-signal"] = entry(
-        "auto",
-        "of the macromodel; auto: with slew rate and swing, and with the largest output"
-        " current, where the small-signal board exceeds 90 % of such a limit",
+        "auto", "of the macromodel; auto: large-signal where the board exceeds 90 % of a limit"
     )
     dc_gain: fields.Positive | None = None
     gbw: fields.Hertz | None = None
     second_pole: fields.Hertz | None = None
-    phase_margin: Annotated[fields.Real, Field(gt=0, lt=90)] | None = entry(
-        None, "degrees, at unity gain; sets the second pole"
+    phase_margin: Annotated[fields.Real, Field(gt=0, lt=90)] | None = optional(
+        "degrees, at unity gain; sets the second pole"
     )
     input_resistance: fields.Ohms | None = None
     differential_capacitance: fields.FaradsOrZero | None = None
     input_capacitance: fields.FaradsOrZero | None = None
     output_resistance: fields.OhmsOrZero | None = None
-    slew_rate: fields.VoltsPerSecond | None = entry(None, "of the output")
-    output_current: fields.Amps | None = entry(None, "largest, of either sign")
-    saturation: fields.VoltsOrZero | None = entry(
-        None, "least distance of the output from a supply voltage"
-    )
+    slew_rate: fields.VoltsPerSecond | None = optional("of the output")
+    output_current: fields.Amps | None = optional("largest, of either sign")
+    saturation: fields.VoltsOrZero | None = optional("least distance of the output from a supply")
     least_supply: fields.VoltsOrZero | None = None
     most_supply: fields.Volts | None = None
-    voltage_noise: fields.VoltageDensityOrZero | None = entry(None, "of the input, white")
-    current_noise: fields.CurrentDensityOrZero | None = entry(None, "of each input, white")
-    voltage_noise_corner: fields.HertzOrZero | None = entry(
-        None, "below it the 1/f part of the voltage noise is the larger one; 0: none"
-    )
-    supply_current: fields.AmpsOrZero | None = entry(None, "of one op-amp without load")
-    channels_per_package: fields.Count | None = entry(None, "op-amps in one package")
+    voltage_noise: fields.VoltageDensityOrZero | None = optional("of the input, white")
+    current_noise: fields.CurrentDensityOrZero | None = optional("of each input, white")
+    voltage_noise_corner: fields.HertzOrZero | None = optional("below it 1/f noise is larger")
+    supply_current: fields.AmpsOrZero | None = optional("of one op-amp without load")
+    channels_per_package: fields.Count | None = optional("op-amps in one package")
     input_errors: InputErrors = entry(
-        "typical",
-        "offset voltage, input currents and common-mode error of every op-amp: the"
-        " typical or the largest size of its sheet, or none but those that are given here",
+        "typical", "sizes of offset and input currents on its sheet; none: those given here"
     )
-    offset_voltage: fields.SignedVolts | None = entry(None, "at the non-inverting input")
-    bias_current: fields.SignedAmps | None = entry(None, "mean of the currents into both inputs")
-    offset_current: fields.SignedAmps | None = entry(
-        None, "current into the non-inverting input less the other"
-    )
-    common_mode_rejection: fields.Positive | None = entry(None, "dB")
-    offset_drift: fields.VoltsPerKelvinOrZero | None = entry(
-        None, "typical size, of the offset voltage; counts with design.temperature"
-    )
-    bias_drift: fields.AmpsPerKelvinOrZero | None = entry(
-        None, "typical size, of the bias current; counts with design.temperature"
-    )
-    bias_doubling: fields.Kelvins | None = entry(
-        None, "warming that doubles the input currents, as of field-effect inputs"
-    )
-    supply_rejection: fields.Positive | None = entry(
-        None, "dB; counts with design.supply_tolerance"
-    )
+    offset_voltage: fields.SignedVolts | None = optional("at the non-inverting input")
+    bias_current: fields.SignedAmps | None = optional("mean of the currents into both inputs")
+    offset_current: fields.SignedAmps | None = optional("into the + input less the other")
+    common_mode_rejection: fields.Positive | None = optional("dB")
+    offset_drift: fields.VoltsPerKelvinOrZero | None = optional("typical; with design.temperature")
+    bias_drift: fields.AmpsPerKelvinOrZero | None = optional("typical; with design.temperature")
+    bias_doubling: fields.Kelvins | None = optional("warming that doubles the input currents")
+    supply_rejection: fields.Positive | None = optional("dB; with design.supply_tolerance")
 
     @model_validator(mode="after")
     def _file_alone(self) -> OpAmpChoice:
@@ -212,58 +165,40 @@ class Design(fields.Model):
         None, alias="lambda", description="regularisation parameter, or the rule that chooses it"
     )
     gain: fields.Ohms = 6.252e6
-    feedback_conductance: fields.Siemens | None = entry(
-        None,
-        "gf of the first stages of a closed-loop board, whose speed and stability it"
-        " decides; by default unit_conductance",
+    feedback_conductance: fields.Siemens | None = optional(
+        "gf of the first stages of a closed-loop board; by default unit_conductance"
     )
     negative_entries: Literal["inverters", "differential", "offset"] = entry(
-        "inverters",
-        "of a closed-loop board: an inverter for each driver, the other inputs of the"
-        " op-amps, or one column behind an inverter of the sum",
+        "inverters", "of a closed-loop board: inverters, the other inputs, or one offset column"
     )
     unit_conductance: fields.Siemens = 3.313e-7
     unit_voltage: fields.Volts = 1.0
     exponential_slope: fields.Volts | None = None
-    bias: StrictBool | None = entry(None, "bias current I_b = Ve/R")
+    bias: StrictBool | None = optional("bias current I_b = Ve/R")
     ridge_share: Annotated[fields.Real, Field(ge=0, le=1)] = entry(
-        1.0,
-        "of the amplifiers deadzone, rectifier and saturation: the share of the ridge"
-        " term sum u^2/2 that stays; a resistor from u to every signal node removes the rest",
+        1.0, "of deadzone, rectifier and saturation: the share of sum u^2/2 that stays"
     )
-    antilog: AntilogChoice = entry(
-        AntilogChoice(), "exponential amplifiers: ideal, or of transistors"
-    )
+    antilog: AntilogChoice = entry(AntilogChoice(), "exponential amplifiers: how they are built")
     opamp: OpAmpChoice = OpAmpChoice()
     supply: fields.SupplyVolts = entry(15.0, "both supply voltages of the op-amps, as '±15V'")
-    temperature: Annotated[str, fields.TemperatureRange()] | None = entry(
-        None,
-        "at which the board must work: the drift of input errors and resistors from 25"
-        " degrees C counts in the check steady_state and in the error budget",
+    temperature: Annotated[str, fields.TemperatureRange()] | None = optional(
+        "at which the board must work; drift from 25 degrees C counts in steady_state"
     )
     supply_tolerance: Annotated[fields.Real, Field(ge=0, lt=1)] = entry(
         0.0, "fraction of the supply voltages; supply rejection counts, as temperature"
     )
-    temperature_coefficient: fields.NonNegative = entry(
-        0.0, "per K, the largest of any resistor; each has its own; needs temperature"
-    )
+    temperature_coefficient: fields.NonNegative = entry(0.0, "per K, the largest of a resistor")
     stray_capacitance: fields.FaradsOrZero = 1e-11
-    sensor_noise: fields.CurrentDensityOrZero = entry(
-        0.0, "of every strain, white; for the check 'noise'"
-    )
+    sensor_noise: fields.CurrentDensityOrZero = entry(0.0, "of every strain, white")
     strain_input: Literal["current", "voltage"] = entry(
-        "current",
-        "source of every strain: a current into its summing node, or eps U0 through a"
-        " resistor 1/G0",
+        "current", "of every strain: a current, or eps U0 through a resistor 1/G0"
     )
     inverter_resistance: fields.Ohms = 1e4
     prune: Annotated[fields.Real, Field(ge=0, lt=1)] = entry(
         0.0, "entries of T below this fraction of the largest have no resistors"
     )
     resistor_series: Literal["exact", "E24", "E96", "E192"] = "exact"
-    capacitor_series: Literal["exact", "E6", "E12", "E24"] = entry(
-        "exact", "of C; a stray capacitance is no part"
-    )
+    capacitor_series: Literal["exact", "E6", "E12", "E24"] = entry("exact", "of C alone")
 
     @property
     def surroundings(self) -> Surroundings:

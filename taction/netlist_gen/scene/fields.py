@@ -179,6 +179,11 @@ def entry(default: Any, description: str) -> Any:
     return Field(default, description=description)
 
 
+def optional(description: str) -> Any:
+    """Return a key of a table that may be left out."""
+    return Field(None, description=description)
+
+
 class Model(BaseModel):
     """A table of the scene: frozen, without unknown keys."""
 

@@ -166,9 +166,7 @@ class TactileProblem(fields.Model):
     modulus: fields.Positive = entry(1.0, "E")
     poisson: Annotated[fields.Real, Field(ge=-1.0, le=0.5)] = entry(0.5, "nu")
     kernel: Literal["normal", "tangential"] = "normal"
-    quadrature: Literal["none", "rectangle"] = entry(
-        "none", "none: as eq (4) is printed; rectangle: times the spacing"
-    )
+    quadrature: Literal["none", "rectangle"] = entry("none", "rectangle: times the spacing")
     load: Annotated[AnyLoad, BeforeValidator(_cylinder_by_default)] = CylinderLoad()
     noise: Noise = Noise()
 

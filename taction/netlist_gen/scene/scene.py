@@ -22,7 +22,6 @@ from taction.netlist_gen.scene.problem_keys import (
 from taction.system.errors import Complaint, InputError, listed
 from taction.system.plugins import cached
 from taction.system.quantities import quantity, sizes
-from taction.system.reading_definitions import EXCURSIONS
 from taction.system.results import card, plot
 
 if TYPE_CHECKING:
@@ -41,14 +40,10 @@ class AnalysisChoice(Model):
     stop: SecondsOrAuto = "auto"
     initial: Literal["zero", "rest"] = "zero"
     points_per_period: Annotated[Real, Field(ge=8, le=10_000)] | None = entry(
-        None,
-        "even steps: time points in one period of the fastest ringing mode that"
-        " matters; by default as many as 'error' needs",
+        None, "even steps of the fastest ringing; by default as many as 'error' needs"
     )
     error: Annotated[Positive, Field(lt=1)] | Literal["auto"] = entry(
-        "auto",
-        "largest error of the transient, fraction of the step amplitude; auto: a"
-        f" quarter of the tightest tolerance, band, {' or '.join(EXCURSIONS)} limit of the checks",
+        "auto", "of the transient, fraction of the step; auto: a quarter of the tightest limit"
     )
     timeout: Seconds = 600.0
 
