@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from taction.netlist_gen.scene.array_files import read_array
-from taction.netlist_gen.scene.axes import parse_axes, points
+from taction.netlist_gen.scene.axes import parse_axes
+from taction.verification.studies.sweep.plan import Plan
 from tests.fuzz.edits import BYTE_EDITS, VALUE_EDIT, edited
 from tests.fuzz.target import Target
 from tests.support.making import make_scene
@@ -49,7 +50,8 @@ def _split(content: bytes) -> np.ndarray:
 def _axes(content: bytes, folder: Path) -> str:
     words = content.decode("utf-8", "replace").split("\n")
     groups = parse_axes(SCENE, words)
-    values = [dict(point) for _, point in zip(range(5), points(groups), strict=False)]
+    plan = Plan(SCENE, groups, "statespace")
+    values = [plan.values_at(place) for place in range(min(5, plan.points))]
     assert values
     return "accepted"
 

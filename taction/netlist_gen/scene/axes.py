@@ -10,11 +10,10 @@ the end of one (``opamp.gbw``), or a symbol of the paper (`SYMBOLS`).
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -103,9 +102,8 @@ def parse_axis(
     if not body and around is not None and not equals and key.kind == "real":
         return _default_axis(scene, key, name, around, points)
     if not body:
-        example = "=1pF:1nF:31 or =1pF,2pF" if key.unit == "F" else "=LOW:HIGH:POINTS or =A,B,C"
-        if key.kind == "choice":
-            example = "=A,B,C"
+        ranges = "=1pF:1nF:31 or =1pF,2pF" if key.unit == "F" else "=LOW:HIGH:POINTS or =A,B,C"
+        example = "=A,B,C" if key.kind == "choice" else ranges
         raise _wrong(text, f"expected values, {name}{example}")
     values, scale = range_values(key, text, body, points)
     for value in values if scale == "list" else (values[0], values[-1]):
@@ -181,25 +179,22 @@ def range_values(key: Key, text: str, body: str, points: int) -> tuple[tuple[Val
     if len(parts) not in (2, 3):
         raise _wrong(text, "expected LOW:HIGH:POINTS, or LOW:HIGH:POINTS:lin for linear spacing")
     low, high = (float(read_value(key, part)) for part in parts[:2])
-    count = _count(text, parts[2]) if len(parts) == 3 else points
+    if len(parts) == 3:
+        # Python converts at most 4,300 digits.
+        points = int(parts[2]) if parts[2].isdecimal() and len(parts[2]) < 9 else 0
+        if not 2 <= points <= MAX_POINTS:
+            accepted = f"expected a whole number from 2 to {MAX_POINTS}"
+            raise _wrong(text, f"{parts[2]!r} points; {accepted}")
     if scale == "log" and min(low, high) <= 0.0:
         raise _wrong(text, "a logarithmic range must be above zero; append :lin for a linear one")
     if low == high:
         raise _wrong(text, f"both ends are {low!r}; expected one value, or two different ends")
     spaced = np.geomspace if scale == "log" else np.linspace
-    grid = spaced(low, high, count).tolist()
+    grid = spaced(low, high, points).tolist()
     grid[0], grid[-1] = low, high
     if key.kind == "integer":
         return tuple(dict.fromkeys(round(value) for value in grid)), scale
     return tuple(grid), scale
-
-
-def _count(text: str, part: str) -> int:
-    # Python converts at most 4,300 digits.
-    count = int(part) if part.isdecimal() and len(part) <= len(str(MAX_POINTS)) else 0
-    if not 2 <= count <= MAX_POINTS:
-        raise _wrong(text, f"{part!r} points; expected a whole number from 2 to {MAX_POINTS}")
-    return count
 
 
 def _default_axis(scene: Scene, key: Key, name: str, around: float, points: int) -> SweepAxis:
@@ -207,31 +202,12 @@ def _default_axis(scene: Scene, key: Key, name: str, around: float, points: int)
     if value is None or not (math.isfinite(value) and value > 0.0):
         text = f"no range follows from the scene's value {value!r}; give {name}=LOW:HIGH"
         raise _wrong(name, text)
-    values = np.geomspace(value / around, value * around, points).tolist()
-    return SweepAxis(
-        key, name, tuple(v for v in values if _accepts(scene, key, v)), "log", default=True
-    )
-
-
-def _accepts(scene: Scene, key: Key, value: float) -> bool:
-    try:
-        with_value(scene, key.path, value)
-    except InputError:
-        return False
-    return True
-
-
-def points(groups: Sequence[Sequence[SweepAxis]]) -> Iterator[dict[str, Value]]:
-    """Yield every point of the grid as ``{path: value}``; the last group changes fastest."""
-    steps = [
-        [
-            {axis.key.path: value for axis, value in zip(group, row, strict=True)}
-            for row in zip(*(axis.values for axis in group), strict=True)
-        ]
-        for group in groups
-    ]
-    for chosen in itertools.product(*steps):
-        yield {path: value for part in chosen for path, value in part.items()}
+    values = []
+    for each in np.geomspace(value / around, value * around, points).tolist():
+        with suppress(InputError):  # what the key does not accept
+            with_value(scene, key.path, each)
+            values.append(each)
+    return SweepAxis(key, name, tuple(values), "log", default=True)
 
 
 def with_value(scene: Scene, path: str, value: Value) -> Scene:
@@ -297,15 +273,16 @@ def fixed_values(scene: Scene, fixed: Fixed) -> dict[str, Value]:
 def check_axes(groups: Sequence[Sequence[SweepAxis]], fixed: Mapping[str, Value]) -> None:
     """Refuse an axis that changes the engine, or a fixed key, or that replaces it."""
     for axis in (axis for group in groups for axis in group):
-        if axis.key.path == ENGINE:
+        path, text = axis.key.path, ""
+        if path == ENGINE:
             raise InputError(
-                "--over", Complaint(ENGINE, "", "give --engine, or sweep once with each")
+                "--over", Complaint(path, "", "give --engine, or sweep once with each")
             )
-        if axis.key.path in fixed:
+        if path in fixed:
             text = "the key has one value by --fix; leave out --over or --fix"
-            raise InputError("--over", Complaint("key", repr(axis.name), text))
-        if (replaced := REPLACES.get(axis.key.path)) in fixed:
+        elif (replaced := REPLACES.get(path)) in fixed:
             text = f"a value of this key replaces {replaced}, which --fix holds; leave out one"
+        if text:
             raise InputError("--over", Complaint("key", repr(axis.name), text))
 
 
@@ -319,9 +296,7 @@ def _fixed_value(scene: Scene, text: str) -> tuple[str, Value]:
     return key.path, value
 
 
-OPAMP = (
-    "design.opamp"  # a preset in the place of the table has its own figures, none of the scene's
-)
+OPAMP = "design.opamp"  # a preset in the place of the table has its own figures alone
 
 
 def with_settings(scene: Scene, settings: Iterable[str]) -> Scene:

@@ -17,7 +17,7 @@ from typing import Any, Literal, get_args
 from pydantic import BaseModel
 
 from taction.netlist_gen.scene.fields import Unit
-from taction.netlist_gen.scene.mistakes import impossible
+from taction.netlist_gen.scene.mistakes import impossible, percentage
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError
 from taction.system.output_files import write_atomically
@@ -93,18 +93,13 @@ def _keys(model: BaseModel, prefix: str, python: str) -> Iterator[tuple[str, Key
 @functools.cache
 def _fields(model: type[BaseModel]) -> dict[str, tuple[str, Kind, str]]:
     """Return the name in a file, the kind and the unit of every field of a table."""
-    return {
-        name: (field.alias or name, *_kind(field.annotation, field.metadata))
-        for name, field in model.model_fields.items()
-    }
-
-
-def _kind(annotation: Any, metadata: list[Any]) -> tuple[Kind, str]:
-    parts = [*_parts(annotation), *metadata]
-    units = [part.unit for part in parts if isinstance(part, Unit)]
-    if float in parts:
-        return "real", units[0] if units else ""
-    return "integer" if int in parts else "choice", ""
+    found = dict[str, tuple[str, Kind, str]]()
+    for name, field in model.model_fields.items():
+        parts = [*_parts(field.annotation), *field.metadata]
+        kind: Kind = "real" if float in parts else "integer" if int in parts else "choice"
+        unit = next((part.unit for part in parts if isinstance(part, Unit)), "")
+        found[name] = field.alias or name, kind, unit if kind == "real" else ""
+    return found
 
 
 def _parts(annotation: Any) -> Iterator[Any]:
@@ -127,20 +122,13 @@ def read_value(key: Key, text: str) -> Value:
         number = int(text) if key.kind == "integer" else read
     except ValueError as error:
         plain = f"expected {'a whole' if key.kind == 'integer' else 'a plain'} number"
-        accepted = str(error) if key.unit else plain + _share(text)
+        share = percentage(text)
+        plain += "" if share is None else f"; {text} is {share:g}"
+        accepted = str(error) if key.unit else plain
         raise InputError("--over", Complaint(key.path, repr(text), accepted)) from None
     if not math.isfinite(number):
         raise InputError("--over", Complaint(key.path, repr(text), "expected a finite number"))
     return number
-
-
-def _share(text: str) -> str:
-    """Return how a percentage is written as a plain number; empty for another text."""
-    number, percent, rest = text.strip().partition("%")
-    try:
-        return f"; {text} is {plain_number(number) / 100.0:g}" if percent and not rest else ""
-    except ValueError:
-        return ""
 
 
 def _refuse_impossible(key: Key, text: str) -> None:
@@ -182,7 +170,6 @@ def files_of(scene: Scene) -> dict[str, object]:
     }
 
 
-FILE_KEYS = ("matrix", "strain", "stress", "file")  # keys that are files
 _BARE = re.compile(r"[A-Za-z0-9_-]+")  # a key of TOML without quotes
 
 
@@ -204,9 +191,8 @@ def _move(table: dict[str, Any], before: Path, after: Path) -> None:
     for key, value in table.items():
         if isinstance(value, dict):
             _move(value, before, after)
-        elif key in FILE_KEYS and isinstance(value, str):
-            moved = os.path.relpath(before / value, after)
-            table[key] = Path(moved).as_posix()
+        elif isinstance(value, str) and any(path.endswith(f".{key}") for path in FILES):
+            table[key] = Path(os.path.relpath(before / value, after)).as_posix()
 
 
 def _lines(table: Mapping[str, Any], prefix: str, units: Mapping[str, str]) -> Iterator[str]:

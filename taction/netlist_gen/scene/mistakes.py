@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -232,18 +233,13 @@ def _real_path(location: Sequence[int | str], data: Any, *, missing: bool) -> li
 
 def _pick(annotation: Any, kind: object) -> type[BaseModel] | None:
     """Return the model in an annotation, in a union that of `kind`; None without a model."""
-    options = [
-        option
-        for option in getattr(annotation, "__args__", (annotation,))
-        if isinstance(option, type) and issubclass(option, BaseModel)
-    ]
-    kinds: dict[object, type[BaseModel]] = {
-        get_args(option.model_fields["kind"].annotation)[0]: option
-        for option in options
-        if "kind" in option.model_fields
-    }
-    own = kinds.get(kind) if isinstance(kind, str) else None
-    return own or (options[0] if options else None)
+    options = getattr(annotation, "__args__", (annotation,))
+    models = [each for each in options if isinstance(each, type) and issubclass(each, BaseModel)]
+    for each in models:
+        field = each.model_fields.get("kind")
+        if field is not None and get_args(field.annotation)[0] == kind:
+            return each
+    return models[0] if models else None
 
 
 def design_mistakes(data: Mapping[str, Any]) -> Iterator[Complaint]:
@@ -269,13 +265,11 @@ def impossible(data: Mapping[str, Any]) -> Iterator[Complaint]:
     for key, unit, kind, least, most, instead in IMPOSSIBLE:
         if not isinstance(design.get(key), kind):
             continue
-        try:
+        with suppress(TypeError, ValueError):  # the key's own check has it
             value = parse(design[key], unit)
-        except (TypeError, ValueError):
-            continue  # the key's own check has it
-        if 0.0 < value < least or value > most:
-            text = f"{show(value, unit)} is what no board has; is the prefix right? {instead}"
-            yield Complaint(f"design.{key}", quoted_value(design[key]), text)
+            if 0.0 < value < least or value > most:
+                text = f"{show(value, unit)} is what no board has; is the prefix right? {instead}"
+                yield Complaint(f"design.{key}", quoted_value(design[key]), text)
 
 
 def _no_such_channel(data: Mapping[str, Any]) -> Iterator[Complaint]:
@@ -284,9 +278,8 @@ def _no_such_channel(data: Mapping[str, Any]) -> Iterator[Complaint]:
     channel, most = _table(check).get("channel"), _table(problem).get("channels", 7)
     if _table(problem).get("kind") != "tactile":
         rows = _table(problem).get("matrix")
-        most = (
-            len(rows[0]) if isinstance(rows, list) and rows and isinstance(rows[0], list) else None
-        )
+        first = rows[0] if isinstance(rows, list) and rows else None
+        most = len(first) if isinstance(first, list) else None
     if isinstance(channel, int) and isinstance(most, int) and 0 < most < channel:
         text = f"the problem has {most} channels; expected 1 to {most}"
         yield Complaint("checks.rise_time.channel", quoted_value(channel), text)
@@ -300,17 +293,20 @@ def share(value: object, kind: str) -> str:
     """Return how to write a percentage: ``"; 5 % is 0.05"``; empty for any other value."""
     if kind == "less_than" and isinstance(value, int | float) and 1 <= value <= 100:
         return f"; it is a fraction: {value:g} % is {value / 100.0:g}"
-    number = value.strip().removesuffix("%").strip() if isinstance(value, str) else ""
-    if not str(value).strip().endswith("%") or not PLAIN.fullmatch(number):
-        return ""
-    return f"; {number} % is {float(number) / 100.0:g}"
+    found = percentage(value)
+    return "" if found is None else f"; {100.0 * found:g} % is {found:g}"
+
+
+def percentage(value: object) -> float | None:
+    """Return a text such as ``"5%"`` as a fraction; None of anything else."""
+    text = value.strip() if isinstance(value, str) else ""
+    number = text.removesuffix("%").strip()
+    return float(number) / 100.0 if text.endswith("%") and PLAIN.fullmatch(number) else None
 
 
 WITHDRAWN = {
-    **dict.fromkeys(
-        ("devices.file", "wires.file"),
-        "withdrawn: give the numbers of the file; docs/closed-loop.md says which key has which",
-    )
+    f"{table}.file": "withdrawn: give the numbers of the file; docs/closed-loop.md names the keys"
+    for table in ("devices", "wires")
 }
 """What to do in the place of a key that is no more, by its path."""
 

@@ -108,7 +108,9 @@ def demo(
     for number, (what, board, changes) in enumerate(boards, 1):
         stage = f"{number} of {len(boards)}: {what}"
         progress(stage)
-        verdicts.append(verify(with_values(board, changes), _named(stage, progress)))
+        verdicts.append(
+            verify(with_values(board, changes), lambda part, at=stage: progress(f"{at}, {part}"))
+        )
     steps = tuple(map(DemonstrationStep, TITLES, EXPECTED, verdicts, _texts(*verdicts)))
     found = Demonstration(steps, time.perf_counter() - start)
     if output is None:
@@ -122,15 +124,13 @@ def demo(
     return told
 
 
-def _named(stage: str, progress: Progress) -> Progress:
-    return lambda part: progress(f"{stage}, {part}")
-
-
 def _texts(works: Verdict, oscillates: Verdict, settles: Verdict) -> tuple[str, str, str]:
     """Return what each board shows, with the numbers of its verdict."""
     circuit, band = works.circuit, works.measurements.band
-    first, after = (_text(_figure(each, "settling_time"), "s") for each in (works, settles))
-    frequency = _text(_figure(oscillates, "frequency"), "Hz")
+    first, after = (
+        readable(show(_figure(each, "settling_time"), "s")) for each in (works, settles)
+    )
+    frequency = readable(show(_figure(oscillates, "frequency"), "Hz"))
     overshoot, less = (_figure(each, "overshoot") for each in (works, settles))
     return (
         f"{len(circuit.outputs)} sensors lie below a skin. A cylinder presses on it, and each"
@@ -144,10 +144,6 @@ def _texts(works: Verdict, oscillates: Verdict, settles: Verdict) -> tuple[str, 
         f" {banded('settles', settles.measurements.band)} in {after} instead of {first}, and"
         f" overshoots by {percent(less, 2)}. `taction design tune` finds such gains.",
     )
-
-
-def _text(value: float, unit: str) -> str:
-    return readable(show(value, unit))
 
 
 def _figure(verdict: Verdict, name: str) -> float:

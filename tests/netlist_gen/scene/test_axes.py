@@ -10,7 +10,6 @@ from taction.netlist_gen.scene.axes import (
     fixed_values,
     parse_axes,
     parse_axis,
-    points,
     with_value,
     with_values,
 )
@@ -19,6 +18,7 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.errors import InputError
+from taction.verification.studies.sweep.plan import Plan
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
 
@@ -76,7 +76,8 @@ def test_a_bare_key_takes_a_range_around_its_own_value(scene: Scene) -> None:
 
 def test_groups_span_a_grid_and_zipped_keys_change_together(scene: Scene) -> None:
     groups = parse_axes(scene, ["C=1p,2p gain=1M,2M", "U0=1,3"])
-    assert list(points(groups)) == [
+    plan = Plan(scene, groups, "statespace")
+    assert [plan.values_at(place) for place in range(plan.points)] == [
         {"design.capacitance": c, "design.gain": g, "design.unit_voltage": u}
         for c, g in ((1e-12, 1e6), (2e-12, 2e6))
         for u in (1.0, 3.0)
@@ -146,7 +147,7 @@ def test_lambda_is_held_where_the_scene_gives_a_resistance() -> None:
     scene = load_scene(SCENES / "paper-breadboard.toml")
     own = 1.0 / (1.9e6 * 6.252e6 * 0.3313e-6**2)  # lambda = 1 / (R s G0²)
     held = with_values(scene, fixed_values(scene, "lambda"))
-    for values in points(parse_axes(held, "gain=1M,20M")):
+    for values in ({"design.gain": 1e6}, {"design.gain": 2e7}):
         at = with_values(held, values)
         facts = topology_of(at).facts(at)
         assert facts["lambda"].value == pytest.approx(own, rel=1e-12)

@@ -12,13 +12,12 @@ from scipy import signal
 from taction.netlist_gen.analysis import OperatingPoint, Transient
 from taction.netlist_gen.board.circuit import Circuit, Role
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.deck.deck import Deck, write_deck
+from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.charts import Axis, Chart, Curve, Limit
-from taction.system.errors import EngineError
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import simulate
@@ -288,14 +287,16 @@ def _two_chips() -> Finding:
     thick = with_values(thin, {"problem.depth": THICKER})
     problem = make_problem(thick)
     thin_board, thick_board = synthesise(thin, make_problem(thin)), synthesise(thick, problem)
-    board = replace(thin_board, currents=thick_board.currents)
-    record = simulate(_with_matrix_of(board, thick_board), find_simulator(), timeout=60.0)
+    board = replace(thin_board, currents=thick_board.currents, matrices=thick_board.matrices)
+    simulator = find_simulator()
+    deck = write_deck(
+        board, OperatingPoint(), solver=simulator.solver_option, matrix_file=MATRIX_FILE
+    )
+    record = simulate(deck, simulator, timeout=60.0)
     u = np.array([out.sign * float(record[out.node][-1]) for out in board.outputs])
     target = solve(ideal_network(problem, thick).problem).u * thick.design.unit_voltage
-    off, stable = (
-        difference(u, target),
-        all(poles(b).known_stable for b in (thin_board, thick_board)),
-    )
+    off = difference(u, target)
+    stable = all(poles(each).known_stable for each in (thin_board, thick_board))
     return finding(
         "two-chips",
         weigh(off <= CLOSE and stable),
@@ -304,17 +305,3 @@ def _two_chips() -> Finding:
         stable="yes" if stable else "no",
         simulator=record.engine,
     )
-
-
-def _with_matrix_of(board: Circuit, other: Circuit) -> Deck:
-    """Return the deck of `board` with the matrix of `other`; EngineError without a pad."""
-    solver = find_simulator().solver_option
-    deck = write_deck(board, OperatingPoint(), solver=solver, matrix_file=MATRIX_FILE)
-    matrix = write_deck(other, OperatingPoint(), matrix_file=MATRIX_FILE).files[MATRIX_FILE]
-    pads, other_pads = (
-        next(line for line in text.splitlines() if line.startswith(".subckt"))
-        for text in (deck.files[MATRIX_FILE], matrix)
-    )
-    if missing := set(other_pads.split()) - set(pads.split()):
-        raise EngineError(f"the amplifier chip has no pads {', '.join(sorted(missing))}")
-    return replace(deck, files={MATRIX_FILE: matrix.replace(other_pads, pads)})

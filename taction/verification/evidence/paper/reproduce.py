@@ -127,14 +127,10 @@ def reproduce(*, quick: bool = False, progress: Progress = lambda stage: None) -
         try:
             chapter = run(quick)
         except NoVerdictError as error:
-            chapter = _not_run([c for c in selected if c.chapter == name], error)
+            reason, left = str(error).splitlines()[0], [c for c in selected if c.chapter == name]
+            not_run = (Finding(c, "nothing", reason, ClaimOutcome.NOT_RUN) for c in left)
+            chapter = Chapter(tuple(not_run))
         findings = tuple(sorted(chapter.findings, key=lambda each: claims.index(each.claim)))
         sections.append(PaperSection(title, findings, chapter.charts, time.perf_counter() - start))
     left_out = tuple(claim for claim in claims if claim not in selected)
     return Reproduction(tuple(sections), left_out, quick, time.perf_counter() - began)
-
-
-def _not_run(claims: list[Claim], error: NoVerdictError) -> Chapter:
-    """Return the reason why a chapter gives no verdict as the finding on each of its claims."""
-    reason = str(error).splitlines()[0]
-    return Chapter(tuple(Finding(c, "nothing", reason, ClaimOutcome.NOT_RUN) for c in claims))

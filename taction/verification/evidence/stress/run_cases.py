@@ -159,7 +159,14 @@ def stress(
     calls = [(case, engine) for case in cases for engine in case.engines]
     names = [Path(f"{case.name}, {engine}") for case, engine in calls]
     found = for_each_file(_run_named, names, calls, jobs=jobs, progress=progress)
-    runs = tuple(_as_run(*call, run) for call, run in zip(calls, found, strict=True))
+    runs = tuple(
+        run
+        if isinstance(run, CaseRun)
+        else CaseRun(*call, "-", CaseJudgement.NOT_RUN, reason=STOPPED)
+        if run is None
+        else CaseRun(*call, "-", CaseJudgement.WRONG_OUTCOME, reason="its process was killed")
+        for call, run in zip(calls, found, strict=True)
+    )
     report = StressReport(runs, {name: str(machine[name]) for name in VERSIONS})
     if report.interrupted:
         raise Interrupted("the finished cases are in the report", report)
@@ -168,16 +175,6 @@ def stress(
 
 def _run_named(_: Path, case: Case, engine: str) -> CaseRun:
     return run_case(case, engine)
-
-
-def _as_run(case: Case, engine: str, found: CaseRun | BaseException | None) -> CaseRun:
-    """Return the run that was found, or one that says why there is none."""
-    if isinstance(found, CaseRun):
-        return found
-    if found is None:
-        return CaseRun(case, engine, "-", CaseJudgement.NOT_RUN, reason=STOPPED)
-    killed = "its process was killed"
-    return CaseRun(case, engine, "-", CaseJudgement.WRONG_OUTCOME, reason=killed)
 
 
 def run_case(case: Case, engine: str) -> CaseRun:
@@ -199,21 +196,19 @@ def run_case(case: Case, engine: str) -> CaseRun:
     if wrong := [number.name for number in numbers if number.wrong]:
         judgement = CaseJudgement.WRONG_NUMBER
         mistakes.append(f"wrong: {', '.join(wrong)}")
-    outcome, reason = verdict.outcome.value, "; ".join(mistakes)
-    return CaseRun(case, engine, outcome, judgement, verdict.checks, numbers, reason, seconds)
+    words = verdict.outcome.value, judgement, verdict.checks, numbers, "; ".join(mistakes)
+    return CaseRun(case, engine, *words, seconds)
 
 
 def _wrong_outcomes(case: Case, engine: str, verdict: Verdict) -> list[str]:
     """Return what differs from the right outcomes, with the reasons of the checks."""
-    found = {check.name: check for check in verdict.checks}
+    found = {c.name: f"{c.outcome.value}: {c.reason}" for c in verdict.checks}
     wrong = []
     if verdict.outcome.value not in case.outcome[engine]:
-        reasons = [f"{c.name} {c.outcome.value}: {c.reason}" for c in verdict.checks]
+        reasons = "; ".join(f"{name} {text}" for name, text in found.items())
         words = " or ".join(case.outcome[engine])
-        wrong.append(f"{verdict.outcome.value} instead of {words} ({'; '.join(reasons)})")
+        wrong.append(f"{verdict.outcome.value} instead of {words} ({reasons})")
     for name, right in case.decided.items():
-        check = found.get(name)
-        if check is None or check.outcome.value != right:
-            now = "missing" if check is None else f"{check.outcome.value}: {check.reason}"
+        if not (now := found.get(name, "missing")).startswith(f"{right}:"):
             wrong.append(f"{name} must be {right}, is {now}")
     return wrong + ([] if case.truth is None else list(wrong_checks(verdict, case.truth)))
