@@ -108,9 +108,7 @@ def demo(
     for number, (what, board, changes) in enumerate(boards, 1):
         stage = f"{number} of {len(boards)}: {what}"
         progress(stage)
-        verdicts.append(
-            verify(with_values(board, changes), lambda part, at=stage: progress(f"{at}, {part}"))
-        )
+        verdicts.append(verify(with_values(board, changes), _named(stage, progress)))
     steps = tuple(map(DemonstrationStep, TITLES, EXPECTED, verdicts, _texts(*verdicts)))
     found = Demonstration(steps, time.perf_counter() - start)
     if output is None:
@@ -122,6 +120,10 @@ def demo(
         progress(Notice(f"no report: {error}"))
         return found
     return told
+
+
+def _named(stage: str, progress: Progress) -> Progress:
+    return lambda part: progress(f"{stage}, {part}")
 
 
 def _texts(works: Verdict, oscillates: Verdict, settles: Verdict) -> tuple[str, str, str]:

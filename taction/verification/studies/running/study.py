@@ -82,10 +82,10 @@ def study(
                 future.add_done_callback(ended.put)
             if not running:
                 return
-            future = None
-            while future is None:  # as long as there are workers
+            while True:  # as long as there are workers
                 try:
                     future = ended.get(timeout=WATCH)
+                    break
                 except Empty:
                     _ask(workers.check)
             batch = running.pop(future)
