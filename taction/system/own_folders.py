@@ -3,6 +3,9 @@
 The name of a folder in use begins with `RUNNING`, and its process holds a lock (flock) on it. The
 system drops the lock when the process ends, however it ends, also in another container that shares
 the folder. So a free lock means that nobody will clear the folder; the next process does so.
+
+A simulator and its descendants have the folder of their run as ``HOME``: a descendant that has left
+every group of ours is found by it, unless it replaces its environment.
 """
 
 from __future__ import annotations
@@ -12,30 +15,17 @@ import fcntl
 import functools
 import os
 import shutil
+import signal
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from taction.system.errors import OutOfDisk
-from taction.system.processes import end_orphans
 
-MEMORY = Path("/dev/shm")  # noqa: S108 - of Linux; its folders get random names
 RUNNING = "taction-run-"  # a folder in use, or left by a process that was killed
 KEPT = "taction-kept-"  # a folder that the user was told of; never cleared
-_ATTEMPTS = 100
+ROUNDS = 5  # of trying: other processes may clear, and may start others while they are ended
 _locks: dict[str, int] = {}  # file descriptors by folder
-
-
-def temporary_place() -> str:
-    """Return the folder for temporary files; OutOfDisk where there is none.
-
-    `gettempdir` would try TMPDIR with a file, which a kill leaves there, and take another folder
-    without a word.
-    """
-    try:
-        return os.environ.get("TMPDIR") or tempfile.gettempdir()
-    except OSError as error:
-        raise OutOfDisk(f"no folder for temporary files: {error.strerror}") from error
 
 
 def make_own_folder(place: str | Path | None = None) -> Path:
@@ -43,18 +33,25 @@ def make_own_folder(place: str | Path | None = None) -> Path:
 
     OutOfDisk: the folder cannot be made.
     """
-    parent = temporary_place() if place is None else str(place)
-    _clear_of_process(os.getpid())
+    # `gettempdir` alone would take another folder than TMPDIR without a word.
+    parent = str(place or os.environ.get("TMPDIR") or "")
     try:
-        for _ in range(_ATTEMPTS):
+        parent = parent or tempfile.gettempdir()
+        _clear_once(parent, os.getpid())
+        for _ in range(ROUNDS):
             folder = tempfile.mkdtemp(prefix=RUNNING, dir=parent)
-            if _lock(folder):
-                return Path(folder)
+            with contextlib.suppress(FileNotFoundError):
+                number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+                with contextlib.suppress(OSError):  # a file system where nobody can lock
+                    fcntl.flock(number, fcntl.LOCK_EX)
+                if os.path.exists(folder):  # noqa: PTH110
+                    _locks[folder] = number
+                    return Path(folder)
+                os.close(number)  # another process has cleared it before the lock
         raise FileNotFoundError(f"{parent} loses new folders")
     except OSError as error:
-        raise OutOfDisk(
-            f"no folder can be made in {parent} (TMPDIR): {error.strerror or error}"
-        ) from error
+        reason = error.strerror or error
+        raise OutOfDisk(f"no folder can be made in {parent} (TMPDIR): {reason}") from error
 
 
 @contextlib.contextmanager
@@ -74,10 +71,7 @@ def remove_own_folder(folder: Path) -> None:
 
 
 def keep_folder(folder: Path) -> Path:
-    """Rename a folder, so that no later run clears it; return its new path.
-
-    A folder that `make_own_folder` did not make keeps its name.
-    """
+    """Rename a folder of `make_own_folder`, so that no later run clears it; return its path."""
     if str(folder) not in _locks:
         return folder
     kept = folder.with_name(KEPT + folder.name.removeprefix(RUNNING))
@@ -87,60 +81,60 @@ def keep_folder(folder: Path) -> Path:
     return kept
 
 
+def _unlock(folder: Path) -> None:
+    if (number := _locks.pop(str(folder), None)) is not None:
+        os.close(number)
+
+
+@functools.cache
+def _clear_once(place: str, process: int) -> None:
+    """Clear a place once in a process, by its number."""
+    clear_abandoned(place)
+
+
 def clear_abandoned(place: str | Path) -> None:
     """Remove the folders in `place` whose processes have ended, and end what still runs in them.
 
     A folder of another user, a link and a folder with a lock stay.
     """
-    with contextlib.suppress(OSError):  # the place cannot be read, or another process clears it
-        with os.scandir(place) as entries:
-            folders = [entry.path for entry in entries if entry.name.startswith(RUNNING)]
-        for folder in folders:
+    for folder in Path(place).glob(f"{RUNNING}*"):
+        with contextlib.suppress(OSError):
+            number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+            try:
+                if os.fstat(number).st_uid == os.geteuid():
+                    fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)  # BlockingIOError: in use
+                    end_orphans(folder)
+                    shutil.rmtree(folder)
+            finally:
+                os.close(number)
+
+
+def end_orphans(folder: str | Path) -> None:
+    """End every process of this user whose ``HOME`` is `folder` or lies in it (Linux).
+
+    `folder`: a run folder, absolute; its name is random, so that no process has it by chance.
+    """
+    home = b"\0HOME=" + os.fsencode(folder)
+    for _ in range(ROUNDS):
+        orphans = [process for process in _processes() if _is_at_home(process, home)]
+        for process in orphans:
             with contextlib.suppress(OSError):
-                _clear(folder)
-
-
-def _clear(folder: str) -> None:
-    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
-    try:
-        if os.fstat(number).st_uid != os.geteuid():
+                os.kill(process, signal.SIGKILL)
+        if not orphans:
             return
-        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)  # BlockingIOError: in use
-        end_orphans(folder)
-        shutil.rmtree(folder)
-    finally:
-        os.close(number)
 
 
-@functools.cache
-def _clear_of_process(process: int) -> None:
-    """Clear the folder for temporary files and `MEMORY`, once in a process, by its number."""
-    clear_abandoned(MEMORY)
-    with contextlib.suppress(OutOfDisk):  # there is no folder for temporary files
-        clear_abandoned(temporary_place())
+def _processes() -> list[int]:
+    """Return the numbers of all other processes; none where the system does not list them."""
+    with contextlib.suppress(OSError):
+        numbers = [int(name) for name in os.listdir("/proc") if name.isdecimal()]  # noqa: PTH208
+        return [number for number in numbers if number != os.getpid()]
+    return []
 
 
-def _lock(folder: str) -> bool:
-    """Lock a new folder; return whether it is still there: another process may have cleared it."""
+def _is_at_home(process: int, home: bytes) -> bool:
     try:
-        number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    except FileNotFoundError:
+        variables = b"\0" + Path(f"/proc/{process}/environ").read_bytes()
+    except OSError:  # of another user, or ended
         return False
-    try:
-        with contextlib.suppress(OSError):  # a network's file system: nobody can lock it there
-            fcntl.flock(number, fcntl.LOCK_EX)
-        there = os.path.exists(folder)  # noqa: PTH110
-    except BaseException:
-        os.close(number)
-        raise
-    if there:
-        _locks[folder] = number
-    else:
-        os.close(number)
-    return there
-
-
-def _unlock(folder: Path) -> None:
-    number = _locks.pop(str(folder), None)
-    if number is not None:
-        os.close(number)
+    return home + b"\0" in variables or home + b"/" in variables

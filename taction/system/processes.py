@@ -1,8 +1,4 @@
-"""Processes: those left behind (Linux), one limit of time for several, signals that end ours.
-
-A simulator and its descendants have the folder of their run as ``HOME``. A descendant that has made
-a session of its own is in no process group of ours and has another parent, but it keeps ``HOME``,
-unless it replaces its environment: then it is not found.
+"""Processes: a guard of those we start, one limit of time for several, signals that end ours.
 
 With `one_limit` each run asks how long it may still take; none has a limit of its own beyond that.
 
@@ -23,69 +19,13 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from pathlib import Path
 from types import FrameType
 from typing import Any
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """The variables that set how many threads the linear algebra libraries use."""
 
-PROCESSES = Path("/proc")
 GUARD_OPTIONS = ("--pdeathsig", "KILL")  # of `setpriv`: the signal for a process whose parent ends
-ROUNDS = 5  # of looking; a process may start another one while it is being ended
-
-
-def end_orphans(folder: str | Path, leader: int | None = None) -> None:
-    """End every process of this user whose ``HOME`` is `folder` or lies in it.
-
-    The name of `folder` is random: no process that is not ours has it.
-
-    `folder`: the run folder, absolute.
-    `leader`: process number of the simulator, if it is known: only later numbers are looked at.
-    """
-    if sys.platform != "linux" or not hasattr(os, "pidfd_open"):
-        return
-    home = b"\0HOME=" + os.fsencode(folder)
-    for _ in range(ROUNDS):
-        if not [pid for pid in _processes(leader) if _end_if_at_home(pid, home)]:
-            return
-
-
-def _processes(leader: int | None) -> Iterator[int]:
-    """Yield the numbers of all processes, or of those that were started after `leader`."""
-    try:
-        latest = int((PROCESSES / "loadavg").read_bytes().split()[-1])
-        names = os.listdir(PROCESSES)  # noqa: PTH208 - names are enough
-    except (OSError, ValueError):
-        return
-    for name in names:
-        if name.isdecimal() and (leader is None or _is_between(int(name), leader, latest)):
-            yield int(name)
-
-
-def _is_between(pid: int, leader: int, latest: int) -> bool:
-    """Whether `pid` was given after `leader`; after the largest number the count starts again."""
-    return leader < pid <= latest if leader <= latest else pid > leader or pid <= latest
-
-
-def _end_if_at_home(pid: int, home: bytes) -> bool:
-    """End a process with this ``HOME``, or one in it; return whether it was ended."""
-    if pid == os.getpid():
-        return False
-    try:
-        number = os.pidfd_open(pid)  # the number names this process, whatever ends meanwhile
-    except OSError:
-        return False
-    try:
-        variables = b"\0" + (PROCESSES / str(pid) / "environ").read_bytes()
-        if not (home + b"\0" in variables or home + b"/" in variables):
-            return False
-        signal.pidfd_send_signal(number, signal.SIGKILL)
-        return True
-    except OSError:  # of another user, or ended
-        return False
-    finally:
-        os.close(number)
 
 
 @functools.cache

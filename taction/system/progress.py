@@ -1,8 +1,5 @@
 """How far a job is: its stages as lines of text, and the wall time of each.
 
-A simulation does not know who waits for it. It calls `reached` with the share that is done;
-`shares_to` names the receiver of these calls, and without one nothing happens.
-
 What follows a result runs in `attempt`: a step that fails costs that step, never the result. A
 verdict is complete before changes are searched, warnings collected, pictures drawn and reports
 written. Each of these is optional.
@@ -11,35 +8,12 @@ written. Each of these is optional.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Iterable
 from typing import TypeVar
 
 from taction.system.foreign_files import shortened, visible
 
 Progress = Callable[[str], None]
-
-BETWEEN_SHARES = 1.0  # s
-
-_receiver: ContextVar[Callable[[float], None] | None] = ContextVar("receiver", default=None)
-
-
-def reached(share: float) -> None:
-    """Say that a share of the simulation that runs is done, 0 to 1."""
-    receiver = _receiver.get()
-    if receiver is not None and 0.0 <= share <= 1.0:
-        receiver(share)
-
-
-@contextmanager
-def shares_to(receiver: Callable[[float], None]) -> Iterator[None]:
-    """Within the block, hand every share that is `reached` to `receiver`."""
-    token = _receiver.set(receiver)
-    try:
-        yield
-    finally:
-        _receiver.reset(token)
 
 
 class Notice(str):
@@ -59,54 +33,27 @@ class Clock:
 
     def __init__(self, progress: Progress) -> None:
         self.seconds: dict[str, float] = {}
-        self._progress = progress
-        self._last = time.perf_counter()
-        self._stage = ""
-        self._said: set[str] = set()
+        self._progress, self._stage, self._since = progress, "", time.perf_counter()
 
-    @contextmanager
-    def listening(self) -> Iterator[None]:
-        """Within the block, show how far the simulation of a stage is."""
-        shown = time.monotonic()
-
-        def show(share: float) -> None:
-            nonlocal shown
-            now = time.monotonic()
-            if self._stage and now - shown >= BETWEEN_SHARES:
-                shown = now
-                self._progress(f"{self._stage}, {100.0 * share:.0f} of 100 %")
-
-        with shares_to(show):
-            yield
-
-    def begin(self, stage: str, beside: str = "", remark: str = "") -> None:
-        """End the current stage and begin `stage`, or continue a stage that began before.
-
-        `beside` names a stage whose processes run at the same time; a `remark` is for the reader
-        and is said once.
-        """
-        self._close()
+    def begin(self, stage: str, remark: str = "") -> None:
+        """End the current stage and begin `stage`, or go on with one that began before."""
+        self.pause()
         self._stage = stage
-        if remark and remark not in self._said:
-            self._said.add(remark)
+        if remark:
             self._progress(Notice(f"{stage} ({remark})"))
-        self._progress(f"{stage} (while the {beside} runs)" if beside else stage)
+        self._progress(stage)
 
     def pause(self) -> None:
         """End the current stage; the time until the next one belongs to none."""
-        self._close()
-        self._stage = ""
+        now = time.perf_counter()
+        if self._stage:
+            self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._since
+        self._stage, self._since = "", now
 
     def end(self) -> None:
         """End the last stage and add the total."""
         self.pause()
         self.seconds["total"] = sum(self.seconds.values())
-
-    def _close(self) -> None:
-        now = time.perf_counter()
-        if self._stage:
-            self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._last
-        self._last = now
 
 
 T = TypeVar("T")
@@ -124,10 +71,7 @@ def attempt(
 ) -> T:
     """Return what a step returns; if it fails, tell it in one line and return `otherwise`.
 
-    `what`: what the step makes: "the search for changes".
-    `tell`: receives the line.
-    `passes`: whether an error is not that of the step, such as a reader of stdout who has gone.
-      Ctrl-C always passes through.
+    `passes` says which errors are not those of the step, such as a reader of stdout who has gone.
 
     Examples
     --------

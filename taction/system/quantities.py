@@ -11,15 +11,7 @@ import re
 
 _SPELT: dict[str, tuple[str, ...]] = {
     "F": ("10pF", "F", "farad", "farads"),
-    "ohm": (
-        "1.8Mohm",
-        "ohm",
-        "ohms",
-        "Ohm",
-        "Ohms",
-        "\N{GREEK CAPITAL LETTER OMEGA}",
-        "\N{OHM SIGN}",
-    ),
+    "ohm": ("1.8Mohm", "ohm", "ohms", "Ohm", "Ohms", "\u03a9", "\u2126"),  # both signs
     "S": ("0.33uS", "S", "siemens", "mho"),
     "V": ("1V", "V", "volt", "volts"),
     "A": ("1uA", "A", "amp", "amps"),
@@ -56,18 +48,39 @@ def parse(value: object, unit: str) -> float:
     expected = f"expected a quantity in {unit}, such as {EXAMPLES[unit]!r}, or a number in {unit}"
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ValueError(expected)
-    if isinstance(value, str):
-        number, written_unit = _read(value, unit, expected)
-        if written_unit and written_unit not in UNITS[unit]:
-            raise ValueError(f"the unit is {written_unit!r}; {expected}")
-    else:
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
-    if not math.isfinite(number):
+    try:
+        found = _read(value, unit, expected) if isinstance(value, str) else float(value)
+    except OverflowError:
+        found = math.inf
+    if not math.isfinite(found):
         raise ValueError(f"not finite; {expected}")
-    return number
+    return found
+
+
+def _read(text: str, unit: str, expected: str) -> float:
+    if len(text) > LONGEST:
+        raise ValueError(f"over {LONGEST} characters; {expected}")
+    if "," in text:
+        raise ValueError(f"write the decimal point as '.', not as a comma; {expected}")
+    above, slash, below = text.replace("\N{SQUARE ROOT}", "rt").partition("/")
+    if slash and "/" in unit:
+        upper, lower = unit.split("/")
+        try:
+            return parse(above, upper) / parse("1" + below.strip(), lower)
+        except (ValueError, ZeroDivisionError):
+            raise ValueError(f"not a number with prefixes and units; {expected}") from None
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        raise ValueError(f"not a number with a prefix and a unit; {expected}")
+    digits, suffix = match.groups()
+    if suffix and suffix not in UNITS[unit] and "e" not in digits.lower():
+        length = 3 if suffix.lower().startswith("meg") else 1
+        power = 6 if length == 3 else POWERS.get(suffix[0])
+        if power is not None:
+            digits, suffix = f"{digits}e{power}", suffix[length:]
+    if suffix and suffix not in UNITS[unit]:
+        raise ValueError(f"the unit is {suffix!r}; {expected}")
+    return number(digits)
 
 
 def number(text: str) -> float:
@@ -75,11 +88,6 @@ def number(text: str) -> float:
 
     ValueError: the text is no number, or one that Python reads and nobody means: with digits of
       another script, with ``_``, or so small that it would be 0.
-
-    Examples
-    --------
-    >>> number(" 1.5e-3 ")
-    0.0015
     """
     if not text.isascii() or "_" in text:
         odd = next(character for character in text if character == "_" or not character.isascii())
@@ -91,12 +99,8 @@ def number(text: str) -> float:
 
 
 def fraction(given: object) -> float:
-    """Return a fraction from a share such as ``"5%"``, or from a number.
+    """Return a fraction from a share such as ``"5%"``, or from a number; see `number`.
 
-    ValueError: it is neither; see `number`.
-
-    Examples
-    --------
     >>> fraction("5%"), fraction("0.05"), fraction(0.05)
     (0.05, 0.05, 0.05)
     """
@@ -105,39 +109,8 @@ def fraction(given: object) -> float:
 
 
 def percent(share: float, digits: int = 3) -> str:
-    """Return a fraction as per cent, without a sign for zero.
-
-    Examples
-    --------
-    >>> percent(0.0123456), percent(0.99712, 4)
-    ('1.23 %', '99.71 %')
-    """
+    """Return a fraction as per cent, without a sign for zero: ``percent(0.0123)``: ``1.23 %``."""
     return f"{100.0 * share + 0.0:.{digits}g} %"
-
-
-def _read(text: str, unit: str, expected: str) -> tuple[float, str]:
-    if len(text) > LONGEST:
-        raise ValueError(f"over {LONGEST} characters; {expected}")
-    if "," in text:
-        raise ValueError(f"write the decimal point as '.', not as a comma; {expected}")
-    above, slash, below = text.replace("\N{SQUARE ROOT}", "rt").partition("/")
-    if slash and "/" in unit:
-        upper, lower = unit.split("/")
-        try:
-            return parse(above, upper) / parse("1" + below.strip(), lower), unit
-        except (ValueError, ZeroDivisionError):
-            raise ValueError(f"not a number with prefixes and units; {expected}") from None
-    match = _QUANTITY.fullmatch(text)
-    if match is None:
-        raise ValueError(f"not a number with a prefix and a unit; {expected}")
-    digits, suffix = match.groups()
-    if suffix in UNITS[unit]:  # the m of "1mho" is no prefix
-        return number(digits), suffix
-    length = 3 if suffix.lower().startswith("meg") else 1
-    power = 6 if length == 3 else POWERS.get(suffix[:1])
-    if power is None or "e" in digits.lower():
-        return number(digits), suffix
-    return number(f"{digits}e{power}"), suffix[length:]
 
 
 def show(value: float, unit: str, digits: int = 4) -> str:
@@ -156,23 +129,18 @@ def show(value: float, unit: str, digits: int = 4) -> str:
     mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
     above = int(exponent) % 3
     power = int(exponent) - above
-    number = f"{float(f'{mantissa}e{above}'):.{max(digits - 1 - above, 0)}f}"
-    if "." in number:
-        number = number.rstrip("0").rstrip(".")
+    text = f"{float(f'{mantissa}e{above}'):.{max(digits - 1 - above, 0)}f}"
+    text = text.rstrip("0").rstrip(".") if "." in text else text
     if power not in PREFIXES:
-        return f"{number}e{power} {unit}".rstrip()
-    return f"{number} {PREFIXES[power]}{unit}" if unit else f"{number}{PREFIXES[power]}"
+        return f"{text}e{power} {unit}".rstrip()
+    return f"{text} {PREFIXES[power]}{unit}" if unit else f"{text}{PREFIXES[power]}"
 
 
 def written(value: float, unit: str) -> str:
     """Return `value` as a scene file has it: text that reads as exactly this value, else a number.
 
-    Examples
-    --------
-    >>> written(2400.0, "ohm")
-    '"2.4kohm"'
-    >>> written(1.0 / 3.0, "V")
-    '0.3333333333333333'
+    >>> written(2400.0, "ohm"), written(1.0 / 3.0, "V")
+    ('"2.4kohm"', '0.3333333333333333')
     """
     text = show(value, unit, 7).replace(" ", "")
     exact = unit in UNITS and math.isfinite(value) and value != 0 and parse(text, unit) == value
@@ -185,15 +153,7 @@ def show_rate(rate: float, digits: int = 4) -> str:
 
 
 def show_pole(pole: complex, digits: int = 4) -> str:
-    """Return a pole, 1/s, as its growth rate and its frequency.
-
-    Examples
-    --------
-    >>> show_pole(complex(-23100.0, -307876.08))
-    '-23.1 k/s at 49 kHz'
-    >>> show_pole(complex(120.0, 0.0))
-    '+120 /s'
-    """
+    """Return a pole, 1/s, as its growth rate and its frequency: ``-23.1 k/s at 49 kHz``."""
     rate = show_rate(pole.real, digits)
     if pole.imag == 0:
         return rate
@@ -203,8 +163,6 @@ def show_pole(pole: complex, digits: int = 4) -> str:
 def quantity(value: float | None, unit: str, digits: int = 4) -> str:
     """Return a value with an SI prefix and its unit; a dash for no value.
 
-    Examples
-    --------
     >>> quantity(1.9e6, "ohm"), quantity(2.4e-6, "s"), quantity(None, "V")
     ('1.9 MΩ', '2.4 µs', '–')
     """
@@ -222,13 +180,7 @@ TERMS = {"noise": "output noise"}  # strain and op-amps have noise, too (docs/gl
 
 
 def spaced(name: str) -> str:
-    """Return the name of a figure or a check in words.
-
-    Examples
-    --------
-    >>> spaced("settling_time"), spaced("noise")
-    ('settling time', 'output noise')
-    """
+    """Return the name of a figure or a check in words: ``settling_time``: ``settling time``."""
     return TERMS.get(name, name.replace("_", " "))
 
 
@@ -237,8 +189,6 @@ def banded(name: str, band: float | None) -> str:
 
     `band` is a fraction of the step amplitude; None where the values have several bands.
 
-    Examples
-    --------
     >>> banded("settling_time", 0.01), banded("settling", 0.005), banded("rise_time", 0.01)
     ('settling time to ±1 %', 'settling to ±0.5 %', 'rise time')
     """
@@ -247,23 +197,11 @@ def banded(name: str, band: float | None) -> str:
 
 
 def counted(number: int, noun: str, nouns: str = "") -> str:
-    """Return a number with its noun; `nouns` is a plural that does not end in an added s.
-
-    Examples
-    --------
-    >>> counted(1, "channel"), counted(7, "channel"), counted(2, "entry", "entries")
-    ('1 channel', '7 channels', '2 entries')
-    """
+    """Return a number with its noun: ``counted(2, "entry", "entries")`` is ``"2 entries"``."""
     return f"{number} {noun}" if number == 1 else f"{number} {nouns or noun + 's'}"
 
 
 def sizes(channels: int, sensors: int) -> str:
-    """Return the numbers of channels and sensors in words; as many sensors are not named.
-
-    Examples
-    --------
-    >>> sizes(7, 7), sizes(1, 3)
-    ('7 channels', '1 channel, 3 sensors')
-    """
+    """Return the numbers of channels and sensors in words; as many sensors are not named."""
     words = counted(channels, "channel")
     return words if sensors == channels else f"{words}, {counted(sensors, 'sensor')}"

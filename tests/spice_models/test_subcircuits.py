@@ -22,7 +22,7 @@ from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.presets import derive, load_presets
 from taction.spice_models.subcircuits import opamp_subcircuit
 from taction.spice_models.transistor import Transistor, load_pairs, model_card, thermal_voltage
-from taction.verification.engines.ngspice.process import find_simulator, start
+from taction.verification.engines.ngspice.process import Simulation, find_simulator
 from tests.support.small_decks import SmallDeck
 
 PRESETS = load_presets()
@@ -226,7 +226,7 @@ def test_ngspice_has_the_currents_of_the_equations(ngspice: str, name: str, volt
         "",
     ]
     deck = SmallDeck("\n".join(cards), ("vb", "vc"), OperatingPoint())
-    with start(deck, find_simulator(), timeout=60.0) as run:
+    with Simulation(deck, find_simulator(), timeout=60.0) as run:
         found = run.result().values[-1]
     # The inner emitter is RE times the emitter current away: fixed point of the closed form.
     V = constants.k * 323.15 / constants.e

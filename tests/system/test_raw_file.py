@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from taction.system.array_types import Floats
 from taction.system.errors import BadEvidence, InputError, OutOfDisk
-from taction.system.raw_file import last_instant, read_raw, read_transient, write_raw
+from taction.system.raw_file import read_raw, read_transient, write_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.process import find_simulator, simulate
 from tests.support.small_decks import transient
@@ -135,21 +135,6 @@ def test_a_short_file_is_a_full_disk_or_a_partial_result(tmp_path: Path) -> None
     plot = read_raw(tmp_path / "short.raw", partial=True)
     np.testing.assert_array_equal(plot.data[:, 0], record(3).time[:2])
     assert plot.promised == 3
-
-
-def test_a_file_that_is_still_written_has_its_last_whole_instant(tmp_path: Path) -> None:
-    path = tmp_path / "out.raw"
-    assert last_instant(path) is None
-    time = np.array([0.0, 1e-6, 3e-6])
-    write_raw(path, Waveforms(time, ("a",), np.zeros((3, 1)), "test", Cost(0.0, 3)))
-    whole = path.read_bytes()
-    # A point is 16 bytes: of two and a half the second is the last whole one.
-    for cut, instant in ((0, 3e-6), (8, 1e-6), (16, 1e-6), (24, 0.0), (40, None), (48, None)):
-        path.write_bytes(whole[: len(whole) - cut])
-        assert last_instant(path) == instant
-    for begun in (b"", whole[:20], b"\x00" * 4096):  # while ngspice looks for where it rests
-        path.write_bytes(begun)
-        assert last_instant(path) is None
 
 
 TIME = np.array([0.0, 1e-6, 3e-6, 4e-6])

@@ -155,10 +155,10 @@ class OutputNoise:
 
 def _simulated(board: Board, channel: int, lowest: float) -> float:
     """Return the noise of a channel above a frequency from ngspice, V."""
-    from taction.verification.engines.ngspice.process import find_simulator, start
+    from taction.verification.engines.ngspice.process import Simulation, find_simulator
 
     bands = noise_bands(board.linear.state_space.modes.poles, lowest)
     node = board.circuit.outputs[channel].node
     deck = write_deck(board.circuit, NoiseAnalysis(bands), saved=[node])
-    with start(deck, find_simulator(), timeout=board.scene.analysis.timeout) as run:
+    with Simulation(deck, find_simulator(), timeout=board.scene.analysis.timeout) as run:
         return run.noise()

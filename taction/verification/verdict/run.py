@@ -274,8 +274,7 @@ def record_transient(
     clock = Clock(progress)
     board = build(scene, clock, problem=problem)
     clock.begin("simulation")
-    with clock.listening():
-        waveforms = begin(board)().filled
+    waveforms = begin(board)().filled
     clock.begin("measures")
     measurements = measure_outputs(board, waveforms)
     return MeasuredTransient(board.circuit, board.transient, waveforms, measurements)

@@ -273,14 +273,14 @@ def _ngspice(board: Board) -> Waiting:
             f" analysis.timeout is {timeout:g} s. Use the state-space engine, a larger"
             " analysis.error, a shorter analysis.stop or a longer analysis.timeout"
         )
-    from taction.verification.engines.ngspice.process import Simulation, start
+    from taction.verification.engines.ngspice.process import Simulation
 
     simulator = find_simulator()
     bound = PHYSICAL_BOUND * board.circuit.value("U0")
 
     def run(solver: str) -> Simulation:
         deck = write_deck(board.circuit, analysis, solver=solver)
-        return start(deck, simulator, timeout=timeout, bound=bound)
+        return Simulation(deck, simulator, timeout=timeout, bound=bound)
 
     first = run(simulator.solver_option)
 

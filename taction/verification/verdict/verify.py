@@ -221,7 +221,7 @@ def conclude(board: Board, pending: Waiting | None, clock: Clock) -> Verdict:
 
 def read(board: Board, pending: Waiting | None, clock: Clock) -> Evidence:
     """Return all that is judged; what needs no record is computed while the simulation runs."""
-    clock.begin("reference", beside="simulation")
+    clock.begin("reference")
     ideal, steady, margin = board.ideal, board.steady, board.margin
     parts, noise, spread = board.loads, OutputNoise.of(board), board.spread
     run, measurements, forever = observe(board, pending, clock)
@@ -265,10 +265,9 @@ class Request:
     def verdict(self, progress: Progress = lambda stage: None) -> Verdict:
         """Return the verdict of this board alone; errors as `verify`."""
         clock = Clock(progress)
-        with clock.listening():
-            board = self.build(clock)
-            clock.begin("simulation", remark=board.plan.remark)
-            return conclude(board, begin(board), clock)
+        board = self.build(clock)
+        clock.begin("simulation", remark=board.plan.remark)
+        return conclude(board, begin(board), clock)
 
 
 BRIEF = 1.0  # s: a longer run of ngspice gains nothing, and is not repeated if it fails

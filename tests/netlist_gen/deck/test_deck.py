@@ -23,7 +23,7 @@ from taction.netlist_gen.board.parts import NoiseCurrent
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.system.waveforms import Waveforms
-from taction.verification.engines.ngspice.process import find_simulator, simulate, start
+from taction.verification.engines.ngspice.process import Simulation, find_simulator, simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
 from tests.support.paths import GOLDEN
@@ -189,7 +189,7 @@ def test_two_files_have_the_noise_of_one(amplifier: str) -> None:
     found = []
     for matrix_file in (None, "noise_matrix.inc"):
         deck = write_deck(circuit, BANDS, saved=[node], matrix_file=matrix_file)
-        with start(deck, find_simulator(), timeout=30.0) as run:
+        with Simulation(deck, find_simulator(), timeout=30.0) as run:
             found.append(run.noise())
     assert found[0] > 0.0
     assert found[1] == pytest.approx(found[0], rel=1e-9)

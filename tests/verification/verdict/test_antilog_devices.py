@@ -19,7 +19,7 @@ from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.spice_models.transistor import load_pairs
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
-from taction.verification.engines.ngspice.process import find_simulator, start
+from taction.verification.engines.ngspice.process import Simulation, find_simulator
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.simulate import simulate
@@ -103,7 +103,7 @@ def test_ngspice_finds_the_same_equilibrium(ngspice: str, name: str) -> None:
     board = LinearBoard(synthesise(changed(antilog=antilog)))
     nodes = [name for name in board.descriptor.names if "." not in name and name != "reference"]
     deck = write_deck(board.circuit, OperatingPoint(), relative=1e-9, saved=nodes)
-    with start(deck, find_simulator(), timeout=60.0) as run:
+    with Simulation(deck, find_simulator(), timeout=60.0) as run:
         found = run.result().values[-1]
     np.testing.assert_allclose(found, [board.equilibrium[node] for node in nodes], atol=3e-7)
 

@@ -19,7 +19,7 @@ from taction.netlist_gen.scene.imported_opamps import to_document
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import InputError
-from taction.verification.engines.ngspice.process import find_simulator, start
+from taction.verification.engines.ngspice.process import Simulation, find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.studies.decks.vendor_model import import_opamp
 from taction.verification.studies.onset.onset import onset
@@ -90,7 +90,7 @@ def test_both_engines_have_one_rest_with_offset(write: Callable[..., Scene]) -> 
     nodes = [output.node for output in board.circuit.outputs]
     deck = write_deck(board.circuit, OperatingPoint())
     assert "j.xdevice.j1 xdevice.11 pin xdevice.10 xdevice:jx" in deck.text
-    with start(deck, find_simulator(), timeout=60.0) as run:
+    with Simulation(deck, find_simulator(), timeout=60.0) as run:
         found = run.result().values[-1]
     np.testing.assert_allclose(found, [board.rest[node] for node in nodes], atol=1e-7)
     # The offset of 3.5 µV alone moves the board at rest.

@@ -17,7 +17,7 @@ from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.engines.ngspice.process import find_simulator, start
+from taction.verification.engines.ngspice.process import Simulation, find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
 from taction.verification.reference.lambda_rule import resolve_lambda
@@ -59,7 +59,7 @@ def from_ngspice(board: LinearBoard, channel: int) -> float:
     deck = write_deck(
         board.circuit, NoiseAnalysis(bands), saved=[board.circuit.outputs[channel].node]
     )
-    with start(deck, find_simulator(), timeout=60.0) as run:
+    with Simulation(deck, find_simulator(), timeout=60.0) as run:
         return run.noise()
 
 

@@ -15,7 +15,7 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.process import start
+from taction.verification.engines.ngspice.process import Simulation
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
@@ -46,7 +46,7 @@ def run(circuit: Circuit, stop: float, forecast: StepForecast) -> tuple[int, flo
     )
     simulator = find_simulator()
     deck = write_deck(circuit, analysis, solver=simulator.solver_option)
-    found = start(deck, simulator, timeout=60.0, bound=1e6).result()
+    found = Simulation(deck, simulator, timeout=60.0, bound=1e6).result()
     exact = exact_solution(circuit)
     off = np.abs(np.asarray(found.values) - exact.at(np.asarray(found.time))).max()
     return len(found.time), float(off / np.abs(exact.final - exact.start).max())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import tomllib
 from dataclasses import replace
 from functools import cache
@@ -13,9 +12,7 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.scene.scene import Scene, parse_scene
-from taction.system import progress
 from taction.system.errors import SimulatorNotFound, TimedOut
-from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.evidence.stress.catalogue import load_catalogue
@@ -193,24 +190,6 @@ def test_a_simulation_out_of_time() -> None:
     scene = shipped("paper-breadboard", analysis={"engine": "ngspice", "timeout": "10ms"})
     with pytest.raises(TimedOut, match=r"0\.01 s"):
         verify(scene)
-
-
-@pytest.mark.usefixtures("ngspice")
-@pytest.mark.parametrize(
-    ("name", "engine"), [("paper-breadboard", "ngspice"), ("paper-exponential", "statespace")]
-)
-def test_a_long_simulation_tells_its_share(
-    name: str, engine: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Here every share is told: no second is waited for."""
-    monkeypatch.setattr(progress, "BETWEEN_SHARES", 0.0)
-    monkeypatch.setattr(process, "LOOK_INTERVAL", 0.02)
-    told: list[str] = []
-    verify(shipped(name, analysis={"engine": engine}), told.append)
-    shares = [re.match(r"simulation, (\d+) of 100 %", line) for line in told]
-    percent = [int(share[1]) for share in shares if share]
-    assert percent[0] < 50 < percent[-1] <= 100
-    assert percent == sorted(percent)
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from taction.system.processes import time_left
 from taction.system.raw_file import KINDS, read_plots
 from taction.verification.engines.ngspice.evidence import Ending, check_end
 from taction.verification.engines.ngspice.executable import Simulator
-from taction.verification.engines.ngspice.process import STREAMS, start
+from taction.verification.engines.ngspice.process import STREAMS, Simulation
 
 SECONDS = 20.0
 MEMORY = 1000 * MEGABYTE  # addresses of ngspice: an expansion of 20,000 devices takes 100 MB
@@ -97,7 +97,7 @@ def run_commands(
     lines = ["* deck", *cards, ".control", *commands, last, ".endc", ".end", ""]
     spinit = f"set ngbehavior={mode}\n" if mode else "* no code models are loaded\n"
     deck = CommandDeck("\n".join(lines), {"spinit": spinit})
-    with start(deck, simulator, timeout=seconds, memory=MEMORY) as run:
+    with Simulation(deck, simulator, timeout=seconds, memory=MEMORY) as run:
         return run.accept(_answers)
 
 

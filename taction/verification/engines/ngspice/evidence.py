@@ -28,10 +28,10 @@ import contextlib
 import math
 import re
 import signal
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Protocol, cast
 
 import numpy as np
 
@@ -58,26 +58,27 @@ from taction.system.raw_file import Plot, read_plots, read_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.executable import REMEDY
 
-Result = TypeVar("Result")
-
 LONGEST_LINE = 300  # characters of a line of the error stream in a message
 
 
 class DeckToRun(Protocol):
-    """What the runner uses of a deck (`taction.netlist_gen.deck.deck.Deck`).
-
-    `files` maps names to the text of further files in the deck's folder; `saved` are the node
-    names of the ``.save`` card; `analysis` is the requested analysis.
-    """
+    """What the runner uses of a deck (`taction.netlist_gen.deck.deck.Deck`)."""
 
     @property
     def text(self) -> str: ...  # noqa: D102
     @property
-    def files(self) -> Mapping[str, str]: ...  # noqa: D102
+    def files(self) -> Mapping[str, str]:
+        """Names and texts of further files in the deck's folder."""
+
     @property
-    def saved(self) -> tuple[str, ...]: ...  # noqa: D102
+    def saved(self) -> tuple[str, ...]:
+        """Node names of the ``.save`` card."""
+
     @property
     def analysis(self) -> Analysis: ...  # noqa: D102
+
+
+RAW = "out.raw"
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +95,7 @@ class Ending:
     @property
     def raw(self) -> Path:
         """The result file."""
-        return self.folder / "out.raw"
+        return self.folder / RAW
 
 
 FAILURES: tuple[tuple[str, type[SimulationError], str], ...] = (
@@ -124,7 +125,6 @@ FAILURES: tuple[tuple[str, type[SimulationError], str], ...] = (
     ),
     (r"error|fatal|aborted|interrupted|to low|too small", BadEvidence, "ngspice reported an error"),
 )
-_SIGNALS = {number.value: number.name for number in signal.Signals}
 _SHELL = 128  # a shell adds this to the number of the signal that ended its program
 _NOT_STARTED = (126, 127)  # of a shell, or of the program that guards ngspice
 _DOUBT = re.compile(r"singular matrix|gmin stepping|source stepping|transient op", re.IGNORECASE)
@@ -134,26 +134,22 @@ _EXPECTED = ("Note: Starting dynamic gmin stepping", "Note: Dynamic gmin steppin
 
 def check_end(ending: Ending) -> None:
     """Check point 1 for time and signals; the log explains other exit statuses."""
+    status = ending.status
     if ending.timed_out:
         raise TimedOut(
             f"ngspice did not finish within {ending.timeout:g} s. Allow more time, a shorter record"
             " or a larger step"
         )
-    if ending.status == -signal.SIGXFSZ:
+    if status == -signal.SIGXFSZ:
         raise OutOfDisk("ngspice reached the limit on the size of a file (ulimit -f)")
-    number = _signal_of(ending.status)
-    if number:
-        hint = " (is memory short?)" if number == signal.SIGKILL else ""
-        name = _SIGNALS.get(number, str(number))
-        raise Killed(f"signal {name} ended ngspice after {ending.seconds:.3g} s{hint}")
-    if ending.status in _NOT_STARTED:
-        raise SimulatorNotFound(f"ngspice did not start (exit status {ending.status}). {REMEDY}")
-
-
-def _signal_of(status: int) -> int:
-    """Return the number of the signal that ended a process, or the program of a shell; else 0."""
     number = -status if status < 0 else status - _SHELL
-    return number if 0 < number < signal.NSIG else 0
+    if 0 < number < signal.NSIG:
+        hint = " (is memory short?)" if number == signal.SIGKILL else ""
+        known = {each.value: each.name for each in signal.Signals}
+        name = known.get(number, str(number))
+        raise Killed(f"signal {name} ended ngspice after {ending.seconds:.3g} s{hint}")
+    if status in _NOT_STARTED:
+        raise SimulatorNotFound(f"ngspice did not start (exit status {status}). {REMEDY}")
 
 
 def check_log(ending: Ending) -> None:
@@ -198,32 +194,29 @@ def accepted_waveforms(
     SimulationError: one of its kinds, for the first piece of evidence that is missing, with the
       important lines of the log, the run folder, and the points that were written.
     """
-    known: list[Waveforms] = []
-
-    def judge() -> Waveforms:
-        waveforms = _waveforms(deck, read_raw(ending.raw), ending, engine, solver)
-        known.append(waveforms)
-        _check_time(deck, waveforms.time)
-        _check_values(waveforms, bound)
-        return waveforms
-
+    waveforms = None
     try:
-        return _accepted(ending, judge)
+        with _explained(ending):
+            waveforms = _waveforms(deck, read_raw(ending.raw), ending, engine, solver)
+            _check_time(deck, waveforms.time)
+            _check_values(waveforms, bound)
+            return waveforms
     except SimulationError as error:
-        if not known:
+        if waveforms is None:
             with contextlib.suppress(SimulationError):
                 plot = read_raw(ending.raw, partial=True)
-                known.append(_waveforms(deck, plot, ending, engine, solver))
-        error.partial = known[0] if known and len(known[0].time) else None
+                waveforms = _waveforms(deck, plot, ending, engine, solver)
+        error.partial = waveforms if waveforms is not None and len(waveforms.time) else None
         raise
 
 
-def _accepted(ending: Ending, judge: Callable[[], Result]) -> Result:
-    """Check points 1 and 2, and return what `judge` accepts; errors have the log and the folder."""
+@contextlib.contextmanager
+def _explained(ending: Ending) -> Iterator[None]:
+    """Check points 1 and 2 before the block; give its errors the log and the folder."""
     try:
         check_end(ending)
         check_log(ending)
-        return judge()
+        yield
     except SimulationError as error:
         log = important_lines(ending.errors)
         raise type(error)(str(error), log=log, folder=ending.folder) from None
@@ -303,26 +296,21 @@ def integrated_noise(deck: DeckToRun, ending: Ending) -> float:
     SimulationError: one of its kinds; `BadEvidence` where a plot is missing, is another one than
       asked for, or has other frequencies.
     """
-    return _accepted(ending, lambda: _total(deck, read_plots(ending.raw)))
-
-
-def _total(deck: DeckToRun, plots: list[Plot]) -> float:
-    analysis = deck.analysis
-    if not isinstance(analysis, NoiseAnalysis):
-        raise BadEvidence(f"the analysis is {type(analysis).__name__}, not Noise")
-    spectra, integrals = plots[0::2], plots[1::2]
-    if len(plots) != 2 * len(analysis.bands):
-        raise BadEvidence(f"{len(plots)} plots; {2 * len(analysis.bands)} were asked for")
-    for spectrum, integral in zip(spectra, integrals, strict=True):
-        _check_plot(spectrum, *SPECTRUM)
-        _check_plot(integral, *INTEGRAL)
-    # ngspice runs the last card first.
-    spectra.sort(key=lambda plot: float(plot.data[0, 0]))
-    for spectrum, band in zip(spectra, analysis.bands, strict=True):
-        _check_frequencies(spectrum.data[:, 0], band)
-    if not (variance := sum(map(_variance, spectra))):
-        raise BadEvidence(f"no noise at node {deck.saved[0]}; is the node in the circuit?")
-    return math.sqrt(variance)
+    with _explained(ending):
+        bands, plots = cast(NoiseAnalysis, deck.analysis).bands, read_plots(ending.raw)
+        spectra = plots[0::2]
+        if len(plots) != 2 * len(bands):
+            raise BadEvidence(f"{len(plots)} plots; {2 * len(bands)} were asked for")
+        for spectrum, integral in zip(spectra, plots[1::2], strict=True):
+            _check_plot(spectrum, *SPECTRUM)
+            _check_plot(integral, *INTEGRAL)
+        # ngspice runs the last card first.
+        spectra.sort(key=lambda plot: float(plot.data[0, 0]))
+        for spectrum, band in zip(spectra, bands, strict=True):
+            _check_frequencies(spectrum.data[:, 0], band)
+        if not (variance := sum(map(_variance, spectra))):
+            raise BadEvidence(f"no noise at node {deck.saved[0]}; is the node in the circuit?")
+        return math.sqrt(variance)
 
 
 def _check_frequencies(found: Floats, band: NoiseBand) -> None:

@@ -26,22 +26,17 @@ REMEDY = (
 PATIENCE = 20.0  # s to wait for a version
 LONGEST_ANSWER = 65_536  # bytes of a version
 SHOWN = 2_000  # characters of an answer in a message
-_INHERITED = ("LD_LIBRARY_PATH",)  # an ngspice in a folder of its own may need it
 
 
-def environment(home: Path, scripts: str = ".") -> dict[str, str]:
-    """Return the complete environment of a process with `home` as its home.
+def environment(home: str) -> dict[str, str]:
+    """Return the complete environment of ngspice with `home` as its home.
 
-    `scripts` is the folder of start-up files, by default the working folder. The name is relative:
+    The folder of start-up files, which load code models, is the working folder by a relative name:
     ngspice cannot read the name of a folder with a quote or a line break.
     """
-    inherited = {name: os.environ[name] for name in _INHERITED if name in os.environ}
-    return inherited | {
-        "LC_ALL": "C",
-        "HOME": str(home),
-        "SPICE_SCRIPTS": scripts,  # the folder of spinit, which loads code models
-        "OMP_NUM_THREADS": "1",
-    }
+    path = "LD_LIBRARY_PATH"  # an ngspice in a folder of its own may need it
+    inherited = {path: os.environ[path]} if path in os.environ else {}
+    return inherited | {"LC_ALL": "C", "HOME": home, "SPICE_SCRIPTS": ".", "OMP_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,44 +81,43 @@ def find_simulator(path: str | None = None) -> Simulator:
     return _probe(str(Path(executable).absolute()))
 
 
-def _answer(executable: str) -> str:
-    """Return what ``-v`` prints up to its end, `LONGEST_ANSWER` bytes or `PATIENCE` seconds."""
+@functools.cache
+def _probe(executable: str) -> Simulator:
+    try:
+        status, answer = _answer(executable)
+    except OSError as error:
+        raise SimulatorNotFound(f"{executable} does not run: {error}. {REMEDY}") from error
+    if status < 0 and status != -signal.SIGXFSZ:
+        name = signal.Signals(-status).name
+        raise SimulatorNotFound(f"{executable} -v was ended by {name}. Run the command again")
+    named = re.search(r"ngspice-(\d{1,6})(?!\d)", answer)
+    if named is None:
+        text = f"{executable} -v does not name ngspice. {REMEDY}"
+        raise SimulatorNotFound(text, log=answer[:SHOWN])
+    version = int(named[1])
+    if version < OLDEST:
+        raise SimulatorTooOld(f"{executable} is ngspice {version}; {OLDEST} is needed. {REMEDY}")
+    return Simulator(executable, version, klu="KLU" in answer)
+
+
+def _answer(executable: str) -> tuple[int, str]:
+    """Return the exit status of ``-v``, and what it prints within all limits."""
     with tempfile.TemporaryFile() as answer:
         process = subprocess.Popen(
             [executable, "-v"],
             stdin=subprocess.DEVNULL,
             stdout=answer,
             stderr=subprocess.STDOUT,
-            env=environment(Path("/nonexistent")),
+            env=environment("/nonexistent"),
             start_new_session=True,
         )
         with contextlib.suppress(ProcessLookupError):  # it has ended
             resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (LONGEST_ANSWER, LONGEST_ANSWER))
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(PATIENCE)
-        ended = process.returncode
+        status = process.returncode or 0  # 0, too, of one that never ends
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
         answer.seek(0)
-        text = answer.read().decode(errors="replace")
-    if ended is not None and ended < 0 and ended != -signal.SIGXFSZ:
-        ended_by = signal.Signals(-ended).name
-        raise SimulatorNotFound(f"{executable} -v was ended by {ended_by}. Run the command again")
-    return text
-
-
-@functools.cache
-def _probe(executable: str) -> Simulator:
-    try:
-        answer = _answer(executable)
-    except OSError as error:
-        raise SimulatorNotFound(f"{executable} does not run: {error}. {REMEDY}") from error
-    name = re.search(r"ngspice-(\d{1,6})(?!\d)", answer)
-    if name is None:
-        text = f"{executable} -v does not name ngspice. {REMEDY}"
-        raise SimulatorNotFound(text, log=answer[:SHOWN])
-    version = int(name[1])
-    if version < OLDEST:
-        raise SimulatorTooOld(f"{executable} is ngspice {version}; {OLDEST} is needed. {REMEDY}")
-    return Simulator(executable, version, klu="KLU" in answer)
+        return status, answer.read().decode(errors="replace")

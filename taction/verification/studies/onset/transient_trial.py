@@ -21,7 +21,7 @@ from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.system.errors import EngineError, InputError, SimulationError
 from taction.system.quantities import show, show_rate
 from taction.verification.engines.ngspice.executable import Simulator
-from taction.verification.engines.ngspice.process import Simulation, start
+from taction.verification.engines.ngspice.process import Simulation
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.readings.ringing import Mode, find_growth, find_ringing
 from taction.verification.stability.edges import Edge
@@ -97,7 +97,7 @@ def confirm(
     with ExitStack() as cleanup:  # a failure of one run ends the other run
         try:
             runs = [
-                cleanup.enter_context(start(deck, simulator, timeout=timeout))
+                cleanup.enter_context(Simulation(deck, simulator, timeout=timeout))
                 for _, _, deck in trials
             ]
         except SimulationError as error:

@@ -28,7 +28,7 @@ from taction.verification.engines.ngspice.evidence import (
     integrated_noise,
 )
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.process import start
+from taction.verification.engines.ngspice.process import Simulation
 from taction.verification.verdict.output_noise import noise_bands
 from tests.support.small_decks import SmallDeck, divider, transient
 
@@ -173,7 +173,7 @@ def noise_deck(bands: tuple[NoiseBand, ...], *, saved: str = "out", parts: str =
 
 
 def noise(deck: SmallDeck) -> float:
-    with start(deck, find_simulator(), timeout=30.0) as run:
+    with Simulation(deck, find_simulator(), timeout=30.0) as run:
         return run.noise()
 
 

@@ -23,7 +23,12 @@ from taction.system.errors import (
 from taction.system.own_folders import remove_own_folder
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import environment, find_simulator
-from taction.verification.engines.ngspice.process import Simulator, make_folder, simulate, start
+from taction.verification.engines.ngspice.process import (
+    Simulation,
+    Simulator,
+    make_folder,
+    simulate,
+)
 from tests.support.processes import is_running, process_id
 from tests.support.small_decks import TAU, SmallDeck, divider, endless, transient, wrapped
 
@@ -83,7 +88,7 @@ def test_run_folder_goes_on_success_and_stays_when_asked(
     simulate(transient(), simulator, timeout=30.0, folder=tmp_path / "kept", keep=True)
     assert (tmp_path / "kept" / "out.raw").stat().st_size > 0
     with pytest.raises(InputError, match="must be empty"):
-        start(transient(), simulator, timeout=30.0, folder=tmp_path / "kept")
+        Simulation(transient(), simulator, timeout=30.0, folder=tmp_path / "kept")
 
 
 def test_the_command_repeats_the_run(simulator: Simulator, tmp_path: Path) -> None:
@@ -99,7 +104,7 @@ def test_the_command_repeats_the_run(simulator: Simulator, tmp_path: Path) -> No
 
 def test_a_cancelled_run_ends_and_leaves_nothing(simulator: Simulator, tmp_path: Path) -> None:
     fake = wrapped(simulator, tmp_path, f"echo $$ > {tmp_path}/pid")
-    with start(endless(), fake, timeout=60.0) as run:
+    with Simulation(endless(), fake, timeout=60.0) as run:
         pid = process_id(tmp_path / "pid")
     assert not is_running(pid)
     assert not run.folder.exists()
@@ -111,7 +116,7 @@ def test_a_run_that_nobody_asks_for_ends_with_its_object(
     simulator: Simulator, tmp_path: Path
 ) -> None:
     fake = wrapped(simulator, tmp_path, f"echo $$ > {tmp_path}/pid")
-    run = start(endless(), fake, timeout=60.0, folder=tmp_path / "run")
+    run = Simulation(endless(), fake, timeout=60.0, folder=tmp_path / "run")
     pid = process_id(tmp_path / "pid")
     del run
     assert not is_running(pid)
@@ -265,7 +270,7 @@ def test_environment_inherits_only_the_loaders_path(
 ) -> None:
     monkeypatch.setenv("LD_LIBRARY_PATH", "/opt/lib")
     monkeypatch.setenv("SPICE_LIB_DIR", "/elsewhere")
-    assert environment(tmp_path) == {
+    assert environment(str(tmp_path)) == {
         "LC_ALL": "C",
         "HOME": str(tmp_path),
         "SPICE_SCRIPTS": ".",

@@ -28,7 +28,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taction.system.array_types import EPS, Bools, Floats, Ints
-from taction.system.progress import reached
 from taction.verification.engines.statespace.transients.modal_steps import ModalBoards
 from taction.verification.engines.statespace.transients.radau import STAGES, TABLE
 from taction.verification.engines.statespace.transients.straight_pieces import (
@@ -97,7 +96,6 @@ class Integration(Batch):
         work = self._left(max_steps)
         while len(work.t):
             work._attempt()
-            reached(float((work.t / work.stop).min()))
             work = work._left(max_steps)
 
     def _left(self, max_steps: int) -> Integration:

@@ -28,7 +28,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import DivergesError, EngineError
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.process import start
+from taction.verification.engines.ngspice.process import Simulation
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
 from taction.verification.engines.statespace.linearised.linear_board import (
@@ -178,7 +178,7 @@ def beside_ngspice(circuit: Circuit, analysis: Transient, times: Floats) -> tupl
     """Return the outputs at `times` by the engine, and by ngspice."""
     found, simulator = simulate(circuit, analysis, times=times, tolerance=5e-5), find_simulator()
     deck = write_deck(circuit, analysis, solver=simulator.solver_option)
-    record = start(deck, simulator, timeout=60.0).result()
+    record = Simulation(deck, simulator, timeout=60.0).result()
     wanted = [np.interp(times, record.time, record[node]) for node in found.nodes]
     return found.values, np.stack(wanted, axis=1)
 
