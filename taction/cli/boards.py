@@ -15,11 +15,13 @@ from click.core import ParameterSource
 import taction
 from taction.cli.command import (
     ANNOTATE,
+    FILE,
     OPTIONS,
     OUTPUT,
     REPORT,
     Call,
     Command,
+    CommandParameter,
     Job,
     NumberRange,
     argument,
@@ -226,7 +228,7 @@ VERIFY = Command(
             help="Print the numerical solution with its certificate, without any circuit.",
         ),
         option("exclude", multiple=True, metavar="PATTERN", of="verify_files"),
-        JUNIT.parameter,
+        JUNIT,
         ANNOTATE,
         replace(OPTIONS["jobs"], of="verify_files"),
         option("changes", type=NumberRange(0), metavar="DESIGNS", of="what_to_change"),
@@ -291,6 +293,10 @@ def _announce(call: Call) -> None:
     call.arguments["announce"] = announce
 
 
+def _output(text: str) -> CommandParameter:
+    return replace(OUTPUT, attributes={**OUTPUT.attributes, "help": text})
+
+
 DIFF = Command(
     function="diff",
     outputs=(picture("the outputs of both over each other"), REPORT),
@@ -304,7 +310,7 @@ NETLIST = Command(
     after=_netlist_remarks,
     files=lambda found, call: found.written,
     parameters=(
-        replace(OUTPUT, attributes={**OUTPUT.attributes, "help": "Deck file; by default stdout."}),
+        _output("Deck file; by default stdout."),
         option("dialect", type=click.Choice(DIALECTS), show_default=True),
     ),
 )
@@ -405,15 +411,8 @@ NEW = Command(
     files=_new_files,
     other=_new_job,
     parameters=(
-        argument(
-            "file",
-            metavar="[FILE]",
-            type=click.Path(dir_okay=False),
-            required=False,
-            reads=False,
-            writes=True,
-        ),
-        replace(OUTPUT, attributes={**OUTPUT.attributes, "help": "The same as FILE."}),
+        argument("file", metavar="[FILE]", type=FILE, required=False, reads=False, writes=True),
+        _output("The same as FILE."),
         option("schema", is_flag=True, help="Print the JSON schema of scene files instead."),
         option(
             "scene",

@@ -47,6 +47,8 @@ class CommandParameter:
     reads: bool = False
     writes: bool = False
     check: Target | None = None  # takes the value and refuses it, before any work is done
+    write: Target | None = None  # takes the result and the path, and writes what shows the result
+    verb: str = "wrote"  # what is said of that file
 
     def made(self, function: str) -> click.Parameter:
         """Return the parameter of click; default and help are those of the function."""
@@ -67,53 +69,51 @@ class CommandParameter:
         """What a message calls it: its first flag, or ``FILE``."""
         return self.flags[0] if self.flags else "FILE"
 
+    @property
+    def is_folder(self) -> bool:
+        """Whether it names a folder."""
+        kind = self.attributes.get("type")
+        return isinstance(kind, click.Path) and not kind.file_okay
+
+
+OWN = ("of", "reads", "writes", "check", "write", "verb")
+FILE = click.Path(dir_okay=False)
+
 
 def option(name: str, *flags: str, **attributes: Any) -> CommandParameter:
-    """Return an option; `of`, `reads`, `writes`, `check` are those of `CommandParameter`."""
-    kept = ("of", "reads", "writes", "check")
-    own = {key: attributes.pop(key) for key in kept if key in attributes}
+    """Return an option; keywords in `OWN` are those of `CommandParameter`, others of click."""
+    own = {key: attributes.pop(key) for key in OWN if key in attributes}
     return CommandParameter(name, flags or (f"--{name.replace('_', '-')}",), attributes, **own)
 
 
-def argument(name: str, **attributes: Any) -> CommandParameter:
+def argument(name: str, *, reads: bool = True, **attributes: Any) -> CommandParameter:
     """Return an argument, a file or a folder that is read if `reads` is not False."""
-    own = {"reads": attributes.pop("reads", True), "writes": attributes.pop("writes", False)}
-    return CommandParameter(name, (), {"type": click.Path(), **attributes}, **own)
+    writes = attributes.pop("writes", False)
+    kind = {"type": click.Path(), **attributes}
+    return CommandParameter(name, (), kind, reads=reads, writes=writes)
 
 
-@dataclass(frozen=True, slots=True)
-class OutputOption:
-    """A file that shows the result."""
-
-    name: str  # of the option, without dashes
-    help: str  # its sentence
-    write: Target  # takes the result and the path
-    check: Target | None = None  # takes the path and refuses it, before any work is done
-    verb: str = "wrote"  # what is said of the written file
-
-    @property
-    def parameter(self) -> CommandParameter:
-        """The option."""
-        attributes = {"type": click.Path(dir_okay=False), "metavar": "FILE", "help": self.help}
-        return CommandParameter(self.name, (f"--{self.name}",), attributes, writes=True)
+def output(name: str, text: str, write: Target, **more: Any) -> CommandParameter:
+    """Return the option of a file that shows the result."""
+    return option(name, type=FILE, metavar="FILE", help=text, writes=True, write=write, **more)
 
 
-def picture(content: str) -> OutputOption:
+def picture(content: str) -> CommandParameter:
     """Return the option ``--plot`` of a result with a picture."""
     text = f"Draw {content} into FILE (PNG, SVG or PDF)."
     check = "system.results:check_plot_file"
-    return OutputOption("plot", text, lambda found, path: found.plot(path), check, "drew")
+    return output("plot", text, lambda found, path: found.plot(path), check=check, verb="drew")
 
 
-REPORT = OutputOption(
+REPORT = output(
     "report",
     "Write a report with pictures into FILE (HTML, one file that needs no network).",
     lambda found, path: found.report(path),
-    "verification.report.output_checks:check_report_file",
+    check="verification.report.output_checks:check_report_file",
 )
 
 
-def text_file(name: str, text: str, make: Target) -> OutputOption:
+def text_file(name: str, text: str, make: Target) -> CommandParameter:
     """Return the option ``--NAME``; `make` takes the result and returns the file's text."""
 
     def write(result: Any, path: str) -> None:
@@ -121,7 +121,7 @@ def text_file(name: str, text: str, make: Target) -> OutputOption:
 
         write_atomically(path, load(make)(result))
 
-    return OutputOption(name, text, write)
+    return output(name, text, write)
 
 
 @dataclass(slots=True)
@@ -148,7 +148,7 @@ class Job:
     # Takes the result and returns the page that is printed; by default its own.
     view: Target = lambda found: found.page()
     text: Target | None = None  # takes the result and prints it, in the place of its page
-    outputs: tuple[OutputOption, ...] = ()  # the files that show the result
+    outputs: tuple[CommandParameter, ...] = ()  # the files that show the result
     # Takes the `Call` and the progress, and returns the result in the place of the function.
     work: Callable[[Call, StageLine], Any] | None = None
     # Of the document; by default the name of the command, None for a document without a head.
@@ -160,33 +160,21 @@ class Job:
     # Takes a `TactionError` and the `Call`.
     failed: Callable[[taction.TactionError, Call], None] | None = None
     # Takes the result and the `Call`, and returns the names of the files that are written.
-    files: Callable[[Any, Call], Iterable[str]] | None = None
+    files: Callable[[Any, Call], Iterable[str]] = lambda found, call: ()
     lacks: str = ""  # why an output of the command's other job is refused
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Command(Job):
-    """An entry of the table of commands: a job with its options.
+    """An entry of the table of commands: a job with its options."""
 
-    Attributes
-    ----------
-    parameters : tuple of Parameter
-        Those that are not as the function's signature and `OPTIONS` have them, or not of it.
-    python_only : tuple of str
-        Parameters of the function that are no options.
-    ends : str
-        What the exit status means, where it is not as usual.
-    other : callable, optional
-        Takes the options and returns another job for some of them.
-    commands : mapping of str to Command
-        The commands below it.
-    """
-
+    # Those that are not as the function's signature and `OPTIONS` have them, or not of it.
     parameters: tuple[CommandParameter, ...] = ()
-    python_only: tuple[str, ...] = ()
-    ends: str = ""
+    python_only: tuple[str, ...] = ()  # parameters of the function that are no options
+    ends: str = ""  # what the exit status means, where it is not as usual
+    # Takes the options and returns another job for some of them.
     other: Callable[[Mapping[str, Any]], Job | None] | None = None
-    commands: Mapping[str, Command] = field(default_factory=dict)
+    commands: Mapping[str, Command] = field(default_factory=dict)  # below it
 
     @property
     def every(self) -> tuple[CommandParameter, ...]:
@@ -197,7 +185,7 @@ class Command(Job):
             for name, known in signature(self.function).items()
             if name not in (*PYTHON_ONLY, *self.python_only)
         ]
-        return (*own, *given.values(), *(output.parameter for output in self.outputs))
+        return (*own, *given.values(), *self.outputs)
 
 
 @cache
@@ -222,11 +210,12 @@ def sentences(function: str) -> dict[str, str]:
     text = inspect.getdoc(getattr(taction, function)) or ""
     part = re.search(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+\n|\Z)", text, re.DOTALL | re.MULTILINE)
     found = re.split(r"^(\w+(?:, \w+)*) : .*\n", part[1] if part else "", flags=re.MULTILINE)
-    return {
-        name: _plain(paragraphs)
-        for names, paragraphs in zip(found[1::2], found[2::2], strict=True)
-        for name in names.split(", ")
-    }
+    said = dict[str, str]()
+    for names, paragraphs in zip(found[1::2], found[2::2], strict=True):
+        first = inspect.cleandoc(paragraphs).partition("\n\n")[0]
+        sentence = " ".join(re.sub(r'``"?(.*?)"?``', r"\1", first).split())
+        said |= dict.fromkeys(names.split(", "), sentence)
+    return said
 
 
 def beginning(function: str) -> str:
@@ -234,11 +223,6 @@ def beginning(function: str) -> str:
     text = inspect.getdoc(getattr(taction, function)) or ""
     head = re.split(r"^\w+\n-+\n", text, maxsplit=1, flags=re.MULTILINE)[0]
     return re.sub(r"``(.*?)``", r"\1", head).strip()
-
-
-def _plain(paragraphs: str) -> str:
-    first = inspect.cleandoc(paragraphs).partition("\n\n")[0]
-    return " ".join(re.sub(r'``"?(.*?)"?``', r"\1", first).split())
 
 
 class EngineChoice(click.Choice[str]):
@@ -280,7 +264,7 @@ ANNOTATE = option(
     help="Print errors and warnings on stderr as GitHub shows them at the files; by default"
     " where GITHUB_ACTIONS is set.",
 )
-OUTPUT = option("output", "-o", "--output", type=click.Path(dir_okay=False), writes=True)
+OUTPUT = option("output", "-o", "--output", type=FILE, writes=True)
 DATABASE = replace(OUTPUT, check="verification.studies.running.store:check_database")
 PYTHON_ONLY = ("progress", "strains", "announce")
 """Parameters of functions that are no options."""

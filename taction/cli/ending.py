@@ -12,7 +12,7 @@ import re
 import resource
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from typing import TextIO
 
@@ -27,13 +27,12 @@ from taction.system.errors import (
     NoVerdictError,
     TactionError,
 )
-from taction.system.foreign_files import visible
+from taction.system.foreign_files import visible, visible_lines
 from taction.system.processes import ending_signals
 
 CLOSED_PIPE = 141  # as a shell says of a program that SIGPIPE ended
 LEAST_MEMORY = 400_000_000  # bytes of address space: numpy and SciPy need 230 MB
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # of a stream that takes no more
-UNUSABLE = (errno.ENAMETOOLONG, errno.ELOOP)  # of the name of a file
 LACKING = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM, errno.EROFS, errno.EACCES, *FULL)
 """What a system refuses to a program that is right."""
 TWO_BOARDS = "two scene files, decks (.cir), records (.raw), or stored verdicts (.json)"
@@ -49,24 +48,25 @@ ARGUMENTS = {
 """What the arguments of the commands are, by name."""
 
 
-def run_command(function: Callable[[], object], *, as_json: bool, words: Sequence[str] = ()) -> int:
+def run_command(function: Callable[[], object], *, as_json: bool) -> int:
     """Run a command, report its error, and return its exit status.
 
     `function`: runs the command. Its `SystemExit` has the exit status.
     `as_json`: whether an error is also a JSON document on stdout.
-    `words`: of the command line, which a message may repeat.
 
-    Returns
-    -------
-    int
-        The status of the command; that of its error; 3 after an unexpected exception or if stdout
-        takes no more; 141 if the reader of stdout has gone; 128 and the number of the signal after
-        SIGINT, SIGTERM or SIGHUP, which run all clean-up first.
+    The status is that of the command or of its error; 3 after an unexpected exception or if stdout
+    takes no more; 141 if the reader of stdout has gone; 128 and the number of the signal after
+    SIGINT, SIGTERM or SIGHUP, which run all clean-up first.
     """
-    _prepare_streams()
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:  # closed: what is opened takes its number
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115
+        elif hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
     with ending_signals() as received:
         try:
-            status = _status(function, as_json, received, words)
+            status = _status(function, as_json, received)
             sys.stdout.flush()
         except BrokenPipeError:
             _leave(sys.stdout)
@@ -86,12 +86,13 @@ def run_command(function: Callable[[], object], *, as_json: bool, words: Sequenc
     return 128 + received[0] if ended else status
 
 
-def _status(
-    function: Callable[[], object], as_json: bool, received: list[int], words: Sequence[str]
-) -> int:
+def _status(function: Callable[[], object], as_json: bool, received: list[int]) -> int:
     """Run a command, say its error, and return its exit status."""
     try:
-        _refuse_little_memory()
+        memory = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if memory != resource.RLIM_INFINITY and memory < LEAST_MEMORY:
+            found = f"the memory is limited to {memory / 1e6:.0f} MB (ulimit -v)"
+            raise NoVerdictError(f"{found}; expected {LEAST_MEMORY / 1e6:g} MB or more")
         function()
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 0
@@ -105,23 +106,17 @@ def _status(
             kept = str(error) if isinstance(error, Interrupted) else "no verdict was reached"
             say(f"interrupted; {kept}")
             return INTERRUPTED
-        return _report(error, as_json, words)
+        return _report(error, as_json)
     return 0
 
 
-def _refuse_little_memory() -> None:
-    """Refuse a limit of the memory below which a library ends the process, with status 1."""
-    memory = resource.getrlimit(resource.RLIMIT_AS)[0]
-    if memory != resource.RLIM_INFINITY and memory < LEAST_MEMORY:
-        least = f"expected {LEAST_MEMORY / 1e6:g} MB or more"
-        raise NoVerdictError(f"the memory is limited to {memory / 1e6:.0f} MB (ulimit -v); {least}")
-
-
-def _report(error: Exception, as_json: bool, words: Sequence[str]) -> int:
+def _report(error: Exception, as_json: bool) -> int:
     """Say an error, and return its exit status; a bug is told with its traceback."""
     known = error if isinstance(error, click.ClickException) else _known(error)
     if isinstance(known, click.ClickException):
-        message = _told(known.format_message(), words)
+        text = re.sub(r"is not a valid (integer|float)( range)?\.", "is no number.",
+                      known.format_message())  # fmt: skip
+        message = visible_lines(text)
     else:
         bug = f"this is a bug in taction; no verdict was reached: {error}"
         message = bug if known is None else str(known)
@@ -133,47 +128,38 @@ def _report(error: Exception, as_json: bool, words: Sequence[str]) -> int:
         if isinstance(known, click.UsageError) and known.ctx is not None:
             hint = f"Try '{known.ctx.command_path} --help' for help."
             click.echo(f"{known.ctx.get_usage()}\n{hint}\n", err=True)
-        click.echo(f"Error: {message}{_instead(known)}", err=True)
+        expected = _expected(known)
+        click.echo(f"Error: {message}" + f"\nExpected{expected}" * bool(expected), err=True)
         return known.exit_code
-    if known is not None:
-        say(message)
-        return known.exit_status
-    import traceback
+    if known is None:
+        import traceback
 
-    traceback.print_exception(error)
+        traceback.print_exception(error)
     say(message)
-    return STATUS["inconclusive"]
+    return STATUS["inconclusive"] if known is None else known.exit_status
 
 
-def _instead(error: click.ClickException) -> str:
-    """Return a line that says what to write instead, where click does not."""
+def _expected(error: click.ClickException) -> str:
+    """Return what to write instead, where click does not say it."""
     parameter, context = getattr(error, "param", None), getattr(error, "ctx", None)
     text = error.format_message()
     if isinstance(error, click.MissingParameter) and parameter is not None:
         about = ARGUMENTS.get((parameter.name or "").removesuffix("s"), "")
         about = about or getattr(parameter, "help", None) or ""
         kind = "" if context is None else f" {parameter.make_metavar(context)}"
-        return f"\nExpected{kind}: {about}" * bool(about)
+        return f"{kind}: {about}" * bool(about)
     if "is not a valid" in text and parameter is not None:
         kind = parameter.type
         whole = "a whole number" if isinstance(kind, click.types.IntParamType) else "a number"
         limits = getattr(kind, "_describe_range", str)()
-        return f"\nExpected {whole}{f' in {limits}' if limits else ''}."
+        return f" {whole}{f' in {limits}' if limits else ''}."
     if "unexpected extra argument" in text and context is not None:
         if any(each.name == "over" for each in context.command.params):
-            form = "--over C=1pF:1nF:3, with '=' and no blank"
-            return f"\nExpected one word after each option: {form}."
-        return "\nExpected no further word; text with blanks needs quotes."
+            return " one word after each option: --over C=1pF:1nF:3, with '=' and no blank."
+        return " no further word; text with blanks needs quotes."
     if "No such command" in text and "Did you mean" not in text and context is not None:
-        return f"\nExpected one of {', '.join(context.command.list_commands(context))}."
+        return f" one of {', '.join(context.command.list_commands(context))}."
     return ""
-
-
-def _told(text: str, words: Sequence[str]) -> str:
-    """Return a message that repeats words of the command line, these as a reader sees them."""
-    for word in words:
-        text = text.replace(word, visible(word))
-    return re.sub(r"is not a valid (integer|float)( range)?\.", "is no number.", text)
 
 
 def of_stdout(error: OSError) -> bool:
@@ -195,7 +181,7 @@ def _known(error: Exception) -> TactionError | None:
     name, number = getattr(error, "filename", None), getattr(error, "errno", None)
     if isinstance(error, RuntimeError) and str(error).startswith("Symlink loop"):  # Python 3.12
         name, number = str(error).partition(" from ")[2].strip("'"), errno.ELOOP
-    if name is not None and number in UNUSABLE:
+    if name is not None and number in (errno.ENAMETOOLONG, errno.ELOOP):
         reason = f"{os.strerror(number)}; expected a name of up to 255 bytes, no links in a circle"
         return InputError(os.fsdecode(name), Complaint("file", "", reason))
     cause: BaseException | None = error
@@ -209,23 +195,9 @@ def _known(error: Exception) -> TactionError | None:
     return None
 
 
-def _prepare_streams() -> None:
-    """Open closed descriptors, so that no file gets their numbers; write unknown signs as ``?``."""
-    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
-        os.set_inheritable(number, True)
-    os.close(number)
-    for name in ("stdout", "stderr"):
-        stream = getattr(sys, name)
-        if stream is None:
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115
-        elif hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")
-
-
-def _leave(stream: TextIO | None) -> None:
+def _leave(stream: TextIO) -> None:
     """Discard what a stream still holds, so that Python's end does not try to write again."""
-    if stream is not None:
-        with suppress(OSError, ValueError):
-            null = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(null, stream.fileno())
-            os.close(null)
+    with suppress(OSError, ValueError):
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, stream.fileno())
+        os.close(null)

@@ -9,7 +9,6 @@ import inspect
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -109,24 +108,6 @@ def command(name: str) -> Command:
     return found
 
 
-@contextmanager
-def naming_the_remedy() -> Iterator[None]:
-    """Say what to type in the place of an option that is no more."""
-    try:
-        yield
-    except click.NoSuchOption as error:
-        name = error.ctx.command.name if error.ctx else ""
-        if hint := WITHDRAWN.get(f"{name} {error.option_name}"):
-            text = f"No such option '{error.option_name}'. {hint}"
-            raise click.UsageError(text, error.ctx) from None
-        raise
-
-
-def print_reference(group: click.Group, names: Sequence[str]) -> None:
-    """Print all commands, or those of `names`, with their options as one JSON document."""
-    print_json(reference(group, names), "")
-
-
 class LazyGroup(click.Group):
     """A click group whose commands are made when they are used.
 
@@ -152,18 +133,22 @@ class LazyGroup(click.Group):
             self._main_shell_completion({}, PROGRAM)
             names = [word for word in words if word not in ("--json", *HELP)]
             if "--json" in words and HELP & {*words} and {*names} <= {*self.list_commands(None)}:
-                print_reference(self, names)
+                print_json(reference(self, names), "")
                 return
             if not words:
                 click.echo(FIRST_STEPS, nl=False)
                 return
-            with (
-                self.make_context(PROGRAM, words.copy(), **more) as context,
-                naming_the_remedy(),
-            ):
-                self.invoke(context)
+            try:
+                with self.make_context(PROGRAM, words.copy(), **more) as context:
+                    self.invoke(context)
+            except click.NoSuchOption as error:
+                name = error.ctx.command.name if error.ctx else ""
+                if hint := WITHDRAWN.get(f"{name} {error.option_name}"):
+                    text = f"No such option '{error.option_name}'. {hint}"
+                    raise click.UsageError(text, error.ctx) from None
+                raise
 
-        sys.exit(run_command(run, as_json="--json" in words, words=words))
+        sys.exit(run_command(run, as_json="--json" in words))
 
     def list_commands(self, ctx: click.Context | None) -> list[str]:
         """Return the listed commands in their order."""
@@ -224,18 +209,9 @@ def main() -> None:
         os.environ.setdefault(name, "1")
 
 
-TYPES = {  # click's names
-    "Bool": "boolean",
-    "File": "path",
-    "Float": "number",
-    "FloatRange": "number",
-    "NumberRange": "number",
-    "Int": "integer",
-    "IntRange": "integer",
-    "Path": "path",
-    "String": "text",
-    "Tuple": "text",
-}
+TYPES = {"Bool": "boolean", "Path": "path", "EngineChoice": "choice", "Choice": "choice",
+         "IntRange": "integer", "Int": "integer", "NumberRange": "number"}  # fmt: skip
+"""Of parameters, by click's names; any other is a text."""
 
 
 def reference(main: click.Group, names: Sequence[str] = ()) -> dict[str, Any]:
@@ -255,10 +231,8 @@ def _commands(
     group: click.Group, context: click.Context, names: Sequence[str] = ()
 ) -> Iterator[dict[str, Any]]:
     for short in group.list_commands(context):
-        if names and short not in names:
-            continue
         command = group.get_command(context, short)
-        if command is None:
+        if command is None or (names and short not in names):
             continue
         name = " ".join([*context.command_path.split()[1:], short])
         with click.Context(command, info_name=short, parent=context) as inner:
@@ -271,15 +245,15 @@ def _commands(
 def _command(command: click.Command, name: str, context: click.Context) -> dict[str, Any]:
     from taction.verification.report.documents.document_catalogue import ERROR, MODELS, schema_name
 
-    parameters = [_parameter(p, context) for p in command.get_params(context)]
+    parameters = command.get_params(context)
     schema = own_name(context)
     documents = [key for key in MODELS if key == schema or key.startswith(f"{schema}-")]
     return {
         "name": name,
         "usage": f"taction {' '.join([name, *command.collect_usage_pieces(context)])}",
         "help": inspect.cleandoc(command.help or ""),
-        "arguments": [p for p in parameters if p.pop("kind") == "argument"],
-        "options": [p for p in parameters if "flags" in p],
+        "arguments": [_parameter(p, context) for p in parameters if isinstance(p, click.Argument)],
+        "options": [_parameter(p, context) for p in parameters if isinstance(p, click.Option)],
         "schemas": [schema_name(key) for key in (*documents, ERROR)],
     }
 
@@ -287,17 +261,15 @@ def _command(command: click.Command, name: str, context: click.Context) -> dict[
 def _parameter(parameter: click.Parameter, context: click.Context) -> dict[str, Any]:
     """Return an argument or an option as plain data."""
     info = parameter.to_info_dict()
-    kind = dict(info["type"])
-    choices = kind.get("choices")
+    kind = info["type"]
     record: dict[str, Any] = {
-        "kind": info["param_type_name"],
         "name": info["name"],
-        "type": "choice" if choices is not None else TYPES[kind["param_type"]],
+        "type": TYPES.get(kind["param_type"], "text"),
         "required": info["required"],
         "several": bool(info["multiple"]) or info["nargs"] == -1,
     }
     record |= {key: kind[key] for key in ("min", "max") if kind.get(key) is not None}
-    record |= {} if choices is None else {"choices": list(choices)}
+    record |= {"choices": list(kind["choices"])} if "choices" in kind else {}
     if isinstance(parameter, click.Option):
         default = parameter.get_default(context)
         record |= {

@@ -80,15 +80,6 @@ class StageLine:
 
     These come after 10 s, 15 s, 22 s, ..., at last every five minutes. A `Notice` is always a line
     of its own, and is said once.
-
-    Examples
-    --------
-    >>> seconds = iter([0.0, 1.0, 11.0, 12.0, 20.0])
-    >>> line = StageLine(say=print, clock=lambda: next(seconds))
-    >>> for count in range(1, 5):
-    ...     line(f"{count} of 9")
-    2 of 9
-    4 of 9
     """
 
     def __init__(
@@ -107,7 +98,7 @@ class StageLine:
             if stage not in self._said:
                 self._said.add(stage)
                 with self.aside():
-                    say(stage)
+                    self._say(stage)
         elif self._bar is not None and self._task is not None:
             counted = COUNTED.search(stage)
             done, total = map(int, counted.groups()) if counted else (0, None)
@@ -132,19 +123,12 @@ def display() -> Iterator[StageLine]:
     if not sys.stderr.isatty():
         yield StageLine()
         return
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        SpinnerColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from rich import progress
     from rich.table import Column
 
-    page = console(stderr=True)
-    bar = [BarColumn(), TimeRemainingColumn()] if page.width >= WIDE else []
-    words = TextColumn("{task.description}", table_column=Column(overflow="fold", no_wrap=False))
-    columns = (SpinnerColumn(), *bar, TimeElapsedColumn(), words)
-    with Progress(*columns, console=page, transient=True) as shown:
+    page, column = console(stderr=True), Column(overflow="fold", no_wrap=False)
+    bar = [progress.BarColumn(), progress.TimeRemainingColumn()] if page.width >= WIDE else []
+    words = progress.TextColumn("{task.description}", table_column=column)
+    columns = (progress.SpinnerColumn(), *bar, progress.TimeElapsedColumn(), words)
+    with progress.Progress(*columns, console=page, transient=True) as shown:
         yield StageLine(shown)

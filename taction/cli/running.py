@@ -5,9 +5,9 @@ from __future__ import annotations
 import inspect
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -17,7 +17,6 @@ from taction.cli.command import (
     Command,
     CommandParameter,
     Job,
-    OutputOption,
     beginning,
     load,
     signature,
@@ -28,9 +27,6 @@ from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupte
 from taction.system.foreign_files import visible
 from taction.system.progress import attempt
 
-if TYPE_CHECKING:
-    from taction.netlist_gen.scene.scene import Scene
-
 BOARDS = ("scene", "first", "second")
 """Arguments that are one board. Of several boards a wrong one is a row of the result."""
 
@@ -39,48 +35,43 @@ def made(name: str, command: Command) -> click.Command:
     """Return a command, with those below it, as a command of click."""
 
     def callback(**given: Any) -> None:
-        context = click.get_current_context()
-        if context.invoked_subcommand is None:
+        if click.get_current_context().invoked_subcommand is None:
             run(command, given)
 
     text = "Print one JSON document on stdout and everything else on stderr."
     as_json = click.Option(["--json", "as_json"], is_flag=True, help=text)
-    function = command.function
-    parameters = [*(each.made(function) for each in command.every), as_json]
-    about = "\n\n".join(filter(None, (beginning(function), command.ends)))
+    about = "\n\n".join(filter(None, (beginning(command.function), command.ends)))
+    same: dict[str, Any] = {
+        "params": [*(each.made(command.function) for each in command.every), as_json],
+        "callback": callback,
+        "help": about,
+    }
+    if command.commands:
+        below = {short: made(short, each) for short, each in command.commands.items()}
+        return click.Group(name, below, invoke_without_command=True, **same)
     line = " ".join(about.partition("\n\n")[0].split())
-    if not command.commands:
-        return click.Command(
-            name, params=parameters, callback=callback, help=about, short_help=line
-        )
-    below = {short: made(short, each) for short, each in command.commands.items()}
-    return click.Group(
-        name,
-        below,
-        params=parameters,
-        callback=callback,
-        help=about,
-        invoke_without_command=True,
-    )
+    return click.Command(name, short_help=line, **same)
 
 
 def run(command: Command, given: dict[str, Any]) -> None:
     """Run a command with its options, show the result, and end with the exit status."""
     job = (command.other and command.other(given)) or command
     _check(command, job, given)
-    # Of an option without a value the function's own default counts.
-    known = {name: each.default for name, each in signature(job.function).items()}
-    asked = {name: value for name, value in given.items() if name in known}
-    unset = {name for name, value in asked.items() if value is None and known[name] is not None}
-    unset -= {name for name in unset if known[name] is inspect.Parameter.empty}
-    call = Call(asked | {name: known[name] for name in unset}, given)
+    known = signature(job.function)
+    call = Call({name: value for name, value in given.items() if name in known}, given)
+    for name in [name for name, value in call.arguments.items() if value is None]:
+        if known[name].default is not inspect.Parameter.empty:  # which counts
+            call.arguments[name] = known[name].default
     if job.before is not None:
         job.before(call)
-    if "scene" in given:
-        _ask(given["scene"])
+    if given.get("scene") is not None:
+        from taction.netlist_gen.scene.slips import questions
+
+        for question in questions(given["scene"]):
+            say(f"question: {question}")
     result, interrupted = _result(job, call)
     status = status_of(result)
-    for name in job.files(result, call) if job.files is not None else ():
+    for name in job.files(result, call):
         click.echo(f"wrote {visible(name)}", err=True)
     written = _write(job, result, given)  # before the text: its reader may go
     if job.after is not None:
@@ -126,64 +117,48 @@ def _check(command: Command, job: Job, given: dict[str, Any]) -> None:
     Neither may an output be an input, or another output. A scene that is read takes the place of
     its name.
     """
+    parameters, inputs = command.every, list[str]()
     for output in command.outputs:
-        if output.check is not None and given[output.name] is not None:
-            load(output.check)(given[output.name])
-    for parameter in command.every:
-        if parameter.reads and parameter.name not in BOARDS:
-            _refuse_missing(parameter, _names(given[parameter.name]))
-    inputs = [name for p in command.every if p.reads for name in _names(given[p.name])]
+        _apply_check(output, given)
+    for parameter in parameters:
+        if parameter.reads:
+            names = list(_each(given[parameter.name]))
+            inputs += names
+            # A board is refused where it is read, as in Python.
+            expected = ARGUMENTS.get(parameter.name.removesuffix("s"))
+            for name in names if expected and parameter.name not in BOARDS else ():
+                if not (name.endswith(".toml") or os.path.lexists(name)):
+                    text = f"No such file or directory; expected {expected}"
+                    raise InputError(name, Complaint("file", "", text))
     if given.get("scene") is not None:
         from taction.netlist_gen.scene.loading import load_scene
 
         given |= {"scene": load_scene(given["scene"])}
-    asked = {p: given[p.name] for p in command.every if p.writes and given[p.name]}
+    asked = {each: given[each.name] for each in parameters if each.writes and given[each.name]}
     if asked:
         from taction.verification.report.output_checks import check_folder, check_separate
 
-        check_separate(inputs, {p.option: file for p, file in asked.items()})
+        check_separate(inputs, {each.option: file for each, file in asked.items()})
         for parameter, file in asked.items():
-            if not _is_folder(parameter):
+            if not parameter.is_folder:
                 check_folder(file, parameter.option)
-    for parameter in command.every:
-        value = given[parameter.name]
-        if parameter.check is not None and value is not None:
-            for each in value if isinstance(value, tuple) else (value,):
-                load(parameter.check)(each)
-    able = {output.name for output in job.outputs}
-    for output in command.outputs:
-        if given[output.name] is not None and output.name not in able:
-            complaint = Complaint("FILE", repr(given[output.name]), job.lacks)
-            raise InputError(f"--{output.name}", complaint)
+    for parameter in parameters:
+        if parameter.write is None:
+            _apply_check(parameter, given)
+        elif given[parameter.name] is not None and parameter not in job.outputs:
+            value = repr(given[parameter.name])
+            raise InputError(parameter.option, Complaint("FILE", value, job.lacks))
 
 
-def _refuse_missing(parameter: CommandParameter, names: Iterable[str]) -> None:
-    """Refuse a file that does not exist, where the command says what it expects there.
-
-    A board is refused where it is read, as in Python.
-    """
-    expected = ARGUMENTS.get(parameter.name.removesuffix("s"))
-    for name in names:
-        if expected and not (name.endswith(".toml") or os.path.lexists(name)):
-            text = f"No such file or directory; expected {expected}"
-            raise InputError(name, Complaint("file", "", text))
+def _apply_check(parameter: CommandParameter, given: Mapping[str, Any]) -> None:
+    for each in _each(given[parameter.name]):
+        if parameter.check is not None:
+            load(parameter.check)(each)
 
 
-def _names(value: Any) -> Iterator[str]:
-    yield from value if isinstance(value, tuple) else [value] if value else []
-
-
-def _is_folder(parameter: CommandParameter) -> bool:
-    kind = parameter.attributes.get("type")
-    return isinstance(kind, click.Path) and not kind.file_okay
-
-
-def _ask(scene: Scene | None) -> None:
-    """Ask on stderr what may be a slip in the scene."""
-    from taction.netlist_gen.scene.slips import questions
-
-    for question in questions(scene) if scene is not None else ():
-        say(f"question: {question}")
+def _each(value: Any) -> Iterator[Any]:
+    """Yield the values of a parameter, which may have none or several."""
+    yield from value if isinstance(value, tuple) else [value] if value is not None else []
 
 
 def _write(job: Job, result: Any, given: Mapping[str, Any]) -> bool:
@@ -191,11 +166,11 @@ def _write(job: Job, result: Any, given: Mapping[str, Any]) -> bool:
     complete = True
     for output in job.outputs:
         path = given[output.name]
-        if path is None:
+        if path is None or output.write is None:
             continue
 
-        def write(output: OutputOption = output, path: str = path) -> None:
-            load(output.write)(result, path)
+        def write(output: CommandParameter = output, path: str = path) -> None:
+            load(output.write or "")(result, path)
             click.echo(f"{output.verb} {visible(path)}", err=True)
 
         try:
@@ -206,30 +181,30 @@ def _write(job: Job, result: Any, given: Mapping[str, Any]) -> bool:
     return complete
 
 
-def _print(job: Job, result: Any) -> None:
-    if job.text is not None:
-        load(job.text)(result)
-        return
-    from taction.verification.report.renderers.terminal import print_page
-
-    print_page(load(job.view)(result), console())
-
-
 def _show(job: Job, result: Any, call: Call) -> None:
+    """Print the result, or its document; a text that fails ends with the outcome."""
+
+    def show() -> None:
+        if job.text is not None:
+            load(job.text)(result)
+            return
+        from taction.verification.report.renderers.terminal import print_page
+
+        print_page(load(job.view)(result), console())
+
     if not call.as_json:
-        ending = str(getattr(result, "outcome", "")).upper()
         failed: list[str] = []
-        attempt("the text", lambda: _print(job, result), None, failed.append, is_of_stdout)
+        attempt("the text", show, None, failed.append, is_of_stdout)
         for line in failed:
             say(line)
-            click.echo(ending)
+            click.echo(str(getattr(result, "outcome", "")).upper())
         return
     document = load(job.document)(result)
-    if not isinstance(document, Iterator):
+    if isinstance(document, Iterator):
+        for part in document:
+            click.echo(part, nl=False)
+    else:
         print_json(document, "" if job.schema is None else job.schema or None)
-        return
-    for part in document:
-        click.echo(part, nl=False)
 
 
 def _is_bad_input(error: Exception) -> bool:

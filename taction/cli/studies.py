@@ -10,15 +10,16 @@ import click
 from taction.cli.command import (
     ANNOTATE,
     DATABASE,
+    FILE,
     REPORT,
     Call,
     Command,
     Job,
     NumberRange,
-    OutputOption,
     argument,
     folder,
     option,
+    output,
     own_file,
     picture,
     text_file,
@@ -121,8 +122,8 @@ CHECK = Command(
         option("expect", metavar="V(NODE)=VALUE", multiple=True),
         option("unit", metavar="VOLTS"),
         option("accept", metavar="SHARE"),
-        option("tolerances", metavar="FILE", type=click.Path(dir_okay=False), reads=True),
-        option("output", "-o", type=click.Path(dir_okay=False), writes=True),
+        option("tolerances", metavar="FILE", type=FILE, reads=True),
+        option("output", "-o", type=FILE, writes=True),
     ),
     ends="Exit status: 0 without checks or if all pass, 1 a check failed, 3 one is not decided.",
 )
@@ -142,11 +143,11 @@ SWEEP = Command(
     function="sweep",
     document="verification.report.documents.document_catalogue:sweep_pieces",
     outputs=(
-        OutputOption(
+        output(
             "export",
             "Write a table (.csv, .parquet) or grid (.nc).",
             "verification.studies.sweep.result:export_sweep",
-            "verification.studies.sweep.result:check_sweep_export",
+            check="verification.studies.sweep.result:check_sweep_export",
         ),
         picture("maps over two axes, or curves over one axis,"),
         REPORT,

@@ -25,7 +25,7 @@ study is `Interrupted`, a `KeyboardInterrupt` with what the study has finished.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -60,19 +60,9 @@ class TactionError(Exception):
     def __str__(self) -> str:
         return shortened(super().__str__())
 
-    def __reduce__(self) -> tuple[Callable[..., TactionError], tuple[Any, ...]]:
+    def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the finished text: the arguments of a subclass are not those of its base."""
-        return _unpickled, (type(self), self.args, dict(self.__dict__))
-
-
-def _unpickled(
-    kind: type[TactionError], args: tuple[Any, ...], state: dict[str, Any]
-) -> TactionError:
-    """Return a pickled error with its text and its attributes."""
-    error = kind.__new__(kind)
-    error.args = args
-    error.__dict__.update(state)
-    return error
+        return type(self).__new__, (type(self), *self.args), dict(self.__dict__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,24 +111,12 @@ class InputError(TactionError):
 
 
 def listed(names: Iterable[object]) -> str:
-    """Return names as a message has them.
-
-    Examples
-    --------
-    >>> listed(("ideal", "ua741"))
-    "'ideal', 'ua741'"
-    """
+    """Return names as a message has them: ``'ideal', 'ua741'``."""
     return ", ".join(map(repr, names))
 
 
 def nearest_question(word: str, known: Iterable[str], cutoff: float = 0.5) -> str:
-    """Return the question for the known word that is nearest to `word`; empty without a near one.
-
-    Examples
-    --------
-    >>> nearest_question("ua742", ("ideal", "ua741"))
-    "did you mean 'ua741'? "
-    """
+    """Return ``did you mean 'ua741'? `` with the nearest known word; empty without a near one."""
     import difflib
 
     close = difflib.get_close_matches(word, list(known), n=1, cutoff=cutoff)
@@ -153,29 +131,18 @@ class NoVerdictError(TactionError):
 
 
 class SolverError(NoVerdictError):
-    """A reference solution has no certificate.
-
-    Take a larger lambda, or check the scale of T and of the strain.
-    """
+    """A reference solution has no certificate: a larger lambda, or another scale of T, helps."""
 
 
 class EngineError(NoVerdictError):
-    """The state-space engine has no result for this circuit.
-
-    Try ``--engine ngspice``, or change the part that the message names.
-    """
+    """The state-space engine has no result: try ngspice, or change the part that is named."""
 
 
 class DivergesError(EngineError):
-    """A transient with given instants leaves every bound before the last one.
+    """A transient leaves every bound before its last instant: the board is unstable.
 
-    The board is unstable: a larger C or a smaller gain, which ``taction onset`` finds.
-
-    Attributes
-    ----------
-    partial : object or None
-        A `system.waveforms.Waveforms` up to that instant (`object`, because this module must
-        not import that class).
+    `partial` is a `system.waveforms.Waveforms` up to that instant, which this module must not
+    import, or None.
     """
 
     def __init__(self, message: str, partial: object | None = None) -> None:
@@ -202,9 +169,7 @@ class SimulationError(NoVerdictError):
     partial: object | None = None
 
     def __init__(self, message: str, *, log: str = "", folder: Path | None = None) -> None:
-        self.log = log
-        self.folder = folder
-        self._message = message
+        self.log, self.folder, self._message = log, folder, message
         parts = [message]
         if log:
             parts.append("the log says:\n" + "\n".join("  " + line for line in log.splitlines()))
@@ -226,68 +191,40 @@ def one_line(error: Exception) -> str:
 
 
 class SimulatorNotFound(SimulationError):  # noqa: N818
-    """No ngspice executable.
-
-    Install ngspice, name it in ``TACTION_NGSPICE``, or use ``--engine statespace``.
-    """
+    """No ngspice executable: install one, name it in ``TACTION_NGSPICE``, or use statespace."""
 
 
 class SimulatorTooOld(SimulationError):  # noqa: N818
-    """An ngspice older than the oldest supported version.
-
-    Install the version that the message names, or use ``--engine statespace``.
-    """
+    """An ngspice older than the oldest supported version, which the message names."""
 
 
 class DidNotLoad(SimulationError):  # noqa: N818
-    """The deck is refused, by ngspice or before ngspice reads it.
-
-    Correct the card that the message quotes. A deck that taction wrote itself is a mistake of
-    taction: report it with the kept folder.
-    """
+    """The deck is refused: correct the card that the message quotes, or report a deck of ours."""
 
 
 class SingularCircuit(SimulationError):  # noqa: N818
-    """The matrix of the circuit is singular: a voltage is not determined.
-
-    Connect the node that the message names by a resistor or a capacitor.
-    """
+    """A voltage is not determined: connect the node that is named by a resistor or capacitor."""
 
 
 class StepTooSmall(SimulationError):  # noqa: N818
-    """The time step fell below the simulator's limit.
-
-    Try ``--engine statespace``, or another ``analysis.error``.
-    """
+    """The time step fell below the simulator's limit: another ``analysis.error`` may help."""
 
 
 class OutOfDisk(SimulationError):  # noqa: N818
-    """The result could not be written.
-
-    Make room on the disk, or set ``TMPDIR`` to a folder with room.
-    """
+    """The result could not be written: make room, or set ``TMPDIR`` to a folder with room."""
 
 
 class TimedOut(SimulationError):  # noqa: N818
-    """The time limit was reached; partial waveforms are in the run folder.
-
-    A longer ``analysis.timeout``, a shorter ``analysis.stop``, or ``--engine statespace``.
-    """
+    """The time limit ``analysis.timeout`` was reached; partial waveforms are in the run folder."""
 
 
 class Killed(SimulationError):  # noqa: N818
-    """A signal ended the simulator.
+    """A signal ended the simulator; if the system did for lack of memory, use statespace."""
 
-    Run it again; if the system ended it for lack of memory, use ``--engine statespace``.
-    """
+
+class BadEvidence(SimulationError):  # noqa: N818
+    """Exit status 0, but the result is incomplete or wrong: run again, report it if it returns."""
 
 
 MACHINE_FAILURES = (SimulatorNotFound, SimulatorTooOld, OutOfDisk)
 """What is wrong with the machine, so that the next run there would fail, too."""
-
-
-class BadEvidence(SimulationError):  # noqa: N818
-    """The run ended with exit status 0, but its result is incomplete or wrong.
-
-    Run it again with room on the disk; if it comes again, report it with the kept folder.
-    """

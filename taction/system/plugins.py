@@ -5,8 +5,8 @@ A package names its objects in its ``pyproject.toml``::
     [project.entry-points."taction.opamps"]
     acme1 = "acme.opamps:ACME1"
 
-The names of a table come from the metadata of the installed packages, read when a table is read
-first; an object is loaded when its name is asked for.
+The names come from the metadata of the installed packages, read when a table is read first; an
+object is loaded when its name is asked for.
 """
 
 from __future__ import annotations
@@ -14,43 +14,34 @@ from __future__ import annotations
 import functools
 import re
 from collections.abc import Callable, Iterator, Mapping
-from importlib import import_module
+from importlib import import_module, metadata, util
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar, cast
 
 from taction.system.errors import Complaint, InputError
 
-if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
-
 P = ParamSpec("P")
 T = TypeVar("T")
-C = TypeVar("C")
 
 GROUPS = tuple(
     f"taction.{name}"
     for name in ("amplifiers", "checks", "engines", "networks", "opamps", "topologies")
 )
 CODE = (".py", ".toml")  # suffixes of the files that can change a result
-_NAME = re.compile(r"[a-z][a-z0-9_]*")
-_caches: list[Any] = []
-
-
-def forgotten(cache: C) -> C:
-    """Let `forget` clear a cache whose results depend on plug-ins."""
-    _caches.append(cache)
-    return cache
+CACHES: list[Any] = []  # of functions whose results depend on plug-ins
 
 
 def cached(function: Callable[P, T]) -> Callable[P, T]:
     """Cache a function whose results depend on plug-ins, until `forget`."""
-    return forgotten(functools.cache(function))  # type: ignore[return-value]
+    CACHES.append(functools.cache(function))
+    return cast("Callable[P, T]", CACHES[-1])
 
 
 def forget() -> None:
     """Look for installed packages again, after one was installed while this process runs."""
-    for cache in _caches:
+    for cache in CACHES:
         cache.cache_clear()
 
 
@@ -66,18 +57,13 @@ def _refused(offer: EntryPoint, reason: str) -> InputError:
 
 @cached
 def offers() -> tuple[EntryPoint, ...]:
-    """Return what all installed packages offer, by group and name.
-
-    InputError: a name is offered twice, or is not made of lower-case letters, digits and '_'.
-    """
-    from importlib import metadata
-
+    """Return what all installed packages offer, by group and name; InputError for a bad name."""
     every = metadata.entry_points()
     found = [offer for group in GROUPS for offer in every.select(group=group)]
     found.sort(key=lambda offer: (offer.group, offer.name, distribution(offer)))
     known: dict[tuple[str, str], EntryPoint] = {}
     for offer in found:
-        if not _NAME.fullmatch(offer.name):
+        if not re.fullmatch(r"[a-z][a-z0-9_]*", offer.name):
             text = "a name is a lower-case letter, then such letters, digits and '_'"
             raise _refused(offer, text)
         before = known.setdefault((offer.group, offer.name), offer)
@@ -113,12 +99,6 @@ class OpenTable(Mapping[str, T]):
     `optional`: an object without the part, or with None for it, has the entry None.
     InputError: when the table is read: a plug-in offers a name that is taken, an object that cannot
       be loaded, or one of another class. The message has package, group and name.
-
-    Examples
-    --------
-    >>> table = OpenTable("taction.opamps", {"one": 1}, int)
-    >>> list(table), table["one"], "two" in table
-    (['one'], 1, False)
     """
 
     def __init__(
@@ -130,13 +110,11 @@ class OpenTable(Mapping[str, T]):
         *,
         optional: bool = False,
     ) -> None:
-        if group not in GROUPS:
-            raise ValueError(f"group = {group!r}: expected one of {', '.join(GROUPS)}")
         self._group, self._own, self._kind = group, own, kind
         self._part, self._optional = part, optional
 
     def _entries(self) -> dict[str, Any]:
-        """Return the own entries and the offers by name; none has the name of another."""
+        """Return the own entries, and the offers of others, which are not loaded."""
         found: dict[str, Any] = {**(self._own() if callable(self._own) else self._own)}
         for offer in offers():
             if offer.group == self._group:
@@ -151,45 +129,37 @@ class OpenTable(Mapping[str, T]):
     def __len__(self) -> int:
         return len(self._entries())
 
-    def __getitem__(self, name: str) -> T:
-        entry = self._entries()[name]
-        offer = next((each for each in offers() if each is entry), None)
-        found: T = entry if offer is None else self._loaded(offer)
-        return found
-
     def __contains__(self, name: object) -> bool:
         return name in self._entries()
 
-    def _loaded(self, offer: EntryPoint) -> T:
+    def __getitem__(self, name: str) -> T:
+        entry = self._entries()[name]
+        return cast(T, self._loaded(entry) if isinstance(entry, EntryPoint) else entry)
+
+    def _loaded(self, offer: EntryPoint) -> Any:
         try:
             entry = offer.load()
         except Exception as error:  # whatever a module of another package raises
             text = f"{offer.value} cannot be loaded: {type(error).__name__}: {error}"
             raise _refused(offer, text) from error
-        place = f"{offer.value}.{self._part}" if self._part else offer.value
+        place = offer.value
         if self._part:
-            entry = getattr(entry, self._part, None)
+            place, entry = f"{place}.{self._part}", getattr(entry, self._part, None)
         fits = issubclass if isinstance(entry, type) else isinstance
         if not (fits(entry, self._kind) or (self._optional and entry is None)):
             found = entry.__name__ if isinstance(entry, type) else f"a {type(entry).__name__}"
             raise _refused(offer, f"{place} is {found}; expected {self._kind.__qualname__}")
         if getattr(entry, "name", offer.name) != offer.name:
             raise _refused(offer, f"{place} has the other name {entry.name!r}")
-        result: T = entry
-        return result
+        return entry
 
 
 def sources() -> Iterator[tuple[str, bytes]]:
-    """Yield name and bytes of what can change a plug-in's results: its version and its files.
-
-    The files are those of the outermost package, or of the module, that holds the object.
-    """
-    from importlib.util import find_spec
-
+    """Yield what can change a plug-in's results: versions, and files of its outermost package."""
     for offer in offers():
         yield f"{offer.group} {offer.name} {offer.value} {distribution(offer)}", b""
     for name in sorted({offer.module.partition(".")[0] for offer in offers()}):
-        if (spec := find_spec(name)) is not None:
+        if (spec := util.find_spec(name)) is not None:
             folders = [Path(place) for place in spec.submodule_search_locations or ()]
             files = [file for folder in folders for file in folder.rglob("*")]
             for path in sorted(files or [Path(spec.origin or "")]):

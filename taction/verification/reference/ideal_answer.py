@@ -159,13 +159,14 @@ def _solve_cached(network: IdealNetwork) -> Solution:
     return _solve_content(*content, network.solver, *kind)
 
 
-@plugins.forgotten
 @functools.lru_cache(maxsize=CACHED_SOLUTIONS)
 def _solve_content(
     shape: tuple[int, ...], T: bytes, eps: bytes, solver: Callable[[Problem], Solution], *kind: Any
 ) -> Solution:
     return solver(Problem(np.frombuffer(T).reshape(shape), np.frombuffer(eps), *kind))
 
+
+plugins.CACHES.append(_solve_content)
 
 INSTANTS = 2000
 
