@@ -13,7 +13,9 @@ processes, and `progress` is a function that receives a line of text at every st
 
 from __future__ import annotations
 
+import re
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -61,46 +63,19 @@ if TYPE_CHECKING:
     from taction.verification.studies.work_precision.study import accuracy as accuracy
     from taction.verification.verdict.verify import Verdict as Verdict
 
-_NAMES = {
-    "decks": "check",
-    "designs": "bom build kicad netlist solve",
-    "netlist_gen.board.circuit": "Circuit",
-    "netlist_gen.board.synthesis": "synthesise",
-    "netlist_gen.deck.deck": "write_deck",
-    "netlist_gen.scene.loading": "load_scene",
-    "netlist_gen.scene.scene": "Scene",
-    "system.errors": "InputError Interrupted NoVerdictError TactionError",
-    "system.waveforms": "Waveforms",
-    "tools": "import_model mcp models opamp scene_schema",
-    "transients": "diff explore simulate verify verify_files what_to_change",
-    "verification.design.choose": "choose",
-    "verification.design.fresh_scene": "new",
-    "verification.design.scaling": "scale",
-    "verification.design.tune": "tune",
-    "verification.evidence.demonstration": "demo",
-    "verification.evidence.paper.reproduce": "reproduce",
-    "verification.evidence.stress.run_cases": "stress",
-    "verification.studies.onset.onset": "onset",
-    "verification.studies.regression.regress": "regress",
-    "verification.studies.running.installation": "doctor",
-    "verification.studies.sweep.result": "sweep",
-    "verification.studies.tolerance.corners": "corners",
-    "verification.studies.tolerance.montecarlo": "montecarlo",
-    "verification.studies.tolerance.varied_board": "verify_sample",
-    "verification.studies.work_precision.study": "accuracy",
-    "verification.verdict.verify": "Verdict",
+# Each public name with its module: the imports above are the one table of them.
+_PLACES = {
+    name: place
+    for place, name in re.findall(r"from (\S+) import (\w+) as", Path(__file__).read_text("utf-8"))
 }
-"""The public names by the module that has them, below `taction`."""
-
-__all__ = sorted(" ".join(_NAMES.values()).split())
+__all__ = sorted(_PLACES)
 
 
 def __getattr__(name: str) -> Any:
     """Load a public name at its first use (PEP 562)."""
-    if name not in __all__:
+    if name not in _PLACES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    place = next(place for place, names in _NAMES.items() if name in names.split())
-    globals()[name] = getattr(import_module(f"{__name__}.{place}"), name)
+    globals()[name] = getattr(import_module(_PLACES[name]), name)
     return globals()[name]
 
 

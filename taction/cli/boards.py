@@ -78,13 +78,9 @@ def verify_scene(call: Call, progress: StageLine) -> Verified:
         document = load(DOCUMENT + "_with_margins" * bool(options["margins"]))(verdict)
     found = Verified(verdict, None, document, whole=options["verbose"])
     if not call.as_json:
-        show = partial(_print_verdict, found, progress)
-        attempt("the text", show, None, say, is_of_stdout)
+        attempt("the text", partial(_print_verdict, found, progress), None, say, is_of_stdout)
     given = {name: options[name] for name in ("changes", "any_part")}
-
-    def search() -> Remedies | None:
-        return taction.what_to_change(verdict, **given, progress=progress)
-
+    search = partial(taction.what_to_change, verdict, **given, progress=progress)
     try:
         return replace(found, remedies=attempt("the search for changes", search, None, say))
     except KeyboardInterrupt:
@@ -97,12 +93,9 @@ def _print_verdict(found: Verified, progress: StageLine) -> None:
     from taction.verification.report.views.answer_view import margin_lines
     from taction.verification.report.views.verdict_view import screen, view
 
-    margins = tuple(margin_lines(found.document))
-    page = (
-        view(found.verdict, notes=margins, verbose=True)
-        if found.whole
-        else screen(found.verdict, margins)
-    )
+    verdict, margins = found.verdict, tuple(margin_lines(found.document))
+    whole = found.whole
+    page = view(verdict, notes=margins, verbose=True) if whole else screen(verdict, margins)
     with progress.aside(), suppress(BrokenPipeError):
         for line in [*page_lines(page)][:-1]:
             put(line)
@@ -273,13 +266,6 @@ def _nothing(found: Any) -> None:
     """Print nothing: the files are the result."""
 
 
-def _check_export(call: Call) -> None:
-    if call.options["output"] is not None:
-        from taction.verification.report.output_checks import check_export
-
-        check_export(call.options["output"])
-
-
 def _announce(call: Call) -> None:
     """Say the address of the page as soon as it can be opened."""
 
@@ -334,7 +320,11 @@ SOLVE = Command(
     lacks=SOLUTION.lacks,
     ends="Exit status: 3 if the solution has no certificate.",
 )
-SIMULATE = Command(function="simulate", before=_check_export, files=own_file)
+SIMULATE = Command(
+    function="simulate",
+    files=own_file,
+    parameters=(replace(OUTPUT, check="verification.report.output_checks:check_export"),),
+)
 EXPLORE = Command(
     function="explore",
     document=lambda found: iter(()),

@@ -171,8 +171,7 @@ def _known(error: Exception) -> TactionError | None:
     """Return an error as one of ours; None for a bug.
 
     A name that is too long, and links that lead to one another, are found wherever a path is first
-    looked at. Libraries hide what the system refuses: an import that finds no free descriptor is an
-    `ImportError` with the words of the system.
+    looked at; and libraries wrap what the system refuses.
     """
     if isinstance(error, TactionError):
         return error
@@ -185,14 +184,11 @@ def _known(error: Exception) -> TactionError | None:
         reason = f"{os.strerror(number)}; expected a name of up to 255 bytes, no links in a circle"
         return InputError(os.fsdecode(name), Complaint("file", "", reason))
     cause: BaseException | None = error
-    while cause is not None:
-        words = next((w for w in map(os.strerror, LACKING) if w in str(cause)), "")
-        if words:
-            file = getattr(cause, "filename", None)
-            place = f" ({visible(str(file))})" if file else ""
-            return NoVerdictError(f"no verdict was reached, the system refuses: {words}{place}")
+    while cause is not None and getattr(cause, "errno", None) not in LACKING:
         cause = cause.__cause__ or cause.__context__
-    return None
+    if cause is None:
+        return None
+    return NoVerdictError(f"no verdict was reached, the system refuses: {visible(str(cause))}")
 
 
 def _leave(stream: TextIO) -> None:

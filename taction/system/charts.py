@@ -41,14 +41,10 @@ OUTCOMES = {
     "inconclusive": Look("inconclusive", GREY, "square-open", "....", "?"),
     "error": Look("error", PURPLE, "triangle-up-open", "xxxx", "!"),
 }
-CHECKS = {
-    "stability": (ORANGE, "x", "////"),
-    "settling time": ("#e69f00", "triangle-up", "\\\\\\\\"),
-    "overshoot": ("#b8860b", "diamond", "xxxx"),
-    "steady state": ("#8f3f00", "cross", "++++"),
-}
 OTHER_LOOKS = {
-    "fail": (("#a0522d", "triangle-down", "||||"), ("#c9a400", "star", "----"),
+    "fail": ((ORANGE, "x", "////"), ("#e69f00", "triangle-up", "\\\\\\\\"),
+             ("#b8860b", "diamond", "xxxx"), ("#8f3f00", "cross", "++++"),
+             ("#a0522d", "triangle-down", "||||"), ("#c9a400", "star", "----"),
              ("#b8574d", "hourglass", "oo")),
     "inconclusive": ((GREY, "square-open", "...."), (GREY, "diamond-open", "oo"),
                      (GREY, "circle-open", "")),
@@ -72,20 +68,14 @@ def looks_of(names: Iterable[str]) -> dict[str, Look]:
     `names`: outcomes with the check or the error behind them: ``"fail: stability"``; an empty name
       is a place without a result.
     """
-    count = Counter(name for name in names if name)
-    others = {outcome: cycle(looks) for outcome, looks in OTHER_LOOKS.items()}
-    found = {}
-    for outcome in OUTCOMES:
+    count, found = Counter(filter(None, names)), dict[str, Look]()
+    for outcome, look in OUTCOMES.items():
+        others = cycle(OTHER_LOOKS.get(outcome, ()))
         for name, _ in count.most_common():
-            kind, _, check = name.partition(": ")
-            if kind != outcome:
-                continue
-            if kind == "pass" or name == "fail":
-                found[name] = OUTCOMES[kind]
-            elif kind == "fail" and check in CHECKS:
-                found[name] = Look(name, *CHECKS[check])
-            else:
-                found[name] = Look(name, *next(others[kind]))
+            if name in ("pass", "fail") and name == outcome:
+                found[name] = look
+            elif name.partition(": ")[0] == outcome:
+                found[name] = Look(name, *next(others))
     return found
 
 

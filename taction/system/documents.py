@@ -31,7 +31,17 @@ import types
 from collections.abc import Mapping
 from functools import cache
 from pathlib import PurePath
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from taction.system.errors import Complaint, InputError, SimulationError, listed
 from taction.system.foreign_files import shortened, visible
@@ -109,12 +119,8 @@ def parts_of(kind: Any) -> tuple[DocumentPart, ...]:
     if hasattr(kind, "DOCUMENT"):
         return tuple(_stated(kind, entry) for entry in kind.DOCUMENT)
     names = (*(field.name for field in dataclasses.fields(kind)), *getattr(kind, "SHOWN", ()))
-    found = []
-    for name in names:
-        inner, notes = unwrapped(_hint(kind, name))
-        if HIDDEN not in notes:
-            found.append(_part(name, inner, notes))
-    return tuple(found)
+    known = [(name, *unwrapped(_hint(kind, name))) for name in names]
+    return tuple(_part(*one) for one in known if HIDDEN not in one[2])
 
 
 ENTRY = re.compile(
@@ -129,15 +135,12 @@ def _stated(kind: Any, entry: str) -> DocumentPart:
     found = ENTRY.fullmatch(entry)
     if found is None:
         raise ValueError(f"{kind.__name__}.DOCUMENT: {entry!r} is no entry")
-    key, place, filled = found["key"], found["place"] or "", bool(found["filled"])
+    key, place, text = found["key"], found["place"] or "", found["text"]
     path = found["given"] if place else found["path"] or key
-    if found["text"] is not None:
-        inner, notes, optional = str, tuple[Any, ...](), False
-    elif place:
-        (inner, notes), optional = unwrapped(_returned(load(f"{PACKAGE}.{place}"))), False
-    else:
-        inner, notes, optional = _kind_at(kind, path)
-    part = _part(path, inner | None if optional or filled else inner, notes)
+    inner, notes = (str, ()) if text is not None else _kind_at(kind, "" if place else path)
+    if place:
+        inner, notes = unwrapped(_returned(load(f"{PACKAGE}.{place}")))
+    part = _part(path, inner | None if found["filled"] else inner, notes)
     return dataclasses.replace(
         part,
         key=key,
@@ -146,21 +149,21 @@ def _stated(kind: Any, entry: str) -> DocumentPart:
         inline=part.inline or INLINE if key.endswith("*") else part.inline,
         required=part.required and not found["missing"],
         place=place,
-        text=found["text"],
-        filled=filled,
+        text=text,
+        filled=bool(found["filled"]),
     )
 
 
-def _kind_at(kind: Any, path: str) -> tuple[Any, tuple[Any, ...], bool]:
-    """Return the type of an attribute of an attribute, its notes, and whether it may be missing."""
+def _kind_at(kind: Any, path: str) -> tuple[Any, tuple[Any, ...]]:
+    """Return the type of an attribute of an attribute, and its notes."""
     inner, notes, optional = kind, tuple[Any, ...](), False
-    for name in path.split("."):
+    for name in filter(None, path.split(".")):
         if get_origin(inner) in (Union, types.UnionType):
             (inner,) = (each for each in get_args(inner) if each is not types.NoneType)
             optional = True
-        is_mapping = get_origin(inner) is not None and issubclass(get_origin(inner), Mapping)
+        is_mapping = issubclass(get_origin(inner) or object, Mapping)
         inner, notes = unwrapped(get_args(inner)[1] if is_mapping else _hint(inner, name))
-    return inner, notes, optional
+    return inner | None if optional else inner, notes
 
 
 def _hint(kind: Any, name: str) -> Any:
@@ -218,27 +221,23 @@ def unwrapped(hint: Any) -> tuple[Any, tuple[Any, ...]]:
 def plain(value: Any) -> Any:
     """Return `value` in the types of JSON.
 
-    Examples
-    --------
     >>> plain({"poles": (complex(-1.0, 2.0),), "margin": float("inf")})
     {'poles': [[-1.0, 2.0]], 'margin': None}
     """
-    if value is None or (isinstance(value, bool | int) and not isinstance(value, enum.Enum)):
-        return value
     if isinstance(value, enum.Enum):
         return plain(value.value)
+    if value is None or isinstance(value, bool | int):
+        return value
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
-    if isinstance(value, str):
-        return printable(value)
+    if isinstance(value, str | PurePath):
+        return printable(str(value))
     if isinstance(value, complex):
         return [plain(value.real), plain(value.imag)]
     if isinstance(value, Mapping):
         return {printable(str(key)): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
         return [plain(item) for item in value]
-    if isinstance(value, PurePath):
-        return printable(str(value))
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         place = getattr(value, "DOCUMENT", ())
         return plain(load(place)(value)) if isinstance(place, str) else _plain_parts(value)
@@ -265,15 +264,11 @@ def _plain_parts(value: Any) -> dict[str, Any]:
 
 
 def taken(kind: type[T], source: object, **others: Any) -> T:
-    """Return a value of a type from the attributes of `source` of the same names.
-
-    `others` are the fields that `source` does not have, or has in another form.
-    """
+    """Return a value of a type from `others`, and attributes of `source` of the same names."""
     fields = dataclasses.fields(kind)  # type: ignore[arg-type]
     names = [field.name for field in fields if field.name not in others]
-    return kind(
-        **{name: getattr(source, name) for name in names if hasattr(source, name)}, **others
-    )
+    same = {name: getattr(source, name) for name in names if hasattr(source, name)}
+    return kind(**same, **others)
 
 
 def read(kind: type[T], data: Any) -> T:
@@ -281,12 +276,10 @@ def read(kind: type[T], data: Any) -> T:
 
     ValueError: a field is missing or has another type; the text begins with its place.
     """
-    made: T = _read(kind, data, "")
-    return made
+    return cast(T, _read(kind, data, ""))
 
 
 def _read(kind: Any, data: Any, place: str) -> Any:
-    """Return the value of a type from its plain data, which stand at `place`."""
     kind, _ = unwrapped(kind)
     origin, inner = get_origin(kind), get_args(kind)
     if kind is Any:
@@ -398,20 +391,13 @@ class ErrorDocument:
 
 
 def error_document(error: Exception, message: str = "") -> ErrorDocument:
-    """Return `error` with its outcome, ``bad input`` or ``inconclusive``, and all that it knows.
-
-    Examples
-    --------
-    >>> from taction.system.errors import NoVerdictError
-    >>> error_document(NoVerdictError("no engine")).outcome
-    'inconclusive'
-    """
-    failure = Failure(type(error).__name__, message or str(error))
+    """Return `error` with its outcome, ``bad input`` or ``inconclusive``, and all that it knows."""
+    more: dict[str, Any] = {}
     if isinstance(error, InputError):
-        failure = Failure(failure.kind, failure.message, str(error.file), tuple(error.complaints))
+        more = {"file": str(error.file), "complaints": tuple(error.complaints)}
     if isinstance(error, SimulationError):
-        folder = str(error.folder) if error.folder else None
-        failure = Failure(failure.kind, failure.message, log=error.log, folder=folder)
+        more = {"log": error.log, "folder": str(error.folder) if error.folder else None}
+    failure = Failure(type(error).__name__, message or str(error), **more)
     # As the error of a command line, of click, a mistake of the user has the exit status 2.
     ours = getattr(error, "exit_status", getattr(error, "exit_code", None)) == 2
     return ErrorDocument("bad input" if ours else "inconclusive", failure)

@@ -30,12 +30,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from taction.system.foreign_files import LONGEST as LONGEST_MESSAGE
 from taction.system.foreign_files import shortened, visible, visible_lines
 
 LONGEST = {"key": 200, "value": 200, "accepted": 1500}  # characters of a complaint
 MOST_LISTED = 20  # complaints in a message
-MOST_COUNTED = 260  # characters of the line that counts the others
 INTERRUPTED = 130  # exit status of a process that Ctrl-C ended
 
 
@@ -99,12 +97,7 @@ class InputError(TactionError):
         self.file = str(file)
         self.complaints = complaints
         name = shortened(visible(self.file), LONGEST["key"])
-        lines = list[str]()
-        for complaint in complaints[:MOST_LISTED]:
-            line = f"{name}: {visible_lines(str(complaint))}"
-            if lines and len("\n".join((*lines, line))) > LONGEST_MESSAGE - MOST_COUNTED:
-                break
-            lines.append(line)
+        lines = [f"{name}: {visible_lines(str(one))}" for one in complaints[:MOST_LISTED]]
         if left := len(complaints) - len(lines):
             lines.append(f"{name}: and {left} more mistakes")
         super().__init__("\n".join(lines))

@@ -26,56 +26,29 @@ LONGEST = 2000  # characters of a message
 def visible(text: str) -> str:
     r"""Return `text` in one line: what cannot be printed is written as in Python.
 
-    Examples
-    --------
     >>> print(visible("a\n::error::b\x1b[2J"), visible("::error::"), visible("\udcff"))
     a\n::error::b\x1b[2J \x3a:error:: \udcff
     """
-    return COMMAND.sub(_escaped_mark, escaped(text))
+    mark = lambda found: f"{found[0][:-1]}\\x{ord(found[0][-1]):02x}"  # noqa: E731
+    return COMMAND.sub(mark, escaped(text))
 
 
 def visible_lines(text: str) -> str:
-    r"""Return a text of several lines: as `visible`, but its newlines stay.
-
-    Examples
-    --------
-    >>> print(visible_lines("two\nlines\x07"))
-    two
-    lines\x07
-    """
+    """Return a text of several lines: as `visible`, but its newlines stay."""
     return "\n".join(map(visible, text.split("\n")))
 
 
 def escaped(text: str, keep: str = "") -> str:
-    r"""Return `text` with the characters that cannot be printed, but those in `keep`, as in Python.
-
-    Examples
-    --------
-    >>> escaped("a\tb\u202e", keep="\t") == "a\tb" + "\\" + "u202e"
-    True
-    """
+    """Return `text` with what cannot be printed, but characters in `keep`, as in Python."""
     if text.isprintable():
         return text
-    return "".join(c if c.isprintable() or c in keep else _escape(c) for c in text)
+    signs = ((c, c.encode("unicode_escape").decode()) for c in text)
+    return "".join(c if c.isprintable() or c in keep else sign for c, sign in signs)
 
 
 def shortened(text: str, most: int = LONGEST) -> str:
-    """Return a text of about `most` characters at most: of a longer one beginning and end.
-
-    Examples
-    --------
-    >>> shortened("abcdefghij", 4)
-    'ab ... ij'
-    """
+    """Return a text of about `most` characters at most: of a longer one beginning and end."""
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 2 :]}"
-
-
-def _escape(character: str) -> str:
-    return character.encode("unicode_escape").decode()
-
-
-def _escaped_mark(found: re.Match[str]) -> str:
-    return found[0][:-1] + f"\\x{ord(found[0][-1]):02x}"
 
 
 MEGABYTE = 1_000_000
@@ -96,31 +69,26 @@ class UnusableFileError(ValueError):
 def _may_read(path: str | Path) -> bool:
     """Return whether a file, with links followed, is in a folder that may be read."""
     text = os.environ.get(FOLDERS, "")
-    if not text:
-        return True
     try:
-        folders = [os.path.realpath(folder) for folder in json.loads(text)]
+        folders = [os.path.realpath(folder) for folder in json.loads(text or "[]")]
     except (TypeError, ValueError):
         reason = f"{FOLDERS} is {text!r}; expected a JSON list of folders"
         raise UnusableFileError(reason) from None
-    try:
-        real = os.path.realpath(path)
-    except ValueError:  # a zero byte in the name: `os.open` says so
-        return True
-    return any(os.path.commonpath((real, folder)) == folder for folder in folders)
+    real = os.path.realpath(path) if text else ""
+    return not text or any(os.path.commonpath((real, each)) == each for each in folders)
 
 
 @contextmanager
 def open_regular(path: str | Path) -> Iterator[BinaryIO]:
     """Open a regular file to read bytes, without waiting, or raise `UnusableFileError`."""
-    if not _may_read(path):
-        raise UnusableFileError(f"outside of the folders that are read ({FOLDERS})")
     try:
+        if not _may_read(path):
+            raise UnusableFileError(f"outside of the folders that are read ({FOLDERS})")
         number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         if not stat.S_ISREG(os.fstat(number).st_mode):
             os.close(number)
             raise UnusableFileError("not a regular file")
-        with open(number, "rb", buffering=0) as file:  # noqa: PTH123 - of a number
+        with open(number, "rb") as file:  # noqa: PTH123 - of a number
             yield file
     except OSError as error:
         raise UnusableFileError(error.strerror or str(error)) from None
@@ -143,7 +111,7 @@ def read_bounded(path: str | Path, limit: int) -> bytes:
     """Return the content of a regular file of at most `limit` bytes."""
     with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
-        content = b"" if size > limit else _read(file, limit + 1)
+        content = b"" if size > limit else file.read(limit + 1)
         if size > limit or len(content) > limit:
             raise UnusableFileError(f"over {limit / MEGABYTE:g} MB, the largest size that is read")
         return content
@@ -154,18 +122,9 @@ def read_ends(path: str | Path, limit: int) -> str:
     with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
         if size <= limit:
-            return _read(file, limit).decode(errors="replace")
+            return file.read(limit).decode(errors="replace")
         half = limit // 2
-        head = _read(file, half)
+        head = file.read(half)
         file.seek(size - half)
         left_out = f"\n... {size - 2 * half} bytes\n".encode()
-        return (head + left_out + _read(file, half)).decode(errors="replace")
-
-
-def _read(file: BinaryIO, limit: int) -> bytes:
-    """Read up to `limit` bytes; a single `read` of a raw file may return fewer."""
-    parts, left = [], limit
-    while left and (part := file.read(min(left, MEGABYTE))):
-        parts.append(part)
-        left -= len(part)
-    return b"".join(parts)
+        return (head + left_out + file.read(half)).decode(errors="replace")

@@ -26,20 +26,14 @@ _STREAMS = {"/dev/stdin": 0, "/dev/stdout": 1, "/dev/stderr": 2}
 
 
 def write_atomically(path: str | Path, content: str | bytes) -> None:
-    r"""Write `content` to `path` by `replacing`.
-
-    Text is UTF-8; of a file name that is no UTF-8, each wrong byte is written as ``\udcXX``.
-    """
+    r"""Write `content` to `path` by `replacing`; text is UTF-8, see `printable`."""
     with replacing(path) as file:
         data = content if isinstance(content, bytes) else content.encode(errors="backslashreplace")
         file.write_bytes(data)
 
 
 def write_together(files: Mapping[Path, str]) -> None:
-    """Write several texts, all or none: they go to their places when all are complete.
-
-    InputError: a file cannot be written.
-    """
+    """Write several texts, all or none: they go to their places when all are complete."""
     with contextlib.ExitStack() as stack:
         for file, text in files.items():
             stack.enter_context(replacing(file)).write_text(text, encoding="utf-8")
@@ -47,13 +41,10 @@ def write_together(files: Mapping[Path, str]) -> None:
 
 @contextlib.contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Give a file to write to, and move it to `path` when it is complete.
+    """Give a file to write to, and move it to `path` when it is complete; InputError if it cannot.
 
     A full disk or a killed process leaves an older file at `path` unchanged. A link is followed;
     a device, a pipe or a stream of this process (``/dev/stdout``) receives the complete content.
-
-    InputError: the file cannot be written, with the reason.
-    BrokenPipeError: `path` is a stream of this process whose reader has gone.
     """
     stream, name = _STREAMS.get(str(path)), _DESCRIPTOR.fullmatch(str(path))
     stream = int(name[1]) if name else stream
@@ -129,10 +120,7 @@ def is_special(path: str | Path) -> bool:
 
 
 def check_folder(path: str | Path, option: str) -> None:
-    """Refuse a file whose folder is missing or read-only, before any work is done.
-
-    InputError: the folder does not exist or nobody may write to it, or `path` is a folder.
-    """
+    """Refuse a folder, or a file whose folder is missing or read-only, before any work is done."""
     file = Path(os.path.realpath(path))
     text = ""
     if not file.parent.is_dir():
@@ -150,34 +138,25 @@ def check_file(
 ) -> None:
     """Refuse a file that could not be written, before any work is done.
 
-    `endings`: the file names' endings that are known, in lower case.
-    `packages`: by ending, the package that writes the file and the remedy for a missing package.
-    InputError: an unknown ending, a missing folder, or a package that is not installed.
+    `endings` are in lower case; `packages` has the package that writes each, and what to install.
     """
     ending = Path(path).suffix.lower()
     if ending not in endings:
         text = f"expected a file that ends in {', '.join(endings)}"
         raise InputError(option, Complaint("FILE", repr(path), text))
     check_folder(path, option)
-    package, remedy = packages.get(ending, ("", ""))
-    if package and importlib.util.find_spec(package) is None:
-        raise InputError(option, Complaint("FILE", repr(path), remedy))
+    if ending in packages:
+        check_package(*packages[ending], option)
 
 
 def check_package(package: str, remedy: str, option: str) -> None:
-    """Refuse work that needs a package which is not installed.
-
-    InputError: the package is missing; the message has the `remedy`.
-    """
+    """Refuse work that needs a package which is not installed; the message has the `remedy`."""
     if importlib.util.find_spec(package) is None:
         raise InputError(option, Complaint("package", repr(package), remedy))
 
 
 def make_folder(folder: str | Path, option: str = "-o") -> None:
-    """Make a missing folder.
-
-    InputError: `folder` is a file, or cannot be made.
-    """
+    """Make a missing folder; InputError where that is not possible."""
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:  # a name with a zero byte is a ValueError
@@ -186,12 +165,7 @@ def make_folder(folder: str | Path, option: str = "-o") -> None:
 
 
 def check_own_folder(folder: str | Path, files: Collection[str] = (), option: str = "-o") -> None:
-    """Refuse a folder that cannot be written, or that holds other files, before any work is done.
-
-    `files`: the files that will be written, below `folder`; older ones will be replaced.
-    InputError: `folder` is a file, may not be written, or holds a link or what is not one of
-      `files`.
-    """
+    """Refuse a folder that cannot be written, or holds links or other files than `files`."""
     place, text = Path(folder), ""
     there = next(each for each in (place, *place.absolute().parents) if os.path.lexists(each))
     if not there.is_dir():
@@ -201,25 +175,20 @@ def check_own_folder(folder: str | Path, files: Collection[str] = (), option: st
     elif there == place:
         own = {*files, *(str(above) for name in files for above in Path(name).parents)}
         found = sorted(each for each in place.rglob("*") if PREFIX not in each.name)
-        names = {str(each.relative_to(place)): each.is_symlink() for each in found}
-        foreign = [repr(name) for name in names if name not in own]
-        if foreign:
+        names = [str(each.relative_to(place)) for each in found]
+        if foreign := [repr(name) for name in names if name not in own]:
             named = ", ".join(foreign[:3]) + (", ..." if foreign[3:] else "")
             text = f"it holds {named}, not written by this command; expected a new or empty folder"
-        elif any(names.values()):  # a file would be written where it leads
-            link = next(name for name, is_link in names.items() if is_link)
-            text = f"{link!r} in it is a link; expected a folder without links"
+        elif links := [each.name for each in found if each.is_symlink()]:
+            # A file would be written where it leads.
+            text = f"{links[0]!r} in it is a link; expected a folder without links"
     if text:
         raise InputError(option, Complaint("FOLDER", repr(str(folder)), text))
 
 
 def printable(text: str) -> str:
-    r"""Return `text` so that every encoding and every format can hold it.
+    r"""Return `text` with the bytes of a file name that are not UTF-8 as six plain characters.
 
-    Python reads a byte of a file name that is not UTF-8 as half of a surrogate pair, which strict
-    readers of JSON and XML refuse; here it becomes six plain characters.
-
-    >>> print(printable("board-\udcff.toml"))
-    board-\udcff.toml
+    Python reads them as halves of surrogate pairs, which strict readers of JSON and XML refuse.
     """
     return text.encode(errors="backslashreplace").decode()

@@ -30,9 +30,9 @@ GUARD_OPTIONS = ("--pdeathsig", "KILL")  # of `setpriv`: the signal for a proces
 
 @functools.cache
 def guard() -> tuple[str, ...]:
-    """Return the words before a command that ends with the thread that starts it.
+    """Return the words before a command that ends with the thread that starts it, also by a kill.
 
-    The guard also works if the parent is killed. Empty where the system has no such guard.
+    Empty where the system has no such guard.
     """
     setpriv = shutil.which("setpriv") if sys.platform == "linux" else None
     if setpriv is None:
@@ -46,16 +46,7 @@ _END: ContextVar[float] = ContextVar("end of all runs", default=math.inf)
 
 @contextmanager
 def one_limit(seconds: float) -> Iterator[None]:
-    """Give all runs within this block one limit together, s of wall time.
-
-    Examples
-    --------
-    >>> with one_limit(0.0):
-    ...     time_left(20.0)
-    0.0
-    >>> time_left(20.0)
-    20.0
-    """
+    """Give all runs within this block one limit together, s of wall time."""
     token = _END.set(min(_END.get(), time.monotonic() + seconds))
     try:
         yield
@@ -90,8 +81,8 @@ class Ended(KeyboardInterrupt):
 def ending_signals() -> Iterator[list[int]]:
     """Raise `Ended` once at a signal of `ENDING`; the list receives the numbers of the signals.
 
-    A signal that the process ignores, as below nohup, stays ignored. After the first signal a
-    second one of its kind cannot stop the clean-up, nor the end of Python.
+    A signal that the process ignores, as below nohup, stays ignored. A second one of the same kind
+    cannot stop the clean-up, nor the end of Python.
     """
     received: list[int] = []
 

@@ -100,9 +100,7 @@ def read_plots(
     return plots
 
 
-def _header(
-    content: mmap.mmap | bytes, start: int
-) -> tuple[dict[str, str], tuple[str, ...], int]:
+def _header(content: mmap.mmap | bytes, start: int) -> tuple[dict[str, str], tuple[str, ...], int]:
     """Return the fields and vectors of the header that begins at `start`, and where it ends."""
     end = content.find(_END, start, start + _LONGEST_HEADER)
     last = end if end >= 0 else start + _LONGEST_HEADER

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-RENDERERS = "taction.verification.report.renderers"
+REPORT = "taction.verification.report"
+RENDERERS = f"{REPORT}.renderers"
 
 
 def load(place: str) -> Callable[..., Any]:
@@ -91,26 +92,15 @@ class Result:
 
 MATPLOTLIB = ("matplotlib", "needs matplotlib: pip install 'taction[plot]'")
 PACKAGES = dict.fromkeys((".png", ".svg", ".pdf"), MATPLOTLIB)
-REPORT = "taction.verification.report"
 
 
 def check_plot_file(path: str | Path) -> None:
-    """Refuse a picture that could not be drawn, before any work is done.
-
-    InputError: the ending is not in `PACKAGES`, the folder is missing, or matplotlib is not
-      installed.
-    """
+    """Refuse, before any work is done, a picture that could not be drawn or written."""
     check_file(str(path), "--plot", PACKAGES, PACKAGES)
 
 
 def plot(view: str, path: str | Path | None, *shown: Any) -> Figure:
-    """Draw what a function of the report's views makes of a result.
-
-    `view`: ``"module:function"`` of ``report/views``; the function returns a `Page`.
-    `path`: the figure is written to this file.
-    `*shown`: arguments of the function.
-    InputError: see `check_plot_file`; or matplotlib is not installed.
-    """
+    """Draw what ``"module:function"`` of the report's views makes of `shown`; see `Result.plot`."""
     page = load(f"{REPORT}.views.{view}")(*shown)
     figure: Figure = load(f"{RENDERERS}.picture:draw_page")(page, path)
     return figure

@@ -53,6 +53,12 @@ FLOODS = ("floods stderr", "floods its result")
 ACCEPTED = RUNS.keys() - REFUSED.keys() - set(FLOODS)
 
 
+@pytest.fixture(autouse=True)
+def own_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run folders are made in the folder of the test."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+
+
 def script(folder: Path, way: str) -> str:
     """Write the executable of a way; the program may leave files in `folder`."""
     path = folder / "ngspice"
@@ -66,7 +72,7 @@ def script(folder: Path, way: str) -> str:
 def run(folder: Path, way: str, timeout: float = LATE) -> Waveforms:
     """Simulate a deck with the simulator of a way, as if its version had been asked for."""
     simulator = Simulator(script(folder, way), 46, klu=True)
-    return simulate(DECK, simulator, timeout=timeout, folder=folder / "run")
+    return simulate(DECK, simulator, timeout=timeout)
 
 
 def stopped(folder: Path, way: str) -> None:
@@ -85,7 +91,8 @@ def test_refused(way: str, tmp_path: Path) -> None:
         run(tmp_path, way, SOON if kind is TimedOut else LATE)
     assert type(caught.value) is kind
     assert caught.value.exit_status == 3
-    assert caught.value.folder == tmp_path / "run"
+    assert caught.value.folder is not None
+    assert caught.value.folder.parent == tmp_path
     assert "`sh command.txt` in this folder repeats the run" in str(caught.value)
     stopped(tmp_path, way)
     if way == "slow":  # the first points are there
@@ -100,7 +107,7 @@ def test_accepted(way: str, tmp_path: Path) -> None:
     line = waveforms.time / 1e-6  # the straight lines that a correct program computes
     assert waveforms.nodes == DECK.saved
     np.testing.assert_allclose(waveforms.values, np.column_stack([line, 1.0 + line]))
-    assert not (tmp_path / "run").exists()
+    assert not list(tmp_path.glob("taction-*"))
     stopped(tmp_path, way)
 
 
@@ -111,12 +118,13 @@ def test_a_flood_ends_long_before_the_timeout(
 ) -> None:
     monkeypatch.setattr(process, "LONGEST_RESULT", 100_000_000)
     began = time.monotonic()
-    with pytest.raises(SimulationError):
+    with pytest.raises(SimulationError) as caught:
         run(tmp_path, way, 600.0)
     assert time.monotonic() - began < 120.0
-    sizes = {file.name: file.stat().st_size for file in (tmp_path / "run").iterdir()}
+    assert caught.value.folder is not None
+    sizes = {file.name: file.stat().st_size for file in caught.value.folder.iterdir()}
     assert max(sizes.values()) == 100_000_000
-    shutil.rmtree(tmp_path / "run")
+    shutil.rmtree(caught.value.folder)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import BadEvidence, InputError, OutOfDisk
 from taction.system.raw_file import read_raw, read_transient, write_raw
 from taction.system.waveforms import Cost, Waveforms
-from taction.verification.engines.ngspice.process import find_simulator, simulate
+from taction.verification.engines.ngspice.process import Simulation, find_simulator
 from tests.support.small_decks import transient
 
 
@@ -47,10 +47,10 @@ def test_round_trip_is_exact(
     np.testing.assert_array_equal(plot.data[:, 1:], written.values)
 
 
-def test_a_file_of_ngspices_own(ngspice: str, tmp_path: Path) -> None:
+def test_a_file_of_ngspices_own(ngspice: str) -> None:
     deck = transient(saved=("out", "in"))
-    simulate(deck, find_simulator(ngspice), timeout=30.0, folder=tmp_path / "run", keep=True)
-    plot = read_raw(tmp_path / "run" / "out.raw")
+    with Simulation(deck, find_simulator(ngspice), timeout=30.0) as run:
+        plot = run.accept(lambda deck, ending: read_raw(ending.raw))
     assert plot.name == "Transient Analysis"
     assert plot.vectors == ("time", "v(out)", "v(in)")
     assert plot.promised == len(plot.data) > 500

@@ -25,8 +25,6 @@ from typing import Any, TypeVar
 
 from taction.system.errors import (
     BadEvidence,
-    Complaint,
-    InputError,
     OutOfDisk,
     SimulationError,
     SimulatorNotFound,
@@ -71,12 +69,8 @@ class Simulation:
     Python ends: a failure elsewhere leaves no simulator behind.
 
     `timeout`: wall time allowed, s.
-    `folder`: the run folder, which is created; an existing folder must be empty. By default a new
-      temporary folder.
-    `keep`: whether to keep the run folder also on success.
     `bound`: voltage above which a result is rejected, V.
     `memory`: addresses allowed, bytes.
-    InputError: the run folder is not empty.
     SimulatorNotFound: the executable no longer exists.
     OutOfDisk: the deck could not be written.
     """
@@ -87,14 +81,12 @@ class Simulation:
         simulator: Simulator,
         *,
         timeout: float,
-        folder: Path | None = None,
-        keep: bool = False,
         bound: float = PHYSICAL_BOUND,
         memory: int = UNLIMITED,
     ) -> None:
-        self.folder = make_folder(deck, command_line(simulator), folder)
+        self.folder = make_folder(deck, command_line(simulator))
         self._deck, self._simulator = deck, simulator
-        self._timeout, self._keep, self._bound = timeout, keep, bound
+        self._timeout, self._bound = timeout, bound
         self._started, self._last = time.time(), time.monotonic() + timeout
         try:
             self._process = _launch(simulator, self.folder, memory)
@@ -102,7 +94,7 @@ class Simulation:
             remove_own_folder(self.folder)
             text = f"{simulator.executable} does not start: {error}"
             raise SimulatorNotFound(text) from error
-        self._discard = weakref.finalize(self, _discard, self._process, self.folder, keep)
+        self._discard = weakref.finalize(self, _discard, self._process, self.folder)
 
     def __enter__(self) -> Simulation:
         return self
@@ -149,7 +141,7 @@ class Simulation:
         except SimulationError as error:
             self.folder = keep_folder(self.folder)
             raise error.in_folder(self.folder) from None
-        _leave(self.folder, self._keep)
+        remove_own_folder(self.folder)
         return result
 
     def _wait(self) -> float | None:
@@ -185,7 +177,7 @@ def command_line(simulator: Simulator) -> str:
     return f'env -i {words} HOME="$PWD" {command}\n'
 
 
-def make_folder(deck: DeckToRun, command: str, folder: Path | None) -> Path:
+def make_folder(deck: DeckToRun, command: str) -> Path:
     """Make the run folder and write all files that a run, or a repetition of the run, needs."""
     texts = {
         "spinit": "* no code models are loaded\n",
@@ -193,14 +185,7 @@ def make_folder(deck: DeckToRun, command: str, folder: Path | None) -> Path:
         "deck.cir": deck.text,
         "command.txt": command,
     }
-    try:
-        if folder is not None:
-            folder.mkdir(parents=True, exist_ok=True)
-            if any(folder.iterdir()):
-                raise InputError(folder, Complaint("run folder", "", "it must be empty"))
-        place = make_own_folder() if folder is None else folder.absolute()
-    except OSError as error:
-        raise OutOfDisk(f"the run folder cannot be made: {error}") from error
+    place = make_own_folder()
     try:
         for name, text in texts.items():
             (place / name).write_bytes(text.encode())
@@ -244,13 +229,9 @@ def _end(process: subprocess.Popen[bytes], folder: Path) -> None:
         process.wait()
 
 
-def _discard(process: subprocess.Popen[bytes], folder: Path, keep: bool) -> None:
+def _discard(process: subprocess.Popen[bytes], folder: Path) -> None:
     _end(process, folder)
-    _leave(folder, keep)
-
-
-def _leave(folder: Path, keep: bool) -> None:
-    (keep_folder if keep else remove_own_folder)(folder)
+    remove_own_folder(folder)
 
 
 def _error_stream(folder: Path) -> str:

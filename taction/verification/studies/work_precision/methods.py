@@ -19,11 +19,14 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.deck import write_deck
 from taction.system.array_types import Floats
 from taction.system.foreign_files import read_ends
-from taction.system.own_folders import own_folder
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.ngspice import process
+from taction.verification.engines.ngspice.evidence import (
+    DeckToRun,
+    Ending,
+    accepted_waveforms,
+)
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.process import LONGEST_LOG
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.dense import record_times
@@ -77,12 +80,13 @@ def ngspice(task: MethodTask, points: float, method: Literal["trapezoidal", "gea
     # The option acct makes ngspice print its steps and iterations.
     deck = replace(deck, text=deck.text.replace("\n.options ", "\n.options acct ", 1))
     bound = PHYSICAL_BOUND * task.circuit.value("U0")
-    with own_folder() as temporary:
-        folder = temporary / "run"
-        waveforms = process.simulate(
-            deck, simulator, folder=folder, keep=True, timeout=LONGEST, bound=bound
-        )
-        log = read_ends(folder / "stdout.txt", LONGEST_LOG)
+
+    def accept(deck: DeckToRun, ending: Ending) -> tuple[Waveforms, str]:
+        log = read_ends(ending.folder / process.STREAMS[0], process.LONGEST_LOG)
+        return accepted_waveforms(deck, ending, engine=simulator.engine, bound=bound), log
+
+    with process.Simulation(deck, simulator, timeout=LONGEST, bound=bound) as run:
+        waveforms, log = run.accept(accept)
     steps, iterations = STEPS.search(log), ITERATIONS.search(log)
     return replace(
         _of_record(task, waveforms),

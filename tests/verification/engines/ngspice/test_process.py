@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,6 @@ import pytest
 from taction.system.errors import (
     BadEvidence,
     DidNotLoad,
-    InputError,
     OutOfDisk,
     SimulationError,
     SimulatorNotFound,
@@ -31,6 +30,12 @@ from taction.verification.engines.ngspice.process import (
 )
 from tests.support.processes import is_running, process_id
 from tests.support.small_decks import TAU, SmallDeck, divider, endless, transient, wrapped
+
+
+@pytest.fixture(autouse=True)
+def own_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run folders are made in the folder of the test."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
 
 
 @pytest.fixture(scope="session")
@@ -80,20 +85,15 @@ def test_an_include_file_stands_beside_the_deck(simulator: Simulator) -> None:
     assert waveforms["out"][-1] == pytest.approx(0.5 * -np.expm1(-10.0), rel=1e-5)
 
 
-def test_run_folder_goes_on_success_and_stays_when_asked(
-    simulator: Simulator, tmp_path: Path
-) -> None:
-    simulate(transient(), simulator, timeout=30.0, folder=tmp_path / "gone")
-    assert not (tmp_path / "gone").exists()
-    simulate(transient(), simulator, timeout=30.0, folder=tmp_path / "kept", keep=True)
-    assert (tmp_path / "kept" / "out.raw").stat().st_size > 0
-    with pytest.raises(InputError, match="must be empty"):
-        Simulation(transient(), simulator, timeout=30.0, folder=tmp_path / "kept")
+def test_run_folder_goes_on_success(simulator: Simulator, tmp_path: Path) -> None:
+    simulate(transient(), simulator, timeout=30.0)
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_command_repeats_the_run(simulator: Simulator, tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    simulate(transient(), simulator, timeout=30.0, folder=folder, keep=True)
+    with Simulation(transient(), simulator, timeout=30.0) as run:
+        run.accept(lambda deck, ending: shutil.copytree(ending.folder, folder))
     first = (folder / "out.raw").read_bytes().partition(b"Binary:")[2]
     (folder / "out.raw").unlink()
     subprocess.run(
@@ -116,11 +116,11 @@ def test_a_run_that_nobody_asks_for_ends_with_its_object(
     simulator: Simulator, tmp_path: Path
 ) -> None:
     fake = wrapped(simulator, tmp_path, f"echo $$ > {tmp_path}/pid")
-    run = Simulation(endless(), fake, timeout=60.0, folder=tmp_path / "run")
-    pid = process_id(tmp_path / "pid")
+    run = Simulation(endless(), fake, timeout=60.0)
+    pid, folder = process_id(tmp_path / "pid"), run.folder
     del run
     assert not is_running(pid)
-    assert not (tmp_path / "run").exists()
+    assert not folder.exists()
 
 
 def test_nothing_of_the_users_surroundings_reaches_the_process(
@@ -173,13 +173,13 @@ def test_failure_has_its_type_its_log_and_its_folder(
     case: str, simulator: Simulator, tmp_path: Path
 ) -> None:
     deck, kind, text = FAILURES[case]
-    folder = tmp_path / "run"
     with pytest.raises(kind) as caught:
-        simulate(deck, simulator, timeout=30.0, folder=folder)
+        simulate(deck, simulator, timeout=30.0)
     assert type(caught.value) is kind
     assert text.lower() in str(caught.value).lower()
-    assert caught.value.folder == folder
-    left = {path.name for path in folder.iterdir()}
+    assert caught.value.folder is not None
+    assert caught.value.folder.parent == tmp_path
+    left = {path.name for path in caught.value.folder.iterdir()}
     assert left >= {"deck.cir", "command.txt", "stdout.txt", "stderr.txt"}
 
 
@@ -202,7 +202,7 @@ DISKS = {
 def test_out_of_disk(case: str, simulator: Simulator, tmp_path: Path) -> None:
     fake = wrapped(simulator, tmp_path, DISKS[case])
     with pytest.raises(OutOfDisk) as caught:
-        simulate(transient(stop=1e-4), fake, timeout=30.0, folder=tmp_path / "run")
+        simulate(transient(stop=1e-4), fake, timeout=30.0)
     partial = caught.value.partial
     assert (partial is None) == (case == "full device")
     if isinstance(partial, Waveforms):
@@ -213,14 +213,14 @@ def test_timeout_ends_the_whole_group_and_keeps_what_was_written(
     simulator: Simulator, tmp_path: Path
 ) -> None:
     fake = wrapped(simulator, tmp_path, "sleep 1000 & echo $! > child")
-    folder = tmp_path / "run"
     with pytest.raises(TimedOut, match=r"0\.5 s") as caught:
-        simulate(endless(), fake, timeout=0.5, folder=folder)
+        simulate(endless(), fake, timeout=0.5)
     partial = caught.value.partial
     assert isinstance(partial, Waveforms)
     assert 0.0 < partial.time[-1] < 1.0
     assert largest_error(partial) < 1e-6
-    assert not is_running(int((folder / "child").read_text()))
+    assert caught.value.folder is not None
+    assert not is_running(int((caught.value.folder / "child").read_text()))
 
 
 def fake(folder: Path, answer: str) -> str:
@@ -279,9 +279,8 @@ def test_environment_inherits_only_the_loaders_path(
     }
 
 
-def test_a_run_has_all_that_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    place = make_folder(transient(files={"a.inc": "* x\n"}), "ngspice\n", None)
+def test_a_run_has_all_that_it_needs(tmp_path: Path) -> None:
+    place = make_folder(transient(files={"a.inc": "* x\n"}), "ngspice\n")
     assert place.parent == tmp_path
     texts = {path.name: path.read_text() for path in place.iterdir()}
     assert texts.pop("spinit").startswith("*")
@@ -290,12 +289,3 @@ def test_a_run_has_all_that_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert place.stat().st_mode & 0o077 == 0
     remove_own_folder(place)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_given_folder_is_made_and_must_be_empty(tmp_path: Path) -> None:
-    place = make_folder(transient(), "", tmp_path / "a" / "b")
-    assert place == tmp_path / "a" / "b"
-    with pytest.raises(InputError, match="must be empty"):
-        make_folder(transient(), "", place)
-    with pytest.raises(OutOfDisk, match="cannot be made"):
-        make_folder(transient(), "", place / "deck.cir" / "c")
