@@ -7,6 +7,7 @@ taction before a scene is verified.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -97,18 +98,16 @@ def taction_scene(request: pytest.FixtureRequest) -> TactionScene:
 
     `path` is relative to the test's folder. A session verifies each scene once.
     """
-    folder, verdicts = request.path.parent, request.config.stash.setdefault(VERDICTS, {})
 
     def run(path: str | Path, engine: str | None = None) -> Verdict:
-        import taction
-
-        file = (folder / path).resolve()
-        key = (file, file.stat().st_mtime_ns if file.exists() else 0, engine)
-        if key not in verdicts:
-            verdicts[key] = taction.verify(file, engine=engine)
-        return verdicts[key]
+        file = (request.path.parent / path).resolve()
+        return _verified(file, file.stat().st_mtime_ns if file.exists() else 0, engine)
 
     return run
 
 
-VERDICTS: pytest.StashKey[dict[tuple[Path, int, str | None], Verdict]] = pytest.StashKey()
+@cache
+def _verified(file: Path, changed: int, engine: str | None) -> Verdict:
+    import taction
+
+    return taction.verify(file, engine=engine)

@@ -128,8 +128,7 @@ def import_model(
 
     volts = _quantity("supply", BOTH_SIGNS.sub("", str(supply)), "V", 1e6)
     farads = _quantity("compensation", str(compensation), "F", 1.0) if compensation else 0.0
-    name = re.sub(r"[^a-z0-9]", "_", subckt.lower())
-    name = name if name[:1].isalpha() else f"m{name}"
+    name = re.sub(r"^(?![a-z])", "m", re.sub(r"[^a-z0-9]", "_", subckt.lower()))
     words = pins.split(",") if isinstance(pins, str) else pins
     roles = tuple(word.strip().lower() for word in words)
     found = to_document(name, import_opamp(str(file), subckt, roles, volts, farads))

@@ -171,7 +171,8 @@ def _known(error: Exception) -> TactionError | None:
     """Return an error as one of ours; None for a bug.
 
     A name that is too long, and links that lead to one another, are found wherever a path is first
-    looked at; and libraries wrap what the system refuses.
+    looked at. Libraries hide what the system refuses: an import that finds no free descriptor is an
+    `ImportError` with the words of the system.
     """
     if isinstance(error, TactionError):
         return error
@@ -184,7 +185,7 @@ def _known(error: Exception) -> TactionError | None:
         reason = f"{os.strerror(number)}; expected a name of up to 255 bytes, no links in a circle"
         return InputError(os.fsdecode(name), Complaint("file", "", reason))
     cause: BaseException | None = error
-    while cause is not None and getattr(cause, "errno", None) not in LACKING:
+    while cause is not None and not any(words in str(cause) for words in map(os.strerror, LACKING)):
         cause = cause.__cause__ or cause.__context__
     if cause is None:
         return None

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import cycle
 from typing import Any, ClassVar, Literal
@@ -290,37 +290,33 @@ DECADES = 1e-4  # of the largest value on a logarithmic scale of colours: smalle
 def levels(mark: Grid, values: Floats) -> tuple[Floats, tuple[tuple[float, float], ...]]:
     """Return values as places from 0 to 1 on a scale of colours, and its labels: place and value.
 
-    `mark`: has the scale and its limits.
-    `values`: naN has no place; without a finite value there are no labels.
+    NaN has no place; without a finite value there are no labels.
     """
     known = values[np.isfinite(values)]
     if not len(known):
         return values, ()
     low, high = mark.limits or (float(known.min()), float(known.max()))
+    along: Callable[[Any], Any] = np.asarray
     if mark.scale == "signed":
-        reach = max(abs(low), abs(high)) or 1.0
-        shares = [share * abs(share) for share in (-1.0, -0.5, 0.0, 0.5, 1.0)]
-
-        def place(each: Any) -> Floats:
-            return np.asarray(0.5 + 0.5 * np.sign(each) * np.sqrt(np.abs(each) / reach))
-
-        shown = [share * reach for share in shares]
+        high = max(abs(low), abs(high)) or 1.0
+        low, along = -high, _signed_root
+        shown = [share * abs(share) * high for share in (-1.0, -0.5, 0.0, 0.5, 1.0)]
     elif mark.scale == "share" or (mark.scale == "log" and 0.0 < 10.0 * low <= high):
-        low = max(low, high * DECADES)
-        ratio = math.log(high / low) or 1.0
-
-        def place(each: Any) -> Floats:
-            return np.asarray(np.log(np.maximum(each, 1e-300) / low) / ratio)
-
+        low, along = max(low, high * DECADES), np.log
         shown = [low, 1.0, high] if mark.scale == "share" else np.geomspace(low, high, 5).tolist()
     else:
-
-        def place(each: Any) -> Floats:
-            return np.asarray((np.asarray(each) - low) / ((high - low) or 1.0))
-
         shown = np.linspace(low, high, 5).tolist()
-    labels = tuple((float(place(each)), each) for each in shown)
-    return np.clip(place(values), 0.0, 1.0), labels
+    first, last = float(along(low)), float(along(high))
+
+    def place(each: Any) -> Floats:
+        found: Floats = (along(np.clip(each, low, high)) - first) / ((last - first) or 1.0)
+        return found
+
+    return place(values), tuple((float(place(each)), each) for each in shown)
+
+
+def _signed_root(values: Any) -> Floats:
+    return np.asarray(np.sign(values) * np.sqrt(np.abs(values)))
 
 
 def segments(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import itertools
 import types
-import typing
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePath
 from typing import Any, Literal, Union, get_args, get_origin
@@ -16,8 +16,6 @@ from taction.system.documents import document_of, parts_of, unwrapped
 def schema(kind: Any) -> dict[str, Any]:
     """Return the JSON Schema of the documents of a type; a field with a unit has it as `unit`.
 
-    Examples
-    --------
     >>> from taction.system.documents import Seconds
     >>> schema(dict[str, Seconds])["additionalProperties"]
     {'type': ['number', 'null'], 'unit': 's'}
@@ -30,13 +28,13 @@ def schema(kind: Any) -> dict[str, Any]:
 
 
 _PLAIN = {bool: "boolean", int: "integer", str: "string", type(None): "null"}
+_NUMBER = {"type": ["number", "null"]}
 
 
 def _schema(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
     kind, notes = unwrapped(kind)
     unit = next((note for note in notes if isinstance(note, str)), "")
-    made = _schema_of(kind, shared)
-    return made | ({"unit": unit} if unit else {})
+    return _schema_of(kind, shared) | ({"unit": unit} if unit else {})
 
 
 def _schema_of(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
@@ -52,20 +50,18 @@ def _schema_of(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
     if origin in (tuple, list, Sequence):
         return {"type": "array", "items": _schema(inner[0], shared)}
     if kind is float:
-        return {"type": ["number", "null"]}
-    if kind is complex:
-        return {"type": "array", "items": {"type": ["number", "null"]}}
+        return {**_NUMBER}
     if kind in _PLAIN:
         return {"type": _PLAIN[kind]}
     if dataclasses.is_dataclass(kind):
         kind = document_of(kind)
-        name = typing.cast(type, kind).__name__
+        name = kind.__name__
         if name not in shared:
             shared[name] = {}  # a type may contain itself
-            shared[name] = _object(typing.cast(type, kind), shared)
+            shared[name] = _object(kind, shared)
         return {"$ref": f"#/$defs/{name}"}
-    if origin is not None or not isinstance(kind, type):  # an array of NumPy
-        return {"type": "array", "items": {"type": ["number", "null"]}}
+    if kind is complex or origin is not None or not isinstance(kind, type):  # an array of NumPy
+        return {"type": "array", "items": {**_NUMBER}}
     if issubclass(kind, enum.Enum):
         return {"enum": [one.value for one in kind]}
     if issubclass(kind, PurePath):
@@ -77,16 +73,13 @@ def _any_of(found: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the schema of either; plain types are listed in one."""
     if not all(one.keys() == {"type"} for one in found):
         return {"anyOf": found}
-    names: list[str] = []
-    for one in found:
-        kinds = one["type"] if isinstance(one["type"], list) else [one["type"]]
-        names += [name for name in kinds if name not in names]
+    kinds = [one["type"] if isinstance(one["type"], list) else [one["type"]] for one in found]
+    names = list(dict.fromkeys(itertools.chain(*kinds)))
     return {"type": names if len(names) > 1 else names[0]}
 
 
-def _object(kind: type, shared: dict[str, Any]) -> dict[str, Any]:
-    first = (kind.__doc__ or "").partition("\n")[0]
-    found = _no_parts(first)
+def _object(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
+    found = _no_parts((kind.__doc__ or "").partition("\n")[0])
     for part in parts_of(kind):
         inside, (*places, key) = found, part.key.split(".")
         for place in places:
@@ -95,31 +88,27 @@ def _object(kind: type, shared: dict[str, Any]) -> dict[str, Any]:
                 inside["required"].append(place)
             inside = inside["properties"][place]
         properties, required = inside["properties"], inside["required"]
+        unit = {"unit": part.unit} if part.unit else {}
         if part.inline is None:
-            made = _schema(part.kind, shared)
-            more = {"unit": part.unit} if part.unit else {}
             note = {"description": part.note} if part.note else {}
-            properties[key] = made | more | note
+            properties[key] = _schema(part.kind, shared) | unit | note
             required += [key] * part.required
         elif part.inline.units:
-            for name, unit in part.inline.units.items():
-                properties[name] = {"type": ["number", "null"]} | ({"unit": unit} if unit else {})
+            for name, known in part.inline.units.items():
+                properties[name] = _NUMBER | ({"unit": known} if known else {})
             required += part.inline.units
         else:
-            inner = _object(_inner_class(part.kind), shared)
-            properties |= inner["properties"]
-            required += inner["required"]
+            kinds = (*get_args(part.kind), part.kind)
+            inner = next(each for each in kinds if dataclasses.is_dataclass(each))
+            beside = _object(document_of(inner), shared)
+            properties |= beside["properties"]
+            required += beside["required"]
     return found
 
 
 def _no_parts(text: str) -> dict[str, Any]:
     head = {"type": "object", "description": text} if text else {"type": "object"}
     return head | {"properties": {}, "required": [], "additionalProperties": False}
-
-
-def _inner_class(kind: Any) -> type:
-    found = next(each for each in (*get_args(kind), kind) if dataclasses.is_dataclass(each))
-    return typing.cast(type, document_of(found))
 
 
 def units(kind: Any) -> dict[str, str]:
@@ -137,10 +126,7 @@ def units(kind: Any) -> dict[str, str]:
 def _units(
     part: Any, inside: str, shared: Mapping[str, Any], seen: frozenset[str]
 ) -> Iterator[tuple[str, str, str]]:
-    if isinstance(part, list):
-        for item in part:
-            yield from _units(item, inside, shared, seen)
-    if not isinstance(part, dict):
+    if not isinstance(part, dict):  # of `additionalProperties`
         return
     reference = part.get("$ref", "").rpartition("/")[2]
     if reference and reference not in seen:
@@ -149,14 +135,13 @@ def _units(
         if found := _unit_in(field):
             yield inside, name, found
         yield from _units(field, name, shared, seen)
-    for name in ("items", "anyOf", "additionalProperties"):
-        yield from _units(part.get(name), inside, shared, seen)
+    for each in (part.get("items"), *part.get("anyOf", ()), part.get("additionalProperties")):
+        yield from _units(each, inside, shared, seen)
 
 
 def _unit_in(field: Any) -> str:
     """Return the unit of a field, also where it is a list or a table of numbers."""
     if not isinstance(field, dict):
         return ""
-    inner = next((field[name] for name in ("items", "additionalProperties") if name in field), None)
-    either = (_unit_in(one) for one in field.get("anyOf", ()))
-    return field.get("unit") or _unit_in(inner) or next((u for u in either if u), "")
+    inner = (field.get("items", field.get("additionalProperties")), *field.get("anyOf", ()))
+    return field.get("unit") or next(filter(None, map(_unit_in, inner)), "")

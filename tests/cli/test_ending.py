@@ -49,8 +49,9 @@ def test_a_closed_pipe_is_141(words: tuple[str, ...]) -> None:
 
 
 # Words, what stands behind or before them in the shell, the statuses that are right, what is said.
+NGSPICE = ("verify", TUNED, "--engine", "ngspice")
 FULL, CLOSED, DEAF = {"redirect": ">/dev/full"}, {"redirect": "2>&-"}, {"redirect": "2>/dev/full"}
-NO_SPACE = "taction: stdout cannot be written: No space left"
+NO_SPACE, NO_FILES = "taction: stdout cannot be written: No space left", "Too many open files"
 MACHINES: list[tuple[tuple[str, ...], dict[str, str], tuple[int, ...], str]] = [
     (VERIFY, FULL, (3,), NO_SPACE),  # after progress
     (VERIFY, CLOSED, (0,), ""),
@@ -59,6 +60,7 @@ MACHINES: list[tuple[tuple[str, ...], dict[str, str], tuple[int, ...], str]] = [
     (("verify", "none.toml"), DEAF, (2, 3), ""),
     ((*VERIFY, "--changes", "0", "--set", FAILING), DEAF, (1, 3), ""),
     (VERIFY, {"LC_ALL": "C", "PYTHONUTF8": "0"}, (0,), ""),
+    (NGSPICE, {"first": "ulimit -n 9"}, (3,), NO_FILES),
     # At 100 MB OpenBLAS would end the process with 1, which is the status of a failed check.
     (VERIFY, {"first": "ulimit -v 100000"}, (3,), "the memory is limited to"),
 ]
