@@ -3,26 +3,18 @@
 Loci follow from the modes of one board, so poles many decades apart can blind them. Poles of the
 boards at the ends of the range, between its edges, and beside each edge, have bounds of their own:
 a count that differs from what the edges say is a crossing that the loci missed, and then a scan
-finds the edges. The poles of a deck are counted in integers.
+finds the edges.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
 from itertools import pairwise
 
 import numpy as np
 
-from taction.system.array_types import Complexes
-from taction.system.errors import TactionError
-from taction.verification.engines.statespace.equations.pole_count import (
-    characteristic,
-    count_right,
-)
-from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.edges import Edges, Range, Sample
 from taction.verification.stability.families import Family
 from taction.verification.stability.loci import LociSearch
@@ -35,59 +27,67 @@ from taction.verification.stability.poles import (
 )
 from taction.verification.stability.scan import sampled
 
-PER_DECADE, COUNTED = 20, 40  # values of the first grid of a scan: by poles, and by exact counts
+PER_DECADE = 20  # values of the first grid of a scan
 PRECISE = 1e-6  # largest relative bound of a pole of a board whose loci are trusted
-BESIDE = (1e-9, 1e-6, 1e-3)  # relative distances of what confirms an edge: the first to do
-NEAREST_POLES = 1e-6  # from this distance on poles confirm: rounding hides nearer ones too often
+BESIDE = (1e-6, 1e-3)  # relative distances of what confirms an edge: the first to do
 WIDE = 30.0  # largest ratio of neighbouring samples
-NONE: Complexes = np.zeros(0, complex)
-Count = Callable[[float], int | None]
+
+
+def find_edges(
+    family: Family,
+    low: float,
+    high: float,
+    found: Poles | None = None,
+    values: Sequence[float] = (),
+    *,
+    nearest: bool = False,
+) -> Edges:
+    """Find every edge of a family from `low` to `high` (above zero).
+
+    `found`: poles at the family's `own` value, if they have been computed before.
+    `values`: the edges agree with the poles at these, too.
+    `nearest`: the board at `own`, one of the two ends, is stable, and only the edge next to it need
+      be found and confirmed.
+    InputError, EngineError: no board, no equilibrium, no state-space form, or a pole at `own` is on
+      the axis.
+
+    Notes
+    -----
+    Costs the loci, or a scan: the poles of `PER_DECADE` boards per decade, and more.
+    """
+    if (ports := family.ports) is not None:
+        own = found or poles(ports.board)
+        known = own.complete or own.stable  # else the poles are too few to be counted
+        count = own.unstable_count if known else count_unstable(ports.board)
+        traced = LociSearch(ports, *family.shares(low, high), count).edges()
+        search = _Confirmation(family, own, family.at_values(traced), nearest, tuple(values))
+        if (edges := search.confirmed()) is not None:
+            return edges
+    points = 2 + math.ceil(PER_DECADE * math.log10(high / low))
+    grid = [low, *np.geomspace(low, high, points)[1:-1].tolist(), high]
+    return family.scan([*grid, *values], start=family.own if nearest else None)
 
 
 @dataclass(eq=False)
-class EdgeSearch:
-    """A search for every edge of a family from `low` to `high` (above zero).
-
-    `found` are the poles at the family's `own` value. With `nearest` the board there, at one of the
-    two ends, is stable, and only the edge next to it need be found and confirmed. The edges agree
-    with the poles at `values`, too.
-    """
+class _Confirmation:
+    """What the loci of a family show, and the samples that confirm it; see `find_edges`."""
 
     family: Family
-    low: float
-    high: float
-    found: Poles | None = None
-    nearest: bool = False
-    values: tuple[float, ...] = ()
-    edges: Edges = field(init=False)  # what the loci show
-    # Tells the number of unstable poles of a deck without its poles.
-    count: Count | None = field(default=None, init=False)
-    samples: dict[float, Sample] = field(default_factory=dict, init=False)  # by their values
-
-    def traced(self) -> bool:
-        """Find what the loci show; False where only a scan is left."""
-        ports = self.family.ports
-        if ports is None:
-            return False
-        own = self.found = self.found or poles(ports.board)
-        known = own.complete or own.stable  # else the poles are too few to be counted
-        count = own.unstable_count if known else count_unstable(ports.board)
-        search = LociSearch(ports, *self.family.shares(self.low, self.high), count)
-        self.edges = self.family.at_values(search.edges())
-        return True
-
-    def certain(self, traced: bool) -> Edges:
-        """Return the edges that the loci show, if samples confirm them, else those of samples."""
-        return (self.confirmed() if traced else None) or self.scanned()
+    own: Poles  # at the family's own value
+    edges: Edges
+    nearest: bool
+    values: tuple[float, ...]
+    samples: dict[float, Sample] = field(default_factory=dict)  # by their values
 
     @property
     def within(self) -> Range:
         """The range whose edges are to be confirmed."""
+        low, high = self.edges.low, self.edges.high
         if self.nearest and self.edges.edges:
-            upwards = self.family.own == self.low
+            upwards = self.family.own == low
             at = self.edges.edges[0 if upwards else -1].value
-            return (self.low, at) if upwards else (at, self.high)
-        return self.low, self.high
+            return (low, at) if upwards else (at, high)
+        return low, high
 
     @property
     def inside(self) -> list[float]:
@@ -103,19 +103,10 @@ class EdgeSearch:
         low, high = self.within
         near = (at for at in self.edges.near if low <= at <= high)
         every = {low, high, *self.values, *near} - {self.family.own}
-        own = self.found
-        precise = own and own.complete and np.all(own.errors <= PRECISE * np.abs(own.poles))
+        precise = self.own.complete and np.all(self.own.errors <= PRECISE * np.abs(self.own.poles))
         for ends in pairwise(sorted({low, *self.inside, high})):
             every.update(_between(*ends, first=1.0 if precise else 0.5))
-        beside = 2.0 * BESIDE[0] if self.count else BESIDE[-1]
-        return [v for v in every if all(abs(v / at - 1.0) > beside for at in self.inside)]
-
-    def beside(self, distance: float) -> list[float]:
-        """Return values on both sides of edges that nearer ones leave open."""
-        if self.is_refuted or not (self.count or distance >= NEAREST_POLES):
-            return []
-        open_ = [at for at in self.inside if math.isinf(self._bound(at))]
-        return [at * (1.0 + by) for at in open_ for by in (-distance, distance)]
+        return [v for v in every if all(abs(v / at - 1.0) > BESIDE[-1] for at in self.inside)]
 
     def _agrees(self, value: float) -> bool | None:
         sample = self.samples.get(value)
@@ -142,7 +133,9 @@ class EdgeSearch:
             return self.edges
         self._sample(self.apart())
         for distance in BESIDE:
-            self._sample(self.beside(distance))
+            open_ = [at for at in self.inside if math.isinf(self._bound(at))]
+            if not self.is_refuted:
+                self._sample(at * (1.0 + by) for at in open_ for by in (-distance, distance))
         bounds = {at: self._bound(at) for at in self.inside}
         if self.is_refuted or math.inf in bounds.values():
             return None
@@ -151,59 +144,11 @@ class EdgeSearch:
         near = {v for v in self.samples if v not in beside and self._agrees(v) is None}
         return replace(self.edges, edges=tuple(edges), near=tuple(sorted(near)))
 
-    def _sample(self, values: Sequence[float]) -> None:
-        """Count the unstable poles at values."""
+    def _sample(self, values: Iterable[float]) -> None:
+        """Find the poles at values."""
         for value in values:
-            if self.count is None:
-                found = or_error(lambda at: brief_poles(self.family.board(at)), value)
-                self.samples[value] = sampled(value, found)
-            else:
-                counted = self.count(value)
-                on_axis = "" if counted is not None else "a pole is on the imaginary axis"
-                self.samples[value] = Sample(value, value, NONE, failure=on_axis, counted=counted)
-
-    def scanned(self) -> Edges:
-        """Return the edges by poles at samples alone."""
-        density = COUNTED if self.count else PER_DECADE
-        points = 2 + math.ceil(density * math.log10(self.high / self.low))
-        values = np.geomspace(self.low, self.high, points).tolist()
-        values[0], values[-1] = self.low, self.high
-        start, count = self.family.own if self.nearest else None, self.count or (lambda value: None)
-        return self.family.scan([*values, *self.values], start=start, count=count)
-
-
-def find_edges(
-    family: Family,
-    low: float,
-    high: float,
-    found: Poles | None = None,
-    values: Sequence[float] = (),
-    *,
-    nearest: bool = False,
-) -> Edges:
-    """Find every edge of a family, or with `nearest` the one next to it; see `EdgeSearch`.
-
-    InputError, EngineError: no board, no equilibrium, no state-space form, or a pole at `own` is on
-      the axis.
-
-    Notes
-    -----
-    Costs the loci, or a scan: the poles of `PER_DECADE` boards per decade, and more.
-    """
-    (edges,) = edges_together([EdgeSearch(family, low, high, found, nearest, tuple(values))])
-    if isinstance(edges, TactionError):
-        raise edges
-    return edges
-
-
-def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]:
-    """Return the edges of each search, or why there are none."""
-    traced = [or_error(EdgeSearch.traced, one) for one in searches]
-    _count_decks([one for one, known in zip(searches, traced, strict=True) if known is True])
-    return [
-        known if isinstance(known, TactionError) else or_error(one.certain, known)
-        for one, known in zip(searches, traced, strict=True)
-    ]
+            found = or_error(lambda at: brief_poles(self.family.board(at)), value)
+            self.samples[value] = sampled(value, found)
 
 
 def _between(low: float, high: float, first: float) -> Iterator[float]:
@@ -214,38 +159,3 @@ def _between(low: float, high: float, first: float) -> Iterator[float]:
     count = math.ceil(math.log(high / low) / math.log(WIDE))
     steps = (k + first for k in range(count) if k + first < count)
     return (low * (high / low) ** (step / count) for step in steps)
-
-
-def _count_decks(searches: Sequence[EdgeSearch]) -> None:
-    """Give the searches over one part of a deck their count of unstable poles."""
-    decks = {
-        one: one.family.ports.board
-        for one in searches
-        if one.family.ports and one.family.ports.count == 1 and abs(one.family.power) == 1.0
-        if one.family.ports.board.descriptor.has_branches
-    }
-    doubled = {one: or_error(one.family.board, 2.0 * one.family.own) for one in decks}
-    first = {board: characteristic(board.descriptor) for board in dict.fromkeys(decks.values())}
-    for one, board in decks.items():
-        own, there = first[board], doubled[one]
-        second = characteristic(there.descriptor) if isinstance(there, LinearBoard) else None
-        if own and second:
-            one.count = _exact_count(own, second, one.family.own, int(one.family.power))
-
-
-def _exact_count(
-    first: Sequence[Fraction], doubled: Sequence[Fraction], own: float, power: int
-) -> Count:
-    """Return the number of unstable poles over a value; None where a pole is on the axis.
-
-    ``det(s M - K)`` is a linear function of the value's `power`; `first` and `doubled` are its
-    coefficients at `own`, and at twice its value.
-    """
-    share = Fraction(2) ** power
-    change = [(b - a) / (share - 1) for a, b in zip(first, doubled, strict=True)]
-
-    def count(value: float) -> int | None:
-        more = (Fraction(value) / Fraction(own)) ** power - 1
-        return count_right([a + more * b for a, b in zip(first, change, strict=True)])
-
-    return count

@@ -133,7 +133,6 @@ class Sample:
     errors: Floats | float = 0.0  # rounding errors of the poles' real parts, 1/s
     complete: bool = True  # whether `poles` holds all poles; of an incomplete set the first counts
     failure: str = ""  # why there are no poles
-    counted: int | None = None  # unstable poles by another method, which decides
 
     @property
     def known(self) -> int:
@@ -143,8 +142,6 @@ class Sample:
     @cached_property
     def unstable(self) -> int:
         """Number of poles on or right of the imaginary axis; at most 1 of an incomplete set."""
-        if self.counted is not None:
-            return self.counted
         return int(np.sum(self.poles.real[: self.known] >= 0.0))
 
     @property
@@ -155,8 +152,6 @@ class Sample:
     @cached_property
     def certain(self) -> bool:
         """Whether all known poles are off the imaginary axis by more than rounding."""
-        if self.counted is not None:
-            return True
         off = np.abs(self.poles.real) > self.errors
         return not self.failure and bool(np.all(off[: self.known]))
 

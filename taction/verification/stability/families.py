@@ -116,7 +116,6 @@ class Family:
         logarithmic: bool = True,
         fine: bool = True,
         start: float | None = None,
-        count: Callable[[float], int | None] = lambda value: None,
     ) -> Scan:
         """Find every edge among `values`, with the poles at samples; see `scan`.
 
@@ -127,7 +126,6 @@ class Family:
         return scan(
             [*values, *beside],
             partial(or_error, lambda value: brief_poles(self.board(value))),
-            count=count,
             logarithmic=logarithmic,
             fine=fine,
             start=start,

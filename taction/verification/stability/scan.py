@@ -37,7 +37,6 @@ def scan(
     values: Sequence[float],
     read: Callable[[float], Answer],
     *,
-    count: Callable[[float], int | None] = lambda value: None,
     logarithmic: bool = True,
     fine: bool = True,
     start: float | None = None,
@@ -49,7 +48,6 @@ def scan(
 
     `values`: the first grid; above zero if `logarithmic`.
     `read`: returns the poles at a value.
-    `count`: counts the unstable poles at a value exactly; None where it cannot.
     `logarithmic`: whether to interpolate and halve in the logarithm of the value.
     `fine`: whether to look between the values, too. If not, only the edges at which the board
       becomes stable or unstable are found, and a range narrower than the steps of `values` may be
@@ -70,7 +68,7 @@ def scan(
     >>> [f"{edge.value:.6f}" for edge in scan([1.0, 5.0], read).edges]
     ['3.000000']
     """
-    search = _Search(read, count, logarithmic, fine)
+    search = _Search(read, logarithmic, fine)
     search.begin(values, start)
     for _ in range(ROUNDS if fine else 1):
         search.refine()
@@ -88,7 +86,6 @@ class _Search:
     """A scan in progress: samples in increasing order of the value."""
 
     read: Callable[[float], Answer]
-    count: Callable[[float], int | None]
     logarithmic: bool
     fine: bool
     samples: list[Sample] = field(default_factory=list)
@@ -115,7 +112,7 @@ class _Search:
     def _insert(self, place: float, value: float) -> Answer:
         """Insert the sample at a value; return its poles, or why there are none."""
         found = self.read(value)
-        sample = sampled(value, found, self.count(value), place)
+        sample = sampled(value, found, place)
         insort(self.samples, sample, key=lambda each: each.place)
         return found
 
@@ -181,13 +178,11 @@ class _Search:
         return [Edge(value, w / math.tau, a.unstable, b.unstable, bound) for w in frequencies]
 
 
-def sampled(
-    value: float, found: Answer, counted: int | None = None, place: float = math.nan
-) -> Sample:
+def sampled(value: float, found: Answer, place: float = math.nan) -> Sample:
     """Return the sample of the poles at a value, or of why there are none."""
     if isinstance(found, TactionError):
         return Sample(place, value, np.zeros(0, complex), failure=str(found))
-    return Sample(place, value, found.poles, found.errors, found.complete, counted=counted)
+    return Sample(place, value, found.poles, found.errors, found.complete)
 
 
 def _width(a: Sample, b: Sample) -> float:

@@ -16,11 +16,11 @@ from taction.system.errors import EngineError, TactionError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import linear_matrices
-from taction.verification.stability.edge_search import EdgeSearch, edges_together
+from taction.verification.stability.edge_search import find_edges
 from taction.verification.stability.edges import Edge, Edges
 from taction.verification.stability.families import Family
 from taction.verification.stability.margin import REACH, Margin
-from taction.verification.stability.poles import Poles
+from taction.verification.stability.poles import Poles, or_error
 
 MOST_MARGINS = 12  # parts whose margins are found unless a margin is checked
 MOST_UNKNOWNS = 150  # of a board with margins unless one is checked
@@ -177,14 +177,13 @@ def _nearest_of(families: Mapping[str, Family], found: Poles) -> dict[str, _Near
     """Return the nearest edges of values that are not zero, by name; each keeps its sign."""
     reach = REACH * MORE
     looked = {
-        name: EdgeSearch(
-            replace(family, board=partial(_at_factor, family), own=1.0), 1.0 / reach, reach, found
-        )
+        name: replace(family, board=partial(_at_factor, family), own=1.0)
         for name, family in families.items()
         if family.own
     }
     nearest = {name: _Nearest() for name, family in families.items() if not family.own}
-    for name, edges in zip(looked, edges_together(list(looked.values())), strict=True):
+    for name, family in looked.items():
+        edges = or_error(lambda one: find_edges(one, 1.0 / reach, reach, found), family)
         if isinstance(edges, EngineError):
             nearest[name] = _Nearest(doubt=str(edges), sure=1.0)
         elif isinstance(edges, TactionError):
