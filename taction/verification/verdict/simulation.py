@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -164,9 +164,6 @@ class Engine:
     # compares them.
     error: Callable[[Board, Waveforms], StateSpaceError] | None = None
     title: str = ""  # name for people; by default that of the entry
-    # Takes boards and returns for each what `begin` returns, simulated in one go; None for a board
-    # that needs a call of its own. None where each simulation is a process of its own.
-    together: Callable[[Sequence[Board]], list[Waiting | None]] | None = None
 
 
 def choose_engine(scene: Scene) -> str:
@@ -213,18 +210,6 @@ def _growing(board: Board, engine: Engine) -> Waveforms:
         waveforms = growing_record(board.linear, board.plan)
         note = f"this record is from the state-space engine: {reason}"
         return replace(waveforms, flags=(note, *waveforms.flags))
-
-
-def begin_together(boards: Sequence[Board]) -> list[Waiting | None]:
-    """Simulate boards together, those of one engine; None for each that needs a call of its own."""
-    found: list[Waiting | None] = [None] * len(boards)
-    for engine in {board.engine for board in boards}:
-        together = ENGINES[engine].together
-        if together is not None:
-            places = [k for k, board in enumerate(boards) if board.engine == engine]
-            for k, wait in zip(places, together([boards[k] for k in places]), strict=True):
-                found[k] = wait
-    return found
 
 
 def engine_of(waveforms: Waveforms) -> Engine:
@@ -332,29 +317,6 @@ def _statespace(board: Board) -> Waiting:
     return lambda: waveforms
 
 
-def _statespace_together(boards: Sequence[Board]) -> list[Waiting | None]:
-    """Integrate the boards that take steps in one go; None for each other board."""
-    found: list[Waiting | None] = [None] * len(boards)
-    chosen = [
-        k
-        for k, board in enumerate(boards)
-        if not (board.circuit.is_linear or board.linear.descriptor.is_large or board.plan.growing)
-    ]
-    if not chosen:
-        return found
-    from taction.verification.engines.statespace.transients.stepped import Task, simulate_together
-
-    tasks = [
-        Task(board.linear, board.transient, None, np.array([0.0, board.transient.stop]),
-             board.plan.tolerance, watched_nodes(board.circuit), resolved=True)
-        for board in (boards[k] for k in chosen)
-    ]  # fmt: skip
-    for k, record in zip(chosen, simulate_together(tasks, halves=True), strict=True):
-        if isinstance(record, Waveforms):
-            found[k] = partial(replace, record)
-    return found
-
-
 def _statespace_error(board: Board, waveforms: Waveforms) -> StateSpaceError:
     """Bound the error of a record, which is halved until it is what checks and readings want."""
     allowed = board.plan.wanted
@@ -366,6 +328,6 @@ def _statespace_error(board: Board, waveforms: Waveforms) -> StateSpaceError:
 
 OWN = {
     "ngspice": Engine(_ngspice),
-    "statespace": Engine(_statespace, _statespace_error, "state space", _statespace_together),
+    "statespace": Engine(_statespace, _statespace_error, "state space"),
 }
 ENGINES = OpenTable("taction.engines", OWN, Engine)

@@ -7,11 +7,9 @@ Several scenes take the same way; what boards can compute in one go is computed 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
-from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from taction.netlist_gen.analysis import Transient
@@ -19,14 +17,12 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene, opamp_words
 from taction.system.array_types import Floats
-from taction.system.own_folders import remove_own_folder
 from taction.system.progress import Clock, Progress, attempt
 from taction.system.quantities import sizes
 from taction.system.results import RENDERERS, Result, load
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
-    parts_of,
 )
 from taction.verification.reference.ideal_answer import EnergyRise, IdealAnswer, energy_rise
 from taction.verification.verdict.answer_error import AnswerError, BuiltBoards
@@ -38,7 +34,7 @@ from taction.verification.verdict.measure import StepError
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.run import Accuracy, Run, observe
 from taction.verification.verdict.run_checks import run_checks
-from taction.verification.verdict.simulation import Waiting, begin, begin_together
+from taction.verification.verdict.simulation import Waiting, begin
 from taction.verification.verdict.warnings import all_warnings, find_contradiction, missing_witness
 
 if TYPE_CHECKING:
@@ -263,46 +259,8 @@ class Request:
                      ideal=self.ideal, full_margin=self.full_margin)  # fmt: skip
 
     def verdict(self, progress: Progress = lambda stage: None) -> Verdict:
-        """Return the verdict of this board alone; errors as `verify`."""
+        """Return the verdict; errors as `verify`."""
         clock = Clock(progress)
         board = self.build(clock)
         clock.begin("simulation", remark=board.plan.remark)
         return conclude(board, begin(board), clock)
-
-
-BRIEF = 1.0  # s: a longer run of ngspice gains nothing, and is not repeated if it fails
-TOGETHER = 600_000  # squared numbers of parts of the boards that are computed together
-
-
-def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]]:
-    """Verify scenes; the steps of their boards are computed in one go.
-
-    Yields the place of a request and its verdict. A request is left out where it gains nothing from
-    other ones, and where `verify` raises. Simulations in processes run one after the other.
-    """
-    boards, size = dict[int, tuple[Board, Clock]](), 0
-    for place, request in enumerate(requests):
-        clock = Clock(lambda stage: None)
-        with suppress(Exception):
-            board = request.build(clock)
-            clock.pause()
-            brief = not board.linear.descriptor.is_large and board.plan.seconds < BRIEF
-            if brief and board.ideal is not None:  # else it raises here
-                boards[place] = board, clock
-                size += parts_of(board.linear) ** 2
-        if size > TOGETHER or place == len(requests) - 1:
-            yield from _concluded(boards)
-            boards, size = {}, 0
-
-
-def _concluded(built: dict[int, tuple[Board, Clock]]) -> Iterator[tuple[int, Verdict]]:
-    """Yield the verdicts of boards, those that there are."""
-    boards = [board for board, _ in built.values()]
-    for pending, (place, (board, clock)) in zip(begin_together(boards), built.items(), strict=True):
-        try:
-            verdict = conclude(board, pending, clock)
-        except Exception as error:  # alone it says why, with a run folder of its own
-            if isinstance(folder := getattr(error, "folder", None), Path):
-                remove_own_folder(folder)
-        else:
-            yield place, verdict

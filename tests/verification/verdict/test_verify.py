@@ -25,8 +25,7 @@ from taction.verification.stability.poles import Poles, poles
 from taction.verification.verdict import board as board_module
 from taction.verification.verdict import build as design
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.record import Record
-from taction.verification.verdict.verify import Request, Verdict, verify, verify_together
+from taction.verification.verdict.verify import Verdict, verify
 from tests.support.paths import SCENES
 
 NAMES = sorted(path.stem for path in SCENES.glob("*.toml"))
@@ -225,35 +224,3 @@ def test_the_verdict_is_the_same(
         outcomes.append({c.name: c.outcome.value for c in verify(asked).checks})
     assert outcomes[0] == outcomes[1]
     assert outcomes[0]["stability"] == "inconclusive"
-
-
-@pytest.mark.usefixtures("ngspice")
-def test_scenes_together_have_the_verdict_of_each_alone() -> None:
-    engine = {"engine": "statespace"}
-    scenes = [
-        shipped("paper-breadboard", analysis=engine),
-        shipped("paper-breadboard", analysis={"engine": "ngspice"}),  # a long run
-        shipped("paper-breadboard", design={"capacitance": "5pF"}, analysis=engine),  # unstable
-        shipped("paper-exponential", analysis=engine),
-        shipped("custom-matrix", analysis=engine),
-        shipped("tuned-breadboard", analysis=engine),
-        shipped("tuned-breadboard", design={"capacitance": "20pF"}, analysis=engine),
-        shipped("custom-matrix", analysis={"engine": "ngspice"}),
-    ]
-    found = dict(verify_together([Request(scene) for scene in scenes]))
-    assert set(found) == {0, 2, 3, 4, 5, 6, 7}
-    for place, together in found.items():
-        record, alone = (
-            Record.of(verdict).without_run_time() for verdict in (together, verify(scenes[place]))
-        )
-        assert record.outcome == alone.outcome
-        assert [(c.name, c.outcome) for c in record.checks] == [
-            (c.name, c.outcome) for c in alone.checks
-        ]
-        values = [c.value for c in record.checks if c.value is not None]
-        others = [c.value for c in alone.checks if c.value is not None]
-        assert values == pytest.approx(others, rel=1e-9)
-        margins = [each.figures.pop("margin") for each in (record, alone)]  # edges of another board
-        assert margins[0] == (None if margins[1] is None else pytest.approx(margins[1], rel=1e-9))
-        assert record.figures == alone.figures
-    assert found[2].outcome is Outcome.FAIL

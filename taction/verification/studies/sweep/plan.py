@@ -41,7 +41,7 @@ from taction.verification.studies.running.study import attempted, study, workers
 from taction.verification.studies.running.versions import digest, own_code, simulator_name
 from taction.verification.verdict.record import ERROR, Record
 from taction.verification.verdict.simulation import choose_engine
-from taction.verification.verdict.verify import Request, Verdict, verify_together
+from taction.verification.verdict.verify import Request
 
 MAX_POINTS = 1_000_000
 
@@ -200,27 +200,15 @@ def _requests(plan: Plan, places: Iterable[int]) -> Iterator[tuple[bytes, Reques
             yield point.key, request
 
 
-def compute_points(*points: Request | Record) -> list[Record | None]:
-    """Compute points; a verification that fails gives a record, too, and a record is its own.
-
-    Of several points each one is None that the engine does not solve together with others.
-    """
-    if len(points) == 1:
-        return [point if isinstance(point, Record) else _computed(point) for point in points]
-    requests = {k: point for k, point in enumerate(points) if isinstance(point, Request)}
-    places = list(requests)
-    found = {places[k]: _record(each) for k, each in verify_together(list(requests.values()))}
-    return [p if isinstance(p, Record) else found.get(k) for k, p in enumerate(points)]
-
-
-def _record(verdict: Verdict) -> Record:
-    return Record.of(verdict, channels=False)
+def compute_points(*points: Request | Record) -> list[Record]:
+    """Compute points; a verification that fails gives a record, too, and a record is its own."""
+    return [point if isinstance(point, Record) else _computed(point) for point in points]
 
 
 def _computed(request: Request) -> Record:
     engine = request.scene.analysis.engine
     return attempted(
-        lambda: _record(request.verdict()),
+        lambda: Record.of(request.verdict(), channels=False),
         lambda error, reason: Record.without_verdict(type(error).__name__, reason, engine),
     )
 

@@ -36,7 +36,7 @@ from taction.verification.studies.running.study import attempted, study
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import ERROR, Record, finite, signed_errors
 from taction.verification.verdict.simulation import choose_engine
-from taction.verification.verdict.verify import Request, Verdict, verify, verify_together
+from taction.verification.verdict.verify import Request, Verdict, verify
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,9 +122,9 @@ class Varied(ABC):
     def measured(self, number: int, z: Floats) -> BoardSample:
         """Return the sample with deviations `z`; any error ends it."""
 
-    @abstractmethod
     def measured_together(self, requests: Sequence[tuple[int, Floats]]) -> list[BoardSample | None]:
         """Return several samples, None for each one that needs a call of its own."""
+        return [evaluate(self, number, z) for number, z in requests]
 
     def at(self, z: Floats) -> Circuit:
         """Return the board with deviations `z`, (components,), in tolerances."""
@@ -249,12 +249,6 @@ class VariedBoard(Varied):
     def measured(self, number: int, z: Floats) -> BoardSample:
         """Return the sample with deviations `z`; errors as `verify`."""
         return sample_of(self.request(z).verdict(), number)
-
-    def measured_together(self, requests: Sequence[tuple[int, Floats]]) -> list[BoardSample | None]:
-        """Return several samples, None for each one that needs a call of its own."""
-        asked = [self.request(z) for _, z in requests]
-        found = {k: sample_of(verdict, requests[k][0]) for k, verdict in verify_together(asked)}
-        return [found.get(k) for k in range(len(requests))]
 
 
 def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:

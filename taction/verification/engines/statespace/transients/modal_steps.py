@@ -1,19 +1,19 @@
-"""Steps of small boards in the basis of their modes, where they have one.
+"""Steps of a small board in the basis of its modes, where it has one.
 
-The boards are linearised at their equilibria, so in this basis their equations are
+The board is linearised at its equilibrium, so in this basis its equations are
 
     z' = poles z + drive n + constant,    v = seen z + direct n + ...
 
 with the remainders n of the amplifiers beyond their slopes at rest, and the systems of a step (see
-`integrator`) are divisions. Boards without a basis of modes keep their states, and have a matrix in
-the place of poles. Every board may have a length of step and slopes of its own.
+`radau_integrator`) are divisions. A board without a basis of modes keeps its states, and has a
+matrix in the place of poles.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from taction.system.array_types import Bools, Complexes, Floats
+from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.equilibrium import solve_loop
 from taction.verification.engines.statespace.linearised.modes import Modes
@@ -22,7 +22,6 @@ from taction.verification.engines.statespace.transients.radau import SIGMA, TABL
 from taction.verification.engines.statespace.transients.straight_pieces import (
     BEYOND,
     Amplifiers,
-    Batch,
 )
 
 DEFECT = 1e-10  # of ``left right - 1``: with more, modes lose digits that solves keep
@@ -89,32 +88,31 @@ class StateBoard:
         m, watched = self.count, self.C @ state + self.D
         inputs, H = watched[:m], self.H[:m]
         if H.any():
-            scale = amplifiers.v_scale[0, :, 0]
-            loop = H * amplifiers.u_scale[0, :, 0] / scale[:, None]
+            scale = amplifiers.v_scale[:, 0]
+            loop = H * amplifiers.u_scale[:, 0] / scale[:, None]
             inputs = scale * solve_loop(loop, inputs / scale, amplifiers.gain)[0]
-        outputs = amplifiers.outputs(inputs[None, :, None])[0, :, 0]
+        outputs = amplifiers.outputs(inputs[:, None])[:, 0]
         if not np.all(np.isfinite(outputs)):
             raise EngineError(BEYOND)
         return state, np.append(inputs, (watched + self.H @ outputs)[m:])
 
 
 def _systems(stages: Floats) -> Complexes:
-    """Return the values of the method's systems (R, k, m) from those of the stages (R, m, s)."""
-    return np.asarray(TABLE.left @ stages.transpose(0, 2, 1))
+    """Return the values of the method's systems (k, m) from those of the stages (m, s)."""
+    return np.asarray(TABLE.left @ stages.T)
 
 
 def _stages(systems: Complexes) -> Floats:
-    """Return the values of the stages (R, m, s) from those of the method's systems (R, k, m)."""
-    return np.asarray((TABLE.right @ systems).real.transpose(0, 2, 1))
+    """Return the values of the stages (m, s) from those of the method's systems (k, m)."""
+    return np.asarray((TABLE.right @ systems).real.T)
 
 
-class ModalBoards(Batch):
-    """Boards by their modes, and their prepared steps.
+class ModalBoard:
+    """A board by its modes, and its prepared step.
 
-    Those that are joined have as many states, amplifiers and watched nodes. The voltages of a mode
-    are at most 1 V, so that its coordinate is about its share in volts.
+    The voltages of a mode are at most 1 V, so that its coordinate is about its share in volts.
 
-    `board`: one board at its slopes at rest.
+    `board`: the board at its slopes at rest.
     `modes`: of the same board; None where they are no basis.
     """
 
@@ -125,88 +123,80 @@ class ModalBoards(Batch):
         n, m = drive.shape
         if modes is None:
             left = right = np.eye(n, dtype=np.complex128)
-            self.joined, mates = list(range(n)), np.arange(n)
+            self.joined, self.mates = list(range(n)), np.arange(n)
         else:
             scale = np.abs(modes.right).max(axis=0)
             right, left = modes.right / scale, scale[:, None] * modes.left
-            self.joined, mates = [], modes.mates
+            self.joined, self.mates = [], modes.mates
         turned = left @ matrix @ right
-        poles, inner = np.diagonal(turned).copy(), turned[np.ix_(self.joined, self.joined)]
-        poles[self.joined] = 0.0
-        self.mates, self.poles, self.inner = mates[None], poles[None, None], inner[None, None]
-        self.slopes, self.left = board.slopes[None], left[None]
-        self.drive, self.constant = (left @ drive).T[None], (left @ board.constant)[None]
-        self.seen, self.direct = (seen @ right).T[None], direct.T[None]
-        self.at_once = board.H[:m][None]
-        self.length, self.at = np.zeros(1), np.full((1, m), np.nan)
-        self.change = np.zeros((1, m))  # slopes of the step minus those at rest, V/V
+        self.poles = np.diagonal(turned).copy()
+        self.poles[self.joined] = 0.0
+        self.inner = turned[np.ix_(self.joined, self.joined)]
+        self.slopes, self.left = board.slopes, left
+        self.drive, self.constant = (left @ drive).T, left @ board.constant
+        self.seen, self.direct, self.at_once = (seen @ right).T, direct.T, board.H[:m]
+        self.length, self.at = 0.0, np.full(m, np.nan)
+        self.change = np.zeros(m)  # slopes of the step minus those at rest, V/V
 
     def state(self, states: Floats) -> Complexes:
-        """Return the coordinates of states (R, n), (R, n)."""
-        return np.asarray((self.left @ states[..., None])[..., 0])
-
-    def _times(self, poles: Complexes, inner: Complexes, rows: Complexes) -> Complexes:
-        """Multiply vectors (R, k or 1, q, n) by diagonal (R, k, n) and joined part of a matrix."""
-        found = np.asarray(poles[:, :, None, :] * rows)
-        if self.joined:
-            found[..., self.joined] = rows[..., self.joined] @ inner.swapaxes(-1, -2)
-        return found
+        """Return the coordinates of states (n,), (n,)."""
+        return np.asarray(self.left @ states)
 
     def rate(self, state: Complexes, inputs: Floats, outputs: Floats) -> Complexes:
-        """Return the rates of states for inputs and outputs (R, m) of the amplifiers."""
-        remainder = (outputs - self.slopes * inputs)[:, None, :]
-        moving = self._times(self.poles, self.inner, state[:, None, None, :])[:, 0, 0]
-        return np.asarray(moving + self.constant + (remainder @ self.drive)[:, 0])
+        """Return the rates of a state for inputs and outputs (m,) of the amplifiers."""
+        moving = self.poles * state
+        moving[self.joined] = self.inner @ state[self.joined]
+        return np.asarray(moving + self.constant + (outputs - self.slopes * inputs) @ self.drive)
 
-    def prepare(self, length: Floats, slopes: Floats) -> None:
-        """Prepare a step of each board, of lengths (R,), s, at slopes (R, m)."""
-        m = slopes.shape[1]
-        longer = not np.array_equal(length, self.length)
+    def prepare(self, length: float, slopes: Floats) -> None:
+        """Prepare a step of a length, s, at slopes (m,)."""
+        m, longer = len(slopes), length != self.length
         if longer:
-            shifts = TABLE.shifts / length[:, None]
-            self.weight = 1.0 / (shifts[:, :, None] - self.poles)
-            self.joint = np.zeros((*shifts.shape, len(self.joined), len(self.joined)))
-            if self.joined:
-                one = np.eye(len(self.joined))
-                self.joint = np.linalg.inv(shifts[:, :, None, None] * one - self.inner)
-            driven = self._times(self.weight, self.joint, self.drive[:, None])
-            core = driven @ self.seen[:, None, :, :m] + self.direct[:, None, :, :m]
-            self.core, self.length = core.transpose(0, 1, 3, 2), length
+            shifts, one = TABLE.shifts / length, np.eye(len(self.joined))
+            self.weight = 1.0 / (shifts[:, None] - self.poles)
+            self.joint = np.linalg.inv(shifts[:, None, None] * one - self.inner)
+            core = self._solved(self.drive[None]) @ self.seen[:, :m] + self.direct[:, :m]
+            self.core, self.length = core.transpose(0, 2, 1), length
         if longer or not np.array_equal(slopes, self.at):
             self.at, self.change = slopes, slopes - self.slopes
-            loop = np.eye(m) - self.core * self.change[:, None, None, :]
-            self.transfer = np.linalg.solve(loop, self.core)
+            self.transfer = np.linalg.solve(np.eye(m) - self.core * self.change, self.core)
+
+    def _solved(self, rows: Complexes) -> Complexes:
+        """Solve the method's systems for right-hand sides (k or 1, q, n), (k, q, n)."""
+        found = np.asarray(self.weight[:, None] * rows)
+        if self.joined:
+            found[..., self.joined] = rows[..., self.joined] @ self.joint.swapaxes(1, 2)
+        return found
 
     def free(self, rate: Complexes) -> tuple[Floats, Complexes]:
-        """Return the inputs' changes without remainders (R, m, s), and what `end` needs."""
-        rows = SIGMA[:, None, None] * rate[:, None, None, :]
-        x = self._times(self.weight, self.joint, rows)[:, :, 0]
-        inputs = x @ self.seen[:, :, : self.at.shape[1]]
-        changed = (self.change[:, None] * inputs)[..., None]
+        """Return the inputs' changes without remainders (m, s), and what `end` needs."""
+        x = self._solved((SIGMA[:, None] * rate)[:, None])[:, 0]
+        inputs = x @ self.seen[:, : len(self.at)]
+        changed = (self.change * inputs)[..., None]
         return _stages(inputs + (self.transfer @ changed)[..., 0]), x
 
     def response(self, remainder: Floats, parts: Complexes) -> Floats:
-        """Return what remainders (R, m, s) add to the inputs, (R, m, s)."""
+        """Return what remainders (m, s) add to the inputs, (m, s)."""
         return _stages((self.transfer @ _systems(remainder)[..., None])[..., 0])
 
     def end(self, remainder: Floats, inputs: Floats, parts: Complexes) -> tuple[Complexes, Floats]:
-        """Return what `moved` needs, and the changes of inputs and watched nodes (R, m + K, s)."""
-        m = inputs.shape[1]
-        nu = _systems(remainder + self.change[:, :, None] * inputs)
-        x = parts + self._times(self.weight, self.joint, (nu @ self.drive)[:, :, None])[:, :, 0]
-        others = _stages(x @ self.seen[:, :, m:] + nu @ self.direct[:, :, m:])
-        return x, np.concatenate([inputs, others], axis=1)
+        """Return what `moved` needs, and the changes of inputs and watched nodes (m + K, s)."""
+        m = len(inputs)
+        nu = _systems(remainder + self.change[:, None] * inputs)
+        x = parts + self._solved((nu @ self.drive)[:, None])[:, 0]
+        others = _stages(x @ self.seen[:, m:] + nu @ self.direct[:, m:])
+        return x, np.concatenate([inputs, others])
 
     def moved(self, parts: Complexes, weights: Complexes) -> Complexes:
-        """Return the changes of the states up to where the systems have `weights` (R, k)."""
-        half = 0.5 * (weights[:, None, :] @ parts)[:, 0]
-        return np.asarray(half + half[np.arange(len(half))[:, None], self.mates].conj())
+        """Return the change of the state up to where the systems have `weights` (k,)."""
+        half = 0.5 * (weights @ parts)
+        return np.asarray(half + half[self.mates].conj())
 
-    def jumping(self, slopes: Floats) -> Bools:
-        """Return which boards (R,) have several voltages for a state at slopes (R, m).
+    def jumping(self, slopes: Floats) -> bool:
+        """Return whether the board has several voltages for a state at slopes (m,).
 
         The sign of ``det(1 - H slopes)`` is 1 where nothing comes back at once. With one sign on
         all straight pieces, none turns back at a break.
         """
-        loop = np.eye(slopes.shape[1]) - self.at_once * slopes[:, None, :]
-        return np.asarray(np.linalg.slogdet(loop)[0] <= 0.0)
+        loop = np.eye(len(slopes)) - self.at_once * slopes
+        return bool(np.linalg.slogdet(loop)[0] <= 0.0)

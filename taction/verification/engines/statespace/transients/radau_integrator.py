@@ -12,23 +12,23 @@ in this basis. So a step of a linear board needs no iteration, and the stages of
 found by iterating on the m inputs alone. `modal_steps` have these systems in the basis of the
 modes, where they are divisions, `structured_steps` solve them in all unknowns.
 
-Several boards are integrated at a time, each with steps of its own: they only share the array
-operations. Each iteration is a simplified Newton step, whose slopes are kept over steps until
-convergence is slow. The lengths of steps are powers of two. The length follows from the last
-Legendre coefficients of the solution in a step, which decrease like its error: they bound the error
-of the polynomial between the stages.
+Each iteration is a simplified Newton step, whose slopes are kept over steps until convergence is
+slow. The lengths of steps are powers of two. The length follows from the last Legendre coefficients
+of the solution in a step, which decrease like its error: they bound the error of the polynomial
+between the stages.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from taction.system.array_types import EPS, Bools, Floats, Ints
-from taction.verification.engines.statespace.transients.modal_steps import ModalBoards
+from taction.verification.engines.statespace.transients.dense import Dense
+from taction.verification.engines.statespace.transients.modal_steps import ModalBoard
 from taction.verification.engines.statespace.transients.radau import STAGES, TABLE
 from taction.verification.engines.statespace.transients.straight_pieces import (
     JUMPS,
@@ -36,7 +36,6 @@ from taction.verification.engines.statespace.transients.straight_pieces import (
     PASSED,
     ROUNDED,
     SLACK,
-    Batch,
     Switch,
     first_passage,
     shortened,
@@ -47,7 +46,7 @@ ITERATIONS = 12  # of the inputs in a step
 SHARE = 0.02  # of the tolerance: the last change of the iterations, which leave less
 SLOW = 0.2  # contraction above which the next step is linearised anew
 LONGEST_JUMP = 3  # levels
-SMALLEST, LEVELLESS = -60, 10**6  # least level, and none
+SMALLEST = -60  # least level
 LAST_BUT_ONE = 0.2  # weight of the last but one Legendre coefficient in the error
 SPREAD = 4.0  # times what rounding made of one draw: what it may make of another one
 # Of a change: rounding of the stages' sums over the systems of the method, as random errors add.
@@ -58,258 +57,235 @@ MAX_STEPS = 1_000_000
 
 
 @dataclass(eq=False)
-class Integration(Batch):
-    """Boards of one kind on their way from t = 0; arrays have the boards on their first axis."""
+class Integration:
+    """A board on its way from t = 0."""
 
-    board: ModalBoards | StructuredBoard  # the linear part
+    board: ModalBoard | StructuredBoard  # the linear part
     reported: Any  # the amplifiers, and what is reported of the watched voltages
-    out: NDArray[np.object_]  # (R,): the solutions, to which steps are added
-    # (R,): integrations of the same boards: steps are at most half as long as theirs, and none is
+    # An integration of the same board: steps are at most half as long as its own, and none is
     # refused for its error. Where None the tolerance decides.
-    whole: NDArray[np.object_]
-    state: Any  # (R, n): states of the boards
-    now: Floats  # (R, W): watched voltages, inputs first, V
-    slopes: Floats  # (R, m): at which the steps are linearised, V/V
-    # `tolerance`, `unit`: (R,): of one step, and the voltage to which it is relative, V.
-    tolerance: Floats
-    unit: Floats
-    base: Floats  # (R,): length of a step of level 0, s
-    limit: Floats  # (R,): watched voltage at which the integration ends early (`Dense.escaped`), V
-    stop: Floats  # (R,): where the integration ends, s
+    whole: Dense | None
+    state: Any  # (n,): state of the board
+    now: Floats  # (W,): watched voltages, inputs first, V
+    slopes: Floats  # (m,): at which the steps are linearised, V/V
+    # `tolerance`, `unit`: of one step, and the voltage to which it is relative, V.
+    tolerance: float
+    unit: float
+    base: float  # length of a step of level 0, s
+    limit: float  # watched voltage at which the integration ends early (`Dense.escaped`), V
+    stop: float  # where the integration ends, s
 
     def __post_init__(self) -> None:
-        count, self.amplifiers = len(self.now), self.reported.amplifiers
-        self.level, self.t = np.zeros(count, dtype=np.int64), np.zeros(count)
+        self.out, self.amplifiers = Dense(), self.reported.amplifiers
+        self.level, self.t = 0, 0.0
         self.segments = np.zeros(self.slopes.shape, dtype=np.int64)  # straight pieces of inputs
         self.slack = np.ones(self.slopes.shape)  # of a break, V
-        self.probed = np.full(count, LEVELLESS)  # the level of a step at which `noise` was measured
+        self.probed: int | None = None  # the level of a step at which `noise` was measured
         self.noise = np.zeros(self.now.shape)  # what rounding makes of the watched voltages, V
         self.far = self.reported.distance(self.now)  # a reported voltage from rest, V
 
     def run(self, max_steps: int = MAX_STEPS) -> None:
         """Integrate to `stop` or beyond it, or until a voltage passes the limit.
 
-        An output has a `failure` where the solution leaves the range of floats, the step
+        The output has a `failure` where the solution leaves the range of floats, the step
         underflows, or there are more than `max_steps` or `MOST_SWITCHES`.
         """
         self._find_pieces()
-        work = self._left(max_steps)
-        while len(work.t):
-            work._attempt()
-            work = work._left(max_steps)
+        while self._goes_on(max_steps):
+            self._attempt()
 
-    def _left(self, max_steps: int) -> Integration:
-        """Return the boards that have not ended."""
-        kept = []
-        for row, out in enumerate(self.out):
-            t, stop = self.t[row].item(), self.stop[row].item()
-            out.factorisations = self.board.factorisations
-            if out.failure or out.escaped or not t < stop * (1.0 - 1e-12):
-                continue
-            if out.steps > max_steps:
-                out.failure = f"{max_steps} steps did not reach {stop!r} s (now {t!r} s)"
-            elif len(out.switches) > MOST_SWITCHES:
-                out.failure = (
-                    f"the amplifiers switch more than {MOST_SWITCHES} times before {t:.3g} s; a"
-                    " shorter analysis.stop ends the record earlier"
-                )
-            else:
-                kept.append(row)
-        return self if len(kept) == len(self.t) else self.take(np.array(kept, dtype=np.int64))
+    def _goes_on(self, max_steps: int) -> bool:
+        """Whether the board has not ended."""
+        out = self.out
+        out.factorisations = self.board.factorisations
+        if out.failure or out.escaped or not self.t < self.stop * (1.0 - 1e-12):
+            return False
+        if out.steps > max_steps:
+            out.failure = f"{max_steps} steps did not reach {self.stop!r} s (now {self.t!r} s)"
+        elif len(out.switches) > MOST_SWITCHES:
+            out.failure = (
+                f"the amplifiers switch more than {MOST_SWITCHES} times before {self.t:.3g} s; a"
+                " shorter analysis.stop ends the record earlier"
+            )
+        return not out.failure
 
     def _find_pieces(self) -> None:
         """Find the straight pieces of the start."""
         amplifiers, pieces = self.amplifiers, self.amplifiers.pieces
         if not pieces.broken.any():
             return
-        scale, inputs = amplifiers.v_scale[:, :, 0], self.now[:, : amplifiers.count]
+        scale, inputs = amplifiers.v_scale[:, 0], self.now[: amplifiers.count]
         self.segments = pieces.at(inputs / scale)
-        size = np.maximum(np.abs(inputs), scale).max(axis=1, keepdims=True)
+        size = float(np.maximum(np.abs(inputs), scale).max())
         steepest = np.maximum(amplifiers.steepest(), TINY)
-        self.slack = np.maximum(SLACK * self.tolerance[:, None] / steepest, ROUNDED * size)
-        self._begin_pieces(np.ones(len(size), dtype=np.bool_))
+        self.slack = np.maximum(SLACK * self.tolerance / steepest, ROUNDED * size)
+        self._begin_pieces()
 
-    def _begin_pieces(self, rows: Bools) -> None:
-        """Linearise boards that begin on other straight pieces."""
-        self._linearise(rows[:, None] & self.amplifiers.pieces.broken)
-        jumping = self.board.jumping(self.slopes)
-        for row in np.flatnonzero(rows).tolist():
-            out, segments = self.out[row], tuple(self.segments[row].tolist())
-            out.switches.append(Switch(float(self.t[row]), segments))
-            if jumping[row]:
-                out.failure = JUMPS
+    def _begin_pieces(self) -> None:
+        """Linearise the board, which begins on other straight pieces."""
+        self._linearise(self.amplifiers.pieces.broken)
+        segments = tuple(int(each) for each in self.segments)
+        self.out.switches.append(Switch(self.t, segments))
+        if self.board.jumping(self.slopes):
+            self.out.failure = JUMPS
 
     def _linearise(self, places: Bools) -> None:
-        """Linearise the next steps at the present inputs, for amplifiers at `places` (R, m)."""
-        slopes = self.amplifiers.slopes_along(self.now[:, : self.slopes.shape[1]], self.segments)
+        """Linearise the next steps at the present inputs, for amplifiers at `places` (m,)."""
+        slopes = self.amplifiers.slopes_along(self.now[: len(self.slopes)], self.segments)
         self.slopes = np.where(places & np.isfinite(slopes), slopes, self.slopes)
-        self.probed = np.where(places.any(axis=1), LEVELLESS, self.probed)
-
-    def _levels(self) -> tuple[Ints, Bools]:
-        """Return the levels of the next steps, and which are given by another integration."""
-        level = np.ceil(np.log2((self.stop - self.t) / self.base)).astype(np.int64)
-        level = np.minimum(self.level, level)
-        given = np.array([whole is not None for whole in self.whole], dtype=np.bool_)
-        for row in np.flatnonzero(given).tolist():
-            most = self.whole[row].level_within(self.t[row].item(), self.base[row].item()) - 1
-            level[row] = min(int(self.level[row]), most)
-        return level, given
+        if places.any():
+            self.probed = None
 
     def _attempt(self) -> None:
-        """Try one step of every board; boards that accept it move on."""
-        self.level, given = self._levels()
-        length = self.base * np.exp2(self.level)
-        small = (length <= EPS * self.t) | (self.level < SMALLEST)
-        for row in np.flatnonzero(small).tolist():
-            self.out[row].failure = (
-                f"no solution after {self.t[row].item()!r} s: steps down to"
-                f" {length[row].item():.3g} s have errors above {self.tolerance[row].item():.3g} V"
+        """Try one step; if it is accepted, the board moves on."""
+        own, m = self.level, len(self.slopes)
+        self.level = min(own, math.ceil(math.log2((self.stop - self.t) / self.base)))
+        if self.whole is not None:
+            self.level = min(own, self.whole.level_within(self.t, self.base) - 1)
+        length = self.base * 2.0**self.level
+        if length <= EPS * self.t or self.level < SMALLEST:
+            self.out.failure = (
+                f"no solution after {self.t!r} s: steps down to {length:.3g} s have errors above"
+                f" {self.tolerance:.3g} V"
             )
+            return
         self.board.prepare(length, self.slopes)
         with np.errstate(invalid="ignore", over="ignore"):
-            start = self.now[:, : self.slopes.shape[1]]
-            outputs = self.amplifiers.along(start[:, :, None], self.segments)
-            rate: Any = self.board.rate(self.state, start, outputs[:, :, 0])
-            noise = self._rounding(rate, start, outputs[:, :, 0])
+            start = self.now[:m]
+            outputs = self.amplifiers.along(start[:, None], self.segments)
+            rate: Any = self.board.rate(self.state, start, outputs[:, 0])
+            noise = self._rounding(rate, start, outputs[:, 0])
             inputs, remainder, parts, contraction, found = self._iterate(rate, outputs, noise)
-            found &= ~small
             parts, change = self.board.end(remainder, inputs, parts)
-            watched = self.now[:, :, None] + change
-            piece = np.concatenate([self.now[:, :, None], watched], axis=2) @ TABLE.legendre.T
+            watched = self.now[:, None] + change
+            piece = np.concatenate([self.now[:, None], watched], axis=1) @ TABLE.legendre.T
             gain, rounding, tail = self._judge(piece, watched, noise)
-            gain = np.where(given, LONGEST_JUMP, gain)
-            accepted = found & (gain >= 0)
-            weights = np.repeat(TABLE.right[-1:], len(length), axis=0)
-            moves = self._passages(accepted, length, piece, watched, weights)
-            moved = self.board.moved(parts, weights)
-        self.state = np.where(accepted[:, None], self.state + moved, self.state)
-        self.now = np.where(accepted[:, None], watched[:, :, -1], self.now)
-        self.t = np.where(accepted, self.t + length, self.t)
-        self._record(accepted, piece, rounding, tail)
+            if self.whole is not None:
+                gain = LONGEST_JUMP
+            accepted = found and gain >= 0
+            moves = np.zeros_like(self.segments)
+            if accepted:
+                theta, weights, end = self._passage(piece), TABLE.right[-1], watched[:, -1]
+                if theta < 1.0:
+                    piece, end, weights = shortened(piece, theta)
+                    length, moves = length * theta, self._moves(end)
+                self.state = self.state + self.board.moved(parts, weights)
+                self.now, self.t = end, self.t + length
+                self._record(piece, rounding, tail)
         if moves.any():
             self.segments = self.segments + moves
-            self._begin_pieces(np.asarray(moves.any(axis=1)))
-        slow = ~found | (accepted & (contraction > SLOW))
-        if slow.any():
-            self._linearise(slow[:, None] & np.ones(self.slopes.shape, dtype=np.bool_))
-        self.level = self.level + np.where(found, np.clip(gain, -LONGEST_JUMP, LONGEST_JUMP), -1)
+            self._begin_pieces()
+        if not found or (accepted and contraction > SLOW):
+            self._linearise(np.ones(m, dtype=np.bool_))
+        self.level += max(-LONGEST_JUMP, min(gain, LONGEST_JUMP)) if found else -1
 
-    def _passages(
-        self, accepted: Bools, length: Floats, piece: Floats, watched: Floats, weights: Any
-    ) -> Ints:
-        """End accepted steps where an input leaves its straight piece; all arrays change in place.
-
-        Return by how many pieces each input moves, (R, m).
-        """
-        m, moves = self.slopes.shape[1], np.zeros_like(self.segments)
+    def _passage(self, piece: Floats) -> float:
+        """Return where in a step the first input leaves its straight piece, at most 1."""
+        m = len(self.slopes)
         if not self.amplifiers.pieces.broken.any():
-            return moves
-        scale = self.amplifiers.v_scale[:, :, 0]
-        low, high = (scale * x / self.slack for x in self.amplifiers.pieces.ends(self.segments))
-        y = piece[:, :m] / self.slack[:, :, None]
-        excess = np.concatenate([y, -y], axis=1)
-        excess[:, :, 0] -= np.concatenate([high, -low], axis=1) + 1.0
-        for row in np.flatnonzero(accepted).tolist():
-            theta = first_passage(excess[row])
-            if theta == 1.0:
-                continue
-            piece[row], watched[row, :, -1], weights[row] = shortened(piece[row], theta)
-            length[row] *= theta
-            inputs = watched[row, :m, -1] / self.slack[row]
-            moves[row] += inputs > high[row] + PASSED
-            moves[row] -= inputs < low[row] - PASSED
-        return moves
+            return 1.0
+        low, high = self._ends()
+        y = piece[:m] / self.slack[:, None]
+        excess = np.concatenate([y, -y])
+        excess[:, 0] -= np.concatenate([high, -low]) + 1.0
+        return first_passage(excess)
+
+    def _ends(self) -> tuple[Floats, Floats]:
+        """Return both ends of the straight pieces, in units of the slack, (m,)."""
+        scale = self.amplifiers.v_scale[:, 0]
+        low, high = self.amplifiers.pieces.ends(self.segments)
+        return scale * low / self.slack, scale * high / self.slack
+
+    def _moves(self, watched: Floats) -> Ints:
+        """Return by how many pieces each input moves, (m,)."""
+        (low, high), inputs = self._ends(), watched[: len(self.slopes)] / self.slack
+        return np.asarray(1 * (inputs > high + PASSED) - 1 * (inputs < low - PASSED))
 
     def _rounding(self, rate: Any, inputs: Floats, outputs: Floats) -> Floats:
-        """Return what rounding of the states and of the amplifiers makes of the watched voltages.
+        """Return what rounding of the state and of the amplifiers makes of the watched voltages.
 
-        In V, (R, W). It is measured once for each level of steps, by a change of both.
+        In V, (W,). It is measured once for each level of steps, by a change of both.
         """
-        lacking = self.probed != self.level
-        if lacking.any():
+        if self.probed != self.level:
             draw = np.random.default_rng(1992)
-            near, driven = (
-                x * (1.0 + EPS * draw.standard_normal(x.shape[1])) for x in (self.state, outputs)
-            )
+            near = self.state * (1.0 + EPS * draw.standard_normal(len(self.state)))
+            driven = outputs * (1.0 + EPS * draw.standard_normal(len(outputs)))
             moved = SPREAD * (self.board.rate(near, inputs, driven) - rate)
-            noise = SPREAD * EPS * np.abs(self.now)
+            self.noise = SPREAD * EPS * np.abs(self.now)
             for change in (moved, SCATTER * rate):
                 free, parts = self.board.free(change)
                 watched = self.board.end(np.zeros_like(free), free, parts)[1]
-                noise += np.abs(watched).max(axis=2, initial=0.0)
-            self.noise = np.where(lacking[:, None], noise, self.noise)
+                self.noise = self.noise + np.abs(watched).max(axis=1, initial=0.0)
             self.probed = self.level
         return self.noise
 
-    def _judge(self, piece: Floats, watched: Floats, noise: Floats) -> tuple[Ints, Floats, Floats]:
-        """Return by how many levels steps could be longer, what rounding leaves, and the tails.
+    def _judge(self, piece: Floats, watched: Floats, noise: Floats) -> tuple[int, float, float]:
+        """Return by how many levels the step could be longer, what rounding leaves, and the tail.
 
         Both are in V; the tail is the size of the last Legendre coefficients above rounding.
         """
-        last = np.maximum(np.abs(piece[:, :, -1]), LAST_BUT_ONE * np.abs(piece[:, :, -2]))
-        volts = self.reported.volts(watched[:, : self.slopes.shape[1]])
+        last = np.maximum(np.abs(piece[:, -1]), LAST_BUT_ONE * np.abs(piece[:, -2]))
+        volts = self.reported.volts(watched[: len(self.slopes)])
         # Growing voltages count by their size.
-        tolerance = np.maximum(self.tolerance, self.tolerance / self.unit * self.far)
-        size, rounding = (np.max(volts * x, axis=1, initial=0.0) for x in (last, noise))
-        tail = np.maximum(size - rounding, 0.0)
-        gain = np.floor(-np.log2(np.maximum(tail / np.maximum(tolerance, rounding), TINY)) / STAGES)
-        counted = np.where(rounding > COUNTED * tolerance, rounding, 0.0)
-        return np.where(np.isfinite(size), gain, -1.0).astype(np.int64), counted, tail
+        tolerance = max(self.tolerance, self.tolerance / self.unit * self.far)
+        size, rounding = (float((volts * x).max(initial=0.0)) for x in (last, noise))
+        counted = rounding if rounding > COUNTED * tolerance else 0.0
+        tail = max(size - rounding, 0.0)
+        if not math.isfinite(size):
+            return -1, counted, tail
+        ratio = max(tail / max(tolerance, rounding), TINY)
+        return math.floor(-math.log2(ratio) / STAGES), counted, tail
 
-    def _record(self, accepted: Bools, piece: Floats, rounding: Floats, tail: Floats) -> None:
-        """Add the accepted steps to the solutions."""
-        self.far = self.reported.distance(self.now)
-        sizes = [np.abs(x).max(axis=1, initial=0.0) for x in (self.now, self.state)]
-        escaped = np.max([*sizes, self.far], axis=0) > self.limit
-        for row in np.flatnonzero(accepted).tolist():
-            out = self.out[row]
-            if self.t[row] > out.ends[-1]:  # else it ended at once, at a break
-                out.pieces.append(piece[row])
-                out.levels.append(int(self.level[row]))
-                out.ends.append(float(self.t[row]))
-            out.rounding += float(rounding[row])
-            out.tail = max(out.tail, float(tail[row]))
-            out.escaped = bool(escaped[row])
+    def _record(self, piece: Floats, rounding: float, tail: float) -> None:
+        """Add the accepted step to the solution."""
+        out, self.far = self.out, self.reported.distance(self.now)
+        if self.t > out.ends[-1]:  # else it ended at once, at a break
+            out.pieces.append(piece)
+            out.levels.append(self.level)
+            out.ends.append(self.t)
+        out.rounding += rounding
+        out.tail = max(out.tail, tail)
+        sizes = (float(np.abs(x).max(initial=0.0)) for x in (self.now, self.state))
+        out.escaped = max(*sizes, self.far) > self.limit
 
     def _iterate(
         self, rate: Any, outputs: Floats, noise: Floats
-    ) -> tuple[Floats, Floats, Any, Floats, Bools]:
-        """Find the inputs of all stages, and their remainders, (R, m, s).
+    ) -> tuple[Floats, Floats, Any, float, bool]:
+        """Find the inputs of all stages, and their remainders, (m, s).
 
         Then follow the parts for the end of the step, and how the iterations ended: their
-        contraction, and whether they converged, (R,). Rates and outputs (R, m, 1) of the amplifiers
-        are those at the start of the step, `noise` is rounding, V, (R, W).
+        contraction, and whether they converged. Rates and outputs (m, 1) of the amplifiers are
+        those at the start of the step, `noise` is rounding, V, (W,).
         """
-        m, along = self.slopes.shape[1], self.amplifiers.along
-        start, pieces = self.now[:, :m, None], self.segments
-        slopes = self.slopes[:, :, None]
+        m, slopes = len(self.slopes), self.slopes[:, None]
+        start = self.now[:m, None]
         # At the start of the step there are no remainders: the first iteration gives `free`.
         free, parts = self.board.free(rate)
-        inputs, remainder, last = free, np.zeros_like(free), np.zeros(len(free))
-        volts = self.reported.volts(start)[:, :m, None] / self.tolerance[:, None, None]
+        inputs, remainder = free, np.zeros_like(free)
+        volts = self.reported.volts(start)[:m, None] / self.tolerance
 
-        def size_of(change: Floats) -> Floats:
-            return np.asarray((np.abs(change) * volts).max(axis=(1, 2), initial=0.0))
+        def size_of(change: Floats) -> float:
+            return float((np.abs(change) * volts).max(initial=0.0))
 
-        floor, before = size_of(noise[:, :m, None]), size_of(free)
-        found = before < 1e-4 * SHARE
-        going = ~found
+        floor, before = size_of(noise[:m, None]), size_of(free)
+        if before < 1e-4 * SHARE:
+            return inputs, remainder, parts, 0.0, True
         for k in range(1, ITERATIONS):
-            if not going.any():
+            beyond = self.amplifiers.along(start + inputs, self.segments) - outputs
+            beyond = beyond - slopes * inputs
+            if not np.isfinite(beyond).all():
                 break
-            beyond = along(start + inputs, pieces) - outputs - slopes * inputs
-            going &= np.isfinite(beyond).all(axis=(1, 2))
-            remainder = np.where(going[:, None, None], beyond, remainder)
+            remainder = beyond
             following = free + self.board.response(remainder, parts)
             size = size_of(following - inputs)
-            going &= np.isfinite(size)
-            contraction = size / np.where(going, before, 1.0)
-            inputs = np.where(going[:, None, None], following, inputs)
+            if not math.isfinite(size):
+                break
+            contraction, inputs = size / before, following
             # No forecast of what is left: beyond a knee of an amplifier convergence is uneven.
-            done = going & (contraction < 1.0) & (size < SHARE)
-            last = np.where(done, contraction, last)
-            stuck = going & ~done & ((contraction >= 1.0) | (k == ITERATIONS - 1))
-            found |= done | (stuck & (size <= floor + SCATTER * size_of(inputs)))
-            going &= ~(done | stuck)
+            if contraction < 1.0 and size < SHARE:
+                return inputs, remainder, parts, contraction, True
+            if contraction >= 1.0 or k == ITERATIONS - 1:
+                found = size <= floor + SCATTER * size_of(inputs)
+                return inputs, remainder, parts, 0.0, found
             before = size
-        return inputs, remainder, parts, last, found
+        return inputs, remainder, parts, 0.0, False

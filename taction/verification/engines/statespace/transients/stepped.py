@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -27,16 +26,13 @@ from taction.verification.engines.statespace.linearised.linear_board import (
 )
 from taction.verification.engines.statespace.transients.dense import ESCAPED, Dense, record_times
 from taction.verification.engines.statespace.transients.modal_steps import (
-    ModalBoards,
+    ModalBoard,
     StateBoard,
     is_basis,
 )
 from taction.verification.engines.statespace.transients.radau import NODES, STAGES, TABLE
 from taction.verification.engines.statespace.transients.radau_integrator import Integration
-from taction.verification.engines.statespace.transients.straight_pieces import (
-    Amplifiers,
-    Batch,
-)
+from taction.verification.engines.statespace.transients.straight_pieces import Amplifiers
 from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
 
 METHOD = "Radau IIA"
@@ -58,50 +54,49 @@ BENDS = np.array([
 BESIDE = 1e-3  # the same as `TOLERANCE` of nodes that are watched beside, in their own amplitudes
 
 
-class ReportedOutputs(Batch):
+class ReportedOutputs:
     """Reported nodes: the output of an amplifier by its input, other nodes themselves.
 
-    Nodes `beside` come after them; their errors count by `weights`, (R, others). Several boards
-    report the same nodes; `resting` are theirs, V, (R, nodes).
+    Nodes `beside` come after them; their errors count by `weights`, (others,). `resting` are the
+    voltages of all nodes at rest, V.
     """
 
     def __init__(
         self, board: LinearBoard, nodes: tuple[str, ...], beside: tuple[str, ...] = ()
     ) -> None:
         devices, rest = board.descriptor.devices, board.equilibrium
-        self.amplifiers, self.nodes, self.beside = Amplifiers(devices), nodes, beside
+        self.amplifiers, self.nodes = Amplifiers(devices), nodes
         device = {int(place): k for k, place in enumerate(devices.output)}
         source = [device.get(board.descriptor.place(name), -1) for name in nodes]
-        self.source = (*source, *[-1] * len(beside))  # amplifiers
+        self.source = np.array([*source, *[-1] * len(beside)], dtype=np.int64)  # amplifiers
         self.others = (*(name for name, k in zip(nodes, source, strict=True) if k < 0), *beside)
-        self.weights, self.steepest = np.ones((1, len(self.others))), self.amplifiers.steepest()
-        self.by_input = np.isin(np.arange(devices.count), self.source)[None]
-        self.resting = np.array([[rest[name] for name in (*nodes, *beside)]])
+        self.weights, self.steepest = np.ones(len(self.others)), self.amplifiers.steepest()
+        self.by_input = np.isin(np.arange(devices.count), self.source)
+        self.resting = np.array([rest[name] for name in (*nodes, *beside)])
 
     def volts(self, inputs: Floats) -> Floats:
-        """Return reported volts for a volt of each watched voltage, at inputs (R, m, s); (R, W).
+        """Return reported volts for a volt of each watched voltage, at inputs (m, s); (W,).
 
         Every input counts as volts itself, too: where an amplifier is flat, it decides when the
         amplifier leaves that.
         """
-        slopes = np.abs(self.amplifiers.slopes(inputs)).max(axis=2, initial=0.0)
+        slopes = np.abs(self.amplifiers.slopes(inputs)).max(axis=1, initial=0.0)
         seen = np.where(self.by_input, np.maximum(slopes, 1.0), 1.0)
-        return np.concatenate([np.maximum(seen, self.steepest), self.weights], axis=1)
+        return np.concatenate([np.maximum(seen, self.steepest), self.weights])
 
     def voltages(self, watched: Floats) -> Floats:
-        """Return the voltages of the nodes for watched voltages (R, W), or (P, W) of one board."""
-        m, source = self.amplifiers.count, np.array(self.source, dtype=np.int64)
-        voltages = np.empty((len(watched), len(source)))
-        by_input = source >= 0
+        """Return the voltages of the nodes, (P, nodes), for watched voltages (P, W)."""
+        m, by_input = self.amplifiers.count, self.source >= 0
+        voltages = np.empty((len(watched), len(self.source)))
         voltages[:, ~by_input] = watched[:, m:]
-        outputs = self.amplifiers.outputs(watched[:, :m, None])[:, :, 0]
-        voltages[:, by_input] = outputs[:, source[by_input]]
+        outputs = self.amplifiers.outputs(watched[:, :m].T).T
+        voltages[:, by_input] = outputs[:, self.source[by_input]]
         return voltages
 
-    def distance(self, watched: Floats) -> Floats:
-        """Return the largest distance of a reported voltage from rest, V, (R,)."""
-        away = np.abs(self.voltages(watched) - self.resting)[:, : len(self.nodes)]
-        return np.asarray(away.max(axis=1, initial=0.0))
+    def distance(self, watched: Floats) -> float:
+        """Return the largest distance of a reported voltage from rest, V, for watched ones (W,)."""
+        away = np.abs(self.voltages(watched[None])[0] - self.resting)[: len(self.nodes)]
+        return float(away.max(initial=0.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,7 +137,6 @@ class SteppedCurve:
     """One integration of a board: voltages of nodes (Q,) at instants (Q,) by its steps."""
 
     task: Task
-    kind: Hashable  # what boards have in common that are integrated together
     reported: ReportedOutputs
     unit: float  # the step amplitude, V
     work: Integration  # at its start
@@ -161,36 +155,29 @@ class SteppedCurve:
         )
         state, start = equations.start(equations.state(unknowns), reported.amplifiers)
         largest = _largest(board, unknowns, start)
-        unit = max(float(reported.distance(start[None])[0]), FLOOR * largest) or 1.0
+        unit = max(reported.distance(start), FLOOR * largest) or 1.0
         if task.beside:
-            away = np.abs(reported.voltages(start[None]) - reported.resting)[:, len(nodes) :]
+            away = np.abs(reported.voltages(start[None])[0] - reported.resting)[len(nodes) :]
             allowed = BESIDE * max(float(away.max()), FLOOR * largest)
             weight = min(task.tolerance * unit / allowed, 1.0)
-            reported.weights[:, -len(task.beside) :] = weight
-        boards: ModalBoards | StructuredBoard
-        kind: Hashable = id(equations)
+            reported.weights[-len(task.beside) :] = weight
+        steps: ModalBoard | StructuredBoard
         if isinstance(equations, StructuredBoard):
-            boards = equations
+            steps = equations
         else:
-            boards, slopes = _modal(task, reported, equations, unknowns, largest)
-            shared = reported.amplifiers.kinds, reported.source, boards.seen.shape
-            kind = *shared, tuple(boards.joined)
+            steps, slopes = _modal(task, reported, equations, unknowns, largest)
         whole = None if task.whole is None else task.whole.dense
-        tolerance = task.tolerance * unit * (1.0 if whole is None else REPEATED)
-        begin: Any = boards.state(state[None])
-        limit = ESCAPED * (largest or 1.0)
         work = Integration(
-            boards, reported, np.array([Dense()]), np.array([whole], dtype=object), begin,
-            start[None], slopes[None],
-            *np.array([[tolerance], [unit], [task.stop * FIRST], [limit], [task.stop]]),
+            steps, reported, whole, steps.state(state), start, slopes,
+            tolerance=task.tolerance * unit * (1.0 if whole is None else REPEATED),
+            unit=unit, base=task.stop * FIRST, limit=ESCAPED * (largest or 1.0), stop=task.stop,
         )  # fmt: skip
-        return cls(task, kind, reported, unit, work)
+        return cls(task, reported, unit, work)
 
     @property
     def dense(self) -> Dense:
         """The steps."""
-        found: Dense = self.work.out[0]
-        return found
+        return self.work.out
 
     def at(self, times: Floats) -> Floats:
         """Return the voltages of all nodes, those beside the last, shape (P, nodes)."""
@@ -212,7 +199,7 @@ class SteppedCurve:
         flat = at_nodes.transpose(0, 2, 1).reshape(-1, at_nodes.shape[1])
         values = reported.voltages(flat)[:, : len(reported.nodes)]
         pieces = np.abs(TABLE.legendre @ values.reshape(len(at_nodes), NODES.size, -1))
-        away = np.abs(values - reported.resting[:, : len(reported.nodes)])
+        away = np.abs(values - reported.resting[: len(reported.nodes)])
         # As in the steps, growing voltages count by their size.
         unit = np.maximum(self.unit, away.reshape(len(at_nodes), -1).max(axis=1))
         bend = (pieces * BENDS[:, None]).sum(axis=1).max(axis=1)
@@ -251,14 +238,14 @@ def _modal(
     equations: StateBoard,
     unknowns: Floats,
     largest: float,
-) -> tuple[ModalBoards, Floats]:
+) -> tuple[ModalBoard, Floats]:
     """Return the equations in the basis of the modes, and the slopes of the first steps.
 
     These are the smaller of start and rest. Where the modes are no basis, or rounding of their
     shares in the largest voltage would move an amplifier, the states are the basis.
     """
     board, devices, slopes = task.board, task.board.descriptor.devices, equations.slopes
-    first = reported.amplifiers.slopes(unknowns[None, devices.input, None])[0, :, 0]
+    first = reported.amplifiers.slopes(unknowns[devices.input, None])[:, 0]
     least = np.where(np.abs(first) < np.abs(slopes), first, slopes)
     inner = np.array([kind in OPAMP_KINDS for kind in devices.kinds], dtype=np.bool_)
     finest = task.tolerance * float(devices.v_scale[~inner].min(initial=np.inf))
@@ -266,8 +253,8 @@ def _modal(
     known = is_basis(modes) and board.open_loop.is_nodal
     known = known and board.open_loop.states == board.state_space.states
     if known and finest >= EPS * largest:
-        return ModalBoards(equations, modes), least
-    return ModalBoards(_equations(task, reported, least), None), least
+        return ModalBoard(equations, modes), least
+    return ModalBoard(_equations(task, reported, least), None), least
 
 
 def simulate(
@@ -292,56 +279,21 @@ def simulate(
     EngineError: no equilibrium, no state space, or the solution leaves the range of floats.
     """
     board = LinearBoard.of(circuit)
-    (found,) = simulate_together([Task(board, analysis, nodes, times, tolerance, beside, resolved)])
-    if isinstance(found, EngineError):
-        raise found
+    task = Task(board, analysis, nodes, times, tolerance, beside, resolved)
+    return _record(task, _curve(task))
+
+
+def _curve(task: Task) -> SteppedCurve:
+    """Return the integration of a task, which its board keeps."""
+    kept = task.board.integrations
+    if task.key not in kept:
+        began, curve = clock.perf_counter(), SteppedCurve.of(task)
+        curve.work.run()
+        before = 0.0 if task.whole is None else task.whole.seconds
+        curve.seconds = before + clock.perf_counter() - began
+        kept[task.key] = curve
+    found: SteppedCurve = kept[task.key]
     return found
-
-
-def simulate_together(
-    tasks: Sequence[Task], *, halves: bool = False
-) -> list[Waveforms | EngineError]:
-    """Simulate several boards, those of one kind by the same array operations.
-
-    Each record is that of `simulate`, or the error that it raises. With `halves` the runs of
-    `halved` are integrated, too.
-    """
-    found = list[Waveforms | EngineError]()
-    for task, curve in zip(tasks, _curves(tasks), strict=True):
-        try:
-            found.append(curve if isinstance(curve, EngineError) else _record(task, curve))
-        except EngineError as error:
-            found.append(error)
-    if halves:
-        done = [x.curve for x in found if isinstance(x, Waveforms)]
-        _curves([replace(c.task, whole=c) for c in done if isinstance(c, SteppedCurve)])
-    return found
-
-
-def _of_one_kind(curves: Sequence[SteppedCurve]) -> list[list[SteppedCurve]]:
-    """Return the integrations that may run together."""
-    groups: dict[Hashable, list[SteppedCurve]] = {}
-    for curve in curves:
-        groups.setdefault(curve.kind, []).append(curve)
-    return list(groups.values())
-
-
-def _curves(tasks: Sequence[Task]) -> list[SteppedCurve | EngineError]:
-    """Return the integrations of tasks, which their boards keep; those of one kind run together."""
-    began, new, failed = clock.perf_counter(), list[SteppedCurve](), dict[Task, EngineError]()
-    for task in tasks:
-        try:
-            if task.key not in task.board.integrations:
-                new.append(SteppedCurve.of(task))
-        except EngineError as error:
-            failed[task] = error
-    for group in _of_one_kind(new):
-        Integration.join([curve.work for curve in group]).run()
-    for curve in new:
-        curve.seconds = (clock.perf_counter() - began) / len(new)
-        curve.seconds += 0.0 if curve.task.whole is None else curve.task.whole.seconds
-        curve.task.board.integrations[curve.task.key] = curve
-    return [failed.get(task) or task.board.integrations[task.key] for task in tasks]
 
 
 def halved(first: Waveforms, *, resolved: bool = False) -> Waveforms:
@@ -358,9 +310,7 @@ def halved(first: Waveforms, *, resolved: bool = False) -> Waveforms:
     """
     if not isinstance(first.curve, SteppedCurve):
         raise EngineError("the first run is not one of the integrator's")
-    (curve,) = _curves([replace(first.curve.task, whole=first.curve)])
-    if isinstance(curve, EngineError):
-        raise curve
+    curve = _curve(replace(first.curve.task, whole=first.curve))
     dense = curve.dense.checked(curve.task.board.circuit.name)
     found = _waveforms(curve, curve.points() if resolved else first.time, first.flags)
     return replace(found, rounding=dense.doubt(first.curve.dense))
@@ -368,7 +318,7 @@ def halved(first: Waveforms, *, resolved: bool = False) -> Waveforms:
 
 def _record(task: Task, curve: SteppedCurve) -> Waveforms:
     """Return the record of an integration; errors as `simulate`."""
-    dense, limit = curve.dense.checked(task.board.circuit.name), float(curve.work.limit[0])
+    dense, limit = curve.dense.checked(task.board.circuit.name), curve.work.limit
     ended = min(dense.ends[-1], task.stop)
     diverges = f"the board diverges: it passes {limit:.3g} V at {show(ended, 's')}"
     instants = record_times(task.analysis, ended, task.times)

@@ -1,4 +1,4 @@
-"""The amplifiers of several boards at a time, also along straight pieces, and where these end.
+"""The amplifiers of a board, also along straight pieces, and where these end.
 
 In a step every such amplifier goes on along its straight piece, so that nothing in the step bends.
 The step ends at the first root of (input - break) on its polynomial, and the next one begins on the
@@ -12,10 +12,8 @@ Schmitt trigger's are; `JUMPS` refuses that in words.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from copy import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from numpy.polynomial.legendre import legroots, legval, legvander
@@ -25,92 +23,47 @@ from taction.verification.engines.statespace.equations.amplifier_gains import GA
 from taction.verification.engines.statespace.equations.descriptor import Devices
 from taction.verification.engines.statespace.transients.radau import NODES, STAGES, TABLE
 
-
-class Batch:
-    """Values of R boards: attributes that are arrays or batches have R rows, others are shared."""
-
-    def take(self, rows: Ints) -> Self:
-        """Return the values of some of the boards.
-
-        Examples
-        --------
-        >>> batch = Batch()
-        >>> batch.volts = np.array([1.0, 2.0, 3.0])
-        >>> batch.take(np.array([0, 2])).volts.tolist()
-        [1.0, 3.0]
-        """
-        found = copy(self)
-        for name, value in vars(self).items():
-            if isinstance(value, np.ndarray):
-                setattr(found, name, value[rows])
-            elif isinstance(value, Batch):
-                setattr(found, name, value.take(rows))
-        return found
-
-    @classmethod
-    def join(cls, several: Sequence[Self]) -> Self:
-        """Return the values of several batches together; what they share is that of the first."""
-        found = copy(several[0])
-        for name, value in vars(found).items():
-            values = [vars(each)[name] for each in several]
-            if isinstance(value, np.ndarray):
-                setattr(found, name, np.concatenate(values))
-            elif isinstance(value, Batch):
-                setattr(found, name, type(value).join(values))
-        return found
-
-
-Function = Callable[[Floats], Floats]
 BEYOND = "an amplifier is beyond the range of floats in the initial state"
 
 
-class Amplifiers(Batch):
-    """The amplifiers of boards of one kind, as functions of their inputs (R, m, s), V.
-
-    Where there is one board, R may be any number.
-    """
+class Amplifiers:
+    """The amplifiers of a board as functions of their inputs (m, s), V."""
 
     def __init__(self, devices: Devices) -> None:
-        self.kinds, self.gain, self.count = devices.kinds, gain_of(devices.kinds), devices.count
-        self.u_scale = devices.u_scale[None, :, None]
-        self.v_scale = devices.v_scale[None, :, None]
+        self.gain, self.count = gain_of(devices.kinds), devices.count
+        self.u_scale, self.v_scale = devices.u_scale[:, None], devices.v_scale[:, None]
         self.pieces = StraightPieces(devices.kinds)
 
     def outputs(self, inputs: Floats) -> Floats:
         """Return the outputs, V; not finite beyond the range of floats."""
-        return np.asarray(-self.u_scale * self._by_row(self.gain.outputs, inputs / self.v_scale))
+        return np.asarray(-self.u_scale * self.gain.outputs(inputs / self.v_scale))
 
     def slopes(self, inputs: Floats) -> Floats:
         """Return the slopes, V/V; not finite beyond the range of floats."""
         with np.errstate(over="ignore"):
-            slope = self._by_row(self.gain.slope, inputs / self.v_scale)
+            slope = self.gain.slope(inputs / self.v_scale)
             return np.asarray(-self.u_scale / self.v_scale * slope)
 
     def steepest(self) -> Floats:
-        """Return the largest slopes of straight pieces, V/V, (R, m); 0 of other amplifiers."""
-        return np.asarray((self.u_scale / self.v_scale)[:, :, 0] * self.pieces.steepest)
+        """Return the largest slopes of straight pieces, V/V, (m,); 0 of other amplifiers."""
+        return np.asarray((self.u_scale / self.v_scale)[:, 0] * self.pieces.steepest)
 
     def along(self, inputs: Floats, segments: Ints) -> Floats:
-        """Return the outputs, V, those of straight pieces along `segments` (R, m), also beyond."""
+        """Return the outputs, V, those of straight pieces along `segments` (m,), also beyond."""
         if not self.pieces.broken.any():
             return self.outputs(inputs)
-        rise, offset = (part[:, :, None] for part in self.pieces.lines(segments))
+        rise, offset = (part[:, None] for part in self.pieces.lines(segments))
         lines = -self.u_scale * (rise * (inputs / self.v_scale) + offset)
         if self.pieces.broken.all():
             return np.asarray(lines)
         return np.asarray(np.where(self.pieces.broken[:, None], lines, self.outputs(inputs)))
 
     def slopes_along(self, inputs: Floats, segments: Ints) -> Floats:
-        """Return the slopes at inputs (R, m), those of straight pieces along theirs."""
-        slopes = self.slopes(inputs[:, :, None])[:, :, 0]
+        """Return the slopes at inputs (m,), those of straight pieces along theirs."""
         rise, _ = self.pieces.lines(segments)
-        lines = -(self.u_scale / self.v_scale)[:, :, 0] * rise
+        lines = -(self.u_scale / self.v_scale)[:, 0] * rise
+        slopes = self.slopes(inputs[:, None])[:, 0]
         return np.asarray(np.where(self.pieces.broken, lines, slopes))
-
-    @staticmethod
-    def _by_row(function: Function, y: Floats) -> Floats:
-        """Apply a function whose first axis is that of the amplifiers."""
-        return function(y.transpose(1, 0, 2)).transpose(1, 0, 2)
 
 
 class StraightPieces:
@@ -142,15 +95,15 @@ class StraightPieces:
         self.every = np.arange(m)
 
     def at(self, y: Floats) -> Ints:
-        """Return the piece of each input (R, m)."""
-        return np.asarray((y[:, :, None] >= self.edges[:, 1:-1]).sum(axis=2))
+        """Return the piece of each input (m,)."""
+        return np.asarray((y[:, None] >= self.edges[:, 1:-1]).sum(axis=1))
 
     def ends(self, segments: Ints) -> tuple[Floats, Floats]:
-        """Return both ends of pieces (R, m)."""
+        """Return both ends of pieces (m,)."""
         return self.edges[self.every, segments], self.edges[self.every, segments + 1]
 
     def lines(self, segments: Ints) -> tuple[Floats, Floats]:
-        """Return rise and offset of pieces (R, m)."""
+        """Return rise and offset of pieces (m,)."""
         return self.rise[self.every, segments], self.offset[self.every, segments]
 
 

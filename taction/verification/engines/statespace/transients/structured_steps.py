@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.system.array_types import Bools, Complexes, Floats
+from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.structured_solve import Structure
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -15,7 +15,6 @@ from taction.verification.engines.statespace.transients.radau import SIGMA, TABL
 from taction.verification.engines.statespace.transients.straight_pieces import (
     BEYOND,
     Amplifiers,
-    Batch,
 )
 
 INSTANT = 1e-9  # of the fastest time constant: a step without charge
@@ -24,8 +23,8 @@ SETTLED = 1e-12  # of the largest unknown: a correction that ends the search for
 STALLED = 1e-9  # the same of a correction that does not shrink, which is rounding
 
 
-class StructuredBoard(Batch):
-    """A board by all its unknowns, with the methods of `ModalBoards` for R = 1.
+class StructuredBoard:
+    """A board by all its unknowns, with the methods of `ModalBoard`.
 
     The watched voltages are the inputs of the amplifiers, then those of `nodes`.
     """
@@ -35,8 +34,8 @@ class StructuredBoard(Batch):
         self.count, self.structure = devices.count, board.structure
         outputs, others = devices.output.tolist(), map(self.descriptor.place, nodes)
         self.outputs, self.places = outputs, [*devices.input.tolist(), *others]
-        self.drive = self.descriptor.drive(sources_on=True)[None]
-        self.prepared: tuple[bytes, bytes] | None = None
+        self.drive = self.descriptor.drive(sources_on=True)
+        self.prepared: tuple[float, bytes] | None = None
         self.solvers: list[Any] = []
         self.factorisations = 0
 
@@ -44,16 +43,13 @@ class StructuredBoard(Batch):
         """Return the state of all unknowns, which they are themselves."""
         return unknowns
 
-    def jumping(self, slopes: Floats) -> Bools:
-        """See `ModalBoards`: not looked for."""
-        return np.zeros(1, dtype=np.bool_)
+    def jumping(self, slopes: Floats) -> bool:
+        """See `ModalBoard`: not looked for."""
+        return False
 
     def rate(self, state: Floats, inputs: Floats, outputs: Floats) -> Floats:
-        """See `ModalBoards`."""
-        return self._rate(state[0], outputs[0])[None]
-
-    def _rate(self, state: Floats, outputs: Floats) -> Floats:
-        rate = self.descriptor.stiffness_times(state) + self.drive[0]
+        """See `ModalBoard`."""
+        rate = self.descriptor.stiffness_times(state) + self.drive
         rate[self.outputs] += outputs
         return np.asarray(rate)
 
@@ -71,15 +67,14 @@ class StructuredBoard(Batch):
         fastest = float((pull[weight > 0.0] / weight[weight > 0.0]).max(initial=1.0))
         now, before = state.copy(), math.inf
         for _ in range(SETTLING_STEPS):
-            inputs = now[None, self.places[:m], None]
-            slopes = amplifiers.slopes(inputs)[0, :, 0]
-            outputs = amplifiers.outputs(inputs)[0, :, 0]
+            inputs = now[self.places[:m], None]
+            slopes, outputs = amplifiers.slopes(inputs)[:, 0], amplifiers.outputs(inputs)[:, 0]
             if not (np.all(np.isfinite(slopes)) and np.all(np.isfinite(outputs))):
                 break
             shift = fastest / INSTANT
             moved = shift * (self.structure.mass @ (now - state))
             structure = Structure(self.descriptor, slopes) if m else self.structure
-            change = structure.factor(shift).solve(self._rate(now, outputs) - moved)
+            change = structure.factor(shift).solve(self.rate(now, inputs, outputs) - moved)
             now = now + change
             size = float(np.abs(change).max()) / max(float(np.abs(now).max()), 1e-300)
             # Below a correction that no longer shrinks there is only rounding.
@@ -88,12 +83,12 @@ class StructuredBoard(Batch):
             before = size
         raise EngineError(BEYOND)
 
-    def prepare(self, length: Floats, slopes: Floats) -> None:
-        """See `ModalBoards`."""
-        wanted = length.tobytes(), slopes.tobytes()
+    def prepare(self, length: float, slopes: Floats) -> None:
+        """See `ModalBoard`."""
+        wanted = length, slopes.tobytes()
         if wanted != self.prepared:
-            structure = Structure(self.descriptor, slopes[0]) if self.count else self.structure
-            shifts = (TABLE.shifts / length[0]).tolist()
+            structure = Structure(self.descriptor, slopes) if self.count else self.structure
+            shifts = (TABLE.shifts / length).tolist()
             self.solvers, self.prepared = [structure.solver(shift) for shift in shifts], wanted
             self.factorisations += len(shifts)
 
@@ -102,27 +97,27 @@ class StructuredBoard(Batch):
         x = [self.solvers[0](np.ascontiguousarray(rhs[0].real))]
         x += [solve(r) for solve, r in zip(self.solvers[1:], rhs[1:], strict=True)]
         solution = np.stack(x)
-        return (TABLE.right @ solution[:, self.places]).real.T[None], solution
+        return (TABLE.right @ solution[:, self.places]).real.T, solution
 
     def free(self, rate: Floats) -> tuple[Floats, Any]:
-        """See `ModalBoards`."""
+        """See `ModalBoard`."""
         stages, x = self._solved(SIGMA[:, None] * rate)
-        return stages[:, : self.count], [(stages, x)]
+        return stages[: self.count], [(stages, x)]
 
     def response(self, remainder: Floats, parts: Any) -> Floats:
-        """See `ModalBoards`."""
+        """See `ModalBoard`."""
         rhs = np.zeros((len(self.solvers), self.descriptor.size), np.complex128)
-        rhs[:, self.outputs] = TABLE.left @ remainder[0].T
+        rhs[:, self.outputs] = TABLE.left @ remainder.T
         parts[1:] = [self._solved(rhs)]
-        return np.asarray(parts[1][0][:, : self.count])
+        return np.asarray(parts[1][0][: self.count])
 
     def end(self, remainder: Floats, inputs: Floats, parts: Any) -> tuple[Complexes, Floats]:
-        """See `ModalBoards`."""
+        """See `ModalBoard`."""
         stages, x = parts[0]
         for more, y in parts[1:]:
             stages, x = stages + more, x + y
         return x, stages
 
     def moved(self, parts: Complexes, weights: Complexes) -> Floats:
-        """See `ModalBoards`."""
-        return np.asarray((weights[0] @ parts).real[None])
+        """See `ModalBoard`."""
+        return np.asarray((weights @ parts).real)

@@ -11,10 +11,10 @@ import pytest
 from taction.system.array_types import Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.transients.dense import Dense
-from taction.verification.engines.statespace.transients.modal_steps import ModalBoards, StateBoard
+from taction.verification.engines.statespace.transients.modal_steps import ModalBoard, StateBoard
 from taction.verification.engines.statespace.transients.radau import STAGES, tableau
 from taction.verification.engines.statespace.transients.radau_integrator import Integration
-from taction.verification.engines.statespace.transients.straight_pieces import Batch, StraightPieces
+from taction.verification.engines.statespace.transients.straight_pieces import StraightPieces
 
 
 @pytest.mark.parametrize("stages", [3, 5, 9])
@@ -27,7 +27,7 @@ def test_a_method_integrates_polynomials_up_to_its_order(stages: int) -> None:
         assert b @ method.c**power == pytest.approx(1.0 / (power + 1), rel=1e-9)
 
 
-class Functions(Batch):
+class Functions:
     """``a = f(v)`` of m amplifiers of one kind."""
 
     def __init__(self, count: int, f: Callable[[Floats], Floats], slope: Any) -> None:
@@ -39,23 +39,23 @@ class Functions(Batch):
             return self.f(inputs)
 
     def slopes_along(self, inputs: Floats, segments: Ints) -> Floats:
-        return np.asarray(self.slope(inputs[:, :, None])[:, :, 0])
+        return np.asarray(self.slope(inputs[:, None])[:, 0])
 
     def along(self, inputs: Floats, segments: Ints) -> Floats:
         return self.outputs(inputs)
 
 
-class Everything(Batch):
+class Everything:
     """Every watched voltage is reported, in its own volts, and its distance from 0."""
 
     def __init__(self, amplifiers: Any, watched: int = 1) -> None:
         self.amplifiers, self.watched = amplifiers, watched
 
     def volts(self, inputs: Floats) -> Floats:
-        return np.ones((len(inputs), self.watched))
+        return np.ones(self.watched)
 
-    def distance(self, watched: Floats) -> Floats:
-        return np.asarray(np.abs(watched).max(axis=1))
+    def distance(self, watched: Floats) -> float:
+        return float(np.abs(watched).max())
 
 
 class Space:
@@ -76,28 +76,23 @@ class Space:
         return unknowns
 
 
-def begin(boards: ModalBoards, reported: Any, z: Floats, slopes: Floats, *numbers: Any) -> Any:
-    """Return integrations from states that are watched; tolerance, base, limit, stop."""
-    tolerance, base, limit, stop = (np.broadcast_to(x, (len(z),)) for x in numbers)
-    none = np.array([None] * len(z))
-    outs = np.array([Dense() for _ in z])
-    return Integration(
-        boards, reported, outs, none, boards.state(z), z, slopes, tolerance, np.ones(len(z)),
-        base, limit, stop,
-    )  # fmt: skip
-
-
 class OneBoard:
-    """The integration of one board, whose failure is an error."""
+    """An integration from states that are watched, whose failure is an error."""
 
-    def __init__(self, make: Callable[[float], Any]) -> None:
-        self.make = make
+    def __init__(
+        self, board: StateBoard, modes: Any, reported: Any, z: Floats, **numbers: float
+    ) -> None:
+        self.board, self.modes, self.reported, self.z = board, modes, reported, z
+        self.numbers = {"tolerance": 1e-8, "base": 1e-3, "limit": np.inf} | numbers
 
     def run(self, stop: float, max_steps: int = 1_000_000, whole: Dense | None = None) -> Dense:
-        work = self.make(stop)
-        work.whole[0] = whole
+        steps = ModalBoard(self.board, self.modes)
+        work = Integration(
+            steps, self.reported, whole, steps.state(self.z), self.z, self.board.slopes,
+            unit=1.0, stop=stop, **self.numbers,
+        )  # fmt: skip
         work.run(max_steps)
-        return work.out[0].checked("drawn")  # type: ignore[no-any-return]
+        return work.out.checked("drawn")
 
 
 def integrator(
@@ -106,27 +101,17 @@ def integrator(
     """``z' = A z`` with all states watched."""
     n = len(z)
     space: Any = Space(A, np.zeros((0, n)), np.zeros((n, 0)))
-
-    def make(stop: float) -> Any:
-        boards = ModalBoards(StateBoard(space, ("all",), np.zeros(0)), None)
-        reported = Everything(Functions(0, np.exp, np.exp), n)
-        return begin(boards, reported, z[None], np.zeros((1, 0)), tolerance, first, limit, stop)
-
-    return OneBoard(make)
+    board = StateBoard(space, ("all",), np.zeros(0))
+    reported = Everything(Functions(0, np.exp, np.exp), n)
+    return OneBoard(board, None, reported, z, tolerance=tolerance, base=first, limit=limit)
 
 
 def scalar(f: Callable[[Floats], Floats], slope: Any, z: float, **more: Any) -> OneBoard:
     """``z' = f(z)`` with one amplifier, whose input is z."""
     space: Any = Space(np.zeros((1, 1)), np.eye(1), np.eye(1))
-    slopes = np.asarray(slope(np.array([z])))
-    given = {"tolerance": 1e-8, "base": 1e-3, "limit": np.inf} | more
-
-    def make(stop: float) -> Any:
-        boards = ModalBoards(StateBoard(space, (), slopes), None)
-        reported, start = Everything(Functions(1, f, slope)), np.array([[z]])
-        return begin(boards, reported, start, slopes[None], *given.values(), stop)
-
-    return OneBoard(make)
+    start = np.array([z])
+    board = StateBoard(space, (), np.asarray(slope(start)))
+    return OneBoard(board, None, Everything(Functions(1, f, slope)), start, **more)
 
 
 SPIRAL = np.array([[-1.0, 5.0], [-5.0, -1.0]])

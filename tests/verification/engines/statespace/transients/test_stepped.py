@@ -247,17 +247,25 @@ def test_first_passages_are_those_of_the_polynomials_roots() -> None:
     assert passed > 20
 
 
-def test_pieces_are_those_of_the_functions() -> None:
-    kinds = ("deadzone", "tanh", "rectifier", "saturation")
-    pieces = StraightPieces(kinds)
-    y = np.array([[-3.0, 0.2, 2.0, 0.5], [0.0, 0.0, -1.0, 7.0]])
-    segments = pieces.at(y)
-    assert segments.tolist() == [[0, 0, 1, 1], [1, 0, 0, 2]]
-    rise, offset = pieces.lines(segments)
-    assert (rise * y + offset)[:, [0, 2, 3]].tolist() == [[-2.0, 2.0, 0.5], [0.0, 0.0, 1.0]]
-    low, high = pieces.ends(segments)
-    assert low[0].tolist() == [-np.inf, -np.inf, 0.0, -1.0]
-    assert high[0].tolist() == [-1.0, np.inf, np.inf, 1.0]
+@pytest.mark.parametrize(
+    ("y", "segments", "outputs"),
+    [
+        ([-3.0, 0.2, 2.0, 0.5], [0, 0, 1, 1], [-2.0, 2.0, 0.5]),
+        ([0.0, 0.0, -1.0, 7.0], [1, 0, 0, 2], [0.0, 0.0, 1.0]),
+    ],
+)
+def test_pieces_are_those_of_the_functions(
+    y: list[float], segments: list[int], outputs: list[float]
+) -> None:
+    pieces = StraightPieces(("deadzone", "tanh", "rectifier", "saturation"))
+    found = pieces.at(np.array(y))
+    assert found.tolist() == segments
+    rise, offset = pieces.lines(found)
+    assert (rise * y + offset)[[0, 2, 3]].tolist() == outputs
+    if segments[-1] == 1:
+        low, high = pieces.ends(found)
+        assert low.tolist() == [-np.inf, -np.inf, 0.0, -1.0]
+        assert high.tolist() == [-1.0, np.inf, np.inf, 1.0]
 
 
 def test_an_input_that_only_touches_a_break_changes_nothing_at_once() -> None:
