@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from taction.decks import check as check
     from taction.designs import bom as bom
     from taction.designs import build as build
     from taction.designs import kicad as kicad
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
     from taction.system.errors import NoVerdictError as NoVerdictError
     from taction.system.errors import TactionError as TactionError
     from taction.system.waveforms import Waveforms as Waveforms
+    from taction.tools import check as check
     from taction.tools import import_model as import_model
     from taction.tools import mcp as mcp
     from taction.tools import models as models

@@ -26,6 +26,7 @@ from taction.cli.command import (
     NumberRange,
     argument,
     folder,
+    is_of_stdout,
     load,
     option,
     own_file,
@@ -33,7 +34,6 @@ from taction.cli.command import (
     text_file,
 )
 from taction.cli.printing import StageLine, print_json, put, say
-from taction.cli.running import is_of_stdout
 from taction.system.errors import Interrupted
 from taction.system.foreign_files import visible
 from taction.system.progress import attempt

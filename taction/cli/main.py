@@ -163,7 +163,7 @@ class LazyGroup(click.Group):
             below, about = FAMILIES[name]
             known = {short: RENAMED.get(short, short) for short in below}
             return LazyGroup(known=known, sections={"Commands": below}, help=about)
-        from taction.cli.running import made
+        from taction.cli.command import made
 
         return made(name, command(name))
 

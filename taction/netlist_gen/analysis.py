@@ -96,3 +96,13 @@ class NoiseAnalysis:
 
 
 Analysis = Transient | OperatingPoint | NoiseAnalysis
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedDeck:
+    """The text of a deck, and what is asked of the simulator."""
+
+    text: str = field(repr=False)  # the first line is a fixed title
+    saved: tuple[str, ...]  # nodes whose voltages are saved, in this order
+    analysis: Analysis
+    files: Mapping[str, str] = field(default_factory=dict, repr=False)  # included files by name

@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 from taction.system.errors import Complaint, InputError
-from taction.system.own_folders import own_folder
+from taction.system.processes import own_folder
 
 PREFIX = ".taction-"  # of a file that is being written, beside the file that it will replace
 LONGEST_ENDING = 16  # characters

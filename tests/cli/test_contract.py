@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 import taction
+from taction.cli import command as running
 from taction.cli import main as program
-from taction.cli import running
 from taction.cli.command import Command, CommandParameter, Job, load, sentences, signature
 from taction.system.errors import Complaint
 from tests.support.command_lines import LINES

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
-from taction.netlist_gen.analysis import Analysis, OperatingPoint, Transient
+from taction.netlist_gen.analysis import OperatingPoint, SimulatedDeck, Transient
 from taction.verification.engines.ngspice.process import Simulator
 
 TAU = 1e-6
 
 
-@dataclass(frozen=True)
-class SmallDeck:
-    text: str
-    saved: tuple[str, ...]
-    analysis: Analysis
-    files: Mapping[str, str] = field(default_factory=dict)
+SmallDeck = SimulatedDeck
 
 
 def transient(

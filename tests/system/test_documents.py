@@ -11,7 +11,6 @@ from typing import Annotated, Any, ClassVar, Literal
 import jsonschema
 import pytest
 
-from taction.system.document_schema import schema, units
 from taction.system.documents import (
     HIDDEN,
     INLINE,
@@ -21,6 +20,8 @@ from taction.system.documents import (
     Seconds,
     plain,
     read,
+    schema,
+    units,
 )
 
 

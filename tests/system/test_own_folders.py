@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from taction.system import own_folders
-from taction.system.own_folders import (
+from taction.system import processes as own_folders
+from taction.system.processes import (
     clear_abandoned,
     make_own_folder,
     own_folder,
@@ -21,7 +21,7 @@ from tests.support.processes import is_running
 
 OWNER = """
 import sys, time
-from taction.system.own_folders import make_own_folder
+from taction.system.processes import make_own_folder
 print(make_own_folder(sys.argv[1]), flush=True)
 time.sleep(600)
 """

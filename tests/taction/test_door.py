@@ -14,7 +14,7 @@ from tests.support.paths import ROOT, SCENES
 from tests.support.running import taction as command
 
 HEAVY = ("numpy", "scipy", "pydantic", "click", "rich", "PySpice")
-JOBS = ("taction.designs", "taction.transients", "taction.decks")
+JOBS = ("taction.designs", "taction.transients", "taction.tools")
 
 
 def loaded_by(script: str) -> set[str]:

@@ -7,13 +7,13 @@ of text, because an object per part costs twenty times as much. Every number is 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, Transient
+from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, SimulatedDeck, Transient
 from taction.netlist_gen.board.circuit import GROUND, Circuit, Fact
 from taction.netlist_gen.board.parts import ResistorMatrix, SignalAmplifier, VoltageSource
 from taction.netlist_gen.board.wired_arrays import wire_branches
@@ -31,13 +31,9 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Deck:
+class Deck(SimulatedDeck):
     """A complete deck with one analysis; a `NoiseAnalysis` has a card for each band."""
 
-    text: str = field(repr=False)  # the first line is a fixed title
-    saved: tuple[str, ...]  # nodes whose voltages are saved, in this order
-    analysis: Analysis
-    files: Mapping[str, str] = field(default_factory=dict, repr=False)  # included files by name
     dialect: str = NATIVE
 
     def to_pyspice(self) -> PySpiceCircuit:

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from taction.netlist_gen.analysis import Analysis, OperatingPoint
+from taction.netlist_gen.analysis import OperatingPoint, SimulatedDeck
 from taction.system.array_types import Complexes
 from taction.system.errors import DidNotLoad, SimulationError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
@@ -42,16 +42,6 @@ _HEAD = re.compile(r"^\t\S", re.M)  # of a listing: the title
 _WRONG = re.compile(r"^(?:Error|Cannot|Undefined|Too few|Unknown|.*[Ee]rror).*$", re.M)
 _REFUSED = re.compile(r"^Error on line \d+ or its substitute:\n\s*(\S.*)\n\s*(\S.*)$", re.M)
 _PLACE = re.compile(r"Error in netlist line no\.")
-
-
-@dataclass(frozen=True, slots=True)
-class CommandDeck:
-    """Cards with commands, and start-up files."""
-
-    text: str
-    files: Mapping[str, str] = field(default_factory=dict)
-    saved: tuple[str, ...] = ()
-    analysis: Analysis = field(default_factory=OperatingPoint)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,7 +86,7 @@ def run_commands(
         return Answers(failure=DidNotLoad(OVER))
     lines = ["* deck", *cards, ".control", *commands, last, ".endc", ".end", ""]
     spinit = f"set ngbehavior={mode}\n" if mode else "* no code models are loaded\n"
-    deck = CommandDeck("\n".join(lines), {"spinit": spinit})
+    deck = SimulatedDeck("\n".join(lines), (), OperatingPoint(), {"spinit": spinit})
     with Simulation(deck, simulator, timeout=seconds, memory=MEMORY) as run:
         return run.accept(_answers)
 

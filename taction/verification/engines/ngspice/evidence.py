@@ -28,18 +28,18 @@ import contextlib
 import math
 import re
 import signal
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, cast
+from typing import cast
 
 import numpy as np
 
 from taction.netlist_gen.analysis import (
-    Analysis,
     NoiseAnalysis,
     NoiseBand,
     OperatingPoint,
+    SimulatedDeck,
     Transient,
 )
 from taction.system.array_types import Floats
@@ -59,23 +59,6 @@ from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.executable import REMEDY
 
 LONGEST_LINE = 300  # characters of a line of the error stream in a message
-
-
-class DeckToRun(Protocol):
-    """What the runner uses of a deck (`taction.netlist_gen.deck.deck.Deck`)."""
-
-    @property
-    def text(self) -> str: ...  # noqa: D102
-    @property
-    def files(self) -> Mapping[str, str]:
-        """Names and texts of further files in the deck's folder."""
-
-    @property
-    def saved(self) -> tuple[str, ...]:
-        """Node names of the ``.save`` card."""
-
-    @property
-    def analysis(self) -> Analysis: ...  # noqa: D102
 
 
 RAW = "out.raw"
@@ -184,7 +167,7 @@ _PLOT_NAMES = {Transient: "Transient Analysis", OperatingPoint: "Operating Point
 
 
 def accepted_waveforms(
-    deck: DeckToRun, ending: Ending, *, engine: str, bound: float, solver: str = ""
+    deck: SimulatedDeck, ending: Ending, *, engine: str, bound: float, solver: str = ""
 ) -> Waveforms:
     """Return the waveforms of a run that shows all its evidence.
 
@@ -234,7 +217,7 @@ def _check_plot(plot: Plot, name: str, vectors: Sequence[str]) -> None:
         )
 
 
-def _check_time(deck: DeckToRun, time: Floats) -> None:
+def _check_time(deck: SimulatedDeck, time: Floats) -> None:
     """Check point 6."""
     analysis = deck.analysis
     if not isinstance(analysis, Transient):
@@ -263,7 +246,9 @@ def _check_values(waveforms: Waveforms, bound: float) -> None:
     raise BadEvidence(f"beyond {bound:g} V, or not a number, at {wrong.size} nodes: {listed}")
 
 
-def _waveforms(deck: DeckToRun, plot: Plot, ending: Ending, engine: str, solver: str) -> Waveforms:
+def _waveforms(
+    deck: SimulatedDeck, plot: Plot, ending: Ending, engine: str, solver: str
+) -> Waveforms:
     """Check a plot, and copy its columns, in the order of `saved`, into contiguous memory."""
     is_transient = isinstance(deck.analysis, Transient)
     voltages = [f"v({node.lower()})" for node in deck.saved]
@@ -290,7 +275,7 @@ INTEGRAL = ("Integrated Noise", ("v(onoise_total)",))
 FREQUENCY_TOLERANCE = 1e-6
 
 
-def integrated_noise(deck: DeckToRun, ending: Ending) -> float:
+def integrated_noise(deck: SimulatedDeck, ending: Ending) -> float:
     """Return the noise of the saved node over all bands, rms, V.
 
     SimulationError: one of its kinds; `BadEvidence` where a plot is missing, is another one than

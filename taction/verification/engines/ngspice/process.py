@@ -23,6 +23,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+from taction.netlist_gen.analysis import SimulatedDeck
 from taction.system.errors import (
     BadEvidence,
     OutOfDisk,
@@ -30,17 +31,16 @@ from taction.system.errors import (
     SimulatorNotFound,
 )
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_ends
-from taction.system.own_folders import (
+from taction.system.processes import (
     end_orphans,
+    guard,
     keep_folder,
     make_own_folder,
     remove_own_folder,
 )
-from taction.system.processes import guard
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.ngspice.evidence import (
     RAW,
-    DeckToRun,
     Ending,
     accepted_waveforms,
     integrated_noise,
@@ -77,7 +77,7 @@ class Simulation:
 
     def __init__(
         self,
-        deck: DeckToRun,
+        deck: SimulatedDeck,
         simulator: Simulator,
         *,
         timeout: float,
@@ -119,7 +119,7 @@ class Simulation:
         """Wait for the end and return the noise of the saved node, V; see `integrated_noise`."""
         return self.accept(integrated_noise)
 
-    def accept(self, evidence: Callable[[DeckToRun, Ending], Result]) -> Result:
+    def accept(self, evidence: Callable[[SimulatedDeck, Ending], Result]) -> Result:
         """Wait for the end and return what `evidence` accepts; else keep the folder."""
         if not self._discard.alive:
             raise SimulationError("a run returns its result once, and never after it was cancelled")
@@ -164,7 +164,7 @@ class Simulation:
             os.close(number)
 
 
-def simulate(deck: DeckToRun, simulator: Simulator, **options: Any) -> Waveforms:
+def simulate(deck: SimulatedDeck, simulator: Simulator, **options: Any) -> Waveforms:
     """Run a deck and return its waveforms; `options` and errors are those of `Simulation`."""
     with Simulation(deck, simulator, **options) as run:
         return run.result()
@@ -177,7 +177,7 @@ def command_line(simulator: Simulator) -> str:
     return f'env -i {words} HOME="$PWD" {command}\n'
 
 
-def make_folder(deck: DeckToRun, command: str) -> Path:
+def make_folder(deck: SimulatedDeck, command: str) -> Path:
     """Make the run folder and write all files that a run, or a repetition of the run, needs."""
     texts = {
         "spinit": "* no code models are loaded\n",

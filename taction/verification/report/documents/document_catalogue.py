@@ -9,7 +9,7 @@ from functools import cache
 from importlib import import_module, metadata
 from typing import Annotated, Any
 
-from taction.system import document_schema, documents
+from taction.system import documents
 from taction.system.documents import DocumentKey, Note
 from taction.system.errors import SimulationError
 from taction.verification.engines.ngspice.executable import find_simulator
@@ -75,7 +75,7 @@ def model(name: str) -> Any:
 @cache
 def units(name: str) -> dict[str, str]:
     """Return the unit of every field of the documents `name` that has one."""
-    return document_schema.units(model(name))
+    return documents.units(model(name))
 
 
 def document_head(name: str) -> dict[str, Any]:
@@ -117,8 +117,8 @@ def schemas() -> Iterator[tuple[str, str]]:
 
 def schema(name: str) -> dict[str, Any]:
     """Return the JSON Schema of the documents `name`; a field with a unit has it as `unit`."""
-    made = document_schema.schema(model(name))
+    made = documents.schema(model(name))
     first = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": schema_name(name)}
-    properties = {"taction": document_schema.schema(Head), **made.pop("properties", {})}
+    properties = {"taction": documents.schema(Head), **made.pop("properties", {})}
     required = ["taction", *made.pop("required", [])]
     return first | made | {"properties": properties, "required": required}

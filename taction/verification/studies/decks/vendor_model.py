@@ -46,7 +46,7 @@ from taction.system.errors import (
     TimedOut,
     one_line,
 )
-from taction.system.own_folders import remove_own_folder
+from taction.system.processes import remove_own_folder
 from taction.system.quantities import show_rate
 from taction.system.results import Result
 from taction.verification.characterise.characterise import RAMP, Bode, slope

@@ -14,7 +14,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
 from taction.system.errors import MACHINE_FAILURES, Killed, NoVerdictError, TactionError
-from taction.system.own_folders import remove_own_folder
+from taction.system.processes import remove_own_folder
 from taction.verification.studies.running.cluster import cluster
 from taction.verification.studies.running.pool import Workers, cores, local
 

@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.analysis import SimulatedDeck, Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.deck import write_deck
 from taction.system.array_types import Floats
@@ -22,7 +22,6 @@ from taction.system.foreign_files import read_ends
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.evidence import (
-    DeckToRun,
     Ending,
     accepted_waveforms,
 )
@@ -81,7 +80,7 @@ def ngspice(task: MethodTask, points: float, method: Literal["trapezoidal", "gea
     deck = replace(deck, text=deck.text.replace("\n.options ", "\n.options acct ", 1))
     bound = PHYSICAL_BOUND * task.circuit.value("U0")
 
-    def accept(deck: DeckToRun, ending: Ending) -> tuple[Waveforms, str]:
+    def accept(deck: SimulatedDeck, ending: Ending) -> tuple[Waveforms, str]:
         log = read_ends(ending.folder / process.STREAMS[0], process.LONGEST_LOG)
         return accepted_waveforms(deck, ending, engine=simulator.engine, bound=bound), log
 

@@ -19,7 +19,7 @@ from taction.system.errors import (
     StepTooSmall,
     TimedOut,
 )
-from taction.system.own_folders import remove_own_folder
+from taction.system.processes import remove_own_folder
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import environment, find_simulator
 from taction.verification.engines.ngspice.process import (
