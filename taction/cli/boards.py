@@ -39,7 +39,6 @@ from taction.system.foreign_files import visible
 from taction.system.progress import attempt
 
 if TYPE_CHECKING:
-    from taction.netlist_gen.kicad.board import KicadProject
     from taction.verification.design.fresh_scene import NewScene
     from taction.verification.design.remedies import Remedies
 
@@ -196,7 +195,6 @@ SOLUTION = Job(
     lacks="shows a verdict; --solve has none",
 )
 VERIFY = Command(
-    function="verify",
     work=verify_scene,
     document=_verified_document,
     text=_print_changes,
@@ -252,16 +250,6 @@ def _netlist_remarks(found: Any, call: Call) -> None:
         click.echo(f"warning: {visible(warning)}", err=True)
 
 
-def _netlist_text(found: Any) -> None:
-    if not found.written:
-        click.echo(found.text, nl=False)
-
-
-def _kicad_remarks(found: KicadProject, call: Call) -> None:
-    for what in found.not_drawn:
-        click.echo(f"not drawn: {what}", err=True)
-
-
 def _nothing(found: Any) -> None:
     """Print nothing: the files are the result."""
 
@@ -284,15 +272,13 @@ def _output(text: str) -> CommandParameter:
 
 
 DIFF = Command(
-    function="diff",
     outputs=(picture("the outputs of both over each other"), REPORT),
     parameters=(argument("first", metavar="A"), argument("second", metavar="B")),
     ends="Exit status: 0 if all readings are equal within their uncertainties, 1 if one is not, 3"
     " if that is unknown.",
 )
 NETLIST = Command(
-    function="netlist",
-    text=_netlist_text,
+    text=lambda found: found.written or click.echo(found.text, nl=False),
     after=_netlist_remarks,
     files=lambda found, call: found.written,
     parameters=(
@@ -300,33 +286,30 @@ NETLIST = Command(
         option("dialect", type=click.Choice(DIALECTS), show_default=True),
     ),
 )
-BOM = Command(function="bom", files=own_file)
+BOM = Command(files=own_file)
 KICAD = Command(
-    function="kicad",
     text=_nothing,
-    after=_kicad_remarks,
+    after=lambda found, call: [
+        click.echo(f"not drawn: {what}", err=True) for what in found.not_drawn
+    ],
     files=lambda found, call: found.written,
     parameters=(folder("output", "-o"),),
 )
 BUILD = Command(
-    function="build",
     files=lambda found, call: [found.folder],
     parameters=(folder("output", "-o"),),
     ends="Exit status: that of the verdict.",
 )
 SOLVE = Command(
-    function="solve",
     schema="solve",
     lacks=SOLUTION.lacks,
     ends="Exit status: 3 if the solution has no certificate.",
 )
 SIMULATE = Command(
-    function="simulate",
     files=own_file,
     parameters=(replace(OUTPUT, check="verification.report.output_checks:check_export"),),
 )
 EXPLORE = Command(
-    function="explore",
     document=lambda found: iter(()),
     text=_nothing,
     before=_announce,
@@ -394,7 +377,6 @@ def _new_job(options: Mapping[str, Any]) -> Job | None:
 
 
 NEW = Command(
-    function="new",
     document=lambda found: {"file": found.file},
     text=_nothing,
     before=_new_file,
@@ -419,7 +401,6 @@ NEW = Command(
     ),
 )
 MODELS = Command(
-    function="models",
     view="verification.report.views.opamp_view:list_view",
     commands={
         "show": Command(
@@ -438,9 +419,8 @@ MODELS = Command(
         ),
     },
 )
-DOCTOR = Command(function="doctor", ends="Exit status: 3 if ngspice is missing.")
+DOCTOR = Command(ends="Exit status: 3 if ngspice is missing.")
 MCP = Command(
-    function="mcp",
     document=lambda found: iter(()),
     text=_nothing,
     schema=None,

@@ -146,7 +146,7 @@ class Call:
 class Job:
     """A public function, and what shows its result."""
 
-    function: str  # its name in `taction`
+    function: str = ""  # its name in `taction`; by default that of the command
     # Takes the result and returns its document, or an iterator of the parts of a long one; by
     # default the result is its own.
     document: Target = lambda found: found

@@ -9,6 +9,7 @@ import inspect
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -105,7 +106,7 @@ HELP = {"--help", "-h"}
 def command(name: str) -> Command:
     """Return a command of `COMMANDS`; its table is loaded now."""
     found: Command = getattr(import_module(f"taction.cli.{COMMANDS[name][0]}"), name.upper())
-    return found
+    return found if found.function else replace(found, function=name)
 
 
 class LazyGroup(click.Group):

@@ -38,7 +38,6 @@ SAMPLE = Job(
     lacks="shows many samples; leave out --sample",
 )
 MONTECARLO = Command(
-    function="montecarlo",
     outputs=(picture("histograms with limits, and the components behind the spread,"), REPORT),
     other=lambda options: None if options["sample"] is None else SAMPLE,
     parameters=(
@@ -52,7 +51,6 @@ MONTECARLO = Command(
 
 
 CORNERS = Command(
-    function="corners",
     outputs=(REPORT,),
     parameters=(option("corner", multiple=True, metavar="KEY=Z,..."),),
     ends="Exit status: 1 if a corner fails, else 3 if a corner has no verdict.",
@@ -60,7 +58,6 @@ CORNERS = Command(
 
 
 TUNE = Command(
-    function="tune",
     outputs=(picture("settling time against overshoot"), REPORT),
     files=own_file,
     parameters=(
@@ -77,7 +74,6 @@ def _choice_database(call: Call) -> None:
 
 
 CHOOSE = Command(
-    function="choose",
     outputs=(picture("maps of C and gain for every op-amp"), REPORT),
     before=_choice_database,
     files=lambda found, call: [one.file for one in found.best if one.file],
@@ -94,14 +90,8 @@ CHOOSE = Command(
     ),
     ends="Exit status: 0 if a design passes on both engines, 1 if none passes.",
 )
-SCALE = Command(
-    function="scale",
-    files=own_file,
-)
-
-
+SCALE = Command(files=own_file)
 ONSET = Command(
-    function="onset",
     outputs=(picture("the pole map and the root locus"), REPORT),
     parameters=(
         option("over", metavar="KEY[=LOW:HIGH:N]"),
@@ -112,7 +102,6 @@ ONSET = Command(
 
 
 CHECK = Command(
-    function="check",
     outputs=(picture("step response and poles"), REPORT),
     files=own_file,
     parameters=(
@@ -140,7 +129,6 @@ def _check_sweep(call: Call) -> None:
 
 
 SWEEP = Command(
-    function="sweep",
     document="verification.report.documents.document_catalogue:sweep_pieces",
     outputs=(
         output(
@@ -179,7 +167,6 @@ def _annotate_scenes(found: RegressionReport, call: Call) -> None:
 
 
 REGRESS = Command(
-    function="regress",
     after=_annotate_scenes,
     outputs=(
         text_file("junit", "Write a JUnit XML report.", f"{JUNIT}:regression_junit"),
@@ -197,14 +184,12 @@ REGRESS = Command(
     " leaves a scene with a failed check as it was.",
 )
 STRESS = Command(
-    function="stress",
     outputs=(REPORT,),
     ends="Exit status: 1 if an outcome or a number is wrong, 3 if ngspice is missing.",
 )
 
 
 ACCURACY = Command(
-    function="accuracy",
     outputs=(picture("error against run time"), REPORT),
     parameters=(option("budget", type=NumberRange(min=0.5)),),
     ends="Exit status: 3 if no run of the board ended within the budget.",
@@ -212,13 +197,11 @@ ACCURACY = Command(
 
 
 REPRODUCE = Command(
-    function="reproduce",
     outputs=(REPORT,),
     ends="Exit status: 1 if a verdict differs from the verdict that taction has on record, 3 if a"
     " claim could not be tested.",
 )
 DEMO = Command(
-    function="demo",
     outputs=(picture("the outputs of the three boards"),),
     files=lambda found, call: [found.file] if found.file else [],
     ends="Exit status: 0 if the boards behave as told.",
