@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -33,7 +34,7 @@ from taction.cli.command import (
     picture,
     text_file,
 )
-from taction.cli.printing import StageLine, print_json, put, say
+from taction.cli.printing import StageLine, print_json, put, say, tell
 from taction.system.errors import Interrupted
 from taction.system.foreign_files import visible
 from taction.system.progress import attempt
@@ -141,8 +142,7 @@ def _annotate(documents: Iterable[Mapping[str, Any]], call: Call) -> None:
     if call.options["annotate"]:
         from taction.verification.report.junit import annotation_lines
 
-        for line in annotation_lines(documents):
-            click.echo(line, err=True)
+        tell(annotation_lines(documents))
 
 
 def _annotate_error(error: taction.TactionError, call: Call) -> None:
@@ -278,7 +278,7 @@ DIFF = Command(
     " if that is unknown.",
 )
 NETLIST = Command(
-    text=lambda found: found.written or click.echo(found.text, nl=False),
+    text=lambda found: None if found.written else sys.stdout.write(found.text),
     after=_netlist_remarks,
     files=lambda found, call: found.written,
     parameters=(
@@ -289,9 +289,7 @@ NETLIST = Command(
 BOM = Command(files=own_file)
 KICAD = Command(
     text=_nothing,
-    after=lambda found, call: [
-        click.echo(f"not drawn: {what}", err=True) for what in found.not_drawn
-    ],
+    after=lambda found, call: tell(f"not drawn: {what}" for what in found.not_drawn),
     files=lambda found, call: found.written,
     parameters=(folder("output", "-o"),),
 )

@@ -22,7 +22,7 @@ import click
 
 import taction
 from taction.cli.ending import ARGUMENTS, of_stdout
-from taction.cli.printing import STATUS, StageLine, console, display, print_json, say
+from taction.cli.printing import STATUS, StageLine, console, display, print_json, say, tell
 from taction.system import results
 from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted, TactionError
 from taction.system.foreign_files import visible
@@ -357,8 +357,7 @@ def run(command: Command, given: dict[str, Any]) -> None:
             say(f"question: {question}")
     result, interrupted = _result(job, call)
     status = status_of(result)
-    for name in job.files(result, call):
-        click.echo(f"wrote {visible(name)}", err=True)
+    tell(f"wrote {visible(name)}" for name in job.files(result, call))
     written = _write(job, result, given)  # before the text: its reader may go
     if job.after is not None:
         attempt("the remarks", partial(job.after, result, call), None, say, is_of_stdout)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +31,12 @@ COUNTED = re.compile(r"(\d+) of (\d+)\b")
 def say(text: str) -> None:
     """Print a line of text on stderr, below the command's name."""
     click.echo(f"taction: {shortened(visible_lines(text))}", err=True)
+
+
+def tell(lines: Iterable[str]) -> None:
+    """Print lines on stderr as they are."""
+    for line in lines:
+        click.echo(line, err=True)
 
 
 def console(*, stderr: bool = False) -> Console:

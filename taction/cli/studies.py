@@ -24,6 +24,7 @@ from taction.cli.command import (
     picture,
     text_file,
 )
+from taction.cli.printing import tell
 
 if TYPE_CHECKING:
     from taction.verification.studies.regression.regress import RegressionReport
@@ -162,8 +163,7 @@ def _annotate_scenes(found: RegressionReport, call: Call) -> None:
     if call.options["annotate"]:
         from taction.verification.report.junit import regression_annotations
 
-        for line in regression_annotations(found):
-            click.echo(line, err=True)
+        tell(regression_annotations(found))
 
 
 REGRESS = Command(
