@@ -79,7 +79,7 @@ NIGHTLY := processors pythons simulators random-scenes long-tests fuzz torture b
 nightly-processors: ; $(MAKE) test-processors ARGS=
 nightly-pythons: ; $(MAKE) test-pythons ARGS=--all
 nightly-simulators: ; $(MAKE) test-simulators ARGS=--all
-nightly-random-scenes: ; TACTION_RANDOM_SCENES=200 TACTION_ROUNDING_SCALE=20 TACTION_RANDOM_CIRCUITS=3000 $(MAKE) test ARGS=tests/verification
+nightly-random-scenes: ; TACTION_ROUNDING_SCALE=20 TACTION_RANDOM_CIRCUITS=3000 $(MAKE) test ARGS=tests/verification
 nightly-long-tests: ; TACTION_NIGHTLY=yes $(MAKE) test ARGS="-m nightly"
 nightly-fuzz nightly-torture: nightly-%: ; $(MAKE) $* ARGS=
 nightly-bare: ; $(MAKE) test-bare ARGS="make test-browser test-kicad test-install docs"

@@ -50,6 +50,11 @@ NONLINEAR = (
     "softplus",
     "rectifier",
 )
+# What differs for a dialect are the kinds of parts: with every commit one board of each kind.
+OTHERS = {
+    *("least-squares", "ridge", "custom-matrix", "eleven-channel", "known-readings"),
+    *("tuned-breadboard", "paper-exponential", "large-signal"),
+}
 DESIGN: dict[str, Any] = {"lambda": 0.05, "gain": "1Mohm", "unit_conductance": "2uS"}
 LIMITED = {"base": "ua741", "level": "large-signal"}
 MADE: dict[str, dict[str, Any]] = {
@@ -62,6 +67,12 @@ MADE: dict[str, dict[str, Any]] = {
     "rectifier": {"amplifier": "rectifier", "exponential_slope": 0.3, "ridge_share": 0.0},
 }
 STEPS = 1000
+
+
+def boards(names: tuple[str, ...]) -> list[Any]:
+    """Return names of boards, those of `OTHERS` for `make nightly`."""
+    nightly = pytest.mark.nightly
+    return [pytest.param(name, marks=nightly) if name in OTHERS else name for name in names]
 
 
 def step_of(name: str) -> float:
@@ -109,7 +120,7 @@ def native(ngspice: str, tmp_path_factory: pytest.TempPathFactory) -> Callable[[
 
 
 @pytest.mark.parametrize("dialect", MODES)
-@pytest.mark.parametrize("name", [*LINEAR, *NONLINEAR])
+@pytest.mark.parametrize("name", boards((*LINEAR, *NONLINEAR)))
 def test_ngspice_reads_the_dialect_and_finds_the_same_waveforms(
     name: str, dialect: str, native: Callable[[str], Record], tmp_path: Path
 ) -> None:
@@ -120,7 +131,7 @@ def test_ngspice_reads_the_dialect_and_finds_the_same_waveforms(
 
 
 @pytest.mark.parametrize("dialect", ["ngspice", "ltspice", "hspice", "xyce", "spectre"])
-@pytest.mark.parametrize("name", LINEAR)
+@pytest.mark.parametrize("name", boards(LINEAR))
 def test_gnucap_finds_the_same_waveforms_of_linear_boards(
     name: str, dialect: str, native: Callable[[str], Record], gnucap: str
 ) -> None:

@@ -67,7 +67,7 @@ def test_the_boundary_is_that_of_onset(start: Start) -> None:
     control = start.control(CAPACITANCE)
     view = view_rest(start.scene, start.problem)
     found = view_boundary(view, view_poles(view), "C", control.low, control.high)
-    onset = taction.onset(start.scene, over="C=1pF:300pF", transients=False)
+    onset = taction.onset(start.scene, over="C=5pF:20pF", transients=False)
     edge = max(each.crossing.value for each in onset.findings)  # below it more poles cross
     assert [low for low, _ in found.stable_ranges] == pytest.approx([edge], rel=1e-6)
     assert found.stable_ranges[-1][1] == pytest.approx(control.high, rel=1e-12)

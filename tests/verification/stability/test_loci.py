@@ -102,7 +102,7 @@ def test_a_real_pole_crosses_as_a_conductance_falls() -> None:
     assert (edge.below, edge.above) == (1, 0)
 
 
-@pytest.mark.parametrize("name", ["custom-matrix", "tuned-breadboard", "paper-exponential"])
+@pytest.mark.parametrize("name", ["custom-matrix", "tuned-breadboard"])
 def test_the_loci_count_what_winding_numbers_and_poles_count(name: str) -> None:
     circuit = synthesise(load_scene(SCENES / f"{name}.toml"))
     found = capacitor_loci(circuit)
@@ -128,6 +128,7 @@ def test_loci_by_modes_are_those_of_solves_of_the_equations(name: str) -> None:
         assert np.all(nearest < 1e-9 * np.abs(whole).max(axis=1, keepdims=True))
 
 
+@pytest.mark.nightly  # 10 s
 def test_a_large_board_has_the_crossings_of_the_dense_one(monkeypatch: pytest.MonkeyPatch) -> None:
     circuit = synthesise(load_scene(SCENES / "tuned-breadboard.toml"))
     dense = capacitor_loci(circuit)
@@ -139,7 +140,7 @@ def test_a_large_board_has_the_crossings_of_the_dense_one(monkeypatch: pytest.Mo
         assert (a.below, a.above) == (b.below, b.above)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_random_boards_cross_where_their_poles_do(seed: int) -> None:
     rng = np.random.default_rng(seed)
     sensors, channels = rng.integers(1, 5, 2)
@@ -158,6 +159,6 @@ def test_random_boards_cross_where_their_poles_do(seed: int) -> None:
     circuit = synthesise(scene)
     farads = circuit.value("C")
     found = capacitor_loci(circuit, unstable=poles(circuit).unstable_count)
-    for share in np.geomspace(0.011, 0.99, 23).tolist():
+    for share in np.geomspace(0.011, 0.99, 11).tolist():
         counted = poles(circuit.turned("C", share * farads)).unstable_count
         assert counted == found.unstable_at(share)

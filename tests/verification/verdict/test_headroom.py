@@ -317,7 +317,10 @@ SLEWING = {
 
 
 @pytest.mark.usefixtures("ngspice")
-@pytest.mark.parametrize("name", SLEWING)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.nightly) if n == "many unknowns" else n for n in SLEWING],
+)
 def test_both_engines_agree_on_every_kind_of_board_that_slews(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
