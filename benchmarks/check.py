@@ -20,7 +20,7 @@ from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.studies.decks.foreign_board import read_board
 from taction.verification.studies.decks.measured_board import measure_board
-from taction.verification.verdict.step_forecast import StepModel
+from taction.verification.verdict.transient_plan import StepModel
 from tests.support.designer_decks import DECKS
 
 SWEPT = {"sallen-key-fast": "C1", "wien": "C1", "ring": "R1"}
@@ -36,7 +36,7 @@ def bare(file: Path) -> Callable[[], object]:
     found = measure_board(LinearBoard(board.circuit), board.initial, 0.01)
     stop, simulator = found.scales.stop, find_simulator()
     stable = found.poles.known_stable
-    model = StepModel.of(found.board, stop, found.initial, stable=stable).above_rounding(RELATIVE)
+    model = StepModel.of(found.board, stop, found.initial, stable=stable)
     plan = model.cheapest(ERROR)
     cards = (
         f".options {simulator.solver_option} reltol={RELATIVE} trtol={plan.truncation / RELATIVE}",

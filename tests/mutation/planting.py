@@ -32,7 +32,7 @@ from taction.verification.studies.regression.regress import compare_entry
 from taction.verification.verdict import run, simulation
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.measure import measure_with_bounds
+from taction.verification.verdict.run import measure_with_bounds
 from taction.verification.verdict.simulation import Engine
 from taction.verification.verdict.verify import Verdict, verify
 

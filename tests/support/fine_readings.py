@@ -19,8 +19,7 @@ from taction.verification.evidence.stress.judge import TrueValues
 from taction.verification.reference.ideal_answer import ideal_answer
 from taction.verification.verdict.board import SteadyState
 from taction.verification.verdict.build import build
-from taction.verification.verdict.step_forecast import StepModel
-from taction.verification.verdict.transient_plan import settled_after
+from taction.verification.verdict.transient_plan import StepModel, settled_after
 from tests.support.readings import Samples, read
 
 TOLERANCE, SPACING = 1e-11, 1e-10  # of the run; of interpolation between the points of its record

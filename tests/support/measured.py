@@ -18,7 +18,7 @@ from taction.verification.readings.settling import ChannelState
 from taction.verification.stability.margin import Margin
 from taction.verification.verdict.board import SteadyState
 from taction.verification.verdict.checks import Check, Evidence
-from taction.verification.verdict.measure import Agreement, StepError
+from taction.verification.verdict.run import Agreement, StepError
 from taction.verification.verdict.run_checks import run_checks
 from tests.support.poles import rounded_poles
 

@@ -61,8 +61,7 @@ from taction.verification.studies.work_precision.study import (
     WorkPrecisionStudy,
 )
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.compare import Difference
-from taction.verification.verdict.record import Record
+from taction.verification.verdict.record import Difference, Record
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.entries import entry
 from tests.support.making import make_scene

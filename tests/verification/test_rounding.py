@@ -18,7 +18,7 @@ from taction.verification.engines.statespace.equations import descriptor, stamps
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.transients import exact, stepped
 from taction.verification.readings.settling import ChannelState
-from taction.verification.verdict import measure
+from taction.verification.verdict import run
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import make_scene
 from tests.support.paths import ROOT
@@ -97,7 +97,7 @@ def rounded(seed: int) -> Iterator[None]:
     begins = [(room, "initial_unknowns") for room in TRANSIENTS]
     with ExitStack() as changed:
         changed.enter_context(patch.object(stamps, "Descriptor", stamped))
-        for owner, name in (*begins, (measure, "outputs")):
+        for owner, name in (*begins, (run, "outputs")):
             changed.enter_context(patch.object(owner, name, after(getattr(owner, name))))
         yield
 

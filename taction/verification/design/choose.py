@@ -43,9 +43,9 @@ from taction.system.quantities import fraction, number
 from taction.system.reading_definitions import READINGS
 from taction.system.results import RENDERERS, Result, load
 from taction.verification.design.scaling import SHARE, SMALLER, rescaled
-from taction.verification.design.search import SearchRange
 from taction.verification.design.trials import (
     KEPT,
+    SearchRange,
     Trial,
     accepted_parts,
     at_small_signal,
@@ -91,8 +91,7 @@ def choice_plan(scene: Scene, request: ChoiceRequest) -> Plan:
     """Return the sweep of a choice by the state-space engine; lambda of `scene` is a number.
 
     Op-amps are at the small-signal level: a design above 90 % of a limit of its parts is
-    inconclusive, so that no design without headroom is chosen.
-    InputError: an op-amp is unknown, a range is none, or a limit is no value of its key.
+    inconclusive, so that no design without headroom is chosen. `InputError` for a wrong request.
     """
     names = request.opamps or [name for name, o in OPAMPS.items() if math.isfinite(o.gbw)]
     base = _base(scene, request.limits or {}, names)
@@ -313,10 +312,7 @@ class Choice(Result):
 
 
 def designs(plan: Plan, store: Store, accepted: AcceptedParts | None = None) -> list[ChosenDesign]:
-    """Return the stored designs of a choice, the best first.
-
-    Parts that are beyond the limits of `accepted`, by default of the plan's scene, are refused.
-    """
+    """Return the stored designs of a choice, the best first; refused are parts not `accepted`."""
     found, problem = list[ChosenDesign](), make_problem(plan.scene)
     accepted = accepted or accepted_parts(plan.scene, problem)
     keys = topology_of(plan.scene).searched

@@ -187,10 +187,7 @@ class Settings:
         return shlex.join(words)
 
     def save(self, start: Start, name: str) -> Path:
-        """Write the scene with these values beside the scene's own file, and return the new file.
-
-        InputError: `name` is no plain name, the file exists, or it cannot be written.
-        """
+        """Write the scene with these values as a new file beside the scene's own; return it."""
 
         def refused(reason: str) -> InputError:
             return InputError("save", Complaint("file", repr(name), reason))
@@ -377,10 +374,7 @@ def view_limits(view: RestView, poles: PoleView) -> tuple[str, ...]:
 
 
 def view_boundary(view: RestView, poles: PoleView, name: str, low: float, high: float) -> Edges:
-    """Find the edges of stability of a knob from `low` to `high`, or beyond, by the loci.
-
-    EngineError: they are not known, with the reason.
-    """
+    """Find the edges of stability of a knob from `low` to `high`, or beyond, by the loci."""
     if view.is_large:
         raise EngineError(f"a board of this size: `taction onset SCENE --over {name}` finds it")
     own = view.board.circuit.value(name)

@@ -59,10 +59,7 @@ DEFAULT = 0.01  # lambda without a noise level, in squared spectral norms of T
 
 
 def with_limits(scene: Scene) -> tuple[Scene, str]:
-    """Return the scene with limits that 98 % of its boards keep at rest, and how they were chosen.
-
-    InputError, NoVerdictError: the board cannot be built, or has no equilibrium.
-    """
+    """Return the scene with limits that 98 % of its boards keep at rest, and their reason."""
     grade, share, limit = 0.0, math.inf, math.inf
     for finer in GRADES:
         reached = exceeded(with_values(scene, {"tolerances.resistor": finer}))
@@ -108,11 +105,7 @@ def next_round_value(value: float) -> float:
 
 
 def pruning_for(T: Floats, eps: Floats, lam: float) -> tuple[float, str]:
-    """Return the most pruning that changes the solution by less than `UNSEEN`, and it in words.
-
-    A fraction of the largest entry. Where every fraction changes more, the smallest that gives
-    resistors that can be bought. T is (M, N), eps (M,); `SolverError` as `solve`.
-    """
+    """Return the most pruning, of the largest entry, that moves no output visibly; in words."""
     before = solve(Problem(T, eps, lam))
     largest = float(np.abs(before.u).max(initial=0.0)) or 1.0
     for share in (*FRACTIONS, NECESSARY):
@@ -168,11 +161,7 @@ def fresh_scene(
     design: Mapping[str, Any] | None = None,
     any_part: bool = False,
 ) -> FreshScene:
-    """Return a scene for the files of a matrix and a strain, for the new scene file `output`.
-
-    `design` has keys of its table; without ``prune`` `pruning_for` chooses it. All else, and the
-    errors, are those of `taction.new`.
-    """
+    """Return a scene for the files of a matrix and a strain; arguments as `taction.new`."""
     T, eps = read_problem(matrix, strain)
     chosen, rule = _lambda(T, eps, noise, lam)
     arrays = {"kind": "matrix", "matrix": T, "strain": eps}
@@ -201,16 +190,12 @@ def fresh_scene(
     notes = [pruning] if pruning else []
     rows, columns = T.shape
     head = f"Scaled by taction for a matrix of {rows} rows and {columns} columns; lambda: {rule}."
-    text = _commented([head, *notes, f"Limits: {limits}."], with_values(limited, names))
+    remarks = (head, *notes, f"Limits: {limits}.")
+    lines = [f"# {line}" for remark in remarks for line in textwrap.wrap(remark, WIDTH)]
+    text = "\n".join([*lines, "", scene_text(with_values(limited, names))])
     if limited.checks.steady_state.tolerance > WANTED:  # else no more than was searched for
         notes.append(limits)
     return FreshScene(scaling, text, rule, tuple(notes))
-
-
-def _commented(remarks: list[str], scene: Scene) -> str:
-    """Return the text of a scene file, with remarks at its head."""
-    lines = [line for remark in remarks for line in textwrap.wrap(remark, WIDTH)]
-    return "\n".join([*(f"# {line}" for line in lines), "", scene_text(scene)])
 
 
 def noise_of(noise: str | float, eps: Floats) -> float:

@@ -23,13 +23,16 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.errors import InputError, NoVerdictError
 from taction.system.reading_definitions import READINGS
-from taction.verification.design.search import Search, search, search_key, search_pair
 from taction.verification.design.trials import (
     OPAMP,
     OutOfWorkError,
+    Search,
     Trial,
     Trials,
     knobs_with_margin,
+    search,
+    search_key,
+    search_pair,
 )
 from taction.verification.stability.edge_search import find_edges
 from taction.verification.stability.edges import Edges
@@ -46,10 +49,7 @@ OTHERS = ("design.stray_capacitance", "design.opamp.gbw")  # keys beside the kno
 
 @dataclass(frozen=True, slots=True)
 class StableRange:
-    """The stable range of one key that is nearest to the scene's value.
-
-    Its ends are crossings of the imaginary axis, or None where it goes on beyond the search.
-    """
+    """The stable range of one key nearest to the scene's value; an end is None if not reached."""
 
     DOCUMENT = (
         *("path", "unit", "own", "least # the search began here", "most # and ended here"),
@@ -92,11 +92,7 @@ class StableRange:
 
 
 def stable_ranges(trials: Trials, paths: Iterable[str] = ()) -> tuple[StableRange, ...]:
-    """Return the nearest stable range of each key that has a positive value in the scene.
-
-    Without `paths` the keys are those of the knobs with a margin, and `OTHERS`. What the work of
-    `trials` leaves out has its `reason`.
-    """
+    """Return the nearest stable ranges over keys, by default knobs with a margin and `OTHERS`."""
     found = []
     for path in tuple(paths) or (*knobs_with_margin(trials.scene), *OTHERS):
         key = find_key(trials.scene, path)
@@ -213,11 +209,7 @@ class Remedies:
 
 
 def mending_keys(scene: Scene) -> dict[str, tuple[str, ...]]:
-    """Return the keys that can mend each check; no key mends a check that is not listed.
-
-    A transient follows the knobs with a stability margin, and the op-amp. Keys that the topology
-    does not read mend nothing.
-    """
+    """Return the keys that can mend each check; none mends a check that is not listed."""
     knobs = knobs_with_margin(scene)
     idle = {f"design.{key}" for key in topology_of(scene).unused}
     rest = ("unit_conductance", "gain", "lambda")
@@ -236,11 +228,7 @@ def mending_keys(scene: Scene) -> dict[str, tuple[str, ...]]:
 def find_remedies(
     verdict: Verdict, work: float = LIMIT, *, any_part: bool = False
 ) -> Remedies | None:
-    """Return the nearest changes that mend a failed verdict; None for any other outcome.
-
-    `work` and the errors are those of `taction.what_to_change`; the result is the same on every
-    machine.
-    """
+    """Return the nearest changes that mend a failed verdict, as `taction.what_to_change`."""
     failed = tuple(check.name for check in verdict.checks if check.outcome is Outcome.FAIL)
     if not failed:
         return None
@@ -323,10 +311,7 @@ def _search(trials: Trials, path: str, begin: float | None) -> Search | None:
 
 
 def _opamps(scene: Scene) -> list[Value]:
-    """Return the presets, the one with the nearest bandwidth first; not the scene's own.
-
-    To an op-amp without a bandwidth, an ideal one, the fastest is nearest.
-    """
+    """Return the other presets, the one with the nearest bandwidth first; ideal: the fastest."""
     own, changed = choose_opamp(scene), scene.design.opamp
 
     def distance(name: str) -> float:

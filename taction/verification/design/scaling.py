@@ -37,13 +37,15 @@ from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.progress import Progress
 from taction.system.quantities import show
 from taction.system.results import Result
-from taction.verification.design.search import Accept, is_good, search_key
 from taction.verification.design.trials import (
+    Accept,
     Trial,
     Trials,
     accepted_parts,
     at_small_signal,
     broken_at_rest,
+    is_good,
+    search_key,
 )
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.dynamics import lambda_times_resistance
@@ -157,10 +159,7 @@ class Scaled(Result):
 
     @classmethod
     def of(cls, scaling: Scaling, verdict: Verdict) -> Scaled:
-        """Return scalings with their verdict, without a note that a pass contradicts.
-
-        The limits of a new scene follow from its board, after C was searched with others.
-        """
+        """Return scalings with their verdict, without a note that a pass contradicts."""
         wrong = NO_C if verdict.outcome is Outcome.PASS else ()
         notes = tuple(note for note in scaling.notes if not note.startswith(wrong))
         return cls(replace(scaling, notes=notes), verdict)

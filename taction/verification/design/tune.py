@@ -1,10 +1,9 @@
 """The paper's CONSOLE step: the design with the least settling time that every check accepts.
 
 The verdict of the state-space engine judges every design, by all checks of the scene and the
-limits of the search, and with values that can be bought. The solution that the board computes does
-not change, because lambda is constant (R follows). Settling time jumps where a ringing peak crosses
-the band, so the search uses no gradient: a grid, then Nelder and Mead's simplex from its best
-points.
+limits of the search, and with values that can be bought; lambda is constant. Settling time jumps
+where a ringing peak crosses the band, so the search uses no gradient: a grid, then Nelder and
+Mead's simplex from its best points.
 """
 
 from __future__ import annotations
@@ -23,8 +22,14 @@ from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.progress import Progress
 from taction.system.quantities import percent, show
 from taction.system.results import Result
-from taction.verification.design.search import SearchRange, Values, descend, parse_ranges
-from taction.verification.design.trials import Trial, Trials
+from taction.verification.design.trials import (
+    SearchRange,
+    Trial,
+    Trials,
+    Values,
+    descend,
+    parse_ranges,
+)
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.verdict.record import ERROR
 from taction.verification.verdict.verify import Verdict, verify
@@ -157,31 +162,22 @@ def tune(
     limit = (OVERSHOOT if check is None else check.max) if overshoot is None else overshoot
     margin = scene.checks.stability.margin if margin is None else margin
     limited = with_values(scene, {"checks.overshoot.max": limit, "checks.stability.margin": margin})
-    search = _TuneSearch(Trials(limited, accepted=ANY_PART if any_part else None), ranges, limit)
+    trials = Trials(limited, accepted=ANY_PART if any_part else None)
+    search = _TuneSearch(trials, ranges, limit)
     after = search.run(progress)
     if not search.feasible(after):
         raise search.no_design(after, margin)
-    tuning = Tuning(
-        before=search.tried[0],
-        after=after,
-        scene=with_values(limited, search.trials.completed(after.values)),
-        frontier=frontier(search.tried),
-        tried=len(search.tried),
-        overshoot_limit=limit,
-        margin=margin,
-        ranges=ranges,
-    )
-    tuned = Tuned(tuning, verify(tuning.scene, progress), reach)
+    best, tried = with_values(limited, trials.completed(after.values)), search.tried
+    shown = frontier(tried)
+    tuning = Tuning(tried[0], after, best, shown, len(tried), limit, margin, ranges)
+    tuned = Tuned(tuning, verify(best, progress), reach)
     if output is not None:
-        write_scene(tuning.scene, output)
+        write_scene(best, output)
     return tuned
 
 
 def frontier(trials: Iterable[Trial]) -> tuple[Trial, ...]:
-    """Return the Pareto-optimal designs, by growing overshoot.
-
-    A design counts if it fails no check other than that of the overshoot.
-    """
+    """Return the Pareto-optimal designs of those that fail no check but that of the overshoot."""
     best: list[Trial] = []
     kept = [t for t in trials if not t.refused and set(t.left) <= {"overshoot"}]
     settling = [trial for trial in kept if math.isfinite(trial.settling_time)]
@@ -201,7 +197,7 @@ class _TuneSearch:
     @property
     def tried(self) -> tuple[Trial, ...]:
         """All designs, that of the scene first."""
-        return tuple(trial for trial in self.trials.tried if trial.values.keys() == self.own.keys())
+        return self.trials.tried
 
     def run(self, progress: Progress) -> Trial:
         """Return the best design."""

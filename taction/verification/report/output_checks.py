@@ -92,7 +92,7 @@ def _names(circuit: Circuit) -> list[str]:
 
 
 def _outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
-    from taction.verification.verdict.measure import outputs
+    from taction.verification.verdict.run import outputs
 
     return outputs(circuit, waveforms)
 

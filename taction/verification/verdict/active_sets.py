@@ -11,7 +11,6 @@ from typing import Annotated
 
 import numpy as np
 
-from taction.system.array_types import Floats
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.stepped import SteppedCurve, simulate
@@ -31,20 +30,12 @@ class VisitedSet:
     stay: Annotated[float, "s"]  # how long the board is in it, in all, s
     visits: int  # how often it is entered
     rightmost: Annotated[float, "1/s"]  # real part of its rightmost pole, 1/s
-    # By what the first knob with a margin can move until this set has a pole on the axis; 0 for a
-    # set that is unstable.
-    margin: float
+    margin: float  # by what the first knob with a margin can move to instability; 0: is unstable
     words: str  # the margin in words
 
 
 def visited_sets(run: Run) -> tuple[VisitedSet, ...]:
-    """Return the active sets of a transient in the order of their first entry.
-
-    Of more than `MOST` sets, those of the longest stay. Empty for a board without piecewise linear
-    amplifiers.
-
-    EngineError: as `taction.verification.engines.statespace.transients.stepped.simulate`.
-    """
+    """Return the active sets of a transient, at most `MOST`, in the order of their entry."""
     board, transient = run.board.linear, run.board.transient
     if board.circuit.is_linear or board.descriptor.is_large or not all(board.broken):
         return ()
@@ -58,31 +49,18 @@ def visited_sets(run: Run) -> tuple[VisitedSet, ...]:
     lengths = np.diff(np.append(begins, min(curve.dense.ends[-1], curve.task.stop)))
     keys = [switch.segments for switch in switches]
     stays = {key: float(lengths[[k == key for k in keys]].sum()) for key in keys}
-    kept = set(sorted(stays, key=stays.__getitem__, reverse=True)[:MOST])
-    devices, pieces = board.descriptor.devices, curve.reported.amplifiers
-    return tuple(
-        _visited(
-            board, key, pieces.slopes_along(np.zeros((1, devices.count)), np.array([key]))[0],
-            float(begins[keys.index(key)]), stays[key], keys.count(key),
-        )
-        for key in stays
-        if key in kept
-    )  # fmt: skip
-
-
-def _visited(
-    board: LinearBoard,
-    segments: tuple[int, ...],
-    slopes: Floats,
-    begin: float,
-    stay: float,
-    visits: int,
-) -> VisitedSet:
-    point = Equilibrium(board.descriptor, np.zeros(board.descriptor.size), slopes, 0.0, 0)
-    alone = LinearBoard(board.circuit, point=point)
-    found, name = poles(alone), first_knob(board.circuit)
-    margin = find_margin(alone, name, found=found) if name and found.known_stable else None
-    words = "unstable" if not found.known_stable else margin.text if margin else ""
-    text = "".join(map(str, segments))
-    factor = 0.0 if margin is None else margin.factor
-    return VisitedSet(text, begin, stay, visits, found.rightmost.real, factor, words)
+    kept = sorted(stays, key=stays.__getitem__, reverse=True)[:MOST]
+    rest, name, found = np.zeros((1, board.descriptor.devices.count)), first_knob(board.circuit), []
+    for key in (key for key in stays if key in kept):
+        slopes = curve.reported.amplifiers.slopes_along(rest, np.array([key]))[0]
+        point = Equilibrium(board.descriptor, np.zeros(board.descriptor.size), slopes, 0.0, 0)
+        alone = LinearBoard(board.circuit, point=point)
+        own, margin = poles(alone), None
+        if name and own.known_stable:
+            margin = find_margin(alone, name, found=own)
+        words = "unstable" if not own.known_stable else margin.text if margin else ""
+        factor = 0.0 if margin is None else margin.factor
+        begin, visits = float(begins[keys.index(key)]), keys.count(key)
+        text, lead = "".join(map(str, key)), own.rightmost.real
+        found.append(VisitedSet(text, begin, stays[key], visits, lead, factor, words))
+    return tuple(found)

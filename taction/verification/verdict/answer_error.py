@@ -2,29 +2,39 @@
 
     answer - true stress = (answer without noise - true stress) + (answer - answer without noise)
 
-The first part is regularisation, the second is noise. They add up in each channel, with their
-signs; the shares that are stated are those of the channel in which the answer is farthest from the
-true stress. Every distance is a fraction of the largest true stress, or of the largest stress of
-the answer where no true stress is known.
+The first part is regularisation, the second is noise; both are stated for the channel in which the
+answer is farthest from the true stress. Every distance is a fraction of the largest true stress, or
+of the largest stress of the answer where no true stress is known.
 """
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.wired_arrays import without_wires
+from taction.netlist_gen.scene.design import Design
+from taction.netlist_gen.topologies.frame.antilog import with_ideal_stages
+from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import EPS, Floats
-from taction.system.errors import SolverError
+from taction.system.errors import EngineError, SolverError
+from taction.system.quantities import show
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.problem import Solution
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Check, Evidence, Outcome
-from taction.verification.verdict.input_spread import SHARE
+from taction.verification.verdict.input_spread import SHARE, outputs_at_rest
+from taction.verification.verdict.run import Run
 from taction.verification.verdict.run_checks import unconfirmed
+from taction.verification.verdict.scene_deck import Pruning
 
 DECISIVE = ("headroom", "engines_agree", "same_problem")
 """Checks without which the equilibrium need not be that of the board."""
@@ -33,13 +43,7 @@ ALIKE = 1e-9  # relative difference of errors that count as equal: those of a sy
 
 
 def worst_channel(errors: Floats) -> int:
-    """Return the first channel, from 0, whose error (N,) is the largest but for rounding.
-
-    Examples
-    --------
-    >>> worst_channel(np.array([0.1, -0.3, 0.3 + 1e-16]))
-    1
-    """
+    """Return the first channel, from 0, whose error (N,) is the largest but for rounding."""
     sizes = np.abs(errors)
     return int(np.argmax(sizes >= (1.0 - ALIKE) * sizes.max(initial=0.0)))
 
@@ -48,20 +52,14 @@ def worst_channel(errors: Floats) -> int:
 class BuiltBoards:
     """Where boards of real parts rest, to first order in their deviations."""
 
-    # `distance`, `error`: largest distance of an output from the regularised answer that `SHARE` of
-    # the boards keep, and the bound on its error, V; infinite where it is not `known`.
+    # How far from the regularised answer `SHARE` of the boards keep, V; infinite if not `known`.
     distance: float
-    error: float
-    # `least`, `most`: bounds on the share of the boards that rest within the limits of the scene:
-    # the tolerance of the steady state, and the band of the settling time. The yield is at most
-    # `most`.
-    least: float
-    most: float
+    error: float  # bound on the error of `distance`, V
+    least: float  # bounds on the share of the boards that rest within the limits of the scene
+    most: float  # the yield is at most this
     limit: float  # the smaller one of these limits, a fraction of the step amplitude
-    # `varies`, `counted`: what differs between the boards, and what of this the check of the steady
-    # state counts.
-    varies: str
-    counted: str
+    varies: str  # what differs between the boards
+    counted: str  # what of this the check of the steady state counts
 
     @property
     def known(self) -> bool:
@@ -113,26 +111,18 @@ class AnswerError:
 
     network: IdealNetwork  # the problem that was solved
     target: Floats  # (N,): its regularised answer, V
-    # Bound on the error of `target`, V; infinite where the answer cannot be trusted.
-    target_error: float
+    target_error: float  # bound on its error, V; infinite where the answer cannot be trusted
     stress: Floats | None  # (N,): the true stress as outputs, V; None where it is not known
     step: float = 0.0  # the step amplitude of the network, V; 0 where the board was not compared
-    # Largest distance of an output of the board at rest from `target`, V; None for a board that
-    # does not come to rest there, or that was not compared.
-    board: float | None = None
+    board: float | None = None  # largest distance of an output at rest from `target`, V
     board_error: float = 0.0  # bound on the error of `board`, V
-    # Where boards of real parts rest; None where nothing varies, or `board` is None.
-    built: BuiltBoards | None = None
+    built: BuiltBoards | None = None  # None where nothing varies, or `board` is None
 
     @classmethod
     def of(
         cls, network: IdealNetwork, solution: Solution, stress: Floats | None, doubt: str = ""
     ) -> AnswerError:
-        """Return the errors of a solution.
-
-        `stress` (N,): the true stress, dimensionless.
-        `doubt`: why the solution cannot be trusted, if it is not for its certificate.
-        """
+        """Return the errors of a solution beside the true `stress` (N,), dimensionless."""
         trusted = solution.trusted and not doubt
         error = solution.error_bound * network.U0 if trusted else math.inf
         known = None if stress is None else stress * network.U0
@@ -144,15 +134,15 @@ class AnswerError:
         There is none for a board that does not come to rest, whose record does not confirm where,
         or where another check doubts that the board is the one that was solved.
         """
+        distance, error = evidence.static, evidence.static_error
         if evidence.growth or evidence.obstacle or evidence.unsteady or evidence.unwitnessed:
             return self
-        doubts = any(c.name in DECISIVE and c.outcome is not Outcome.PASS for c in checks)
-        amplitude = evidence.measurements.amplitude
-        distance, error = evidence.static, evidence.static_error
-        if doubts or unconfirmed(evidence) or not math.isfinite(distance + error):
+        if any(c.name in DECISIVE and c.outcome is not Outcome.PASS for c in checks):
             return self
-        board, doubt = distance * amplitude, error * amplitude
-        return replace(self, step=amplitude, board=board, board_error=doubt)
+        if unconfirmed(evidence) or not math.isfinite(distance + error):
+            return self
+        step = evidence.measurements.amplitude
+        return replace(self, step=step, board=distance * step, board_error=error * step)
 
     @functools.cached_property
     def unit(self) -> float:
@@ -244,3 +234,214 @@ class AnswerError:
 
 def _largest(u: Floats | None) -> float:
     return 0.0 if u is None else float(np.abs(u).max(initial=0.0))
+
+
+def stage_deviation(board: LinearBoard) -> str:
+    """Say how far the antilog stages of a board are from ``U0 exp(v / Ve)``, and at which u."""
+    circuit, points = board.circuit, (board.rest, board.equilibrium)
+    u = np.array([[out.sign * point[out.node] for out in circuit.outputs] for point in points])
+    v = np.array([[point[node] for node in circuit.signal_nodes] for point in points])
+    wanted = circuit.value("U0") * np.exp(v / circuit.value("Ve"))
+    return (
+        f"up to {100.0 * float(np.abs(u / wanted - 1.0).max()):.2g} % from U0 exp(v/Ve), measured"
+        f" at u from {show(float(u.min()), 'V', 3)} to {show(float(u.max()), 'V', 3)}"
+    )
+
+
+IDEAL_GAIN = 1e15  # the gain error of a whole board is then at the rounding of its equilibrium
+GAIN = ("dc_gain", "gbw", "second_pole", "input_resistance", "output_resistance", "imported")
+CURRENTS = ("bias_current", "offset_current")
+LIMITS = ("slew_rate", "saturation", "output_current", "limits_current")
+OPAMP_LINKS: dict[str, tuple[str, tuple[str, ...], str]] = {
+    "opamps": ("finite gain and impedances", GAIN, ""),
+    "offset_voltage": ("offset voltage", ("offset_voltage",), "input_errors"),
+    "input_currents": ("bias and offset current", CURRENTS, "input_errors"),
+    "common_mode": ("common-mode rejection", ("common_mode_rejection",), "input_errors"),
+    "limits": ("limits", LIMITS, "large_signal"),
+}
+"""Parts of the op-amps: words, fields of `OpAmp`, and the field that switches these on."""
+_NEUTRAL: dict[str, Any] = {f.name: f.default for f in fields(OpAmp)} | {"dc_gain": IDEAL_GAIN}
+
+
+def _with_links(circuit: Circuit, links: Sequence[str]) -> LinearBoard:
+    """Return the board with the figures of some links only; without any its op-amps are ideal."""
+    absent = {
+        name: _NEUTRAL[name]
+        for link, (_, figures, switch) in OPAMP_LINKS.items()
+        for name in (*figures, *filter(None, [switch]))
+        if not any(name in (*OPAMP_LINKS[kept][1], OPAMP_LINKS[kept][2]) for kept in links)
+    }
+    models = {name: replace(model, **absent) for name, model in circuit.models.items()}
+    return LinearBoard(replace(circuit, models=models))
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorPart:
+    """One part: how far it moves the outputs, and the comparison that gives it."""
+
+    name: str
+    value: float | None  # largest deviation of any channel, V; None if it cannot be known
+    how: str
+    bound: float | None = None  # proven bound on the value, V, where there is one
+    channels: tuple[float, ...] = ()  # signed deviation of each, V; empty without a sign
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorBudget:
+    """The parts, and the whole difference that they add up to."""
+
+    parts: tuple[ErrorPart, ...] = ()
+    total: ErrorPart | None = None  # record's end less true stress, else less the answer
+
+    def __iter__(self) -> Iterator[ErrorPart]:
+        """Return an iterator over the parts."""
+        return iter(self.parts)
+
+    @property
+    def summed(self) -> tuple[float, ...]:
+        """Sum of the signed parts of every channel, V."""
+        signed = [part.channels for part in self.parts if part.channels]
+        return tuple(map(math.fsum, zip(*signed, strict=True)))
+
+
+class Link(NamedTuple):
+    """A solution of the chain: the part it ends, in words, and how to find it, V, (N,)."""
+
+    name: str
+    how: str
+    solution: Floats | Callable[[], Floats]
+    bound: float | None = None  # proven, on the part, V
+
+
+def chained(first: Floats | None, links: Iterable[Link]) -> Iterator[ErrorPart]:
+    """Yield the part between each two solutions that follow each other.
+
+    Without a first solution the first part is not known. Where another solution cannot be found,
+    its part is not known, and the part after it contains it.
+    """
+    last = first
+    for name, how, solution, bound in links:
+        try:
+            u = solution() if callable(solution) else solution
+        except EngineError as error:
+            yield ErrorPart(name, None, f"{how}: {error}")
+            continue
+        yield ErrorPart(name, None, how) if last is None else difference(name, how, last, u, bound)
+        last = u
+
+
+def difference(
+    name: str, how: str, before: Floats, after: Floats, bound: float | None = None
+) -> ErrorPart:
+    """Return the part between two solutions (N,), V."""
+    apart = after - before
+    largest = float(np.max(np.abs(apart), initial=0.0))
+    return ErrorPart(name, largest, how, bound, tuple(apart.tolist()))
+
+
+DEVICES = {
+    "programming": "as every device is programmed by itself",
+    "drift": "as every device drifts by itself",
+    "read_noise": "as every device is read by itself",
+}
+"""Why devices of arrays differ, by the kinds of their spreads."""
+
+
+def around(design: Design, change: str) -> str:
+    """Return where a board must work, as far as a change of its errors depends on it."""
+    if change in DEVICES:
+        return f"{DEVICES[change]}, to first order"
+    if change == "supply_rejection":
+        return f"at supplies of ±{design.supply:g} V ± {100.0 * design.supply_tolerance:g} %"
+    return f"at {design.temperature}"
+
+
+LEAST_BOUND = 1e-9  # of the largest stress: a smaller bound on an error has no number of its own
+
+
+def error_budget(run: Run, evidence: Evidence, answer: AnswerError) -> ErrorBudget:
+    """Split the difference of the true stress and the record's end into its parts."""
+    board, noise, spread = run.board, evidence.noise, evidence.spread
+    error = evidence.error.steady_state * (evidence.measurements.amplitude or 1.0)
+    bound, least = error if math.isfinite(error) else None, LEAST_BOUND * answer.unit
+    links = (*_of_answer(board, answer), *_of_board(board), *_of_transient(run, bound, least))
+    parts = [*chained(answer.stress, links)]
+    if run.exact_end is None:
+        parts.append(ErrorPart("simulator", None, "there is no second solution", bound))
+    if noise is not None:
+        how = f"rms at rest {noise.band}: resistors, op-amps and sensors; not in the sum"
+        parts.append(ErrorPart("noise", noise.known, how))
+    for name, volts in ({} if spread is None else spread.changes).items():
+        how = f"95 % of the boards are within, {around(board.scene.design, name)}; not in the sum"
+        parts.append(ErrorPart(name, volts, how))
+    start = "regularised answer" if answer.stress is None else "true stress"
+    first = board.ideal.target if answer.stress is None else answer.stress
+    how = f"end of the record against the {start}"
+    return ErrorBudget(tuple(parts), difference("total", how, first, run.u[-1]))
+
+
+def _of_answer(board: Board, answer: AnswerError) -> Iterator[Link]:
+    """Yield what the problem itself has: regularisation, noise of the strain, pruned entries."""
+    ideal = board.ideal
+    if answer.clean is None:
+        how = "regularised answer against the true stress (regularisation and strain noise)"
+        yield Link("ill_posedness", how, ideal.target)
+    else:
+        how = "regularised answer for a strain without noise against the true stress"
+        yield Link("regularisation", how, answer.clean)
+        noisy = "regularised answer against that without noise"
+        how = noisy if answer.has_noise else "the strain is T times the true stress"
+        yield Link("strain_noise", how, ideal.target)
+    pruning = Pruning.of(board.network, board.scene.design.prune, ideal.solution)
+    if pruning is not None:
+        bound = pruning.bound if math.isfinite(pruning.bound) else None
+        how = f"answer without {pruning.entries} entries of T against the requested answer"
+        yield Link("pruning", how, pruning.target, bound)
+
+
+def _of_board(board: Board) -> Iterator[Link]:
+    """Yield what the board at rest has: resistors, wires, op-amps, stages of transistors."""
+
+    def link(name: str, how: str, linear: LinearBoard) -> Link:
+        return Link(name, how, partial(outputs_at_rest, linear))
+
+    stages = with_ideal_stages(board.circuit)
+    straight = without_wires(stages)
+    how = "board as built, with ideal op-amps, against that answer"
+    yield link("resistors", how, _with_links(straight, ()))
+    if straight is not stages:
+        how = "wires of the arrays: equilibrium with against without"
+        if board.scene.wires.compensate:
+            how = f"{how}, after their compensation"
+        yield link("wires", how, _with_links(stages, ()))
+    models = stages.models.values()
+    names = [
+        name
+        for name, (_, figures, switch) in OPAMP_LINKS.items()
+        for model in models
+        if (not switch or getattr(model, switch))
+        and any(getattr(model, figure) != _NEUTRAL[figure] for figure in figures)
+    ]
+    names = list(dict.fromkeys(names))
+    for count, name in enumerate(names, 1):
+        how = f"{OPAMP_LINKS[name][0]} of the op-amps: equilibrium with against without"
+        whole = board.linear if stages is board.circuit else LinearBoard(stages)
+        yield link(name, how, whole if count == len(names) else _with_links(stages, names[:count]))
+    if stages is not board.circuit:
+        how = (
+            "equilibrium with transistors against that with ideal antilog stages; the stages are"
+            f" {stage_deviation(board.linear)}"
+        )
+        yield link("antilog", how, board.linear)
+
+
+def _of_transient(run: Run, bound: float | None, least: float) -> Iterator[Link]:
+    """Yield what the record's end lacks of the rest, and its distance from the exact end, V."""
+    if run.exact_end is None:
+        yield Link("unsettled", "end of the record against that equilibrium", run.u[-1])
+        return
+    yield Link("unsettled", "end of a second transient against that equilibrium", run.exact_end)
+    how = "end of the record against that transient"
+    if bound is not None:
+        how += f"; error at most {'1 ppb' if bound <= least else show(bound, 'V', 3)}"
+    yield Link("simulator", how, run.u[-1], bound)

@@ -1,8 +1,7 @@
 """`Board`: a board with all that is known of it before, or beside, its simulation.
 
 What a verdict needs of a board and no record can change is a property here, computed at its first
-use: the reference solution, the place of rest, the stability margin, the loads of the op-amps, and
-the readings of the exact solution.
+use.
 """
 
 from __future__ import annotations
@@ -43,16 +42,11 @@ class SteadyState:
     error: float  # bound on the rounding error of `values`, V
     scales: TimeScales  # modes of the board
     linear: bool  # whether the board has no behavioural amplifiers
-    # Whether `left` is an estimate: for a board with behavioural amplifiers, and for the coarse
-    # image of a large board.
-    estimated: bool = False
+    estimated: bool = False  # whether `left` is an estimate: of large boards, and if not `linear`
 
     @classmethod
     def of(cls, board: LinearBoard, scales: TimeScales) -> SteadyState:
-        """Return the steady state of `board`, whose modes are in `scales`.
-
-        EngineError: the board has no equilibrium.
-        """
+        """Return the steady state of `board`; `EngineError` if it has no equilibrium."""
         places = [board.descriptor.place(output.node) for output in board.circuit.outputs]
         error, linear = float(board.rounding[places].max(initial=0.0)), board.circuit.is_linear
         estimated = not linear or board.descriptor.is_large
@@ -75,15 +69,13 @@ class Board:
     problem: InverseProblem
     network: IdealNetwork  # the board with ideal parts, for the reference solution
     linear: LinearBoard  # the circuit linearised at its equilibrium
-    # `poles`, `scales`: poles and time scales of `linear`.
     scales: TimeScales
     poles: Poles
     engine: str  # a key of `taction.verification.verdict.simulation.ENGINES`
     plan: TransientPlan  # the transient, and the forecast of its error and cost
     answer: IdealAnswer | None = None  # the reference solution, where it was known before
     full_margin: bool = True  # whether `margin` is searched up to `REACH`
-    # Loads of the op-amps of the small-signal board; empty for an unstable board.
-    small: PartLoads = NOT_LIMITED
+    small: PartLoads = NOT_LIMITED  # loads of the op-amps of the small-signal board
 
     @property
     def circuit(self) -> Circuit:
@@ -137,18 +129,14 @@ class Board:
     @cached_property
     def exact(self) -> Measurements | None:
         """The readings of `response`; None without one, or where a mode does not decay."""
-        response = self.response
         try:
-            return None if response is None else response.measured()
+            return self.response.measured() if self.response else None
         except EngineError:
             return None
 
     @property
     def target_error(self) -> float:
-        """Bound of the error of an output's distance from the reference, V.
-
-        The error of the reference moves the distance, and as step amplitude the band.
-        """
+        """Bound of the error of an output's distance from the reference, V; it moves the band."""
         return 2.0 * self.ideal.solution.error_bound * self.ideal.network.U0
 
     @cached_property

@@ -24,8 +24,7 @@ class BoardPower:
     )
 
     quiescent: float  # of the op-amps without load
-    # In the output stages of the op-amps, which carry the load currents from a supply.
-    outputs: float
+    outputs: float  # in the output stages, which carry the load currents from a supply
     resistors: float  # in all resistors
     supply_current: float  # of the supply that carries more: quiescent current and load currents
 
@@ -52,48 +51,25 @@ class PartsList(Result):
 
 
 def parts_list(scene: Scene) -> PartsList:
-    """Return the parts and the power of the board of `scene`.
-
-    InputError: the scene cannot be built.
-    EngineError: the board has no equilibrium.
-
-    Examples
-    --------
-    >>> import taction
-    >>> listed = parts_list(taction.load_scene("scenes/custom-matrix.toml"))
-    >>> listed.parts.count("capacitor")
-    4
-    """
+    """Return the parts and the power of the board of `scene`; `EngineError` without a rest."""
     circuit = synthesise(scene)
     power = board_power(LinearBoard(circuit))
     return PartsList(scene, bill_of_materials(circuit, scene), power)
 
 
 def board_power(board: LinearBoard) -> BoardPower:
-    """Return the power at the equilibrium of `board`.
+    """Return the power at the equilibrium of `board`; `EngineError` without one.
 
-    An op-amp that drives the current I out of its output at the voltage V takes I from the positive
-    supply and dissipates ``(supply - V) I``; for a current into the output the negative supply
-    carries the current, and the op-amp dissipates ``(supply + V) |I|``.
-
-    EngineError: the board has no equilibrium.
-
-    Examples
-    --------
-    >>> import taction
-    >>> scene = taction.load_scene("scenes/custom-matrix.toml")
-    >>> round(board_power(LinearBoard(taction.synthesise(scene))).quiescent, 3)  # W, all op-amps
-    0.741
+    An op-amp that drives the current I out of its output at the voltage V dissipates
+    ``(supply - V) I``, of a current into the output ``(supply + V) |I|``.
     """
     circuit, rest = board.circuit, board.equilibrium
     joined = list(joined_resistors(circuit))
-    ends, ohms = [(a, b) for a, b, _ in joined], [value for *_, value in joined]
-    nodes = sorted({node for pair in ends for node in pair})
-    volts = np.array([rest[node] for node in nodes])
-    number = {node: place for place, node in enumerate(nodes)}
-    a, b = np.array([[number[node] for node in pair] for pair in ends]).T
+    nodes = sorted({node for a, b, _ in joined for node in (a, b)})
+    volts, number = np.array([rest[node] for node in nodes]), {n: k for k, n in enumerate(nodes)}
+    a, b = np.array([(number[one], number[other]) for one, other, _ in joined]).T
     across = volts[a] - volts[b]
-    current = across / np.array(ohms)
+    current = across / np.array([value for *_, value in joined])
     leaving = np.zeros(len(nodes))
     np.add.at(leaving, a, current)
     np.add.at(leaving, b, -current)

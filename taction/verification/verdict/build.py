@@ -1,9 +1,8 @@
 """`build`: from a scene to its board, with poles, time scales, engine, level and plan.
 
-The level of its op-amps is the simplest model that is true for the board. Where an op-amp of the
-small-signal board would exceed `FULL` of a limit on the way, the board is built again with op-amps
-that have their slew rate and swing and, where a current exceeds its limit, their largest output
-current. A board that would rest beyond a limit stays as it is: no level of the model mends it.
+Where an op-amp of the small-signal board would exceed `FULL` of a limit on the way, the board is
+built again with op-amps that have their limits. A board that would rest beyond a limit stays as it
+is: no level of the model mends it.
 """
 
 from __future__ import annotations
@@ -36,10 +35,7 @@ def build(
     ideal: IdealAnswer | None = None,
     full_margin: bool = True,
 ) -> Board:
-    """Synthesise the board of `scene` at its level, and plan its transient.
-
-    The arguments and the errors are those of `taction.verification.verdict.verify.verify`.
-    """
+    """Synthesise the board of `scene` at its level, and plan its transient; errors as `verify`."""
     clock = clock or Clock(lambda stage: None)
     clock.begin("synthesis")
     scene = resolve_lambda(scene)
@@ -93,10 +89,7 @@ def large_signal(circuit: Circuit, *, current: bool = True) -> Circuit:
 
 
 def has_large_signal(board: LinearBoard) -> bool:
-    """Whether both engines have the large-signal level of a board.
-
-    An op-amp needs a slew rate and a first pole; the limits of an imported one are in its netlist.
-    """
+    """Whether both engines have the large-signal level of a board."""
     return all(
         math.isfinite(model.input_range) and model.imported is None
         for model in board.circuit.models.values()

@@ -1,7 +1,7 @@
 """Why a verdict is no pass: the one cause, with value and limit, and what follows from it.
 
 A board that oscillates never settles, never rests, and has no largest overshoot: four checks fail,
-for one cause. Every medium names the cause by this module.
+for one cause.
 """
 
 from __future__ import annotations
@@ -40,24 +40,12 @@ class Cause:
 
 
 def cause(checks: Sequence[Check]) -> Cause | None:
-    """Return the first of `causes`; None if all checks pass.
-
-    Examples
-    --------
-    >>> slow = Check("settling_time", Outcome.FAIL, 3e-3, 1e-9, 2e-3, None, "s", band=0.01)
-    >>> cause([slow]).text
-    'settles to ±1 % in 3 ms (limit: at most 2 ms)'
-    >>> growth = "oscillates at 38 kHz, growth rate +2 k/s"
-    >>> unstable = Check("stability", Outcome.FAIL, 2e3, 1.0, 0.0, None, "1/s", growth)
-    >>> lost = Check("settling_time", Outcome.FAIL, None, None, 2e-3, None, "s", "never")
-    >>> cause([lost, unstable]).text, cause([lost, unstable]).follows
-    ('oscillates at 38 kHz, growth rate +2 k/s (limit: below 0 /s)', ('settling_time',))
-    """
+    """Return the first of `causes`; None if all checks pass."""
     return next(causes(checks), None)
 
 
 def causes(checks: Sequence[Check]) -> Iterator[Cause]:
-    """Yield every cause for which checks are no pass: of failures first, of undecided ones then."""
+    """Yield every cause for which checks are no pass, those of failures first."""
     follows = following(checks)
     own = [check for check in checks if check.name not in follows]
     failed = [check for check in own if check.outcome is Outcome.FAIL]
@@ -82,11 +70,7 @@ def named(found: Cause) -> tuple[str, ...]:
 
 
 def following(checks: Sequence[Check]) -> tuple[str, ...]:
-    """Return the checks that fail, or are not decided, only because another one fails.
-
-    An unstable board has no readings, one that rests outside the settling band never settles, and
-    one that never rests has no largest overshoot.
-    """
+    """Return the checks that fail, or are not decided, only because another one fails."""
     failed = {check.name: check for check in checks if check.outcome is Outcome.FAIL}
     stability, steady = failed.get("stability"), failed.get("steady_state")
     if stability is not None and is_unstable(stability):

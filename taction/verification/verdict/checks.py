@@ -25,9 +25,8 @@ from taction.verification.stability.poles import Poles
 from taction.verification.verdict.board import SteadyState
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
 from taction.verification.verdict.input_spread import InputSpread
-from taction.verification.verdict.measure import Agreement, StepError
 from taction.verification.verdict.output_noise import OutputNoise
-from taction.verification.verdict.run import Run
+from taction.verification.verdict.run import Agreement, Run, StepError
 from taction.verification.verdict.transient_plan import AFTER_SETTLING
 
 
@@ -45,15 +44,11 @@ class Check:
 
     name: str
     outcome: Outcome
-    # `value`, `uncertainty`: the measured value and the bound on its error, in `unit`.
     value: float | None = None
-    uncertainty: float | None = None
-    # `expected`, `tolerance`: the expected value and the accepted deviation, or the limit in
-    # `expected` alone.
-    expected: float | None = None
-    tolerance: float | None = None
-    # ``"s"``, ``"1/s"``, ``"V"``, ``"step"`` (a fraction of the step amplitude) or ``"ratio"``.
-    unit: str = ""
+    uncertainty: float | None = None  # bound on the error of `value`
+    expected: float | None = None  # the limit; with `tolerance` the expected value
+    tolerance: float | None = None  # accepted deviation from `expected`
+    unit: str = ""  # "s", "1/s", "V", "step" (a fraction of the step amplitude) or "ratio"
     reason: str = ""
     band: float | None = None  # of a settling time: half its band, fraction of the step amplitude
 
@@ -62,11 +57,8 @@ class Check:
 class CheckKind:
     """One kind of check: an entry of `run_checks.CHECKS`, whose name is that of the check."""
 
-    # Takes the `Evidence` and returns the check; None if the scene does not ask for it.
-    judge: Callable[[Evidence], Check | None]
-    # The table ``[checks.NAME]`` of a scene, `Evidence.limits` has it by this name; None for a
-    # check without keys.
-    keys: type[Model] | None = None
+    judge: Callable[[Evidence], Check | None]  # None if the scene does not ask for the check
+    keys: type[Model] | None = None  # of the table ``[checks.NAME]``, which `limits` has by NAME
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +80,8 @@ class Evidence:
     contradiction: str = ""  # which number of the board differs from the reference's, or empty
     parts: PartLoads = NOT_LIMITED  # what the op-amps have to do, beside their limits
     noise: OutputNoise | None = None  # of the outputs; None if the scene has no limit for it
-    # Where boards with other op-amps of the type rest; None if their input errors do not vary.
-    spread: InputSpread | None = None
-    # Why the board has no state-space witness, or empty; then its values are estimates.
-    unwitnessed: str = ""
+    spread: InputSpread | None = None  # where boards with other op-amps of the type rest
+    unwitnessed: str = ""  # which of the two witnesses the board lacks, or empty
     run: Run | None = None  # the record with its error; None in evidence made by hand
 
     @property
@@ -154,11 +144,7 @@ class Evidence:
 
     @cached_property
     def resting(self) -> tuple[float, float, str]:
-        """Largest distance from the reference at rest, its error, and which boards have it.
-
-        The larger one of the board as simulated, with all input errors of one sign, and of all but
-        5 % of the boards with op-amps of this type.
-        """
+        """Distance from the reference at rest, its error, and which boards have it."""
         alike = self.static, self.static_error, ""
         if self.spread is None:
             return alike

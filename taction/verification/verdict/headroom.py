@@ -43,18 +43,13 @@ class Load:
     )
 
     part: str  # name of the op-amp in the circuit
-    # A key of `UNITS`: ``"voltage"``, ``"slope"`` or ``"current"`` of the output, or `DRIVE`.
-    quantity: Quantity
-    # `peak`, `limit`: largest size over all time, and the limit of the part, in the quantity's
-    # unit.
-    peak: float
-    limit: float
+    quantity: Quantity  # of the output, or `DRIVE`
+    peak: float  # largest size over all time, in the quantity's unit
+    limit: float  # of the part, in the quantity's unit
     at: float  # instant of the peak, s; infinite at rest
     rest: float  # size at the equilibrium, in the quantity's unit
     error: float  # bound on the error of `peak`, in the quantity's unit
-    # How long the simulated op-amp slews, s: its input stage is driven beyond its range. None for
-    # one without a slew rate in its model.
-    slewing: float | None = None
+    slewing: float | None = None  # how long the simulated op-amp slews, s; None without slew rate
 
     @property
     def share(self) -> float:
@@ -126,10 +121,9 @@ def _loads(
     if not rows:
         return ()
     number, shape = {node: k for k, node in enumerate(nodes)}, (len(rows), len(nodes))
-    parts, quantities, limited, weighted = zip(*rows, strict=True)
-    entries = [(k, number[n], w) for k, row in enumerate(weighted) for n, w in row.items()]
+    entries = [(k, number[n], w) for k, row in enumerate(rows) for n, w in row[3].items()]
     at, nth, weights = (np.array(each) for each in zip(*entries, strict=True))
-    slopes = np.array([quantity == "slope" for quantity in quantities])[at]
+    slopes = np.array([row[1] == "slope" for row in rows])[at]
     volts, rates = (
         csr_array((np.where(slopes == kind, weights, 0.0), (at, nth)), shape=shape)
         for kind in (False, True)
@@ -141,13 +135,16 @@ def _loads(
     else:
         time, values = _record(board, nodes, transient, tolerance)
         peaks, instants, errors, beyond = _sampled_peaks(volts, rates, time, values)
-        lasting = zip(quantities, beyond.tolist(), strict=True)
-        slewing = [each if quantity == DRIVE else None for quantity, each in lasting]
+        lasting = zip(rows, beyond.tolist(), strict=True)
+        slewing = [each if row[1] == DRIVE else None for row, each in lasting]
     rest = np.abs(volts @ np.array([board.equilibrium[node] for node in nodes]))
-    limits = np.array(limited)
-    numbers = (peaks * limits, limits, instants, rest * limits, errors * limits)
-    columns = (parts, quantities, *(each.tolist() for each in numbers), slewing)
-    found = (Load(*each) for each in zip(*columns, strict=True))
+    sizes = (each.tolist() for each in (peaks, instants, rest, errors))
+    found = (
+        Load(part, quantity, peak * limit, limit, when, still * limit, error * limit, slews)
+        for (part, quantity, limit, _), peak, when, still, error, slews in zip(
+            rows, *sizes, slewing, strict=True
+        )
+    )
     return tuple(sorted(found, key=lambda load: (-load.share, load.part, load.quantity)))
 
 
@@ -162,10 +159,7 @@ def _exact_peaks(solution: Exact) -> tuple[Floats, Floats, Floats]:
 def _record(
     board: LinearBoard, nodes: tuple[str, ...], transient: Transient, tolerance: float
 ) -> tuple[Floats, Floats]:
-    """Return instants, s, and voltages of nodes, V, of a board that has no exact solution.
-
-    A board by steps has the integration of which its record is made, too.
-    """
+    """Return instants, s, and voltages of nodes, V, of a board that has no exact solution."""
     stop = transient.stop
     times = np.concatenate([[0.0], np.geomspace(EARLIEST * stop, stop, INSTANTS)])
     if board.circuit.is_linear:
@@ -199,31 +193,22 @@ def _sampled_peaks(
 
 @dataclass(frozen=True, slots=True)
 class PartLoads:
-    """The loads of the op-amps of a board."""
+    """The loads of the op-amps of a board; an unstable board has none."""
 
-    # The largest share of a limit first: the largest load of each quantity, and all others above
-    # `FULL` of their limit. Empty for a board of parts without limits, and for an unstable board,
-    # whose loads have no bound.
+    # The largest load of each quantity, and all others above `FULL` of their limit, largest first.
     loads: tuple[Load, ...] = ()
     unknown: str = ""  # why the loads are not known, or empty
-    # U0 of a board whose loads are proportional to U0, V; else None.
-    unit_voltage: float | None = None
-    # The loads of the small-signal board whose limits the simulated op-amps have; a slope says how
-    # long the simulated op-amp slews.
-    simulated: tuple[Load, ...] = ()
-    # How long op-amps at the large-signal level slew, s, by part; those that do not may lack.
-    slewing: Mapping[str, float | None] = field(default_factory=dict)
+    unit_voltage: float | None = None  # U0, V, of a board whose loads are proportional to U0
+    simulated: tuple[Load, ...] = ()  # of the small-signal board, where the simulated op-amps limit
+    slewing: Mapping[str, float | None] = field(default_factory=dict)  # how long, s, by part
 
     def beside(self, small: PartLoads) -> PartLoads:
         """Return these loads of a large-signal board with those of its `small`-signal board."""
-        limited = (load for load in small.loads if load.is_above)
-        simulated = tuple(
-            replace(load, slewing=self.slewing.get(load.part, 0.0))
-            if load.quantity == "slope" and not self.unknown
-            else load
-            for load in limited
-        )
-        return replace(self, simulated=simulated)
+        simulated = [load for load in small.loads if load.is_above]
+        for k, load in enumerate(simulated):
+            if load.quantity == "slope" and not self.unknown:
+                simulated[k] = replace(load, slewing=self.slewing.get(load.part, 0.0))
+        return replace(self, simulated=tuple(simulated))
 
     @classmethod
     def of(
@@ -234,22 +219,7 @@ class PartLoads:
         transient: Transient | None = None,
         tolerance: float = TOLERANCE,
     ) -> PartLoads:
-        """Find the loads of a stable board that has op-amps with limits.
-
-        `transient` is the record of a board without exact solution: a large board, or a board with
-        behavioural amplifiers or with op-amps at the large-signal level. The limits that these
-        op-amps have in their model are no loads. A board by steps is integrated once for its loads
-        and for a record of the same `tolerance`.
-
-        Examples
-        --------
-        >>> import taction
-        >>> from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-        >>> scene = taction.load_scene("scenes/custom-matrix.toml")
-        >>> worst = PartLoads.of(LinearBoard(taction.synthesise(scene))).loads[0]
-        >>> worst.part, worst.quantity
-        ('z_1', 'slope')
-        """
+        """Find the loads of a stable board; `transient` is for one without exact solution."""
         circuit = board.circuit
         if not any(model.is_limited for model in circuit.models.values()):
             return NOT_LIMITED
@@ -300,13 +270,7 @@ def amount(load: Load, value: float) -> str:
 
 
 def limited_text(load: Load) -> str:
-    """Return what the limit of a simulated op-amp does, and what the op-amp would need.
-
-    Examples
-    --------
-    >>> limited_text(Load("z_1", "slope", 49.8e6, 20e6, 1e-7, 0.0, 1.0, slewing=1.2e-6))
-    'slews for 1.2 us: needs 49.8 V/us of 20'
-    """
+    """Return what the limit of a simulated op-amp does, and what the op-amp would need."""
     does = {"slope": "slew rate counts", "voltage": "clips", "current": "limits its current"}
     text = f"slews for {show(load.slewing, 's', 2)}" if load.slewing else does[load.quantity]
     (number, unit), needed = amount(load, load.limit).split(" "), amount(load, load.peak)

@@ -2,10 +2,8 @@
 
 To first order an output at rest is a sum: each part adds its slope times its deviation. Deviations
 are normal, but those of parts with a uniform tolerance. The distance that 95 % of the boards keep,
-and the share of boards within a limit, are those of `DRAWN` such sums. A deck has one error of each
-kind, with one sign, in all op-amps; where T has entries of both signs these cancel, and in a built
-board they do not. Where a scene asks for temperatures and supply voltages, the changes of the
-errors with them, and of the resistors, are further errors.
+and the share of boards within a limit, are those of `DRAWN` such sums. In a deck the errors of all
+op-amps have one sign and can cancel, in a built board they do not.
 """
 
 from __future__ import annotations
@@ -39,7 +37,6 @@ from taction.verification.engines.statespace.linearised.rest_sensitivity import 
 
 SHARE = 0.95  # of the boards, which keep the stated distance
 PROBED = 2.0  # standard deviations: where the first order is compared with an equilibrium
-KNOWN = 8  # spreads of boards that are kept
 DRAWN = 2**14  # sums
 SURE = 3.0  # standard deviations of the scatter of a drawn share, in its bound
 DIFFERENCED = 1e-3  # of a tolerance: the error of a central difference is its square
@@ -60,13 +57,11 @@ class InputSpread:
     curvature: float  # error of the first order, as a share of a deviation
     largest: str  # what moves the outputs most: a part, or an op-amp and its figure
     assumed: bool  # whether a sheet lacks a largest size, so that a spread is assumed
-    # (N,): what the changes add to the mean, V; without them the board rests there, too.
-    moved: Floats | float = 0.0
-    # How far each kind of change (`CHANGES`, ``"resistor_drift"``, `KINDS` of devices) moves an
-    # output by itself in all but 5 % of the boards, V.
+    moved: Floats | float = 0.0  # (N,): what the changes of temperature and supply add to the mean
+    # How far each kind of change (`CHANGES`, `DRIFT`, `KINDS` of devices) moves an output by itself
+    # in all but 5 % of the boards, V.
     changes: Mapping[str, float] = field(default_factory=dict)
-    # (Q, N): what each uniform deviation adds at the end of its tolerance, V.
-    ends: Floats | None = None
+    ends: Floats | None = None  # (Q, N): what uniform deviations add at the end of a tolerance, V
 
     @classmethod
     def of(
@@ -75,13 +70,7 @@ class InputSpread:
         """Return the spread of a board; None if nothing varies that moves its rest.
 
         `resistors`: standard deviation of the change of each resistor by temperature, a fraction.
-        `tolerances`: of the parts; by default they have their nominal values.
-        EngineError: the board has no equilibrium.
-        InputError: a tolerance is of no part of the board.
-
-        Notes
-        -----
-        Costs one dense factorisation of all unknowns, and one equilibrium.
+        EngineError: the board has no equilibrium. InputError: a tolerance is of no part of it.
         """
         models = board.circuit.models
         devices = {name: own for name, own in device_spreads(board.circuit).items() if own}
@@ -92,16 +81,56 @@ class InputSpread:
         if not board.circuit.is_small_signal:
             small = {name: model.small_signal for name, model in models.items()}
             board = LinearBoard(replace(board.circuit, models=small))
-        deviations = _Deviations(board, resistors, devices, tolerances, at_rest)
-        if resistors or devices or at_rest or board.descriptor.is_large:
-            return deviations.spread()
-        outputs = (*board.circuit.outputs, *board.circuit.opamps, *board.circuit.models.values())
-        same = board.descriptor.at_rest, outputs_at_rest(board).tobytes(), outputs
-        found = _KNOWN.pop(same, None) or deviations.spread()
-        while len(_KNOWN) >= KNOWN:
-            _KNOWN.pop(next(iter(_KNOWN)), None)
-        _KNOWN[same] = found
-        return found
+        sensitivity, outputs = RestSensitivity.of(board), outputs_at_rest(board)
+        normal = [*_deviations(board.circuit, sensitivity, resistors, devices)]
+        count, uniform = len(outputs), tolerances.distribution == "uniform" and bool(at_rest)
+
+        def varied_by(z: Mapping[str, float]) -> Circuit:
+            every = parameters(board.circuit, tolerances)
+            drawn = np.array([z.get(each.name, 0.0) for each in every])
+            return vary(board.circuit, tolerances, drawn)
+
+        shifts = np.array([each.slope * each.shift for each in normal]).reshape(-1, count)
+        parts = np.array([each.slope * each.sigma for each in normal]).reshape(-1, count)
+        ends = tolerance_slopes(sensitivity, at_rest, lambda name, z: varied_by({name: z}))
+        size = math.sqrt(3.0) if uniform else MOST  # of a tolerance, in standard deviations
+        every = np.concatenate([parts, ends / size])
+        found = cls(
+            outputs + shifts.sum(axis=0),
+            parts if uniform else every,
+            0.0,
+            "",
+            any(each.assumed for model in models.values() for _, each in model.varying),
+            ends=ends if uniform else None,
+        )
+        worst = int(np.argmax(found.sigma))
+        names = [f"{each.part}.{each.kind}".removesuffix(f".{DRIFT}") for each in normal]
+        names += [part.name for part in at_rest]
+        curvature = 0.0
+        if found.sigma[worst] > 0.0:
+            z = PROBED * every[:, worst] / found.sigma[worst]
+            of_parts = zip(at_rest, z[len(normal) :].tolist(), strict=True)
+            shares = {part.name: value / size for part, value in of_parts}
+            logs: dict[str, float] = {}
+            for each, value in zip(normal, z[: len(normal)].tolist(), strict=True):
+                if each.kind == DRIFT or each.kind in KINDS:
+                    logs[each.part] = logs.get(each.part, 0.0) + each.sigma * value
+                else:
+                    shares[f"{each.part}.{each.kind}"] = value / MOST
+            scale = {name: math.exp(value) for name, value in logs.items()}
+            probed = LinearBoard(with_resistors_at(varied_by(shares), scale))
+            off = outputs_at_rest(probed) - found.mean - every.T @ z
+            curvature = float(np.abs(off).max()) / (PROBED * float(found.sigma[worst]))
+        moved, changes = np.zeros(count), dict[str, float]()
+        for kind in (*CHANGES, DRIFT, *KINDS):
+            here = np.array([each.kind == kind for each in normal], dtype=np.bool_)
+            if here.any():
+                shift = shifts[here].sum(axis=0)
+                moved += shift
+                alone = cls(shift, parts[here], 0.0, "", False)
+                changes[kind] = alone.distance(np.zeros(count))[0]
+        largest = names[int(np.argmax(np.abs(every[:, worst])))]
+        return replace(found, curvature=curvature, largest=largest, moved=moved, changes=changes)
 
     @functools.cached_property
     def sigma(self) -> Floats:
@@ -110,17 +139,11 @@ class InputSpread:
         return np.asarray(np.sqrt((self.parts**2).sum(axis=0) + uniform))
 
     def distance(self, target: Floats, share: float = SHARE) -> tuple[float, float]:
-        """Return how far from `target` (N,) no output rests in a share of the boards, V.
-
-        The second number bounds the error.
-        """
+        """Return how far from `target` (N,) a share of the boards rests, and its error, V."""
         return max(self._distance(away, share) for away in self._away(target))
 
     def within(self, target: Floats, limit: float) -> tuple[float, float]:
-        """Return bounds on the share of boards whose outputs rest at most `limit`, V, off `target`.
-
-        With and without the changes, whichever is less.
-        """
+        """Return bounds on the share of boards that rest at most `limit`, V, off `target`."""
         found = []
         for away in self._away(target):
             farthest, error = np.abs(away + self._sums).max(axis=1), self._first_order(away)
@@ -172,11 +195,7 @@ class InputSpread:
 
 @functools.lru_cache(maxsize=8)
 def _standard(count: int, distribution: str) -> Floats:
-    """Return independent deviations (DRAWN, count): normal of variance 1, or uniform to ±1.
-
-    Each has one value in every `DRAWN`-th part of its distribution, in an order that is drawn
-    (Latin hypercube), so the sums of one part have its own quantiles.
-    """
+    """Return deviations (DRAWN, count), normal or uniform to ±1, by a Latin hypercube."""
     from scipy.special import ndtri
 
     shares = np.tile((np.arange(DRAWN)[:, None] + 0.5) / DRAWN, count)
@@ -194,8 +213,7 @@ def tolerance_slopes(
 ) -> Floats:
     """Return the change of each output for a deviation of one tolerance, V, (parts, N).
 
-    Those of resistors, gains and input errors are analytic. For any other part the equations of the
-    board `at` a deviation of it are differenced, not their solution.
+    Where it is not analytic, the equations of the board `at` a deviation are differenced.
     """
     none = np.zeros(len(sensitivity.adjoint))
     known = sensitivity.resistors() | sensitivity.gains() if parts else {}
@@ -214,7 +232,7 @@ def tolerance_slopes(
     return np.array([slope(part) for part in parts]).reshape(-1, len(none))
 
 
-class _Normal(NamedTuple):
+class _Deviation(NamedTuple):
     """A normal deviation: what it is, what it moves the outputs by, and its size."""
 
     part: str
@@ -224,101 +242,32 @@ class _Normal(NamedTuple):
     sigma: float
 
 
-@dataclass(frozen=True, eq=False)
-class _Deviations:
-    """What varies on a board at the small-signal level."""
-
-    board: LinearBoard
-    resistors: float
-    devices: Mapping[str, Mapping[str, float]]
-    tolerances: Tolerances
-    at_rest: list[Parameter]
-
-    def _normal(self, sensitivity: RestSensitivity) -> Iterator[_Normal]:
-        """Yield input errors and their changes, the drift of resistors, and devices of arrays."""
-        errors, models = sensitivity.input_errors(), self.board.circuit.models
-        for cell in self.board.circuit.opamps:
-            for figure, each in models[cell.model].varying:
-                shift, slope = each.mean, errors[f"{cell.name}.{figure}"]
-                if figure not in CHANGES:  # the board has the error, in the units of its spread
-                    name = {"common_mode_rejection": "rejection_error"}.get(figure, figure)
-                    shift -= getattr(models[cell.model], name)
-                yield _Normal(cell.name, figure, slope, shift, each.sigma)
-        if self.resistors or self.devices:
-            slopes = sensitivity.resistors()
-            for name, slope in slopes.items() if self.resistors else ():
-                yield _Normal(name, DRIFT, slope, 0.0, self.resistors)
-            for name, shares in self.devices.items():
-                for kind, share in shares.items():
-                    yield _Normal(name, kind, slopes[name], 0.0, share)
-
-    def spread(self) -> InputSpread:
-        """Return the spread of the outputs."""
-        sensitivity, outputs = RestSensitivity.of(self.board), outputs_at_rest(self.board)
-        normal, count = [*self._normal(sensitivity)], len(outputs)
-        shifts = np.array([each.slope * each.shift for each in normal]).reshape(-1, count)
-        parts = np.array([each.slope * each.sigma for each in normal]).reshape(-1, count)
-        ends = tolerance_slopes(sensitivity, self.at_rest, lambda name, z: self._varied({name: z}))
-        uniform = self.tolerances.distribution == "uniform" and bool(self.at_rest)
-        models = self.board.circuit.models.values()
-        found = InputSpread(
-            outputs + shifts.sum(axis=0),
-            parts if uniform else np.concatenate([parts, ends / MOST]),
-            0.0,
-            "",
-            any(each.assumed for model in models for _, each in model.varying),
-            ends=ends if uniform else None,
-        )
-        size = math.sqrt(3.0) if uniform else MOST
-        every = np.concatenate([parts, ends / size])
-        worst = int(np.argmax(found.sigma))
-        names = [f"{each.part}.{each.kind}".removesuffix(f".{DRIFT}") for each in normal]
-        names += [part.name for part in self.at_rest]
-        curvature = 0.0
-        if found.sigma[worst] > 0.0:
-            z = PROBED * every[:, worst] / found.sigma[worst]
-            off = outputs_at_rest(LinearBoard(self._board_at(normal, z, size)))
-            off = off - found.mean - every.T @ z
-            curvature = float(np.abs(off).max()) / (PROBED * float(found.sigma[worst]))
-        moved, changes = np.zeros(count), dict[str, float]()
-        for kind in (*CHANGES, DRIFT, *KINDS):
-            here = np.array([each.kind == kind for each in normal], dtype=np.bool_)
-            if here.any():
-                shift = shifts[here].sum(axis=0)
-                moved += shift
-                alone = InputSpread(shift, parts[here], 0.0, "", False)
-                changes[kind] = alone.distance(np.zeros(count))[0]
-        largest = names[int(np.argmax(np.abs(every[:, worst])))]
-        return replace(found, curvature=curvature, largest=largest, moved=moved, changes=changes)
-
-    def _varied(self, z: Mapping[str, float]) -> Circuit:
-        """Return the board with deviations in tolerances; its programmed devices stay."""
-        circuit, tolerances = self.board.circuit, self.tolerances
-        varied = parameters(circuit, tolerances)
-        return vary(circuit, tolerances, np.array([z.get(each.name, 0.0) for each in varied]))
-
-    def _board_at(self, normal: list[_Normal], deviations: Floats, size: float) -> Circuit:
-        """Return the board with `deviations`, in standard deviations, of errors, then of parts.
-
-        `size`: of a tolerance, in standard deviations.
-        """
-        own, left = deviations[: len(normal)].tolist(), deviations[len(normal) :].tolist()
-        z = {part.name: value / size for part, value in zip(self.at_rest, left, strict=True)}
-        logs: dict[str, float] = {}
-        for each, value in zip(normal, own, strict=True):
-            if each.kind == DRIFT or each.kind in KINDS:
-                logs[each.part] = logs.get(each.part, 0.0) + each.sigma * value
-            else:
-                z[f"{each.part}.{each.kind}"] = value / MOST
-        scale = {name: math.exp(value) for name, value in logs.items()}
-        return with_resistors_at(self._varied(z), scale)
+def _deviations(
+    circuit: Circuit,
+    sensitivity: RestSensitivity,
+    resistors: float,
+    devices: Mapping[str, Mapping[str, float]],
+) -> Iterator[_Deviation]:
+    """Yield input errors and their changes, the drift of resistors, and devices of arrays."""
+    errors = sensitivity.input_errors()
+    for cell in circuit.opamps:
+        model = circuit.models[cell.model]
+        for figure, each in model.varying:
+            shift, slope = each.mean, errors[f"{cell.name}.{figure}"]
+            if figure not in CHANGES:  # the board has the error, in the units of its spread
+                name = {"common_mode_rejection": "rejection_error"}.get(figure, figure)
+                shift -= getattr(model, name)
+            yield _Deviation(cell.name, figure, slope, shift, each.sigma)
+    slopes = sensitivity.resistors() if resistors or devices else {}
+    for name, slope in slopes.items() if resistors else ():
+        yield _Deviation(name, DRIFT, slope, 0.0, resistors)
+    for name, shares in devices.items():
+        for kind, share in shares.items():
+            yield _Deviation(name, kind, slopes[name], 0.0, share)
 
 
 def covered(circuit: Circuit, tolerances: Tolerances, *, drift: bool = False) -> str:
-    """Return what differs between the boards of a spread: ``"resistors 1 %, op-amp errors"``.
-
-    Capacitances and bandwidths do not move the place of rest, so they are not named.
-    """
+    """Return what differs between the boards of a spread: ``"resistors 1 %, op-amp errors"``."""
     named = {"resistor": "resistors", "opamp_gain": "op-amp gains"}
     texts = [f"{name} {percent(getattr(tolerances, kind))}" for kind, name in named.items()
              if getattr(tolerances, kind)]  # fmt: skip
@@ -330,14 +279,7 @@ def covered(circuit: Circuit, tolerances: Tolerances, *, drift: bool = False) ->
     return ", ".join([*texts, *["drift of the resistors"] * drift])
 
 
-_KNOWN: dict[tuple[bytes, bytes, tuple[object, ...]], InputSpread] = {}
-"""Of the last boards; those of a study that differ in capacitances alone have one spread."""
-
-
 def outputs_at_rest(board: LinearBoard) -> Floats:
-    """Return u of every channel at the equilibrium, V, (N,).
-
-    EngineError: the board has no equilibrium.
-    """
+    """Return u of every channel at the equilibrium, V, (N,); `EngineError` without one."""
     rest = board.equilibrium
     return np.array([output.sign * rest[output.node] for output in board.circuit.outputs])

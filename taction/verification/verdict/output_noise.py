@@ -30,15 +30,6 @@ def noise_bands(poles: Complexes, lowest: float = 0.0) -> tuple[NoiseBand, ...]:
 
     A spectrum changes over the distance from ``j 2 pi f`` to the nearest pole. With the defaults
     Simpson's rule errs by less than 1e-3 of the integral, and so does what lies outside the bands.
-
-    EngineError: a resonance is so sharp that more than `MOST_STEPS` steps are needed.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> bands = noise_bands(np.array([-1e3 + 1e6j, -1e3 - 1e6j]))
-    >>> bands[0].density, max(band.density for band in bands)
-    (20, 40960)
     """
     sizes = np.abs(poles) / math.tau
     f, last = lowest or BELOW * float(sizes.min()), ABOVE * max(float(sizes.max()), lowest)
@@ -77,19 +68,16 @@ class OutputNoise:
         *("reason = unknown", "lowest [Hz]"),
     )
 
-    # `rms`, `error`: of each channel, and bounds on the errors, V; empty where they are not known.
-    rms: tuple[float, ...] = ()
-    error: tuple[float, ...] = ()
+    rms: tuple[float, ...] = ()  # of each channel, V; empty where they are not known
+    error: tuple[float, ...] = ()  # bounds on the errors, V
     unknown: str = ""  # why they are not known, or empty
     # Noise of the channel with the largest one from ngspice, V; None without ngspice.
     simulated: float | None = None
     unstated: tuple[str, ...] = ()  # op-amps with poles whose voltage noise is not given
     noiseless: tuple[str, ...] = ()  # ideal op-amps: without poles and without voltage noise
     lowest: float = 0.0  # the lowest frequency that counts, Hz
-    # `flickering`, `unknown_corners`: op-amps with 1/f noise, and named ones whose sheet has no
-    # corner of it.
-    flickering: tuple[str, ...] = ()
-    unknown_corners: tuple[str, ...] = ()
+    flickering: tuple[str, ...] = ()  # op-amps with 1/f noise
+    unknown_corners: tuple[str, ...] = ()  # those whose sheet has no corner of it
 
     @classmethod
     def of(cls, board: Board) -> OutputNoise | None:
@@ -108,21 +96,16 @@ class OutputNoise:
         except (EngineError, SimulationError) as problem:
             return cls(unknown=f"the noise is not known: {problem}")
         silent = [model for model in models if model.voltage_noise == 0.0]
-        unstated = tuple(model.name for model in silent if math.isfinite(model.gbw))
-        noiseless = tuple(model.name for model in silent if math.isinf(model.gbw))
+        corners = (m for m in models if m.voltage_noise > 0.0 and m.voltage_noise_corner is None)
         return cls(
             tuple(rms.tolist()),
             tuple(error.tolist()),
             simulated=simulated,
-            unstated=unstated,
-            noiseless=noiseless,
+            unstated=tuple(model.name for model in silent if math.isfinite(model.gbw)),
+            noiseless=tuple(model.name for model in silent if math.isinf(model.gbw)),
             lowest=lowest,
             flickering=flickering,
-            unknown_corners=tuple(
-                model.name
-                for model in models
-                if model.voltage_noise > 0.0 and model.voltage_noise_corner is None
-            ),
+            unknown_corners=tuple(model.name for model in corners),
         )
 
     @property

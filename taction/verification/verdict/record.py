@@ -1,16 +1,15 @@
 """A verdict as one flat record: outcome, figures, checks, channels.
 
 Every study keeps records, never verdicts: a sweep a record a point, a yield a record a sample, a
-baseline a record a scene. `compare` compares two of them. A verification that reached no verdict
-has a record, too.
+baseline a record a scene. A verification that reached no verdict has a record, too.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, ClassVar, Generic, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
 from taction.system.array_types import Floats
 from taction.system.documents import Inline
@@ -18,7 +17,7 @@ from taction.system.reading_definitions import EXCURSIONS, READINGS
 from taction.verification.readings.measurements import ChannelMeasure, Measurements
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
-from taction.verification.verdict.cause import cause
+from taction.verification.verdict.cause import band_text, boards_text, cause
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.verify import Verdict
 
@@ -30,13 +29,32 @@ MAX_REASON = 4000  # characters
 STATES = tuple(ChannelState)  # the best first; of several channels the worst state counts
 
 
+def finite(value: Reading | float | None) -> float | None:
+    """Return a number, or the value of a reading, where it is finite."""
+    if isinstance(value, Reading):
+        value = value.value
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A number that a verdict states."""
+
+    value: float | None  # None where the board has no such number
+    unit: str = ""
+    uncertainty: float | None = None  # bound on the error; None where it is unknown
+    # Of a fragile time, which a small change of a level moves: its other value, None if missing.
+    alternative: float | None = None
+    fragile: bool = False
+
+
 @dataclass(frozen=True, slots=True)
 class FigureRule(Generic[T]):
     """How a figure is read from a verdict or from a channel."""
 
     unit: str  # SI, "step" for fractions of the step amplitude, or empty for a plain number
     read: Callable[[T], Reading | float | None]
-    error: Callable[[T], float | None] | None = None  # bound; of a `Reading` its own
+    error: Callable[[T], float | None] = lambda source: None  # bound; of a `Reading` its own
 
     def figure(self, source: T) -> Figure:
         """Return the figure; its value is None where the source has none."""
@@ -47,38 +65,7 @@ class FigureRule(Generic[T]):
         if isinstance(found, Reading):
             bound, other = finite(found.uncertainty), found.alternative
             return Figure(value, self.unit, bound, other, fragile=found.fragile)
-        bound = None if self.error is None else finite(self.error(source))
-        return Figure(value, self.unit, bound)
-
-
-@dataclass(frozen=True, slots=True)
-class Figure:
-    """A number that a verdict states.
-
-    Attributes
-    ----------
-    value : float or None
-        None where the board has no such number.
-    uncertainty : float or None
-        Bound on the error; None where it is unknown.
-    alternative : float or None
-        Of a fragile time: its value after a small change of a level; None where it then is missing.
-    fragile : bool
-        Whether a small change of a level moves it.
-    """
-
-    value: float | None
-    unit: str = ""
-    uncertainty: float | None = None
-    alternative: float | None = None
-    fragile: bool = False
-
-
-def finite(value: Reading | float | None) -> float | None:
-    """Return a number, or the value of a reading, where it is finite."""
-    if isinstance(value, Reading):
-        value = value.value
-    return float(value) if value is not None and math.isfinite(value) else None
+        return Figure(value, self.unit, finite(self.error(source)))
 
 
 def signed_errors(verdict: Verdict) -> tuple[float, ...]:
@@ -97,16 +84,13 @@ def _rest_error(verdict: Verdict) -> float:
     return verdict.steady.error / amplitude + verdict.ideal.error if amplitude else math.inf
 
 
-def _of_network(name: str) -> Callable[[Verdict], Reading | None]:
-    return lambda verdict: verdict.measurements.readings[name]
-
-
-def _of_channel(name: str) -> Callable[[ChannelMeasure], Reading | None]:
-    return lambda channel: channel.readings[name]
+def _reading(name: str) -> Callable[[Any], Reading | None]:
+    """Return what reads a reading of the network, or of a channel."""
+    return lambda source: getattr(source, "measurements", source).readings[name]
 
 
 FIGURES: dict[str, FigureRule[Verdict]] = {
-    **{name: FigureRule(kind.unit, _of_network(name)) for name, kind in READINGS.items()},
+    **{name: FigureRule(kind.unit, _reading(name)) for name, kind in READINGS.items()},
     "steady_state_error": FigureRule(
         "step", lambda v: max(map(abs, signed_errors(v))), _rest_error
     ),
@@ -140,7 +124,7 @@ POLE_READINGS = ("growth_rate", "frequency", "damping_ratio", "margin")
 CHANNEL_FIGURES: dict[str, FigureRule[ChannelMeasure]] = {
     "reference": FigureRule("V", lambda c: c.target),
     "final": FigureRule("V", lambda c: c.final),
-    **{name: FigureRule(kind.unit, _of_channel(name)) for name, kind in READINGS.items()},
+    **{name: FigureRule(kind.unit, _reading(name)) for name, kind in READINGS.items()},
     "frequency": FigureRule("Hz", lambda c: c.frequency),
     "growth_rate": FigureRule("1/s", lambda c: c.growth_rate),
 }
@@ -191,22 +175,16 @@ class Record:
     """A verdict as flat data, or why there is none."""
 
     outcome: str  # ``"pass"``, ``"fail"``, ``"inconclusive"``, or `ERROR`: no verdict was reached
-    # `engine`, `simulator`: ``"ngspice"`` or ``"statespace"``; the same with its version, None
-    # without a verdict.
-    engine: str
-    simulator: str | None = None
-    # Name of the exception that ended the verification; None of a verdict.
-    failure: str | None = None
+    engine: str  # ``"ngspice"`` or ``"statespace"``
+    simulator: str | None = None  # the same with its version; None without a verdict
+    failure: str | None = None  # name of the exception that ended the verification
     reason: str = ""  # why the outcome is not pass
     state: str | None = None  # state of the worst channel at the end of the record
     stable: bool | None = None
-    # By the names in `FIGURES`; None where the board has no such figure. A board that is not known
-    # to be stable has no rise time and no excursions: they depend on its record's length.
+    # By the names in `FIGURES`; None where the board has no such figure.
     figures: Annotated[dict[str, float | None], Inline(UNITS)] = field(default_factory=dict)
-    # Bounds on their errors, where there is one; None where it is infinite.
-    uncertainties: Bounds = field(default_factory=dict)
-    # Of fragile times, the value after a small change of a level, None where there is none.
-    alternatives: Bounds = field(default_factory=dict)
+    uncertainties: Bounds = field(default_factory=dict)  # bounds on their errors; None: infinite
+    alternatives: Bounds = field(default_factory=dict)  # the other values of fragile times, s
     checks: tuple[Check, ...] = ()
     channels: tuple[Channel, ...] = ()
 
@@ -286,9 +264,7 @@ def _channels(verdict: Verdict) -> tuple[Channel, ...]:
     )
 
 
-def three(
-    found: Mapping[str, Figure],
-) -> tuple[Bounds, Bounds, Bounds]:
+def three(found: Mapping[str, Figure]) -> tuple[Bounds, Bounds, Bounds]:
     """Return values, bounds and alternatives by name."""
     values: Bounds = {name: figure.value for name, figure in found.items()}
     bounds: Bounds = {n: f.uncertainty for n, f in found.items() if f.uncertainty is not None}
@@ -300,3 +276,166 @@ def _figure(source: Record | Channel, name: str, units: Mapping[str, str]) -> Fi
     bound, other = source.uncertainties.get(name), source.alternatives.get(name)
     fragile = name in source.alternatives
     return Figure(source.figures.get(name), units.get(name, ""), bound, other, fragile)
+
+
+Group = str
+"""``"outcome"``, ``"checks"`` and ``"states"`` are words, ``"values"`` are those of checks,
+``"figures"`` of the board, ``"channels"`` of one output, ``"waveforms"`` norms of outputs."""
+GROUPS: tuple[Group, ...] = ("outcome", "checks", "values", "states", "figures", "channels")
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One quantity of two records."""
+
+    SHOWN: ClassVar[tuple[str, ...]] = ("beyond",)
+
+    group: Group
+    name: str
+    channel: int | None  # from 1; None for a quantity of the board
+    first: float | str | None  # the quantity in `unit`, or a word; None where there is none
+    second: float | str | None
+    unit: str
+    difference: float | None  # second minus first; None where one of them is no number
+    allowed: float | None  # of the difference; None: unknown, or both must be equal
+    # Difference over what is allowed; infinite without a comparison, NaN if `allowed` is unknown.
+    off: float
+    note: str = ""  # such as where it is largest; of a settling time its bands
+
+    @property
+    def label(self) -> str:
+        """What is compared, in words: ``"check stability"``, ``"u_1.final"``."""
+        if self.group in ("checks", "waveforms"):
+            return f"{self.group.removesuffix('s')} {self.name}"
+        if self.channel is None:
+            return self.name
+        node = f"u_{self.channel}"
+        return f"state {node}" if self.group == "states" else f"{node}.{self.name}"
+
+    @property
+    def beyond(self) -> bool | None:
+        """Whether the difference is larger than what is allowed; None where that is unknown."""
+        return None if math.isnan(self.off) else not self.off <= 1.0
+
+
+Tolerance = Callable[[str, Figure, Figure], float | None]
+"""Of a quantity's name, its value in both records: the allowed difference; None: unknown."""
+
+
+def within_uncertainties(times: float = 1.0) -> Tolerance:
+    """Return the tolerance of `times` the sum of both uncertainties, which are bounds."""
+
+    def allowed(name: str, first: Figure, second: Figure) -> float | None:
+        if first.uncertainty is None or second.uncertainty is None:
+            return None
+        return times * (first.uncertainty + second.uncertainty)
+
+    return allowed
+
+
+Row = tuple[Group, str, int | None]
+"""Group, name and channel of a quantity."""
+WORDS = ("outcome", "checks", "states")
+
+
+def compare(
+    first: Record,
+    second: Record,
+    tolerance: Tolerance,
+    *,
+    groups: Collection[Group] = GROUPS,
+    figures: Sequence[str] = tuple(FIGURES),
+    channel_figures: Sequence[str] = (*CHANNEL_FIGURES, "equilibrium"),
+) -> tuple[Difference, ...]:
+    """Compare every quantity of the `groups` and `figures` that either record has.
+
+    A word must be equal. Of a fragile time the nearest of its two values counts. `tolerance` gives
+    the difference that is allowed.
+    """
+    one, two = (dict(_rows(each, figures, channel_figures)) for each in (first, second))
+    bands = _of_both(band_text, first, second)
+    notes = {("values", "steady_state"): _of_both(boards_text, first, second)}
+    notes |= {(group, "settling_time"): bands for group in ("values", "figures", "channels")}
+    found = []
+    for row in {**one, **two}:
+        a, b = one.get(row), two.get(row)
+        if row[0] in WORDS:
+            found.append(words(*row, *(None if each is None else str(each) for each in (a, b))))
+        else:
+            one_of, two_of = (each if isinstance(each, Figure) else Figure(None) for each in (a, b))
+            made = numbers(*row, one_of, two_of, tolerance)
+            found.append(replace(made, note=notes.get(row[:2], "")))
+    return tuple(each for each in found if each.group in groups)
+
+
+def _rows(
+    record: Record, figures: Sequence[str], channel_figures: Sequence[str]
+) -> Iterator[tuple[Row, Figure | str]]:
+    """Yield every quantity of a record: a word, or a figure; no figure that it lacks."""
+    yield ("outcome", "outcome", None), record.outcome
+    for check in record.checks:
+        yield ("checks", check.name, None), check.outcome.value
+        value = Figure(finite(check.value), check.unit, finite(check.uncertainty))
+        yield ("values", check.name, None), value
+    for name in figures:
+        if (figure := record.figure(name)).value is not None:
+            yield ("figures", name, None), figure
+    for channel in record.channels:
+        yield ("states", "state", channel.index), channel.state
+        for name in channel_figures:
+            if (figure := channel.figure(name)).value is not None:
+                yield ("channels", name, channel.index), figure
+
+
+def _of_both(text: Callable[[Check], str], first: Record, second: Record) -> str:
+    """Return what the checks of two records say, once where they say the same."""
+    texts = ("".join(map(text, record.checks)) for record in (first, second))
+    known = [*dict.fromkeys(filter(None, texts))]
+    return "A {}, B {}".format(*known) if len(known) > 1 else "".join(known)
+
+
+def words(
+    group: Group, name: str, channel: int | None, first: str | None, second: str | None
+) -> Difference:
+    """Return the difference of two words, which must be equal."""
+    off = 0.0 if first == second else math.inf
+    return Difference(group, name, channel, first, second, "", None, None, off)
+
+
+def numbers(
+    group: Group,
+    name: str,
+    channel: int | None,
+    first: Figure,
+    second: Figure,
+    tolerance: Tolerance,
+) -> Difference:
+    """Return the difference of two numbers, of fragile ones that of the nearest values."""
+    unit = first.unit or second.unit
+    made = Difference(group, name, channel, first.value, second.value, unit, None, None, math.inf)
+    if first.value is None or second.value is None:
+        same = _may_be_missing(first) and _may_be_missing(second)
+        return replace(made, off=0.0) if same else made
+    allowed = tolerance(name, first, second)
+    pairs = [(first.value, b) for b in _values(second)]
+    pairs += [(a, second.value) for a in _values(first)]
+    one, two = min(pairs, key=lambda pair: abs(pair[1] - pair[0]))
+    off = relative(abs(two - one), allowed)
+    return replace(made, first=one, second=two, difference=two - one, allowed=allowed, off=off)
+
+
+def relative(distance: float, allowed: float | None) -> float:
+    """Return a distance over what is allowed; a distance of 0 is always allowed."""
+    if distance == 0.0:
+        return 0.0
+    if allowed is None:
+        return math.nan
+    return distance / allowed if allowed > 0.0 else math.inf
+
+
+def _may_be_missing(figure: Figure) -> bool:
+    return figure.value is None or (figure.fragile and figure.alternative is None)
+
+
+def _values(figure: Figure) -> Iterator[float]:
+    return (v for v in (figure.value, figure.alternative) if v is not None)

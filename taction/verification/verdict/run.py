@@ -1,8 +1,15 @@
-"""Simulate the transient of a board and measure it, until its error is what the scene asks for."""
+"""Simulate the transient of a board and measure it, until its error is what the scene asks for.
+
+The state-space engine gives a second solution with a bound of its own error. The error of a reading
+of ngspice is at most its difference to the reading of that solution, and the uncertainty of that
+one. The exact solution of a linear board is measured for all time, so that no reading depends on
+the end of a record.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
@@ -11,30 +18,31 @@ import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.scene.check_keys import AGREE
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.documents import HIDDEN
-from taction.system.errors import StepTooSmall, TimedOut
+from taction.system.documents import HIDDEN, Inline
+from taction.system.errors import EngineError, StepTooSmall, TimedOut
 from taction.system.progress import Clock, Progress
 from taction.system.quantities import quantity
+from taction.system.reading_definitions import READINGS
 from taction.system.results import Result
-from taction.system.waveforms import Waveforms
-from taction.verification.readings.measurements import Measurements
+from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.transients.exact import is_exact
+from taction.verification.readings.measurements import Measurements, measure, summary
+from taction.verification.readings.record import CUBIC, Curve, Rest, lagrange
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.build import build
-from taction.verification.verdict.measure import (
-    Agreement,
-    measure_outputs,
-    measure_with_bounds,
-    outputs,
-    second_solution,
-)
+from taction.verification.verdict.headroom import watched_nodes
 from taction.verification.verdict.simulation import (
     StateSpaceError,
     Waiting,
     begin,
+    on_curve,
     own_error,
+    state_space_error,
 )
 from taction.verification.verdict.transient_plan import (
     AFTER_SETTLING,
@@ -43,6 +51,223 @@ from taction.verification.verdict.transient_plan import (
     TransientPlan,
     plan_transient,
 )
+
+MAX_INSTANTS = 20_000
+LATE = 0.9  # of a record: after it the largest distance from the equilibrium will not be exceeded
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Agreement:
+    """The outputs of a record beside those of a second solution."""
+
+    instants: Floats  # (Q,): at which both are compared, s
+    u: Floats  # (Q, N): outputs of the record, V
+    other: Floats  # (Q, N): outputs of the second solution, V
+    solution: Waveforms  # the second solution at instants that resolve it
+    doubt: float  # bound of the error of the second solution, V; infinite without one
+    how: str  # source of the second solution
+    reason: str = ""  # why the state-space engine has no solution, or empty
+    step_error: float = 0.0  # expected error of the time steps of ngspice, V
+    limit: float = AGREE  # accepted difference, of the step amplitude; without a step, of `unit`
+    unit: float = 1.0  # unit voltage U0, V
+
+    @property
+    def differences(self) -> Floats:
+        """Record minus second solution, (Q, N), V."""
+        return self.u - self.other
+
+    @property
+    def difference(self) -> float:
+        """Largest difference of any output at any instant, V."""
+        return float(np.abs(self.differences).max(initial=0.0))
+
+    @property
+    def largest(self) -> tuple[float, int]:
+        """Instant of the largest difference, s, and its channel, from 0."""
+        place, channel = np.unravel_index(int(np.abs(self.differences).argmax()), self.u.shape)
+        return float(self.instants[place]), int(channel)
+
+    @property
+    def end_error(self) -> float:
+        """Bound of the error of the record's end, V."""
+        return float(np.abs(self.differences[-1]).max(initial=0.0)) + self.doubt
+
+
+def second_solution(board: Board, record: Waveforms) -> Agreement:
+    """Return the second solution for ngspice's record of a stable board, or why there is none."""
+    linear, plan = board.linear, board.plan
+    by_patterns = linear.circuit.is_linear and not is_exact(linear)
+    dense = plan.instants(linear) if by_patterns else None
+    wanted = board.volts(plan.wanted)
+    try:
+        found = state_space_beside(linear, plan.transient, record, plan.tolerance, dense, wanted)
+    except EngineError as error:
+        at, u = record.time[[0, -1]], outputs(board.circuit, record)[[0, -1]]
+        found = Agreement(
+            at, u, u, record, math.inf, f"no state-space solution: {error}", str(error)
+        )
+    return replace(
+        found,
+        step_error=plan.forecast.error * board.amplitude,
+        limit=board.scene.agreement_limit,
+        unit=board.circuit.value("U0"),
+    )
+
+
+def state_space_beside(
+    linear: LinearBoard,
+    transient: Transient,
+    record: Waveforms,
+    tolerance: float,
+    dense: Floats | None = None,
+    wanted: float = math.inf,
+) -> Agreement:
+    """Return the state-space solution for the `record` of ngspice.
+
+    `tolerance` is relative, of steps; `dense` are further instants that resolve the solution, s;
+    an error of `wanted`, V, suffices. EngineError: there is none for the whole record, or none with
+    a known error.
+    """
+    from taction.verification.engines.statespace.transients.simulate import simulate
+
+    last = len(record.time) - 1  # a record without its end would prove no settling time
+    shown = np.append(np.arange(0, last, max(last // MAX_INSTANTS, 1)), last)
+    instants, u = np.array(record.time[shown]), outputs(linear.circuit, record)[shown]
+    times = instants
+    if dense is not None:
+        times = np.union1d(instants, dense[dense < instants[-1]])
+    stepped = not linear.circuit.is_linear
+    solution = simulate(
+        linear, transient, times=times, tolerance=tolerance, beside=watched_nodes(linear.circuit),
+        resolved=stepped,
+    )  # fmt: skip
+    if solution.time[-1] < times[-1] * (1.0 - 1e-9):
+        raise EngineError("its record ends before the record of ngspice")
+    error = state_space_error(linear, solution, wanted)
+    if not math.isfinite(error.volts):
+        raise EngineError(error.how)
+    at = error.record
+    if stepped:
+        # What the record does not show between its points counts as a difference, too.
+        own = at.time[:: len(at.time) // MAX_INSTANTS + 1]
+        instants = np.union1d(instants, own[own < instants[-1]])
+        u = lagrange(record.time, outputs(linear.circuit, record), instants, CUBIC)
+        at = replace(at, time=instants, values=on_curve(at, instants))
+    other = outputs(linear.circuit, at)[np.searchsorted(at.time, instants)]
+    how = "difference to the state-space engine, and the error of that engine"
+    return Agreement(instants, u, other, error.record, error.volts, how)
+
+
+@dataclass(frozen=True, slots=True)
+class StepError:
+    """Bounds on the errors of the readings of a simulation; infinite if nothing is known."""
+
+    steady_state: float  # of the record's end, fraction of the step amplitude
+    # Of the readings of the network; 0 for a time that no channel has, the largest of all channels.
+    readings: Annotated[
+        Mapping[str, float], Inline({name: kind.unit for name, kind in READINGS.items()})
+    ]
+
+    @classmethod
+    def of(cls, measured: Measurements, end_error: float) -> StepError:
+        """Return the errors of measurements; `end_error` bounds that of the record's end, V."""
+        readings = measured.readings.items()
+        known = {name: found.uncertainty if found else 0.0 for name, found in readings}
+        rises = (channel.rise_time for channel in measured.channels)
+        known["rise_time"] = max((rise.uncertainty for rise in rises if rise), default=0.0)
+        return cls(end_error / (measured.amplitude or 1.0), known)
+
+
+def measure_with_bounds(
+    board: Board, wave: Waveforms, own: StateSpaceError | None, beside: Agreement | None
+) -> tuple[Measurements, bool]:
+    """Measure a record; the uncertainties of the readings are bounds.
+
+    `own` is the error of a record of the state-space engine, `beside` a second solution beside a
+    record of ngspice. Returns also whether the readings are those of the exact solution, which has
+    no end.
+    """
+    exact = board.exact if own or beside else None
+    if beside is not None:
+        if beside.reason:
+            return _by_its_error(board, wave, math.inf), False
+        other = exact or _by_its_error(board, beside.solution, beside.doubt)
+        return bounded(measure_outputs(board, wave), other), False
+    if exact is None:
+        return _by_its_error(board, wave.filled, math.inf if own is None else own.volts), False
+    # As for every engine, `final` is the end of the record.
+    ends = zip(exact.channels, outputs(board.circuit, wave)[-1].tolist(), strict=True)
+    channels = tuple(replace(channel, final=end) for channel, end in ends)
+    return replace(exact, channels=channels), True
+
+
+def _by_its_error(board: Board, wave: Waveforms, volts: float) -> Measurements:
+    """Measure a record by its error, V; its readings have no bound where that is not finite."""
+    if math.isfinite(volts):
+        return measure_outputs(board, wave, error=volts)
+    return bounded(measure_outputs(board, wave, error=wave.rounding), None)
+
+
+def bounded(measured: Measurements, other: Measurements | None) -> Measurements:
+    """Return `measured` with uncertainties that hold for the true solution.
+
+    The error of a reading is at most its difference to the reading of the better solution `other`,
+    and the uncertainty of that one. A reading that only one solution has is infinitely uncertain.
+    """
+    channels = []
+    for n, channel in enumerate(measured.channels):
+        better = {} if other is None else other.channels[n].readings
+        known = dict(channel.readings)
+        for name, reading in channel.readings.items():
+            if reading is not None:
+                there, error = better.get(name), math.inf
+                if there is not None:
+                    error = abs(reading.value - there.value) + there.uncertainty
+                known[name] = replace(reading, uncertainty=error)
+        channels.append(replace(channel, readings=known))
+    return summary(measured.amplitude, measured.band, measured.modes, channels)
+
+
+def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
+    """Return u of every channel, shape (P, N), V; each channel is contiguous in memory."""
+    return np.array([out.sign * waveforms[out.node] for out in circuit.outputs]).T
+
+
+def measure_outputs(board: Board, waveforms: Waveforms, *, error: float = 0.0) -> Measurements:
+    """Measure `waveforms`, whose error, V, `error` bounds, against the reference."""
+    u, time, ideal = outputs(board.circuit, waveforms), waveforms.time, board.ideal
+    return measure(
+        time,
+        u,
+        ideal.target,
+        ideal.start,
+        band=board.scene.checks.settling_time.band,
+        bound=PHYSICAL_BOUND * board.circuit.value("U0"),
+        expected_stop=board.transient.stop,
+        error=error + board.target_error,
+        rest=_rest(board, time, u),
+        curve=_curve(board, waveforms),
+    )
+
+
+def _curve(board: Board, waveforms: Waveforms) -> Curve | None:
+    """Return the outputs between the points of a record, by channel, if they are known."""
+    between, found = waveforms.curve, board.circuit.outputs
+    if between is None:
+        return None
+    columns = np.array([waveforms.nodes.index(output.node) for output in found])
+    signs = np.array([output.sign for output in found])
+    return lambda times, channels: signs[channels] * between(times, columns[channels])
+
+
+def _rest(board: Board, time: Floats, u: Floats) -> Rest | None:
+    """Return where the outputs of a stable board come to rest after a record."""
+    if not board.poles.known_stable:
+        return None
+    late = u[int(np.searchsorted(time, LATE * time[-1])) :]
+    moving = float(np.abs(late - board.steady.values).max(initial=0.0))
+    return Rest(board.steady.values, max(board.steady.left(float(time[-1])), moving))
+
 
 INSIDE = 0.5  # of the band minus the static error: remaining ringing at the end of a longer record
 LONGER = 2.0  # times the length of a record that was too short: least length of the next record
@@ -107,10 +332,7 @@ class Run:
 
     @property
     def error(self) -> tuple[float, float, str]:
-        """Bounds of the error of any output, V, and their source: at any time, and at the end.
-
-        Not a number, and infinite, where they are unknown.
-        """
+        """Bounds of the error of any output, V, at any time and at the end, and their source."""
         if self.own is not None:
             volts, how = self.own.volts, self.own.how
             return volts, volts if math.isfinite(volts) else math.inf, how
@@ -267,10 +489,7 @@ def record_transient(
     *,
     problem: InverseProblem | None = None,
 ) -> MeasuredTransient:
-    """Simulate the transient of `scene`, or of another `problem`; measure it without its error.
-
-    InputError, NoVerdictError: as `verify`.
-    """
+    """Simulate the transient of `scene`, or of another `problem`; measure it without its error."""
     clock = Clock(progress)
     board = build(scene, clock, problem=problem)
     clock.begin("simulation")

@@ -1,8 +1,8 @@
 """The table of checks, and the functions that judge.
 
-The equations of the board decide: its poles say whether it is unstable, and its equilibrium where
-it comes to rest. The record has to confirm both. Where it ends too early for that, the check is
-inconclusive. A new check is one function and one entry in `CHECKS`, or an entry of another package.
+The equations of the board decide, and the record has to confirm them. Where it ends too early for
+that, the check is inconclusive. A new check is one function and one entry in `CHECKS`, or an entry
+of another package.
 """
 
 from __future__ import annotations
@@ -40,10 +40,7 @@ Make = Callable[..., Check]
 def _unknown(
     evidence: Evidence, check: Make, unstable: str, outcome: Outcome = FAIL
 ) -> Check | None:
-    """Return the check of a board without this reading; None for a board that has it.
-
-    `unstable`: what the growth of an unstable board, whose check has this `outcome`, means.
-    """
+    """Return the check of a board without this reading; None for a board that has it."""
     if evidence.growth:
         return check(outcome, reason=f"{unstable}the board {evidence.growth}")
     if evidence.obstacle:
@@ -147,10 +144,7 @@ def _timed(
 
 
 def rise_time(evidence: Evidence) -> Check | None:
-    """Check the rise time of every channel that rises, or of one; the worst is reported.
-
-    Of channels with the same outcome the slowest counts, or the fastest where all are too fast.
-    """
+    """Check the rise time of every channel that rises, or of one; the worst is reported."""
     limits = evidence.limits.rise_time
     if limits is None:
         return None
@@ -237,11 +231,7 @@ def stability(evidence: Evidence) -> Check:
 
 
 def headroom(evidence: Evidence) -> Check | None:
-    """Fail if the steady state is beyond a part; above `FULL` of a limit nothing is known.
-
-    What op-amps that are simulated with their limits need says more than the load of another limit
-    that is kept: the value is then left out.
-    """
+    """Fail if the steady state is beyond a part; above `FULL` of a limit nothing is known."""
     parts = evidence.parts
     check = partial(Check, "headroom", expected=FULL, unit="ratio")
     if parts.unknown:

@@ -43,22 +43,13 @@ class Pruning:
     entries: int  # number of entries of T that the board leaves out
     target: Floats  # (N,): the optimum with the pruned T, V
     change: float  # largest deviation of `target` from the optimum with the whole T, V
-    # On that deviation, with the errors of both optima, V; infinite if one is not trusted.
-    bound: float
-    # `resistors`, `opamps`: how many fewer than with the whole T; None if that board cannot be
-    # built: the matrix can load the channels too much.
-    resistors: int | None = None
+    bound: float  # on that deviation, V; infinite if a solution is not trusted
+    resistors: int | None = None  # fewer than with the whole T; None if that cannot be built
     opamps: int | None = None
 
     @classmethod
     def of(cls, network: IdealNetwork, fraction: float, solution: Solution) -> Pruning | None:
-        """Compare the solutions of the pruned and of the whole T; None if no entry is left out.
-
-        `network`: with the whole T.
-        `fraction`: ``design.prune``.
-        `solution`: the solution of `network`.
-        SolverError: the problem with the pruned T cannot be solved.
-        """
+        """Compare the solutions of the pruned and of the whole T; None if no entry is left out."""
         kept = pruned(network.T, fraction)
         entries = int(np.count_nonzero(kept != network.T))
         if not entries:
@@ -79,11 +70,7 @@ class Pruning:
 
 
 def pruning_of(scene: Scene) -> Pruning | None:
-    """Compare the board of `scene` with the board of the whole T; None if nothing is pruned.
-
-    InputError: the pruned board cannot be built.
-    NoVerdictError: a problem cannot be solved.
-    """
+    """Compare the board of `scene` with the board of the whole T; None if nothing is pruned."""
     if not scene.design.prune:
         return None
     problem = make_problem(scene)
@@ -153,9 +140,7 @@ def deck_of(
 
     With `measures`, or in another `dialect`, the transient has even steps: step control is tuned
     for ngspice alone, and a measure is exact only to the spacing of the points. With `split` the
-    resistor matrices go into a second file, whose name follows from `output`. The errors are those
-    of `taction.netlist`, and `SolverError` where a deck is to measure and the problem has no
-    solution.
+    resistor matrices go into a second file. The errors are those of `taction.netlist`.
     """
     matrix_file = _matrix_file(output) if split else None
     if measures or dialect != NATIVE:
@@ -204,10 +189,7 @@ def _matrix_file(output: str | Path | None) -> str:
 
 
 def write_files(deck: Deck, output: str | Path) -> list[Path]:
-    """Write the files of `deck` beside each other, all or none; return their paths, the deck first.
-
-    InputError: a file cannot be written.
-    """
+    """Write the files of `deck` beside each other, all or none; return their paths."""
     path = Path(output)
     files = {path: deck.text} | {path.with_name(n): text for n, text in deck.files.items()}
     write_together(files)

@@ -1,12 +1,9 @@
 """The engines, a transient that one of them simulates, and the error of the state-space engine.
 
-`ENGINES` is the table of engines, to which installed packages add theirs. Everything that a verdict
-does otherwise for another engine follows from its entry: the plan of its steps, the source of its
-error, and whether the state-space engine simulates beside it for the comparison.
-
-The exact solution of a small linear board bounds its own rounding. Every other solution of the
-state-space engine is computed a second time, with smaller steps or more patterns. The second one is
-the record, and its error follows from the difference of the two.
+`ENGINES` is the table of engines, to which installed packages add theirs. The exact solution of a
+small linear board bounds its own rounding. Every other solution of the state-space engine is
+computed a second time, with smaller steps or more patterns: the second one is the record, and its
+error follows from the difference of the two.
 """
 
 from __future__ import annotations
@@ -55,11 +52,9 @@ HALVINGS = 3  # most, where the error of a record is above what is wanted
 class StateSpaceError:
     """The error of a record of the state-space engine."""
 
-    # Bound of the error of any output at any time, V; NaN if the second solution failed.
-    volts: float
+    volts: float  # bound for any output at any time, V; NaN if the second solution failed
     how: str  # the source of the bound
-    # The record that errs by no more: the given one if it is exact, else a better one.
-    record: Waveforms
+    record: Waveforms  # that errs by no more: the given one if it is exact, else a better one
 
 
 def state_space_error(
@@ -67,31 +62,22 @@ def state_space_error(
 ) -> StateSpaceError:
     """Bound the error of a `record` of the state-space engine, or of a better one in its place.
 
-    Steps are halved again until the bound is at most `wanted`, V: some boards amplify the errors of
-    steps.
+    Steps are halved again until the bound is at most `wanted`, V. The errors of half a step fall by
+    512. A difference that falls by little is of rounding, and two draws of rounding may err alike;
+    one that falls by more is small by chance.
     """
     found = _bounded(board, record)
     for _ in range(1, HALVINGS):
         if not (found.volts > wanted and found.record is not record):
             break
-        record, better = found.record, _bounded(board, found.record)
-        if not better.volts < found.volts:
+        record, before, better = found.record, found.volts, _bounded(board, found.record)
+        if not better.volts < before:
             break
-        found = bound_after(found.volts, better)
+        seen = max(better.volts - least_bound(better.record), 0.0)
+        times = min(ALIKE, FALL * better.volts / before)
+        volts = better.volts + max(times - 1.0, 0.0) * seen
+        found = replace(better, volts=max(volts, before / FALL))
     return found
-
-
-def bound_after(before: float, found: StateSpaceError) -> StateSpaceError:
-    """Return a run with its bound, given the bound of the run before it, V.
-
-    The errors of half a step fall by 512. A difference that falls by little is of rounding, and two
-    draws of rounding may err alike; one that falls by more is small by chance. The least bound has
-    both in it.
-    """
-    seen = max(found.volts - least_bound(found.record), 0.0)
-    times = min(ALIKE, FALL * found.volts / before) if before > 0.0 else ALIKE
-    volts = found.volts + max(times - 1.0, 0.0) * seen
-    return replace(found, volts=max(volts, before / FALL))
 
 
 def least_bound(record: Waveforms) -> float:
@@ -155,23 +141,17 @@ Waiting = Callable[[], Waveforms]
 class Engine:
     """One engine."""
 
-    # Takes a board and begins its simulation; returns a function that waits for the end and returns
-    # the waveforms. Both may raise a `NoVerdictError`.
+    # Begins the simulation of a board; returns what waits for its end and returns the waveforms.
+    # Both may raise a `NoVerdictError`.
     begin: Callable[[Board], Waiting]
-    # Takes a board and waveforms of this engine, and returns the bound of their error. None for an
-    # engine that takes the steps of the plan: the state-space engine then simulates the same board,
-    # the error of the waveforms follows from the difference, and the check ``engines_agree``
-    # compares them.
+    # Bounds the error of waveforms of this engine. None for an engine that takes the steps of the
+    # plan: the state-space engine then simulates beside it, and `engines_agree` compares them.
     error: Callable[[Board, Waveforms], StateSpaceError] | None = None
     title: str = ""  # name for people; by default that of the entry
 
 
 def choose_engine(scene: Scene) -> str:
-    """Return the engine of `scene`; ``auto`` is ngspice where a usable ngspice is found.
-
-    A scene that gives an error gets the cheapest engine for that error, the state-space engine,
-    unless the scene also asks for a comparison of the two engines.
-    """
+    """Return the engine: ``auto`` is ngspice, but for a stated error without a comparison."""
     if scene.analysis.engine != "auto":
         return scene.analysis.engine
     compared = scene.checks.engines_agree.tolerance is not None
@@ -187,12 +167,8 @@ def choose_engine(scene: Scene) -> str:
 def begin(board: Board) -> Waiting:
     """Start the simulation of a board; its process runs while the caller does other work.
 
-    What is returned has the remarks of the engine, and raises its error. For a board that is known
-    to be unstable it may be a partial record: up to the instant at which the voltages left every
-    bound or the step fell below its limit; without any, it is a short one by the state-space
-    engine.
-
-    NoVerdictError: from this function or from what it returns.
+    The record of a board that is known to be unstable may be partial; without any, it is a short
+    one by the state-space engine. NoVerdictError: from this function or from what it returns.
     """
     engine = ENGINES[board.engine]
     return partial(_growing, board, engine) if board.plan.growing else engine.begin(board)
@@ -212,25 +188,14 @@ def _growing(board: Board, engine: Engine) -> Waveforms:
         return replace(waveforms, flags=(note, *waveforms.flags))
 
 
-def engine_of(waveforms: Waveforms) -> Engine:
-    """Return the engine of waveforms; their `engine` has its version after a hyphen."""
-    return ENGINES[waveforms.engine.partition("-")[0]]
-
-
 def own_error(board: Board, waveforms: Waveforms) -> StateSpaceError | None:
     """Return the error of `waveforms` if their engine bounds it itself; None if it takes steps."""
-    error = engine_of(waveforms).error
+    error = ENGINES[waveforms.engine.partition("-")[0]].error  # its version follows a hyphen
     return None if error is None else error(board, waveforms)
 
 
 def growing_record(linear: LinearBoard, plan: TransientPlan) -> Waveforms:
-    """Return the start of the transient of an unstable board, by the state-space engine.
-
-    If the amplifiers of a small board stop the engine, too, the record is that of the board
-    linearised at its equilibrium.
-
-    EngineError: a large board has no such record.
-    """
+    """Return the start of an unstable transient, by state space; else of the linear board."""
     from taction.verification.engines.statespace.transients.exact import exact_solution
     from taction.verification.engines.statespace.transients.simulate import ENGINE, simulate
 
@@ -273,7 +238,9 @@ def _ngspice(board: Board) -> Waiting:
         try:
             return first.result()
         except StepTooSmall as error:
-            if simulator.solver_option == SPARSE or not _at_the_start(error, analysis):
+            part = error.partial  # rounding can stop a run in its first 0.1 %
+            early = not isinstance(part, Waveforms) or part.time[-1] < 1e-3 * analysis.stop
+            if simulator.solver_option == SPARSE or not early:
                 raise
             if error.folder is not None:  # the second run replaces this reproducer
                 shutil.rmtree(error.folder, ignore_errors=True)
@@ -281,12 +248,6 @@ def _ngspice(board: Board) -> Waiting:
         return replace(waveforms, flags=(*waveforms.flags, SECOND_SOLVER))
 
     return wait
-
-
-def _at_the_start(error: StepTooSmall, analysis: Transient) -> bool:
-    """Whether a run failed in the first 0.1 % of the record, where rounding can stop a run."""
-    partial = error.partial
-    return not isinstance(partial, Waveforms) or partial.time[-1] < 1e-3 * analysis.stop
 
 
 def _statespace(board: Board) -> Waiting:

@@ -1,8 +1,6 @@
 """Verify a scene: build its board, simulate it, read the record, judge the readings.
 
-    build -> simulate -> read -> judge -> Verdict
-
-Several scenes take the same way; what boards can compute in one go is computed before.
+build -> simulate -> read -> judge -> Verdict
 """
 
 from __future__ import annotations
@@ -25,14 +23,17 @@ from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
 )
 from taction.verification.reference.ideal_answer import EnergyRise, IdealAnswer, energy_rise
-from taction.verification.verdict.answer_error import AnswerError, BuiltBoards
+from taction.verification.verdict.answer_error import (
+    AnswerError,
+    BuiltBoards,
+    ErrorBudget,
+    error_budget,
+)
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.build import build
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
-from taction.verification.verdict.error_budget import ErrorBudget, error_budget
-from taction.verification.verdict.measure import StepError
 from taction.verification.verdict.output_noise import OutputNoise
-from taction.verification.verdict.run import Accuracy, Run, observe
+from taction.verification.verdict.run import Accuracy, Run, StepError, observe
 from taction.verification.verdict.run_checks import run_checks
 from taction.verification.verdict.simulation import Waiting, begin
 from taction.verification.verdict.warnings import all_warnings, find_contradiction, missing_witness
@@ -203,12 +204,11 @@ def verify(
     InputError: the scene's files or numbers cannot be used.
     NoVerdictError: no engine was found, or the simulation or the reference solution failed.
     """
-    return Request(scene, problem, circuit, ideal, full_margin).verdict(progress)
-
-
-def conclude(board: Board, pending: Waiting | None, clock: Clock) -> Verdict:
-    """Read the record of a board whose simulation may run, and judge the readings."""
-    evidence = read(board, pending, clock)
+    clock = Clock(progress)
+    board = build(scene, clock, problem=problem, circuit=circuit, ideal=ideal,
+                  full_margin=full_margin)  # fmt: skip
+    clock.begin("simulation", remark=board.plan.remark)
+    evidence = read(board, begin(board), clock)
     checks = run_checks(evidence)
     clock.end()
     facts = {each.name: getattr(evidence, each.name) for each in fields(Evidence)}
@@ -241,26 +241,3 @@ def read(board: Board, pending: Waiting | None, clock: Clock) -> Evidence:
         unwitnessed=missing_witness(board.circuit, board.engine),
         run=run,
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Request:
-    """What `verify` gets."""
-
-    scene: Scene
-    problem: InverseProblem | None = None
-    circuit: Circuit | LinearBoard | None = None
-    ideal: IdealAnswer | None = None
-    full_margin: bool = True
-
-    def build(self, clock: Clock) -> Board:
-        """Return the board; errors as `verify`."""
-        return build(self.scene, clock, problem=self.problem, circuit=self.circuit,
-                     ideal=self.ideal, full_margin=self.full_margin)  # fmt: skip
-
-    def verdict(self, progress: Progress = lambda stage: None) -> Verdict:
-        """Return the verdict; errors as `verify`."""
-        clock = Clock(progress)
-        board = self.build(clock)
-        clock.begin("simulation", remark=board.plan.remark)
-        return conclude(board, begin(board), clock)

@@ -1,9 +1,4 @@
-"""Warnings, which make no check fail, and what else limits what a verdict can say of a board.
-
-The reference takes lambda, the units and the initial state from the scene; the board states them,
-too, and the record has a first point. Where they differ, all three are not of the same problem, and
-the verdict is worth nothing. An imported op-amp may lack one of the witnesses.
-"""
+"""Warnings, which make no check fail, and what else limits what a verdict can say of a board."""
 
 from __future__ import annotations
 
@@ -18,7 +13,7 @@ from taction.netlist_gen.scene.slips import questions
 from taction.spice_models.imported import ImportedOpAmp
 from taction.spice_models.input_errors import not_known
 from taction.system.array_types import Floats
-from taction.system.quantities import show
+from taction.system.quantities import show, spaced
 from taction.system.reading_definitions import EXCURSIONS, READINGS
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.checks import Evidence
@@ -26,85 +21,70 @@ from taction.verification.verdict.checks import Evidence
 WELL_ABOVE = 10.0  # a tolerance should be this many times the error of the simulation
 
 
+IMPORTED = (
+    "op-amp {} is imported: the state-space engine has its cards, linear about their rest, within"
+    " {:.2g} % of ngspice's small signal up to {}"
+)
+
+
 def all_warnings(evidence: Evidence) -> tuple[str, ...]:
     """Return the warnings of the scene, the parts, the plan, the engine and the readings."""
     run = evidence.run
-    if run is None:
-        return find_warnings(evidence)
-    board = run.board
-    remarks = (
-        *questions(board.scene),
-        *run.ends.flags,
-        *board.plan.notes,
-        *part_warnings(board.circuit, board.rest),
-        *stuck_cells(board.circuit),
-        *notes(board.circuit),
-        *not_known(board.circuit.models.values()),
-    )
-    return find_warnings(evidence, remarks)
-
-
-def find_warnings(evidence: Evidence, notes: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Return warnings: tolerances too close to the simulation's error, fragile readings.
-
-    `notes` are the remarks of the engine and of the plan; they come first.
-    """
-    if not evidence.poles.known_stable:
-        return notes  # the stability check does not pass, so close tolerances no longer matter
-    warnings = list(notes)
-    checks, error = evidence.limits, evidence.error
-    remedy = "set a smaller analysis.error or a larger analysis.points_per_period"
-    if checks.steady_state.tolerance < WELL_ABOVE * error.steady_state:
-        warnings.append(
-            f"steady_state: the tolerance {checks.steady_state.tolerance:g} is not well above the"
-            f" error {error.steady_state:.2g} of the simulation; {remedy}"
+    board, notes = (None, ()) if run is None else (run.board, run.ends.flags)
+    if board is not None:
+        circuit = board.circuit
+        notes = (
+            *questions(board.scene),
+            *notes,
+            *board.plan.notes,
+            *part_warnings(circuit, board.rest),
+            *stuck_cells(circuit),
+            *(
+                IMPORTED.format(name, 100.0 * linear.error, show(linear.band[1], "Hz", 3))
+                for name, imported in _imported(circuit)
+                if (linear := imported.linear) is not None
+            ),
+            *not_known(circuit.models.values()),
         )
+    return (*notes, *(_of_readings(evidence) if evidence.poles.known_stable else ()))
+
+
+def _of_readings(evidence: Evidence) -> Iterator[str]:
+    """Yield tolerances too close to the error of the simulation, and fragile readings."""
+    error, checks = evidence.error, evidence.limits
+    limits = {"steady_state": ("tolerance", checks.steady_state.tolerance, error.steady_state)}
     for name in EXCURSIONS:
-        check, off = getattr(checks, name), error.readings[name]
-        if check is not None and check.max < WELL_ABOVE * off:
-            warnings.append(
-                f"{name}: the limit {check.max:g} is not well above the error {off:.2g} of the"
-                f" simulation; {remedy}"
+        if (check := getattr(checks, name)) is not None:
+            limits[name] = "limit", check.max, error.readings[name]
+    for name, (kind, limit, off) in limits.items():
+        if limit < WELL_ABOVE * off:
+            yield (
+                f"{name}: the {kind} {limit:g} is not well above the error {off:.2g} of the"
+                " simulation; set a smaller analysis.error or a larger analysis.points_per_period"
             )
     if evidence.poles.damping_ratio < 1e-3:
-        warnings.append(
+        yield (
             f"damping ratio {evidence.poles.damping_ratio:.2g}: the board nearly oscillates;"
             " component tolerances can make it oscillate"
         )
     for channel in evidence.measurements.channels:
         for name, reading in channel.fragile.items():
             if reading.alternative is not None:
-                kind, what = READINGS[name], name.replace("_", " ")
-                warnings.append(
-                    f"channel {channel.index + 1}: {what} {show(reading.value, kind.unit)} is"
-                    f" fragile: {show(reading.alternative, kind.unit)} with {kind.shifted}"
+                unit, shifted = READINGS[name].unit, READINGS[name].shifted
+                yield (
+                    f"channel {channel.index + 1}: {spaced(name)} {show(reading.value, unit)} is"
+                    f" fragile: {show(reading.alternative, unit)} with {shifted}"
                 )
-    return tuple(warnings)
 
 
 def missing_witness(circuit: Circuit, engine: str) -> str:
-    """Return which of the two witnesses a board with imported op-amps lacks; empty for none.
-
-    Without a linear model the state-space engine has the two poles of the measured figures, which
-    is an estimate and confirms nothing. Without ngspice nothing has the limits of the netlist.
-    """
+    """Return which of the two witnesses a board with imported op-amps lacks; empty for none."""
     for name, imported in _imported(circuit):
         if imported.linear is None:
             return f"op-amp {name} has no state-space witness: {imported.missing}"
         if engine != "ngspice":
             return f"the slew rate and limits of op-amp {name} are in its netlist: run ngspice"
     return ""
-
-
-def notes(circuit: Circuit) -> tuple[str, ...]:
-    """Return one remark about the linear model of each imported op-amp."""
-    return tuple(
-        f"op-amp {name} is imported: the state-space engine has its cards, linear about"
-        f" their rest, within {100.0 * imported.linear.error:.2g} % of ngspice's small signal up to"
-        f" {show(imported.linear.band[1], 'Hz', 3)}"
-        for name, imported in _imported(circuit)
-        if imported.linear is not None
-    )
 
 
 def _imported(circuit: Circuit) -> Iterator[tuple[str, ImportedOpAmp]]:
@@ -119,14 +99,10 @@ UNSEEN = 1e-12  # V: far below the noise of any board, and above the rounding of
 
 
 def find_contradiction(circuit: Circuit, ideal: IdealAnswer, start: Floats) -> str:
-    """Return a sentence about the first contradiction; empty if there is none.
+    """Return how the board, or the `start` (N,) of its record, V, contradicts the reference.
 
-    The starts are compared only if the reference can be trusted, and if its error is smaller than
-    the step.
-
-    `circuit`: the board with the numbers that it states.
-    `ideal`: the reference with its own numbers.
-    `start` (N,): outputs at the first instant of the record, V.
+    Where they differ they are not of the same problem, and the verdict is worth nothing. The starts
+    are compared only with a reference whose error is smaller than the step.
     """
     network = ideal.network
     wanted_facts = {"lambda": network.lam, "U0": network.U0, "Ve": network.Ve}

@@ -28,8 +28,15 @@ from taction.system.errors import EngineError, InputError
 from taction.system.quantities import parse
 from taction.verification.design import tune as tune_module
 from taction.verification.design.scaling import find_scaling
-from taction.verification.design.search import Search, search, search_key, search_pair
-from taction.verification.design.trials import OutOfWorkError, Trial, Trials
+from taction.verification.design.trials import (
+    OutOfWorkError,
+    Search,
+    Trial,
+    Trials,
+    search,
+    search_key,
+    search_pair,
+)
 from taction.verification.design.tune import Tuning, frontier
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene, write_matrix_scene

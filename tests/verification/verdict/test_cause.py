@@ -17,9 +17,9 @@ from taction.verification.readings.readings import Reading
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.verdict.cause import Cause, cause, causes, following
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.measure import StepError, bounded
+from taction.verification.verdict.run import StepError, bounded
 from taction.verification.verdict.run_checks import run_checks
-from taction.verification.verdict.warnings import find_contradiction, find_warnings
+from taction.verification.verdict.warnings import all_warnings, find_contradiction
 from tests.support.making import make_scene, matrix_problem
 from tests.support.measured import UNSTABLE, channel, evidence, measured
 
@@ -156,14 +156,14 @@ def errors(steady_state: float = 0.0, **readings: float) -> StepError:
     ],
 )
 def test_a_tolerance_close_to_the_simulations_error(error: StepError, says: str) -> None:
-    (found,) = find_warnings(evidence(checks={"overshoot": {"max": 0.15}}, error=error))
+    (found,) = all_warnings(evidence(checks={"overshoot": {"max": 0.15}}, error=error))
     assert says in found
     assert "points_per_period" in found
 
 
 def test_a_fragile_reading_comes_with_both_values() -> None:
     fragile = channel(3, rise_time=Reading(10.4e-6, 0.0, True, 4.3e-6))
-    (found,) = find_warnings(evidence(fragile))
+    (found,) = all_warnings(evidence(fragile))
     assert found == (
         "channel 4: rise time 10.4 us is fragile: 4.3 us with the level shifted by 0.5% of the step"
     )

@@ -25,16 +25,18 @@ from taction.verification.report.blocks import Table
 from taction.verification.report.documents.verdict import budget_parts, verdict_document
 from taction.verification.report.views.verdict_view import budget_table
 from taction.verification.verdict import verify as module
+from taction.verification.verdict.answer_error import ErrorBudget
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.compare import Difference, compare, within_uncertainties
-from taction.verification.verdict.error_budget import ErrorBudget
 from taction.verification.verdict.record import (
     CHANNEL_FIGURES,
     ERROR,
     FIGURES,
     Channel,
+    Difference,
     Figure,
     Record,
+    compare,
+    within_uncertainties,
 )
 from taction.verification.verdict.scene_deck import pruning_of
 from taction.verification.verdict.verify import Verdict, verify

@@ -21,16 +21,18 @@ from taction.verification.engines.statespace.transients import simulate
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.readings.measurements import Measurements
 from taction.verification.report.documents.verdict import verdict_document
-from taction.verification.verdict import board, measure, transient_plan
+from taction.verification.verdict import board, transient_plan
 from taction.verification.verdict import run as module
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.build import build
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.measure import Agreement, StepError, outputs
 from taction.verification.verdict.run import (
+    Agreement,
     Run,
+    StepError,
     better_plan,
     observe,
+    outputs,
 )
 from taction.verification.verdict.simulation import StateSpaceError, Waiting, choose_engine
 from taction.verification.verdict.transient_plan import AIM, TransientPlan
@@ -227,11 +229,11 @@ def test_only_a_known_miss_of_a_stepping_engine_is_tried_again() -> None:
 @pytest.mark.parametrize("count", [9, 20, 21, 22, 61])
 def test_a_thinned_companion_keeps_both_ends(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
     """The last instant proves that a record is whole, whatever its number of points."""
-    monkeypatch.setattr(measure, "MAX_INSTANTS", 10)
+    monkeypatch.setattr(module, "MAX_INSTANTS", 10)
     design = build(ringing_scene(engine="ngspice"))
     times = np.linspace(0.0, design.transient.stop, count)
     record = simulate.simulate(design.linear, design.transient, times=times)
-    found = measure.state_space_beside(design.linear, design.transient, record, 1e-6)
+    found = module.state_space_beside(design.linear, design.transient, record, 1e-6)
     assert (found.instants[0], found.instants[-1]) == (times[0], times[-1])
     assert np.all(np.diff(found.instants) > 0.0)
     assert len(found.instants) <= 21
@@ -248,5 +250,5 @@ def test_a_dip_between_the_points_of_a_record_is_a_difference() -> None:
     u = outputs(design.circuit, whole)
     times = np.concatenate([[0.0], whole.time[whole.time > 1e-6]])
     record = simulate.simulate(design.linear, design.transient, times=times)
-    found = measure.state_space_beside(design.linear, design.transient, record, 1e-9)
+    found = module.state_space_beside(design.linear, design.transient, record, 1e-9)
     assert found.difference > 0.007 * np.abs(u[-1] - u[0]).max()

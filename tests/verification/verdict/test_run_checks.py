@@ -16,8 +16,7 @@ from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
 from taction.verification.verdict.checks import Check, Outcome, at_most, overall
-from taction.verification.verdict.measure import Agreement, StepError
-from taction.verification.verdict.run import Accuracy
+from taction.verification.verdict.run import Accuracy, Agreement, StepError
 from taction.verification.verdict.run_checks import run_checks
 from tests.support.measured import (
     UNSTABLE,

@@ -10,8 +10,6 @@ from scipy.integrate import solve_ivp
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import DivergesError, EngineError
 from taction.system.waveforms import Cost, Waveforms
@@ -20,14 +18,12 @@ from taction.verification.engines.statespace.transients import simulate, stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.build import build
-from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.simulation import (
     StateSpaceError,
     begin,
     on_curve,
     state_space_error,
 )
-from taction.verification.verdict.verify import verify
 from tests.support.boards import board, kernel, lone_amplifier, strain, two_pole
 from tests.support.making import make_scene
 
@@ -107,19 +103,3 @@ def test_an_exact_solution_errs_by_its_rounding() -> None:
     assert 0.0 < stated.volts == record.rounding < 1e-9
     with pytest.raises(EngineError, match="not one of the integrator"):
         stepped.halved(record)
-
-
-def test_a_limit_within_the_error_of_the_record_is_decided_by_half_the_steps() -> None:
-    amplified = {"amplifier": "exponential", "exponential_slope": "0.1V"}
-    amplified |= {"capacitance": "100pF", "lambda": 0.2, "unit_conductance": "10uS"}
-    amplified |= {"opamp": {"base": "ua741", "input_errors": "none"}}
-    scene = Scene.from_arrays([[1.0, 0.4], [0.3, 0.9]], [0.7, 0.5], design=amplified)
-    scene = with_values(scene, {"analysis.error": 1e-4}).with_engine("statespace")
-    found = verify(scene).measurements.settling_time
-    assert found is not None
-    limit = found.value + 0.5 * found.uncertainty
-    verdict = verify(with_values(scene, {"checks.settling_time.max": limit}))
-    check = next(check for check in verdict.checks if check.name == "settling_time")
-    assert check.outcome is Outcome.PASS
-    assert check.value == pytest.approx(found.value, abs=found.uncertainty)
-    assert check.uncertainty < 0.5 * found.uncertainty

@@ -19,7 +19,7 @@ from taction.verification.engines.ngspice.process import Simulation
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.verdict.step_forecast import StepForecast, StepModel
+from taction.verification.verdict.transient_plan import StepForecast, StepModel
 from tests.support.boards import lags, paper_board, single_mode
 from tests.support.paths import SCENES
 

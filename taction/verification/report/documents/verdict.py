@@ -20,7 +20,7 @@ from taction.verification.design.remedies import Remedies, StableRange, stable_r
 from taction.verification.stability.margin import Margin
 from taction.verification.studies.regression.difference import StoredKey
 from taction.verification.verdict.active_sets import VisitedSet
-from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart, difference
+from taction.verification.verdict.answer_error import ErrorBudget, ErrorPart, difference
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.record import Record, finite
 from taction.verification.verdict.verify import Verdict

@@ -39,7 +39,7 @@ from taction.verification.studies.regression.regress import RegressionReport, Sc
 from taction.verification.studies.scene_files import VerifiedFiles
 from taction.verification.verdict.cause import band_text, causes
 from taction.verification.verdict.checks import Check
-from taction.verification.verdict.compare import Difference
+from taction.verification.verdict.record import Difference
 
 SHOWN = 12  # changed quantities of a scene in a terminal; the page and JSON have them all
 LEAST_OFF = 1e-3  # tolerances: a smaller difference has no number

@@ -17,7 +17,6 @@ from taction.verification.studies.decks.questions import QUESTIONS, Expected, Wa
 from taction.verification.verdict.board import SteadyState
 from taction.verification.verdict.cause import cause
 from taction.verification.verdict.checks import Check, Evidence, Outcome, at_most, doubtful, overall
-from taction.verification.verdict.measure import StepError
 from taction.verification.verdict.record import (
     STATES,
     Channel,
@@ -27,6 +26,7 @@ from taction.verification.verdict.record import (
     finite,
     three,
 )
+from taction.verification.verdict.run import StepError
 from taction.verification.verdict.run_checks import run_checks
 
 NOTHING_ASKED = Wanted()

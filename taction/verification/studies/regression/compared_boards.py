@@ -40,9 +40,15 @@ from taction.verification.studies.regression.difference import (
     is_circuit,
     key_differences,
 )
-from taction.verification.verdict.compare import Difference, compare, relative, within_uncertainties
-from taction.verification.verdict.measure import state_space_beside
-from taction.verification.verdict.record import Channel, Record
+from taction.verification.verdict.record import (
+    Channel,
+    Difference,
+    Record,
+    compare,
+    relative,
+    within_uncertainties,
+)
+from taction.verification.verdict.run import state_space_beside
 from taction.verification.verdict.scene_deck import deck_of
 from taction.verification.verdict.transient_plan import state_space_tolerance
 from taction.verification.verdict.verify import Verdict

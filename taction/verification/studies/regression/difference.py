@@ -20,8 +20,13 @@ from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounde
 from taction.system.reading_definitions import READINGS
 from taction.system.results import Result
 from taction.verification.verdict.checks import Check
-from taction.verification.verdict.compare import Difference, compare, within_uncertainties
-from taction.verification.verdict.record import Channel, Record
+from taction.verification.verdict.record import (
+    Channel,
+    Difference,
+    Record,
+    compare,
+    within_uncertainties,
+)
 
 Document = Mapping[str, Any]
 Value = bool | int | float | str

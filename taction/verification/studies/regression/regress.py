@@ -31,8 +31,13 @@ from taction.verification.studies.running.study import for_each_file
 from taction.verification.studies.scene_files import find_scenes
 from taction.verification.verdict.cause import causes, named
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.compare import Difference, Tolerance, compare
-from taction.verification.verdict.record import POLE_READINGS, Figure
+from taction.verification.verdict.record import (
+    POLE_READINGS,
+    Difference,
+    Figure,
+    Tolerance,
+    compare,
+)
 from taction.verification.verdict.verify import verify
 
 

@@ -27,7 +27,7 @@ from taction.netlist_gen.scene.axes import (
     parse_axes,
     with_values,
 )
-from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.keys import Value, files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Ints
@@ -41,9 +41,10 @@ from taction.verification.studies.running.study import attempted, study, workers
 from taction.verification.studies.running.versions import digest, own_code, simulator_name
 from taction.verification.verdict.record import ERROR, Record
 from taction.verification.verdict.simulation import choose_engine
-from taction.verification.verdict.verify import Request
+from taction.verification.verdict.verify import verify
 
 MAX_POINTS = 1_000_000
+Request = tuple[Scene, InverseProblem]  # what is verified at a point
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,16 +189,15 @@ def _requests(plan: Plan, places: Iterable[int]) -> Iterator[tuple[bytes, Reques
     for point in grid_points(plan, places):
         try:
             scene = with_values(plan.scene, point.values | {ENGINE: plan.engine})
-            if last is None or last.scene.problem != scene.problem:  # neighbours often share it
-                last = Request(scene, make_problem(scene))
-            request = Request(scene, last.problem)
+            if last is None or last.problem != scene.problem:  # neighbours often share it
+                last, problem = scene, make_problem(scene)
         except MACHINE_FAILURES:  # ngspice was removed: no result of a point
             raise
         except TactionError as error:
             kind = type(error).__name__
             yield point.key, Record.without_verdict(kind, str(error), plan.engine)
         else:
-            yield point.key, request
+            yield point.key, (scene, problem)
 
 
 def compute_points(*points: Request | Record) -> list[Record]:
@@ -206,9 +206,10 @@ def compute_points(*points: Request | Record) -> list[Record]:
 
 
 def _computed(request: Request) -> Record:
-    engine = request.scene.analysis.engine
+    scene, problem = request
+    engine = scene.analysis.engine
     return attempted(
-        lambda: Record.of(request.verdict(), channels=False),
+        lambda: Record.of(verify(scene, problem=problem), channels=False),
         lambda error, reason: Record.without_verdict(type(error).__name__, reason, engine),
     )
 

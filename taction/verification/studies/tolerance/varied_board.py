@@ -36,7 +36,7 @@ from taction.verification.studies.running.study import attempted, study
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import ERROR, Record, finite, signed_errors
 from taction.verification.verdict.simulation import choose_engine
-from taction.verification.verdict.verify import Request, Verdict, verify
+from taction.verification.verdict.verify import Verdict, verify
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,13 +242,14 @@ class VariedBoard(Varied):
         """Return the same board with samples by the state-space engine."""
         return replace(self, scene=self.scene.with_engine("statespace"), engine="statespace")
 
-    def request(self, z: Floats) -> Request:
-        """Return what `verify` gets for the board with deviations `z`."""
-        return Request(self.scene, self.problem, self.at(z), self.ideal, self.full_margin)
-
     def measured(self, number: int, z: Floats) -> BoardSample:
         """Return the sample with deviations `z`; errors as `verify`."""
-        return sample_of(self.request(z).verdict(), number)
+        return sample_of(self.verdict(z), number)
+
+    def verdict(self, z: Floats) -> Verdict:
+        """Return the verdict of the board with deviations `z`; errors as `verify`."""
+        return verify(self.scene, problem=self.problem, circuit=self.at(z), ideal=self.ideal,
+                      full_margin=self.full_margin)  # fmt: skip
 
 
 def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:

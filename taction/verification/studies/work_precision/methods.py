@@ -30,7 +30,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.dense import record_times
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.verdict.measure import outputs
+from taction.verification.verdict.run import outputs
 from taction.verification.verdict.transient_plan import coarser
 
 BASE_POINTS = 125.0  # points per period of the task's transient

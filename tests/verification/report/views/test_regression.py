@@ -17,7 +17,7 @@ from taction.verification.report.views.comparison_view import regression_view as
 from taction.verification.report.views.evidence_view import stress_view
 from taction.verification.studies.regression.regress import RegressionReport, SceneResult, Status
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.compare import Difference, words
+from taction.verification.verdict.record import Difference, words
 from tests.support.entries import entry
 from tests.support.paths import DATA
 

@@ -19,7 +19,7 @@ from taction.verification.studies.regression.baseline import (
     observe,
 )
 from taction.verification.studies.regression.regress import compare_entry
-from taction.verification.verdict.compare import Difference
+from taction.verification.verdict.record import Difference
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.entries import channel, entry, write_fast
 
