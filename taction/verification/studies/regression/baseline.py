@@ -128,15 +128,13 @@ def load_baseline(path: str | Path) -> dict[str, Entry]:
     def unusable(key: str, value: str, reason: str) -> InputError:
         return InputError(path, Complaint(key, value, reason))
 
-    def damaged(key: str, what: object) -> InputError:
-        return unusable(key, "", f"damaged{what}; restore the file, or {MOVE_AWAY}")
-
+    damaged = f"; restore the file, or {MOVE_AWAY}"
     try:
         data = json.loads(read_bounded(Path(path), LARGEST))
     except UnusableFileError as error:
         raise unusable("baseline", "", f"{error}; `--update` writes a baseline") from None
     except (ValueError, RecursionError) as error:
-        raise damaged("baseline", f", no JSON: {error}") from None
+        raise unusable("baseline", "", f"damaged, no JSON: {error}{damaged}") from None
     if not isinstance(data, dict) or MARK not in data:
         reason = f"JSON, but no baseline of taction ('{MARK}' is missing); give another file"
         raise unusable("baseline", "", reason)
@@ -149,7 +147,7 @@ def load_baseline(path: str | Path) -> dict[str, Entry]:
             raise ValueError("scenes: has a key that no baseline has, or lacks one")
     except ValueError as error:
         place, _, what = str(error).rpartition(": ")
-        raise damaged(place or "scenes", f": {what}") from None
+        raise unusable(place or "scenes", "", f"damaged: {what}{damaged}") from None
     return found.scenes
 
 

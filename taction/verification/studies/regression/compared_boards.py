@@ -17,14 +17,12 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.elements import shown
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import quantity
 from taction.system.raw_file import read_transient
 from taction.system.reading_definitions import READINGS, SETTLING_BAND
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.readings.measurements import measure as measure_record
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.decks.board_checks import record_of
@@ -132,12 +130,12 @@ def _with_record(
     response, time = step_response(linear, start, SETTLING_BAND), beside.instants
     allowed = agree * response.step.amplitude + beside.doubt
     sides = [(beside.other, beside.doubt), (beside.u, allowed)][:: 1 if last else -1]
-    records = [
-        _of_record(
-            measure_record(time, u, response.target, response.start, error=error).channels, error
-        )
-        for u, error in sides
-    ]
+    records = []
+    for u, error in sides:  # the bound of a waveform's error, V
+        found = measure_record(time, u, response.target, response.start, error=error).channels
+        channels = map(Channel.of, found)
+        bounded = (replace(c, uncertainties=c.uncertainties | {"final": error}) for c in channels)
+        records.append(Record("", "", channels=tuple(bounded)))
     readings = compare(
         records[0],
         records[1],
@@ -147,9 +145,13 @@ def _with_record(
     )
     (one, _), (two, _) = sides
     shared = tuple(out.node for out in known)
-    apart = (
-        _apart(time, node, pair, allowed) for node, *pair in zip(shared, one.T, two.T, strict=True)
-    )
+    apart = []
+    for node, a, b in zip(shared, one.T, two.T, strict=True):
+        k = int(np.abs(b - a).argmax())
+        values, note = (float(a[k]), float(b[k])), f"at {quantity(float(time[k]), 's')}"
+        off = relative(abs(values[1] - values[0]), allowed)
+        far = values[1] - values[0]
+        apart.append(Difference("waveforms", node, None, *values, "V", far, allowed, off, note))
     curves = (lambda: (time, one)), (lambda: (time, two))
     return VerdictDifference(*names, None, (*apart, *readings), shared, notes, curves)
 
@@ -213,20 +215,3 @@ def _stepped(board: Place, wave: Waveforms) -> tuple[Circuit, Start, float, tupl
         shared = [node for node in wave.nodes if node in found.flat.nodes]
         found = _with_outputs(found, shared) if shared else found
     return found.circuit, found.initial, min(steps, default=0.0), found.notes
-
-
-def _of_record(measured: Sequence[ChannelMeasure], error: float) -> Record:
-    """Return the record of measurements; the bound of a waveform's error is `error`, V."""
-    channels = map(Channel.of, measured)
-    known = (replace(c, uncertainties=c.uncertainties | {"final": error}) for c in channels)
-    return Record("", "", channels=tuple(known))
-
-
-def _apart(instants: Floats, node: str, waves: Sequence[Floats], allowed: float) -> Difference:
-    """Return the largest difference of both waveforms of a node, at its instant."""
-    one, two = waves
-    place = int(np.abs(two - one).argmax())
-    a, b = float(one[place]), float(two[place])
-    note = f"at {quantity(float(instants[place]), 's')}"
-    off = relative(abs(b - a), allowed)
-    return Difference("waveforms", node, None, a, b, "V", b - a, allowed, off, note)

@@ -159,30 +159,30 @@ def key_differences(
     nothing = StoredKey(None)
     for key in {**first, **second}:
         one, two = first.get(key, nothing), second.get(key, nothing)
-        content = one.sha256 != two.sha256
-        if one.value != two.value or content:
-            same_name = one.value == two.value
-            unit = one.unit or two.unit
-            yield KeyDifference(key, one.value, two.value, unit, content and same_name)
+        same = one.value == two.value
+        if not same or one.sha256 != two.sha256:
+            yield KeyDifference(key, one.value, two.value, one.unit or two.unit, content=same)
 
 
 def stored_verdict(path: str | Path) -> dict[str, Any]:
     """Return the document in a file; `InputError` where it is none of one verdict."""
+
+    def refused(key: str, text: object) -> InputError:
+        return InputError(path, Complaint(key, "", f"{text}; expected {DOCUMENT}"))
+
     try:
         document = json.loads(read_bounded(path, LARGEST))
     except UnusableFileError as error:
-        raise InputError(path, Complaint("file", "", f"{error}; expected {DOCUMENT}")) from None
+        raise refused("file", error) from None
     except (ValueError, RecursionError) as error:
-        raise InputError(path, Complaint("JSON", "", f"{error}; expected {DOCUMENT}")) from None
+        raise refused("JSON", error) from None
     if isinstance(document, dict) and "verdicts" in document:
-        text = f"holds the verdicts of several scenes; expected {DOCUMENT}"
-        raise InputError(path, Complaint("verdicts", "", text))
+        raise refused("verdicts", "holds the verdicts of several scenes")
     try:
         read(_StoredVerdict, document)
     except (ValueError, OverflowError) as error:
         place, _, what = str(error).rpartition(": ")
-        text = f"{what}; expected {DOCUMENT}"
-        raise InputError(path, Complaint(place or "JSON", "", text)) from None
+        raise refused(place or "JSON", what) from None
     return dict(document)
 
 

@@ -249,18 +249,16 @@ def regress(
     arguments = [(entries.get(name),) for name in names]
     found = for_each_file(compare_scene, files, arguments, jobs=jobs, progress=progress)
     results = [
-        SceneResult(name, Status.NOT_RUN, reason="interrupted")
-        if result is None
-        else SceneResult(name, Status.NO_VERDICT, reason=f"the process was killed: {result}")
-        if isinstance(result, BaseException)
-        else result
-        for name, result in zip(names, found, strict=True)
+        each
+        if isinstance(each, SceneResult)
+        else SceneResult(name, Status.NOT_RUN, reason="interrupted")
+        if each is None
+        else SceneResult(name, Status.NO_VERDICT, reason=f"the process was killed: {each}")
+        for name, each in zip(names, found, strict=True)
     ]
     reason = "in the baseline, but not in the folder"
-    results += [
-        SceneResult(name, Status.MISSING, reason=reason, baseline=entries[name])
-        for name in sorted(set(entries) - set(names))
-    ]
+    gone = sorted(set(entries) - set(names))
+    results += [SceneResult(n, Status.MISSING, reason=reason, baseline=entries[n]) for n in gone]
     report = RegressionReport(str(folder), str(baseline), tuple(results), update)
     if update:
         write_atomically(baseline, baseline_text(updated_baseline(report, entries)))
@@ -272,15 +270,20 @@ def regress(
 def compare_scene(path: Path, then: Entry | None) -> SceneResult:
     """Verify one scene and compare it with its entry; bad input gives a result, too."""
     started, file = time.perf_counter(), printable(path.name)
+
+    def without(status: Status, reason: str) -> SceneResult:
+        """Return the result of a scene that has no verdict."""
+        seconds = time.perf_counter() - started
+        return SceneResult(file, status, reason=reason, baseline=then, seconds=seconds)
+
     try:
         verdict = verify(load_scene(path))
     except InputError as error:
-        return SceneResult(file, Status.BAD_INPUT, reason=str(error), baseline=then)
-    except (NoVerdictError, MemoryError) as error:
-        large = "out of memory: the scene is too large"
-        reason = large if isinstance(error, MemoryError) else str(error)
-        seconds = time.perf_counter() - started
-        return SceneResult(file, Status.NO_VERDICT, reason=reason, baseline=then, seconds=seconds)
+        return without(Status.BAD_INPUT, str(error))
+    except NoVerdictError as error:
+        return without(Status.NO_VERDICT, str(error))
+    except MemoryError:
+        return without(Status.NO_VERDICT, "out of memory: the scene is too large")
     now = observe(verdict)
     differences = () if then is None else compare_entry(now, then, verdict.scene.regression)
     changed = any(difference.beyond for difference in differences)
@@ -307,8 +310,7 @@ def updated_baseline(report: RegressionReport, baseline: Baseline) -> dict[str, 
     for result in report.results:
         old, new = baseline.get(result.file), result.entry
         keep = new is None or result.failed or result.status in KEPT or _unchanged(result)
-        chosen = old if keep else new
-        if chosen is not None and result.status is not Status.MISSING:
+        if result.status is not Status.MISSING and (chosen := old if keep else new) is not None:
             entries[result.file] = chosen
     return entries
 
@@ -336,19 +338,16 @@ def _unchanged(result: SceneResult) -> bool:
 
 def _notes(now: Entry, then: Entry) -> Iterable[str]:
     names = {**then.keys, **now.keys} if then.keys else {}
-    edited = [
-        f"{name.removeprefix('design.')} {then.keys.get(name, NONE)} → {now.keys.get(name, NONE)}"
-        for name in names
-        if then.keys.get(name) != now.keys.get(name)
-    ]
+    values = ((name, then.keys.get(name, NONE), now.keys.get(name, NONE)) for name in names)
+    edited = [f"{n.removeprefix('design.')} {a} → {b}" for n, a, b in values if a != b]
     if edited:
         yield f"edited: {', '.join(edited)}"
     elif now.fingerprint != then.fingerprint:
         yield "the scene, or a file that it names, was edited since the baseline"
-    versions = ("simulator", then.solved_by, now.solved_by), ("taction", then.taction, now.taction)
-    for name, old, new in versions:
-        if new != old:
-            yield f"{name} was {old}, now {new}"
+    if now.solved_by != then.solved_by:
+        yield f"simulator was {then.solved_by}, now {now.solved_by}"
+    if now.taction != then.taction:
+        yield f"taction was {then.taction}, now {now.taction}"
     if removed := sorted(set(then.checks) - set(now.checks)):
         yield f"{', '.join(removed)} ran for the baseline, not now"
     if added := sorted(set(now.checks) - set(then.checks)):
