@@ -92,13 +92,10 @@ USERS = {
     ),
     "student": (
         Step("taction"),
+        Step("taction new board.toml"),
         Step(
-            "taction demo",
-            (
-                BUILT,
-                r"a smaller lambda regularises less, .* noise",
-                r"Your own board: taction new board\.toml",
-            ),
+            "taction verify board.toml",
+            (BUILT, r"a smaller lambda regularises less, .* noise"),
         ),
     ),
     "SPICE user": (
