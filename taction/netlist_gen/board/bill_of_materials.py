@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -85,12 +86,10 @@ def values_between(low: float, high: float, series: str) -> Floats:
 
 def buyable(value: float, series: str) -> float:
     """Return the nearest value of a series, or the value with three digits."""
-    if series == "exact":
-        return float(f"{value:.{DIGITS - 1}e}")
-    return float(nearest(np.array([value]), series)[0])
+    return float(f"{value:.{DIGITS - 1}e}") if series == "exact" else preferred(value, series)
 
 
-SAME = 1e-9  # relative: closer values are one part
+SAME = 8  # digits behind the point of values that are one part
 UNITS = {"resistor": "ohm", "capacitor": "F"}
 STANDARD = {"resistor": ("E24", "E96", "E192"), "capacitor": ("E24",)}  # E24 holds E6 and E12
 STOCKED = {"resistor": ("E24", "E96"), "capacitor": ("E24",)}  # series of the proposed values
@@ -169,28 +168,16 @@ def bill_of_materials(circuit: Circuit, scene: Scene) -> BillOfMaterials:
 
     Stray capacitances are no parts.
     """
-    names, ohms = _resistors(circuit)
-    signal = circuit.real_capacitors
-    farads = np.array([part.farads for part in signal])
-    resistors = _lines("resistor", names, ohms, scene)
-    capacitors = _lines("capacitor", [f"C{part.name}" for part in signal], farads, scene)
+    ohms = [(part.card, part.ohms) for part in circuit.resistors]
+    for matrix in circuit.matrices:
+        ohms += [(name, float(matrix.ohms[k, n])) for name, k, n in matrix.places()]
+    farads = [(part.card, part.farads) for part in circuit.real_capacitors]
     return BillOfMaterials(
-        lines=(*resistors, *capacitors),
+        lines=(*_lines("resistor", ohms, scene), *_lines("capacitor", farads, scene)),
         opamp=scene.design.opamp.file or scene.design.opamp.base,
         packages=tuple(packages(circuit)),
         not_listed=tuple(_not_listed(circuit, scene)),
     )
-
-
-def _resistors(circuit: Circuit) -> tuple[list[str], Floats]:
-    """Return the deck's names of all resistors, and their values, ohm."""
-    names = [f"R{part.name}" for part in circuit.resistors]
-    values = [np.array([part.ohms for part in circuit.resistors])]
-    for matrix in circuit.matrices:
-        present = np.isfinite(matrix.ohms)
-        names += [f"{matrix.name}_{k}_{n}" for k, n in (1 + np.argwhere(present)).tolist()]
-        values.append(matrix.ohms[present])
-    return names, np.concatenate(values)
 
 
 def tolerance_of(scene: Scene, kind: str, name: str) -> float | None:
@@ -200,38 +187,26 @@ def tolerance_of(scene: Scene, kind: str, name: str) -> float | None:
     return scene.tolerances.parts.get(name, common)
 
 
-def _lines(kind: str, names: list[str], values: Floats, scene: Scene) -> Iterator[PartLine]:
-    """Yield one line for each value and tolerance; values closer than `SAME` count as one."""
-    own = [tolerance_of(scene, kind, name) for name in names]
-    for tolerance in sorted(set(own), key=lambda part: math.inf if part is None else -part):
-        chosen = [place for place, part in enumerate(own) if part == tolerance]
-        yield from _equal(kind, [names[k] for k in chosen], values[chosen], tolerance)
-
-
-def _equal(
-    kind: str, names: list[str], values: Floats, tolerance: float | None
-) -> Iterator[PartLine]:
-    """Yield one line for each value of parts with one tolerance."""
-    order = np.argsort(values, kind="stable")
-    ordered = values[order]
-    ends = 1 + np.flatnonzero(ordered[1:] > ordered[:-1] * (1.0 + SAME))
-    for group in np.split(order, ends):
-        places = np.sort(group).tolist()
-        value = float(values[places[0]])
-        references = tuple(names[place] for place in places)
-        yield PartLine(kind, value, references, tolerance, _preferred(kind, value))
+def _lines(kind: str, parts: list[tuple[str, float]], scene: Scene) -> Iterator[PartLine]:
+    """Yield one line for each value, with `SAME` digits, and tolerance, the largest one first."""
+    equal = defaultdict[tuple[float, str], list[tuple[str, float]]](list)
+    for name, value in parts:
+        own = tolerance_of(scene, kind, name)
+        equal[math.inf if own is None else -own, f"{value:.{SAME}e}"].append((name, value))
+    for tolerance, text in sorted(equal, key=lambda each: (each[0], float(each[1]))):
+        names, values = zip(*equal[tolerance, text], strict=True)
+        given = None if tolerance == math.inf else -tolerance
+        yield PartLine(kind, values[0], names, given, _preferred(kind, values[0]))
 
 
 def _preferred(kind: str, value: float) -> Preferred | None:
-    if any(abs(_nearest(value, series).deviation) < SAME for series in STANDARD[kind]):
+    def near(series: str) -> Preferred:
+        found = preferred(value, series)
+        return Preferred(series, found, found / value - 1.0)
+
+    if any(abs(near(series).deviation) < SLACK for series in STANDARD[kind]):
         return None
-    found = (_nearest(value, series) for series in STOCKED[kind])
-    return min(found, key=lambda near: abs(near.deviation))
-
-
-def _nearest(value: float, series: str) -> Preferred:
-    near = float(nearest(np.array([value]), series)[0])
-    return Preferred(series, near, near / value - 1.0)
+    return min(map(near, STOCKED[kind]), key=lambda each: abs(each.deviation))
 
 
 def packages(circuit: Circuit) -> Iterator[Package]:

@@ -67,22 +67,18 @@ def device_of(scene: Scene) -> Device | None:
         if name in given:
             given[name] = Logarithmic(given[name])
     device = replace(device, **given)
-    if not device.least < device.most:
-        text = f"not above the least conductance of {device.least:g} S"
-        raise InputError(
-            scene.file, Complaint("devices.most_conductance", f"{device.most:g}", text)
-        )
-    if device.stuck >= 1.0:
-        text = "with stuck_at_least this must be below 1"
-        raise InputError(
-            scene.file, Complaint("devices.stuck_at_most", f"{device.stuck_at_most:g}", text)
-        )
-    if device.stuck_at_most and not math.isfinite(device.most):
-        text = "cells stuck at the largest conductance need 'most_conductance', or a 'cell'"
-        raise InputError(
-            scene.file, Complaint("devices.stuck_at_most", f"{device.stuck_at_most:g}", text)
-        )
-    if device.levels and not math.isfinite(device.most):
-        text = "levels need 'most_conductance', or a 'cell'"
-        raise InputError(scene.file, Complaint("devices.cell_levels", repr(device.levels), text))
+    stuck = f"{device.stuck_at_most:g}"
+    windowed = math.isfinite(device.most)
+    wrong = (
+        (not device.least < device.most, "most_conductance", f"{device.most:g}",
+         f"not above the least conductance of {device.least:g} S"),
+        (device.stuck >= 1.0, "stuck_at_most", stuck, "with stuck_at_least this must be below 1"),
+        (device.stuck_at_most and not windowed, "stuck_at_most", stuck,
+         "cells stuck at the largest conductance need 'most_conductance', or a 'cell'"),
+        (device.levels and not windowed, "cell_levels", repr(device.levels),
+         "levels need 'most_conductance', or a 'cell'"),
+    )  # fmt: skip
+    for is_wrong, key, value, text in wrong:
+        if is_wrong:
+            raise InputError(scene.file, Complaint(f"devices.{key}", value, text))
     return device

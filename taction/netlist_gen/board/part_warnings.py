@@ -34,10 +34,8 @@ class PartLimits:
 
     def beyond(self) -> Iterator[tuple[str, float, str]]:
         """Yield what breaks each limit, such as ``"above 10 Mohm"``, its value, and the remedy."""
-        for way, value, remedy in (
-            ("above", self.most, self.less),
-            ("below", self.least, self.more),
-        ):
+        ends = (("above", self.most, self.less), ("below", self.least, self.more))
+        for way, value, remedy in ends:
             if remedy:
                 yield f"{way} {self.label or show(value, self.unit)}", value, remedy
 
@@ -93,15 +91,17 @@ def part_warnings(circuit: Circuit, rest: Rest | None = None) -> tuple[str, ...]
 
 def stuck_cells(circuit: Circuit) -> tuple[str, ...]:
     """Return a warning that the check of the rest counts no stuck cells, if there may be some."""
-    arrays = [m for m in circuit.matrices if m.device is not None and m.device.stuck]
-    counts = [int(np.isfinite(matrix.ohms).sum()) for matrix in arrays]
-    shares = [each.device.stuck for each in arrays if each.device is not None]
+    counts = [
+        (int(np.isfinite(matrix.ohms).sum()), matrix.device.stuck)
+        for matrix in circuit.matrices
+        if matrix.device is not None and matrix.device.stuck
+    ]
     if not counts:
         return ()
-    stuck = math.fsum(k * share for k, share in zip(counts, shares, strict=True))
-    none = math.prod((1.0 - share) ** k for k, share in zip(counts, shares, strict=True))
+    stuck = math.fsum(k * share for k, share in counts)
+    none = math.prod((1.0 - share) ** k for k, share in counts)
     text = (
-        f"stuck cells: {stuck:.3g} of {sum(counts)} on average, one or more in"
+        f"stuck cells: {stuck:.3g} of {sum(k for k, _ in counts)} on average, one or more in"
         f" {100.0 * (1.0 - none):.3g} % of the boards; steady_state does not count them,"
         " 'taction yield montecarlo' does"
     )
@@ -184,11 +184,8 @@ def _values(circuit: Circuit, rest: Rest | None) -> Iterator[tuple[str, _Values]
             amps[source.card] = abs(source.volts) / part.ohms
     yield _named("strain currents", amps)
     models = circuit.models
-    supplied = (
-        cell.card
-        for cell in circuit.opamps
-        if math.isinf(models[cell.model].most_supply) and models[cell.model].is_limited
-    )
+    own = {name for name, model in models.items() if math.isinf(model.most_supply)}
+    supplied = [c.card for c in circuit.opamps if c.model in own and models[c.model].is_limited]
     yield _named("supplies of op-amps", dict.fromkeys(supplied, circuit.supply))
     if rest is None:
         return
@@ -201,11 +198,8 @@ def _values(circuit: Circuit, rest: Rest | None) -> Iterator[tuple[str, _Values]
 def _output_currents(circuit: Circuit, rest: Rest) -> dict[str, float]:
     """Return the currents of op-amps without a figure of their own, which has a check, A."""
     models = circuit.models
-    judged = {
-        cell.output: cell.card
-        for cell in circuit.opamps
-        if not models[cell.model].has_largest_current
-    }
+    limited = {name for name, model in models.items() if model.has_largest_current}
+    judged = {cell.output: cell.card for cell in circuit.opamps if cell.model not in limited}
     amps = dict.fromkeys(judged.values(), 0.0)
     for a, b, ohms in joined_resistors(circuit) if judged else ():
         for near, far in ((a, b), (b, a)):

@@ -48,21 +48,17 @@ def parameters(circuit: Circuit, tolerances: Tolerances) -> tuple[Parameter, ...
         text = f"the board has no such part; the nearest name is {known[0]!r}"
         raise InputError("scene", Complaint(f"tolerances.parts.{unknown[0]}", "", text))
     spreads = device_spreads(circuit)
-    every = (
-        Parameter(name, DEVICE, _of_a_device(spreads.get(name)))
-        if kind == DEVICE and name not in own
-        else Parameter(name, kind, own.get(name, getattr(tolerances, kind, 0.0)))
-        for name, kind in pairs.items()
-    )
-    tolerated = (parameter for parameter in every if parameter.tolerance > 0)
-    return (*tolerated, *_input_errors(circuit))
-
-
-def _of_a_device(spreads: Mapping[str, float] | None) -> float:
-    """Return the tolerance of a device by its standard deviations; 0 if there are none."""
-    if spreads is None:
-        return 0.0
-    return math.expm1(MOST * max(math.hypot(*spreads.values()), LEAST))
+    found = list[Parameter]()
+    for name, kind in pairs.items():
+        tolerance = own.get(name, getattr(tolerances, kind, 0.0))
+        if kind == DEVICE and name not in own and name in spreads:
+            tolerance = math.expm1(MOST * max(math.hypot(*spreads[name].values()), LEAST))
+        if tolerance > 0:
+            found.append(Parameter(name, kind, tolerance))
+    for cell in circuit.opamps:  # input errors that are not given by the scene
+        for figure, spread in circuit.models[cell.model].varying:
+            found.append(Parameter(f"{cell.name}.{figure}", INPUT_ERROR, MOST * spread.sigma))
+    return tuple(found)
 
 
 def varying_parts(circuit: Circuit) -> Iterator[tuple[str, str]]:
@@ -102,13 +98,6 @@ def device_spreads(circuit: Circuit) -> dict[str, dict[str, float]]:
     return found
 
 
-def _input_errors(circuit: Circuit) -> Iterator[Parameter]:
-    """Yield the input errors of every op-amp that are not given by the scene."""
-    for cell in circuit.opamps:
-        for figure, spread in circuit.models[cell.model].varying:
-            yield Parameter(f"{cell.name}.{figure}", INPUT_ERROR, MOST * spread.sigma)
-
-
 def draw(tolerances: Tolerances, varied: Sequence[Parameter], seed: int, sample: int) -> Floats:
     """Return the z of one sample, one of each of the parameters `varied`.
 
@@ -116,11 +105,11 @@ def draw(tolerances: Tolerances, varied: Sequence[Parameter], seed: int, sample:
     """
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(sample,)))
     errors = [parameter.kind in (INPUT_ERROR, DEVICE) for parameter in varied]
-    if tolerances.distribution == "uniform":
-        z = random.uniform(-1.0, 1.0, len(varied))
-        z[errors] = random.standard_normal(sum(errors)) / MOST
-        return z
-    return random.standard_normal(len(varied)) / MOST
+    if tolerances.distribution == "normal":
+        return random.standard_normal(len(varied)) / MOST
+    z = random.uniform(-1.0, 1.0, len(varied))
+    z[errors] = random.standard_normal(sum(errors)) / MOST
+    return z
 
 
 def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
@@ -148,10 +137,9 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
         gain = scale.get(f"{cell.name}.dc_gain", 1.0)
         return _opamp(drawn(model, errors), cell.name, faster, gain)
 
+    own = _with_own_models(circuit, varied_opamp)
     return replace(
-        with_resistors_at(
-            with_devices_at(_with_own_models(circuit, varied_opamp), deviations), scale, hot_r
-        ),
+        with_resistors_at(with_devices_at(own, deviations), scale, hot_r),
         temperature=circuit.temperature + kelvin,
         capacitors=tuple(
             replace(part, farads=part.farads * scale.get(part.label, 1.0) * hot_c)

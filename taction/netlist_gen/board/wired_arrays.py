@@ -44,19 +44,10 @@ def at_ports(matrix: ResistorMatrix) -> tuple[ResistorMatrix, ...]:
         found.append(replace(matrix, ohms=as_ohms(ports.across), negative=signs, wires=None))
         for nodes, mesh in ((array.words, ports.words), (array.bits, ports.bits)):
             if mesh.any():
-                each = tuple(nodes)
-                found.append(
-                    replace(
-                        matrix,
-                        ohms=as_ohms(np.triu(mesh)),
-                        negative=np.zeros(mesh.shape, dtype=np.bool_),
-                        by_column=True,
-                        plus=each,
-                        minus=("",) * len(each),
-                        sinks=each,
-                        wires=None,
-                    )
-                )
+                ends, none = tuple(nodes), np.zeros(mesh.shape, dtype=np.bool_)
+                kind = {"negative": none, "by_column": True, "minus": ("",) * len(ends)}
+                between = {"plus": ends, "sinks": ends, "wires": None, **kind}
+                found.append(replace(matrix, ohms=as_ohms(np.triu(mesh)), **between))
     return tuple(found)
 
 
@@ -142,9 +133,8 @@ def without_wires(circuit: Circuit) -> Circuit:
     """Return `circuit` as it would be with ideal wires: without them and their compensation."""
     if all(each.wires is None for each in circuit.matrices):
         return circuit
-    return replace(circuit, matrices=tuple(map(_straight, circuit.matrices)))
-
-
-def _straight(matrix: ResistorMatrix) -> ResistorMatrix:
-    scale = None if matrix.wires is None else matrix.wires.scale
-    return replace(matrix, wires=None, ohms=matrix.ohms if scale is None else matrix.ohms / scale)
+    scales = [1.0 if m.wires is None or m.wires.scale is None else m.wires.scale
+              for m in circuit.matrices]  # fmt: skip
+    pairs = zip(circuit.matrices, scales, strict=True)
+    straight = tuple(replace(m, wires=None, ohms=m.ohms / scale) for m, scale in pairs)
+    return replace(circuit, matrices=straight)
