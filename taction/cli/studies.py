@@ -134,7 +134,7 @@ SWEEP = Command(
     outputs=(
         output(
             "export",
-            "Write a table (.csv, .parquet) or grid (.nc).",
+            "Write a table (.csv).",
             "verification.studies.sweep.result:export_sweep",
             check="verification.studies.sweep.result:check_sweep_export",
         ),

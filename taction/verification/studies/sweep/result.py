@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import csv
 import importlib.util
-import itertools
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -35,7 +34,7 @@ from taction.verification.verdict.record import FIGURES, Record
 
 TEXT_COLUMNS = ("outcome", "failure", "state", "simulator", "reason")
 OUTCOMES = ("pass", "fail", "inconclusive", "error")
-BATCH = 5000  # rows in memory at a time
+OTHERS = {".parquet": "to_pandas().to_parquet(FILE)", ".nc": "to_xarray().to_netcdf(FILE)"}
 UNITS = {"step": "1", "": "1"}  # the unit of a plain number in the conventions of netCDF
 
 
@@ -338,54 +337,18 @@ def dataset(result: SweepResult) -> Any:
     return xr.Dataset(variables, coordinates, about)
 
 
-def _csv(result: SweepResult, path: Path) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(_columns(result.plan))
-        writer.writerows(row.values() for row in _rows(result))
-
-
-def _parquet(result: SweepResult, path: Path) -> None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    types = {"real": pa.float64(), "integer": pa.int64(), "choice": pa.string(), "flag": pa.bool_()}
-    schema = pa.schema(
-        pa.field(name, types[kind], metadata={"unit": unit} if unit else None)
-        for name, (kind, unit) in _columns(result.plan).items()
-    )
-    choices = [axis.name for axis in result.plan.axes if axis.key.kind == "choice"]
-    rows = (row | {name: str(row[name]) for name in choices} for row in _rows(result))
-    with pq.ParquetWriter(path, schema) as writer:
-        while batch := list(itertools.islice(rows, BATCH)):
-            writer.write_table(pa.Table.from_pylist(batch, schema=schema))
-
-
-def _netcdf(result: SweepResult, path: Path) -> None:
-    dataset(result).to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
-
-
-WRITERS: dict[str, Callable[[SweepResult, Path], None]] = {
-    ".csv": _csv,
-    ".parquet": _parquet,
-    ".nc": _netcdf,
-}
-PACKAGES = {  # by ending: the package and how to install it
-    ".parquet": ("pyarrow", "Parquet needs pyarrow: pip install 'taction[parquet]'"),
-    ".nc": ("xarray", "netCDF needs xarray: pip install 'taction[netcdf]'"),
-}
-
-
 def check_sweep_export(path: str) -> None:
-    """Refuse a file that could not be written, before any work is done.
-
-    InputError: an unknown ending, a missing folder, or a package that is not installed.
-    """
-    check_file(path, "--export", tuple(WRITERS), PACKAGES)
+    """Refuse a file that could not be written, before any work is done."""
+    if (ending := Path(path).suffix.lower()) in OTHERS:
+        text = f"expected a .csv file; in Python {OTHERS[ending]} writes the other"
+        raise InputError("--export", Complaint("FILE", repr(path), text))
+    check_file(path, "--export", (".csv",), {})
 
 
 def export_sweep(result: SweepResult, path: str) -> None:
-    """Write every point of a sweep to `path`; netCDF has a dimension for each group of axes."""
+    """Write every point of a sweep to `path`, a row each."""
     check_sweep_export(path)
-    with replacing(path) as temporary:
-        WRITERS[Path(path).suffix.lower()](result, temporary)
+    with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(_columns(result.plan))
+        writer.writerows(row.values() for row in _rows(result))

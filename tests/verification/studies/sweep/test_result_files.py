@@ -1,4 +1,4 @@
-"""What a sweep leaves behind: JSON, tables, CSV, Parquet, netCDF and pictures."""
+"""What a sweep leaves behind: JSON, tables, CSV, grids and pictures."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import csv
 import json
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from click.testing import Result
 
 from taction.verification.studies.running import study
 from taction.verification.studies.running.pool import HERE
+from taction.verification.studies.sweep.result import sweep
 from tests.support.making import write_matrix_scene
 from tests.support.running import taction as command
 
@@ -82,45 +84,35 @@ def test_csv_has_every_number_exactly(folder: Path) -> None:
         assert (row["outcome"], row["stable"]) == ("pass", "True")
 
 
-def test_parquet_has_types_and_units(folder: Path) -> None:
-    pq = pytest.importorskip("pyarrow.parquet")
-    taction(*OVER, "--export", "a.parquet")
-    table = pq.read_table(folder / "a.parquet")
-    assert table.num_rows == 6
-    assert str(table.schema.field("settling_time").type) == "double"
-    assert table.schema.field("C").metadata == {b"unit": b"F"}
-    assert table.column("stable").to_pylist() == [True] * 6
+def grid(folder: Path, *over: str) -> Any:
+    pytest.importorskip("xarray")
+    return sweep(folder / "scene.toml", over=over, engine="statespace").to_xarray()
 
 
-def test_netcdf_has_named_axes_and_units(folder: Path) -> None:
-    xr = pytest.importorskip("xarray")
-    done = taction(*OVER, "--export", "a.nc", "--json")
-    points = json.loads(done.stdout)["points"]
-    with xr.open_dataset(folder / "a.nc", engine="scipy") as data:
-        assert dict(data.sizes) == {"C": 3, "gain": 2}
-        assert (data.C.attrs["units"], data.settling_time.attrs["units"]) == ("F", "s")
-        assert data.gain.attrs["long_name"] == "design.gain"
-        found = data.settling_time.sel(gain=1e5).values
-        assert found.tolist() == [point["settling_time"] for point in points[1::2]]
-        assert data.outcome.attrs["flag_meanings"].split()[0] == "pass"
-        assert np.all(data.outcome.values == 0)
+def test_a_grid_has_named_axes_and_units(folder: Path) -> None:
+    points = json.loads(taction(*OVER, "--json").stdout)["points"]
+    data = grid(folder, *OVER[1::2])
+    assert dict(data.sizes) == {"C": 3, "gain": 2}
+    assert (data.C.attrs["units"], data.settling_time.attrs["units"]) == ("F", "s")
+    assert data.gain.attrs["long_name"] == "design.gain"
+    found = data.settling_time.sel(gain=1e5).values
+    assert found.tolist() == [point["settling_time"] for point in points[1::2]]
+    assert data.outcome.attrs["flag_meanings"].split()[0] == "pass"
+    assert np.all(data.outcome.values == 0)
+    data.to_netcdf(folder / "a.nc", engine="scipy")
 
 
 def test_zipped_axes_share_a_dimension(folder: Path) -> None:
-    xr = pytest.importorskip("xarray")
-    done = taction(
-        "--over", "C=50p,100p gain=100k,50k", "--over", "lambda=0.1,1", "--export", "a.nc"
-    )
-    assert done.exit_code == 0, done.output
-    with xr.open_dataset(folder / "a.nc", engine="scipy") as data:
-        assert dict(data.sizes) == {"C": 2, "lambda": 2}
-        assert data.gain.dims == ("C",)
-        assert data.gain.values.tolist() == [1e5, 5e4]
+    data = grid(folder, "C=50p,100p gain=100k,50k", "lambda=0.1,1")
+    assert dict(data.sizes) == {"C": 2, "lambda": 2}
+    assert data.gain.dims == ("C",)
+    assert data.gain.values.tolist() == [1e5, 5e4]
 
 
 def test_what_cannot_be_written_is_refused_before_any_work(folder: Path) -> None:
     for words, says in (
-        (("--export", "a.xls"), ".csv, .parquet, .nc"),
+        (("--export", "a.xls"), "ends in .csv"),
+        (("--export", "a.nc"), "to_xarray().to_netcdf(FILE)"),
         (("--export", "missing/a.csv"), "folder does not exist"),
         (("--plot", "a.gif"), ".png, .svg, .pdf"),
         (
