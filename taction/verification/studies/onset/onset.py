@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
@@ -265,20 +266,17 @@ def counts(
     """Count the unstable poles between crossings by eigenvalues and by winding number, if few."""
     if not scanned.complete:
         return ()
-    ends = [scanned.low, *(edge.value for edge in scanned.edges), scanned.high]
-    pairs = [(low, high) for low, high in pairwise(ends) if high > low]
-    middles = [math.sqrt(a * b) if scanned.logarithmic else 0.5 * (a + b) for a, b in pairs]
-    return tuple(_count(boards, value, progress) for value in middles)
-
-
-def _count(boards: Family, value: float, progress: Progress) -> Count:
-    progress(f"winding number at {value:.4g}")
-    board = boards.board(value)
-    eigenvalues = poles(board).unstable_count
-    try:
-        return Count(value, eigenvalues, count_unstable(board))
-    except EngineError as error:
-        return Count(value, eigenvalues, None, str(error))
+    ends, found = [scanned.low, *(edge.value for edge in scanned.edges), scanned.high], []
+    for low, high in (pair for pair in pairwise(ends) if pair[1] > pair[0]):
+        value = math.sqrt(low * high) if scanned.logarithmic else 0.5 * (low + high)
+        progress(f"winding number at {value:.4g}")
+        board = boards.board(value)
+        eigenvalues = poles(board).unstable_count
+        try:
+            found.append(Count(value, eigenvalues, count_unstable(board)))
+        except EngineError as error:
+            found.append(Count(value, eigenvalues, None, str(error)))
+    return tuple(found)
 
 
 def confirmations(
@@ -289,19 +287,16 @@ def confirmations(
     progress: Progress = lambda stage: None,
 ) -> tuple[CheckedEdge, ...]:
     """Check every crossing by transients of `timeout`, s; without ngspice they stay unconfirmed."""
-    confirmation, simulator = TransientTest(None, NOT_ASKED), None
+    unknown, find = TransientTest(None, NOT_ASKED), partial(confirm, boards.board)
     if timeout is not None and scanned.edges:
         try:
-            simulator = find_simulator()
+            find = partial(find, simulator=find_simulator(), logarithmic=scanned.logarithmic)
         except (SimulatorNotFound, SimulatorTooOld) as error:
             reason = f"ngspice is needed to confirm a crossing: {error}"
-            confirmation = TransientTest(None, reason)
+            unknown, timeout = TransientTest(None, reason), None
     findings = []
     for number, edge in enumerate(scanned.edges, start=1):
         progress(f"transients beside crossing {number} of {len(scanned.edges)}")
-        if simulator is not None and timeout is not None:
-            confirmation = confirm(
-                boards.board, edge, simulator, logarithmic=scanned.logarithmic, timeout=timeout
-            )
-        findings.append(CheckedEdge(edge, confirmation, scanned.complete))
+        found = unknown if timeout is None else find(edge, timeout=timeout)
+        findings.append(CheckedEdge(edge, found, scanned.complete))
     return tuple(findings)

@@ -227,25 +227,16 @@ def _compare(side: Side, fastest: float, run: Simulation) -> Side:
         mode = find_growth(waves.time, waves.values)
     if mode is None:
         return replace(side, reason="no mode could be fitted to the transient")
-    difference = _difference(mode, pole)
-    agrees: bool | None = not difference
-    reason = difference
+    reason = difference = _difference(mode, pole)
     if not (mode.grows or mode.decays):
-        agrees, reason = None, f"the fit is uncertain: {mode.doubt}"
+        reason = f"the fit is uncertain: {mode.doubt}"
     elif difference and abs(mode.growth_rate - pole.real) < 3.0 * mode.growth_sigma:
-        agrees = None
         reason = f"{difference}, with an uncertainty of {show(mode.growth_sigma, '1/s', 2)}"
     elif difference and fastest > max(pole.real, 0.0):
-        agrees = None
         reason = f"an instability of {show_rate(fastest)} hides the mode ({difference})"
-    return replace(
-        side,
-        growth_rate=mode.growth_rate,
-        growth_sigma=mode.growth_sigma,
-        frequency=mode.frequency,
-        agrees=agrees,
-        reason=reason,
-    )
+    agrees = None if reason != difference else not difference
+    measured = mode.growth_rate, mode.growth_sigma, mode.frequency
+    return Side(side.value, pole, *measured, agrees, reason)
 
 
 def _difference(mode: Mode, pole: complex) -> str:
