@@ -10,7 +10,7 @@ Over one value every crossing of stability is found. The values are those of a p
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Annotated
@@ -32,7 +32,11 @@ from taction.verification.stability.edges import Edge, Edges, Range
 from taction.verification.stability.families import Family
 from taction.verification.studies.decks.board_checks import judge, record_of
 from taction.verification.studies.decks.foreign_board import ForeignBoard
-from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_boards
+from taction.verification.studies.decks.measured_board import (
+    MeasuredBoard,
+    measure_board,
+    measure_boards,
+)
 from taction.verification.studies.decks.part_influence import influences
 from taction.verification.studies.decks.questions import QUESTIONS, Wanted, units
 from taction.verification.studies.running.pool import HERE
@@ -55,6 +59,8 @@ class VariedDeck(Varied):
     params: Mapping[str, float]  # nominal values of the .param that vary; last in `varied`
     deck: ForeignBoard
     asked: Wanted
+    # Boards by the values of `params`, without deviations of parts; see `expand`.
+    known: dict[tuple[float, ...], Circuit | InputError] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -86,63 +92,40 @@ class VariedDeck(Varied):
             asked=asked,
         )
 
+    def expand(self, each: Iterable[Floats]) -> None:
+        """Let one run of ngspice expand the parameters of boards with deviations."""
+        missing = dict.fromkeys(map(self._values, each)).keys() - self.known.keys()
+        wanted = [dict(zip(self.params, values, strict=True)) for values in missing]
+        self.known.update(zip(missing, self.deck.at(wanted) if wanted else (), strict=True))
+
+    def _values(self, z: Floats) -> tuple[float, ...]:
+        count = len(self.varied) - len(self.params)
+        shares = [math.log1p(parameter.tolerance) for parameter in self.varied[count:]]
+        values = np.array([*self.params.values()]) * np.exp(z[count:] * shares)
+        return tuple(values.tolist())
+
     def at(self, z: Floats) -> Circuit:
         """Return the board with deviations `z`."""
-        (found,) = self._built([z])
-        if isinstance(found, InputError):
-            raise found
-        return found
-
-    def _built(self, each: Sequence[Floats]) -> Iterator[Circuit | InputError]:
-        """Yield boards with deviations; those of parameters are expanded by one run of ngspice."""
-        count = len(self.varied) - len(self.params)
-        nominal: Sequence[Circuit | InputError] = [self.nominal] * len(each)
+        board: Circuit | InputError = self.nominal
         if self.params:
-            shares = [math.log1p(parameter.tolerance) for parameter in self.varied[count:]]
-            own = np.array([*self.params.values()])
-            values = [own * np.exp(z[count:] * shares) for z in each]
-            nominal = self.deck.at(
-                [dict(zip(self.params, found.tolist(), strict=True)) for found in values]
-            )
-        for board, z in zip(nominal, each, strict=True):
-            try:
-                if isinstance(board, InputError):
-                    raise board
-                yield vary(board, self.tolerances, z[:count])
-            except InputError as error:
-                yield error
+            self.expand([z])
+            board = self.known[self._values(z)]
+        if isinstance(board, InputError):
+            raise board
+        return vary(board, self.tolerances, z[: len(self.varied) - len(self.params)])
 
     def measured(self, number: int, z: Floats) -> BoardSample:
         """Return the sample with deviations `z`; `EngineError` where it cannot be measured."""
-        (found,) = self._measured([(number, z)])
-        if isinstance(found, Exception):
-            raise found
-        return found
-
-    def measured_together(self, requests: Sequence[tuple[int, Floats]]) -> list[BoardSample | None]:
-        """Return several samples, None for each one that has an error."""
-        return [None if isinstance(each, Exception) else each for each in self._measured(requests)]
-
-    def _measured(
-        self, requests: Sequence[tuple[int, Floats]]
-    ) -> Iterator[BoardSample | Exception]:
-        circuits = self._built([z for _, z in requests])
-        boards = (c if isinstance(c, InputError) else LinearBoard(c) for c in circuits)
-        band = self.asked.limits.settling_time.band
-        measured = measure_boards(boards, self.deck.initial, band, self.asked.lowest)
-        for (number, _), found in zip(requests, measured, strict=True):
-            if isinstance(found, Exception):
-                yield found
-                continue
-            margin = None
-            if self.asked.margin:
-                margin, _ = influences(found.board, found.poles, every=True)
-            record = record_of(found, judge(found, self.asked, margin), self.asked, margin)
-            errors = (found.rest - self.target) / self.step_amplitude
-            off = float(np.abs(errors).max(initial=0.0))
-            figures = {**record.figures, "steady_state_error": off}
-            record = replace(record, figures=figures, channels=())
-            yield BoardSample(number, record, tuple(errors.tolist()))
+        band, margin = self.asked.limits.settling_time.band, None
+        found = measure_board(LinearBoard(self.at(z)), self.deck.initial, band, self.asked.lowest)
+        if self.asked.margin:
+            margin, _ = influences(found.board, found.poles, every=True)
+        record = record_of(found, judge(found, self.asked, margin), self.asked, margin)
+        errors = (found.rest - self.target) / self.step_amplitude
+        off = float(np.abs(errors).max(initial=0.0))
+        figures = {**record.figures, "steady_state_error": off}
+        record = replace(record, figures=figures, channels=())
+        return BoardSample(number, record, tuple(errors.tolist()))
 
 
 def _quantities(asked: Wanted) -> Iterator[Quantity]:
@@ -182,6 +165,7 @@ def varied_outcomes(
     count, seed = samples
     board, tally = VariedDeck.of(found, deck, spread, asked), SampleCollection(count)
     corners = worst_of(board, HERE, progress)
+    board.expand(board.drawn(seed, number) for number in range(count))
     for _ in run_samples(board, range(count), seed, HERE, tally):
         progress(f"yield: {len(tally.samples)} of {count} samples")
     return corners, summarise_samples(board, tally.samples, seed)

@@ -6,7 +6,6 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future
 from contextlib import AbstractContextManager
-from functools import partial
 from importlib import metadata
 from itertools import islice
 from pathlib import Path
@@ -19,13 +18,10 @@ from taction.verification.studies.running.cluster import cluster
 from taction.verification.studies.running.pool import Workers, cores, local
 
 K = TypeVar("K")
-P = TypeVar("P")
 R = TypeVar("R")
 T = TypeVar("T")
 
 WATCH = 1.0  # s between two looks at the workers, while none of them answers
-AT_ONCE = 16  # largest number of points in a call: a longer one saves no more
-SHARES = 4  # least number of calls for each process
 INTACT = "The stored results are intact, the same command continues"
 
 
@@ -43,42 +39,33 @@ def workers_at(
 
 def study(
     workers: Workers,
-    compute: Callable[..., Sequence[R | None]],
-    points: Iterable[tuple[K, P]],
-    count: int = 1,
+    compute: Callable[..., R],
+    points: Iterable[tuple[K, tuple[Any, ...]]],
     stopped: Callable[[], bool] = lambda: False,
 ) -> Iterator[tuple[K, R | BaseException]]:
     """Yield the key and the row of each point as it ends, until `stopped` returns true.
 
-    Points are read only as workers become free. `compute` gets several of about `count` points and
-    returns the row of each, or None of a point that needs a call of its own; it raises only what is
-    wrong with the worker. A call that killed its workers gives an exception in the place of each
-    row.
+    Points, keys with the arguments of `compute`, are read only as workers become free. `compute`
+    raises only what is wrong with the worker. A call that killed its workers gives an exception in
+    the place of its row.
 
     NoVerdictError: no worker answers or can compute; the message says that what is stored is
     intact.
 
     Examples
     --------
-    >>> def halves(*points):
-    ...     return [x / 2 if x > 1 or len(points) == 1 else None for x in points]
     >>> from taction.verification.studies.running.pool import HERE
-    >>> sorted(study(HERE, halves, [("a", 1), ("b", 2), ("c", 4)], 8))
-    [('a', 0.5), ('b', 1.0), ('c', 2.0)]
+    >>> sorted(study(HERE, max, [("a", (1, 2)), ("b", (4, 3))]))
+    [('a', 2), ('b', 4)]
     """
-    size = min(max(count // (SHARES * workers.processes), 1), AT_ONCE)
-    waiting, alone = iter(points), list[tuple[K, P]]()
-    running: dict[Future[Sequence[R | None]], tuple[tuple[K, P], ...]] = {}
-    ended: SimpleQueue[Future[Any]] = SimpleQueue()
+    waiting, running = iter(points), dict[Future[R], K]()
+    ended: SimpleQueue[Future[R]] = SimpleQueue()
     try:
         while not stopped():
-            while len(running) < workers.processes + workers.spare or not running:
-                batch = tuple(islice(waiting, size)) or tuple(alone.pop(0) for _ in alone[:1])
-                if not batch:
-                    break
-                given = (point for _, point in batch)
-                future = _ask(workers.executor.submit, compute, *given)
-                running[future] = batch
+            free = workers.processes + workers.spare - len(running)
+            for key, arguments in islice(waiting, max(free, int(not running))):
+                future = _ask(workers.executor.submit, compute, *arguments)
+                running[future] = key
                 future.add_done_callback(ended.put)
             if not running:
                 return
@@ -88,20 +75,10 @@ def study(
                     break
                 except Empty:
                     _ask(workers.check)
-            batch = running.pop(future)
-            for point, row in zip(batch, _rows(future, workers, len(batch)), strict=True):
-                if len(batch) > 1 and (row is None or isinstance(row, BaseException)):
-                    alone.append(point)
-                elif row is not None:
-                    yield point[0], row
+            yield running.pop(future), _row(future, workers)
     finally:
         for future in running:
             future.cancel()
-
-
-def one_by_one(function: Callable[..., R], *points: tuple[Any, ...]) -> list[R]:
-    """Return ``function(*point)`` of each point: what `study` calls where no two share work."""
-    return [function(*point) for point in points]
 
 
 def _ask(method: Callable[..., T], *arguments: Any) -> T:
@@ -115,17 +92,15 @@ def _ask(method: Callable[..., T], *arguments: Any) -> T:
         raise NoVerdictError(f"the workers are gone ({reason}). {INTACT}") from error
 
 
-def _rows(
-    future: Future[Sequence[R | None]], workers: Workers, count: int
-) -> Sequence[R | BaseException | None]:
-    """Return the rows of a call, its error for each if it killed its workers; raise any other."""
+def _row(future: Future[R], workers: Workers) -> R | BaseException:
+    """Return the row of a call, or its error if it killed its workers; raise any other."""
     error = _ask(future.exception)
     if error is None:
         return future.result()
     if isinstance(error, NoVerdictError):
         raise type(error)(f"{error}. {INTACT}") from error
     if isinstance(error, workers.lost):
-        return [error] * count
+        return error
     text = f"no worker can compute ({type(error).__name__}: {error}); is the same taction"
     raise NoVerdictError(f"{text} ({metadata.version('taction')}) installed there?") from error
 
@@ -155,7 +130,7 @@ def for_each_file(
         points = ((k, (path, *arguments[k])) for k, path in enumerate(files))
         with local(processes) as workers:
             progress(f"{len(files)} runs in {processes} processes")
-            rows = study(workers, partial(one_by_one, function), points)
+            rows = study(workers, function, points)
             for done, (number, result) in enumerate(rows, 1):
                 results[number] = result
                 progress(f"{done} of {len(files)} done: {files[number].stem}")

@@ -30,7 +30,6 @@ from taction.netlist_gen.scene.axes import (
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.keys import Value, files_of
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.array_types import Ints
 from taction.system.errors import MACHINE_FAILURES, Complaint, InputError, Interrupted, TactionError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.progress import Notice, Progress
@@ -44,7 +43,7 @@ from taction.verification.verdict.simulation import choose_engine
 from taction.verification.verdict.verify import verify
 
 MAX_POINTS = 1_000_000
-Request = tuple[Scene, InverseProblem]  # what is verified at a point
+Point = tuple[Scene | Record, InverseProblem | None]  # a record where no scene can be made
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,16 +76,6 @@ class Plan:
     def points(self) -> int:
         """Number of points of the grid."""
         return math.prod(self.shape)
-
-    @property
-    def order(self) -> Ints:
-        """Places of the grid in the order of computing, (P,): capacitances change fastest.
-
-        Points of one call then have the same resistances, and more of them one kind of board.
-        """
-        fast = [all(axis.key.unit == "F" for axis in group) for group in self.groups]
-        axes = sorted(range(len(fast)), key=lambda k: fast[k])
-        return np.arange(self.points).reshape(self.shape).transpose(axes).ravel()
 
     def values_at(self, place: int) -> dict[str, Value]:
         """Return the values at a place of the grid, in its order from 0, by their paths."""
@@ -163,7 +152,7 @@ def sweep_points(
 ) -> SweepCounts:
     """Compute every point of `plan` that `store` does not have, or has without a verdict."""
     count, missing = SweepCounts(plan.points), []
-    for point in grid_points(plan, plan.order):
+    for point in grid_points(plan):
         outcome = store.outcome_of(point.key)
         if outcome in (None, ERROR):
             missing.append(point.place)
@@ -172,7 +161,7 @@ def sweep_points(
     if not missing:
         return count
     progress(Notice(f"computing {len(missing)} of {count.total} points"))
-    for key, record in study(workers, compute_points, _requests(plan, missing), len(missing)):
+    for key, record in study(workers, compute_point, _requests(plan, missing)):
         if isinstance(record, BaseException):
             text = f"the worker was killed several times (out of memory?): {record}"
             record = Record.without_verdict(type(record).__name__, text, plan.engine)
@@ -183,30 +172,27 @@ def sweep_points(
     return count
 
 
-def _requests(plan: Plan, places: Iterable[int]) -> Iterator[tuple[bytes, Request | Record]]:
-    """Yield key and request of each point; of a scene that cannot be made its record."""
+def _requests(plan: Plan, places: Iterable[int]) -> Iterator[tuple[bytes, Point]]:
+    """Yield key, scene and problem of each point; of a scene that cannot be made its record."""
+    problem = None
     last = None
     for point in grid_points(plan, places):
         try:
             scene = with_values(plan.scene, point.values | {ENGINE: plan.engine})
             if last is None or last.problem != scene.problem:  # neighbours often share it
                 last, problem = scene, make_problem(scene)
+            yield point.key, (scene, problem)
         except MACHINE_FAILURES:  # ngspice was removed: no result of a point
             raise
         except TactionError as error:
-            kind = type(error).__name__
-            yield point.key, Record.without_verdict(kind, str(error), plan.engine)
-        else:
-            yield point.key, (scene, problem)
+            failed = Record.without_verdict(type(error).__name__, str(error), plan.engine)
+            yield point.key, (failed, None)
 
 
-def compute_points(*points: Request | Record) -> list[Record]:
-    """Compute points; a verification that fails gives a record, too, and a record is its own."""
-    return [point if isinstance(point, Record) else _computed(point) for point in points]
-
-
-def _computed(request: Request) -> Record:
-    scene, problem = request
+def compute_point(scene: Scene | Record, problem: InverseProblem | None) -> Record:
+    """Compute a point; a verification that fails gives a record, too, and a record is its own."""
+    if isinstance(scene, Record):
+        return scene
     engine = scene.analysis.engine
     return attempted(
         lambda: Record.of(verify(scene, problem=problem), channels=False),

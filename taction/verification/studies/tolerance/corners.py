@@ -268,7 +268,7 @@ def _verified(
 ) -> tuple[Corner, ...]:
     """Verify boards by their names and deviations, in tolerances."""
     samples = dict[int, BoardSample]()
-    for sample in evaluate_all(board, enumerate(z for _, z in ends), workers, len(ends)):
+    for sample in evaluate_all(board, enumerate(z for _, z in ends), workers):
         samples[sample.number] = sample
         progress(f"{stage}: {len(samples)} of {len(ends)} boards")
     return tuple(

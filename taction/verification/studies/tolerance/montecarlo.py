@@ -286,8 +286,7 @@ def run_samples(
             else:
                 collection.add(stored)
 
-    limit = collection.limit
-    for sample in evaluate_all(board, missing(), workers, limit, lambda: collection.enough):
+    for sample in evaluate_all(board, missing(), workers, lambda: collection.enough):
         if store is not None:
             store.put(key(sample.number), sample)
         collection.add(sample)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import pickle
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
@@ -122,10 +122,6 @@ class Varied(ABC):
     def measured(self, number: int, z: Floats) -> BoardSample:
         """Return the sample with deviations `z`; any error ends it."""
 
-    def measured_together(self, requests: Sequence[tuple[int, Floats]]) -> list[BoardSample | None]:
-        """Return several samples, None for each one that needs a call of its own."""
-        return [evaluate(self, number, z) for number, z in requests]
-
     def at(self, z: Floats) -> Circuit:
         """Return the board with deviations `z`, (components,), in tolerances."""
         return vary(self.nominal, self.tolerances, z)
@@ -152,14 +148,6 @@ def evaluate(board: Varied, number: int, z: Floats) -> BoardSample:
     return attempted(partial(board.measured, number, z), partial(_without_verdict, number, board))
 
 
-def _evaluate_together(*requests: tuple[Varied, int, Floats]) -> list[BoardSample | None]:
-    """Evaluate several boards; None for each one that needs a call of its own."""
-    board = requests[0][0]
-    if len(requests) == 1:
-        return [evaluate(*requests[0])]
-    return board.measured_together([(number, z) for _, number, z in requests])
-
-
 def _without_verdict(number: int, board: Varied, error: BaseException, reason: str) -> BoardSample:
     return BoardSample(number, Record.without_verdict(type(error).__name__, reason, board.engine))
 
@@ -168,13 +156,11 @@ def evaluate_all(
     board: Varied,
     requests: Iterable[tuple[int, Floats]],
     workers: Workers,
-    count: int,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Iterator[BoardSample]:
-    """Yield the samples of at most `count` requests, (number, z) each, until `stopped` is true."""
+    """Yield the samples of `requests`, (number, z) each, until `stopped` is true."""
     points = ((number, (board, number, z)) for number, z in requests)
-    size = 1 if board.engine == "ngspice" else count  # processes share no work
-    for number, sample in study(workers, _evaluate_together, points, size, stopped):
+    for number, sample in study(workers, evaluate, points, stopped):
         if isinstance(sample, BaseException):
             sample = _without_verdict(number, board, sample, f"its worker was killed: {sample}")
         yield sample

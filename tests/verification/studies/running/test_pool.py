@@ -123,7 +123,7 @@ def test_a_study_without_processes_ends(monkeypatch: pytest.MonkeyPatch) -> None
 
     monkeypatch.setattr(module.multiprocessing, "Pipe", refuse)
     with local(2) as workers, pytest.raises(NoVerdictError, match="did not start: no process"):
-        list(study(workers, max, [(k, k) for k in range(4)]))
+        list(study(workers, max, [(k, (k,)) for k in range(4)]))
 
 
 HOSTILE = ("random", "platform", "socket", "pickle", "multiprocessing", "verification", "numpy")
@@ -137,7 +137,7 @@ import sys
 sys.path[:] = [each for each in sys.path if each]
 from taction.verification.studies.running import pool as module
 from taction.verification.studies.running.cluster import cluster
-from taction.verification.studies.running.study import one_by_one, study
+from taction.verification.studies.running.study import study
 from taction.verification.studies.running.pool import LocalPool
 pool = LocalPool(1)
 print(pool.submit(pow, 2, 5).result(60))
@@ -180,7 +180,7 @@ PARENT = """
 import sys, time
 from taction.verification.studies.running import pool as module
 from taction.verification.studies.running.cluster import cluster
-from taction.verification.studies.running.study import one_by_one, study
+from taction.verification.studies.running.study import study
 from taction.verification.studies.running.pool import LocalPool
 if __name__ == "__main__":
     pool = LocalPool(2)

@@ -22,11 +22,10 @@ from taction.verification.studies.running.store import Store
 from taction.verification.studies.sweep.plan import (
     Plan,
     SweepCounts,
-    grid_points,
     sweep_points,
 )
 from taction.verification.studies.sweep.result import records
-from taction.verification.verdict import verify as module_of_batches
+from taction.verification.verdict import verify as module_of_verdicts
 from taction.verification.verdict.verify import verify
 from tests.support.making import NEAR_IDEAL, make_scene, write_matrix_scene
 from tests.support.studying import IDEAL
@@ -47,18 +46,6 @@ def scene(**tables: Any) -> Scene:
 def plan(*over: str, engine: str = "statespace") -> Plan:
     asked = scene()
     return Plan(asked, parse_axes(asked, over), engine)
-
-
-def test_points_that_share_their_resistances_are_computed_one_after_the_other() -> None:
-    asked = plan("C=50p,100p,200p", "gain=50k:200k:2")
-    values = [asked.values_at(int(place)) for place in asked.order]
-    assert [tuple(each.values()) for each in values] == [
-        (C, gain) for gain in (5e4, 2e5) for C in (50e-12, 100e-12, 200e-12)
-    ]
-    requests = list(grid_points(asked, asked.order))
-    assert [point.place for point in requests] == [0, 2, 4, 1, 3, 5]
-    known = {point.place: point.key for point in grid_points(asked)}
-    assert {point.place: point.key for point in requests} == known
 
 
 def run(asked: Plan, path: Path, workers: Workers, **more: Any) -> tuple[SweepCounts, list[Any]]:
@@ -126,7 +113,7 @@ def test_an_unforeseen_error_is_a_row_and_is_retried(
 ) -> None:
     asked, path = plan("C=50p,100p"), tmp_path / "a.sqlite"
     with monkeypatch.context() as patch:
-        patch.setattr(module_of_batches, "verify", lambda *_, **__: 1 / 0)
+        patch.setattr(module_of_verdicts, "build", lambda *_, **__: 1 / 0)
         count, rows = run(asked, path, workers)
     assert count.outcomes == {"error": 2}
     assert rows[0]["failure"] == "ZeroDivisionError"
@@ -188,7 +175,7 @@ def test_what_is_wrong_with_the_machine_is_no_result_of_a_point(
     def fail(*scene: object, **more: object) -> None:
         raise kind("there is nothing left")
 
-    monkeypatch.setattr(module_of_batches, "verify", fail)
+    monkeypatch.setattr(module_of_verdicts, "build", fail)
     with Store(":memory:") as store:
         with pytest.raises(kind, match=r"nothing left\. The stored results are intact"):
             sweep_points(plan("C=50p,60p"), store, workers)

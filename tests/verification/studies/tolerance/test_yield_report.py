@@ -134,11 +134,11 @@ class _Failing(Executor):
     def __init__(self, error: BaseException) -> None:
         self.error = error
 
-    def submit(self, fn: Any, /, *calls: Any, **kwargs: Any) -> Future[Any]:
+    def submit(self, fn: Any, /, *arguments: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
-        numbers = [number for _, number, *_ in calls]
-        if all(number % 3 for number in numbers):
-            future.set_result([make_sample(number) for number in numbers])
+        _, number, _ = arguments
+        if number % 3:
+            future.set_result(make_sample(number))
         else:
             future.set_exception(self.error)
         return future
