@@ -45,9 +45,10 @@ def at_ports(matrix: ResistorMatrix) -> tuple[ResistorMatrix, ...]:
         for nodes, mesh in ((array.words, ports.words), (array.bits, ports.bits)):
             if mesh.any():
                 ends, none = tuple(nodes), np.zeros(mesh.shape, dtype=np.bool_)
-                kind = {"negative": none, "by_column": True, "minus": ("",) * len(ends)}
-                between = {"plus": ends, "sinks": ends, "wires": None, **kind}
-                found.append(replace(matrix, ohms=as_ohms(np.triu(mesh)), **between))
+                between = replace(matrix, ohms=as_ohms(np.triu(mesh)), negative=none, wires=None)
+                empty = ("",) * len(ends)
+                between = replace(between, by_column=True, plus=ends, minus=empty, sinks=ends)
+                found.append(between)
     return tuple(found)
 
 

@@ -287,7 +287,8 @@ def confirmations(
     progress: Progress = lambda stage: None,
 ) -> tuple[CheckedEdge, ...]:
     """Check every crossing by transients of `timeout`, s; without ngspice they stay unconfirmed."""
-    unknown, find = TransientTest(None, NOT_ASKED), partial(confirm, boards.board)
+    unknown = TransientTest(None, NOT_ASKED)
+    find: Callable[..., TransientTest] = partial(confirm, boards.board)
     if timeout is not None and scanned.edges:
         try:
             find = partial(find, simulator=find_simulator(), logarithmic=scanned.logarithmic)

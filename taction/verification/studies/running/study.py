@@ -75,7 +75,8 @@ def study(
                     break
                 except Empty:
                     _ask(workers.check)
-            yield running.pop(future), _row(future, workers)
+            row = _row(future, workers)
+            yield running.pop(future), row
     finally:
         for future in running:
             future.cancel()
