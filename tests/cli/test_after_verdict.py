@@ -37,7 +37,6 @@ def broken(*given: Any, **more: Any) -> Any:
     [
         (f"{VERIFY}.all_warnings", "the warnings failed"),
         (f"{VERIFY}.error_budget", "the error budget failed"),
-        (f"{VERIFY}.energy_rise", "the energy failed"),
         (f"{VIEW}._headroom", "'Headroom' failed"),
         (f"{VIEW}.budget_table", "'Error budget' failed"),
         (f"{VIEW}.channel_table", "'Waveforms' failed"),

@@ -22,7 +22,7 @@ from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
 )
-from taction.verification.reference.ideal_answer import EnergyRise, IdealAnswer, energy_rise
+from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.answer_error import (
     AnswerError,
     BuiltBoards,
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from taction.verification.verdict.active_sets import VisitedSet
 
 T = TypeVar("T")
-DETAILS = ("answer", "energy", "budget", "active_sets")
+DETAILS = ("answer", "budget", "active_sets")
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -135,12 +135,6 @@ class Verdict(Evidence, Result):
             return found
         find = partial(BuiltBoards.of, board, self)
         return replace(found, built=self._detail("the error of built boards", find, None))
-
-    @cached_property
-    def energy(self) -> EnergyRise | None:
-        """Where the energy rises along the record; None where it is not known."""
-        network, time = self.board.network, self.waveforms.time
-        return self._detail("the energy", lambda: energy_rise(network, time, self.u), None)
 
     @cached_property
     def budget(self) -> ErrorBudget:

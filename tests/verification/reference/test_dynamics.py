@@ -20,7 +20,6 @@ from taction.verification.reference.dynamics import (
     ideal_transient,
 )
 from taction.verification.reference.ideal_answer import (
-    energy_rise,
     ideal_answer,
     ideal_network,
     is_biased,
@@ -148,18 +147,6 @@ def test_a_value_at_the_band_that_rounds_to_either_side_settles_there(turn: floa
 
     response = Response(time, outputs, np.zeros(1), np.ones(1))
     assert response.settling_time(np.exp(-1.0)) == pytest.approx(1.0, abs=1e-12)
-
-
-def test_an_overshoot_rises_by_the_quadratic_form():
-    """Beyond the rest state by d, the energy is above its least by ½ d'(T'T/mu + I) d."""
-    rest = ideal_linear(NETWORK, np.zeros(2)).target
-    d = 0.25 * rest
-    u = np.array([np.zeros(2), rest, rest + d, rest])
-    found = energy_rise(NETWORK, np.array([0.0, 1.0, 2.0, 3.0]), u)
-    hessian = NETWORK.T.T @ NETWORK.T / NETWORK.mu + np.eye(2)
-    expected = (d @ hessian @ d) / (rest @ hessian @ rest)
-    assert found.rise == pytest.approx(expected, rel=1e-9)
-    assert found.time == 2.0
 
 
 ONE = IdealNetwork(T=np.array([[2.0]]), eps=np.array([3.0]), lam=1.0, RC=1e-5, U0=0.1)

@@ -110,7 +110,6 @@ class VerdictBody:
         *("stability.states = states", "stability.margin = record.figures.margin"),
         "stability.margins? = margins # with --margins: of C and of the gain; of an unstable board"
         " the nearest stable ranges",
-        *("energy.rise = verdict.energy.rise", "energy.rise_time [s] = verdict.energy.time"),
         "answer = verdict.answer",
         "error_budget = verification.report.documents.verdict:budget_parts(verdict.budget)",
         *("opamp_level", "headroom", "noise = verdict.noise"),

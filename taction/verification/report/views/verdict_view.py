@@ -299,7 +299,7 @@ def _budget_chart(verdict: Verdict) -> Chart | None:
 def _effort(verdict: Verdict) -> dict[str, str]:
     """Return the requested and the reached error of the run, and its cost."""
     accuracy, waves, ideal = verdict.accuracy, verdict.waveforms, verdict.ideal
-    solution, energy = ideal.solution, verdict.energy
+    solution = ideal.solution
     reached, band = accuracy.achieved, verdict.measurements.band
     rows = {
         "requested error": f"{figure(accuracy.wanted, 'step')} of the step",
@@ -312,9 +312,6 @@ def _effort(verdict: Verdict) -> dict[str, str]:
         f" {solution.bound:.2g}",
         f"{banded('settling_time', band)} of the ideal network": quantity(ideal.settling_time, "s"),
     }
-    if energy is not None:
-        text = f"rises by {100 * energy.rise:.2g} % of its fall, at {quantity(energy.time, 's')}"
-        rows["energy"] = f"{text}; that of an ideal network never rises"
     stages = (f"{name} {seconds:.2f} s" for name, seconds in verdict.timing.items())
     return rows | {"run time": ", ".join(stages)}
 
