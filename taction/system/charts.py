@@ -30,7 +30,7 @@ class Look:
 
     name: str
     colour: str  # of what is drawn, hexadecimal RGB: at least 3 to 1 against both papers
-    mark: str  # one of `MARKS`
+    mark: str  # by plotly's name, as every mark
     hatch: str = ""  # of matplotlib
     sign: str = ""  # one character
 
@@ -50,16 +50,9 @@ OTHER_LOOKS = {
                      (GREY, "circle-open", "")),
     "error": ((PURPLE, "triangle-up-open", "xxxx"), (PURPLE, "hexagon-open", "**")),
 }  # fmt: skip
-MARKS = (
-    "circle", "circle-open", "square", "square-open", "diamond", "diamond-open", "triangle-up",
-    "triangle-up-open", "triangle-down", "x", "cross", "star", "star-open", "hourglass", "hexagon",
-    "hexagon-open", "line-ns", "pentagon", "triangle-left", "triangle-right",
-)  # fmt: skip
 SERIES = ("#2f7fc1", "#c4661f", "#7d6bc4", "#2b8f8f", "#a8628f", "#8a7a2a", "#5c7a9a", "#b8574d")
 """Colours of curves; one lightness between the two papers."""
 SPREAD = ((47, 127, 193), (125, 107, 196), (168, 98, 143), (196, 102, 31))
-COLOURS = (*OUTCOMES, "ink", "muted", "band", "true")
-"""Names of colours beside hexadecimal RGB; the renderers take the last ones from their theme."""
 
 
 def looks_of(names: Iterable[str]) -> dict[str, Look]:
@@ -139,9 +132,9 @@ class Curve:
     x: ArrayLike
     y: ArrayLike
     name: str = ""  # for the legend (`label`), and for the hover
-    colour: str = SERIES[0]  # hexadecimal, or one of `COLOURS`
+    colour: str = SERIES[0]  # hexadecimal, an outcome, or ink, muted, band, true: of the theme
     line: Line = "solid"
-    mark: str = ""  # one of `MARKS`, or none
+    mark: str = ""  # or none
     width: float = 1.5  # points, as the size
     size: float = 6.0
     label: Literal["legend", ""] = "legend"  # where the name stands

@@ -5,8 +5,8 @@ A package names its objects in its ``pyproject.toml``::
     [project.entry-points."taction.opamps"]
     acme1 = "acme.opamps:ACME1"
 
-The names come from the metadata of the installed packages, read when a table is read first; an
-object is loaded when its name is asked for.
+The names come from the metadata of the installed packages, read once in a process; an object
+is loaded when its name is asked for.
 """
 
 from __future__ import annotations
@@ -18,11 +18,10 @@ from importlib import import_module, metadata, util
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
-from typing import Any, ParamSpec, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from taction.system.errors import Complaint, InputError
 
-P = ParamSpec("P")
 T = TypeVar("T")
 
 GROUPS = tuple(
@@ -30,19 +29,6 @@ GROUPS = tuple(
     for name in ("amplifiers", "checks", "engines", "networks", "opamps", "topologies")
 )
 CODE = (".py", ".toml")  # suffixes of the files that can change a result
-CACHES: list[Any] = []  # of functions whose results depend on plug-ins
-
-
-def cached(function: Callable[P, T]) -> Callable[P, T]:
-    """Cache a function whose results depend on plug-ins, until `forget`."""
-    CACHES.append(functools.cache(function))
-    return cast("Callable[P, T]", CACHES[-1])
-
-
-def forget() -> None:
-    """Look for installed packages again, after one was installed while this process runs."""
-    for cache in CACHES:
-        cache.cache_clear()
 
 
 def distribution(offer: EntryPoint) -> str:
@@ -55,7 +41,7 @@ def _refused(offer: EntryPoint, reason: str) -> InputError:
     return InputError(f"plug-in {distribution(offer)}", complaint)
 
 
-@cached
+@functools.cache
 def offers() -> tuple[EntryPoint, ...]:
     """Return what all installed packages offer, by group and name; InputError for a bad name."""
     every = metadata.entry_points()

@@ -36,22 +36,19 @@ class Plot:
     """One plot of a raw file.
 
     `name` is ``"Transient Analysis"``, ``"Operating Point"`` and so on; `vectors` are in lower
-    case, ``time`` and ``v(node)``; `promised` is the number of points in the header, 0 after an
-    interrupted run. `data` (P, K), real or complex, is a read-only map of the file with one column
-    for each vector. The map stays valid after the file is deleted; it is not aligned to 8 bytes,
-    since the header has any length: copy it before computations.
+    case, ``time`` and ``v(node)``. `data` (P, K), real or complex, is a read-only map of the file
+    with one column for each vector. The map stays valid after the file is deleted; it is not
+    aligned to 8 bytes, since the header has any length: copy it before computations.
     """
 
-    title: str
     name: str
     vectors: tuple[str, ...]
-    promised: int
     data: NDArray[Any]
 
 
-def read_raw(path: Path, *, partial: bool = False, flags: str = "real") -> Plot:
+def read_raw(path: Path, *, partial: bool = False) -> Plot:
     """Map the one plot of a raw file; errors as of `read_plots`, or several plots."""
-    plots = read_plots(path, partial=partial, flags=(flags,))
+    plots = read_plots(path, partial=partial)
     if len(plots) > 1:
         raise BadEvidence(f"{path.name} holds several plots; a deck may have one analysis")
     return plots[0]
@@ -91,9 +88,8 @@ def read_plots(
             if not partial:
                 _check_size(content, begin, points * width)
             data = np.frombuffer(content, kind, points * len(vectors), begin)
-            title, name = (fields.get(key, "") for key in ("title", "plotname"))
             table = data.reshape(points, len(vectors))
-            plots.append(Plot(title, name, vectors, promised, table))
+            plots.append(Plot(fields.get("plotname", ""), vectors, table))
             start = length if partial else begin + points * width
     except (BadEvidence, OutOfDisk) as error:
         raise type(error)(f"{path.name}: {error}") from None

@@ -20,7 +20,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from taction.system import plugins
 from tests.support.paths import ROOT
 
 Groups = Mapping[str, Mapping[str, str]]
@@ -92,4 +91,7 @@ def installed(*folders: Path) -> Iterator[None]:
 
 def _look_again() -> None:
     importlib.invalidate_caches()
-    plugins.forget()
+    for name, module in [*sys.modules.items()]:
+        for value in vars(module).values() if name.startswith("taction.") else ():
+            if callable(clear := getattr(value, "cache_clear", None)):
+                clear()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
@@ -20,7 +21,6 @@ from taction.netlist_gen.scene.problem_keys import (
     in_memory,
 )
 from taction.system.errors import Complaint, InputError, listed
-from taction.system.plugins import cached
 from taction.system.quantities import quantity, sizes
 from taction.system.results import card, plot
 
@@ -191,7 +191,7 @@ def scene_type() -> type[Scene]:
     return _types().get("PluggedScene", Scene)  # type: ignore[return-value]
 
 
-@cached
+@functools.cache
 def _types() -> dict[str, type[Model]]:
     """Return `Scene`, `Design` and `Checks` with the tables of plug-ins, those that have any."""
     parts: dict[str, type[Model]] = {

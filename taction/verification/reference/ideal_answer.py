@@ -158,6 +158,3 @@ def _solve_content(
     shape: tuple[int, ...], T: bytes, eps: bytes, solver: Callable[[Problem], Solution], *kind: Any
 ) -> Solution:
     return solver(Problem(np.frombuffer(T).reshape(shape), np.frombuffer(eps), *kind))
-
-
-plugins.CACHES.append(_solve_content)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import functools
 import hashlib
 import json
 import os
@@ -52,7 +53,7 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"no digest of {type(value).__name__}")
 
 
-@plugins.cached
+@functools.cache
 def own_code() -> bytes:
     """Return the digest of the code between scene and verdict, with that of installed plug-ins.
 
@@ -68,7 +69,7 @@ def own_code() -> bytes:
     return digest(texts, *([tuple(plugins.sources())] if plugins.offers() else []))
 
 
-@plugins.cached
+@functools.cache
 def own_version() -> str:
     """Return taction, its source and its plug-ins, as far as they can change a result."""
     added = sorted(set(map(plugins.distribution, plugins.offers())))

@@ -10,6 +10,7 @@ becomes too short.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -18,7 +19,7 @@ import numpy as np
 from taction.spice_models.opamp import KNEE
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.system.plugins import OpenTable, cached
+from taction.system.plugins import OpenTable
 
 OPAMP_KINDS = INPUT_STAGE, CLAMP, LIMITER = ("stage", "clamp", "limiter")
 HUGE = 1e300
@@ -178,7 +179,7 @@ GAINS: Mapping[str, Gain] = OpenTable(
 """The functions by kind, with those of other packages."""
 
 
-@cached
+@functools.cache
 def gain_of(kinds: tuple[str, ...]) -> Gain:
     """Return the functions of m amplifiers of some kinds, for arrays of m rows.
 
