@@ -300,7 +300,6 @@ BUILD = Command(
 )
 SOLVE = Command(
     schema="solve",
-    lacks=SOLUTION.lacks,
     ends="Exit status: 3 if the solution has no certificate.",
 )
 SIMULATE = Command(

@@ -4,7 +4,8 @@ A field of a result carries its unit as a text in its annotation: ``Annotated[fl
 the type follow the plain data of a document (`plain`), the way back (`read`), and the JSON Schema
 (`schema`). Numbers that are not finite are null.
 
-What else an annotation may carry: `DocumentKey`, another name in the document; `INLINE`, the parts
+What else an annotation may carry is a table of fields of `DocumentPart`: ``{"key": "lambda"}`` is
+another name in the document, ``{"note": "..."}`` is for readers of the schema; `INLINE`, the parts
 of the field stand beside it in the document; `HIDDEN`, the field is not part of it; `OPTIONAL`, it
 is part of it only where it is not None. The class variable ``SHOWN`` names properties that are part
 of it.
@@ -61,32 +62,11 @@ Number = float | None
 """A number without a unit; null: unknown, or infinite."""
 
 
-@dataclasses.dataclass(frozen=True)
-class DocumentKey:
-    """The name of a field in the document, where it is not that of the attribute."""
-
-    name: str
-
-
-@dataclasses.dataclass(frozen=True)
-class Inline:
-    """The entries of a field stand in the document of its class; `units` has the known names."""
-
-    units: Mapping[str, str] = dataclasses.field(default_factory=dict, hash=False)
-
-
-@dataclasses.dataclass(frozen=True)
-class Note:
-    """What a reader of the schema should know about a field."""
-
-    text: str
-
-
 PACKAGE = __name__.partition(".")[0]
 MOST_INTEGER = 10**300
-INLINE = Inline()
-HIDDEN = object()
-OPTIONAL = object()
+INLINE: dict[str, Any] = {"inline": {}}
+HIDDEN = {"hidden": True}
+OPTIONAL = {"required": False}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,10 +76,11 @@ class DocumentPart:
     attribute: str
     key: str
     kind: Any  # without its notes
-    unit: str
-    note: str
-    inline: Inline | None
-    required: bool
+    unit: str = ""
+    note: str = ""
+    inline: Mapping[str, str] | None = None  # beside the others: parts, or numbers with their units
+    required: bool = True
+    hidden: bool = False
     place: str = ""  # of a function that makes it from the attribute
     text: str | None = None  # in the place of an attribute
     filled: bool = False  # null where it is empty
@@ -120,8 +101,8 @@ def parts_of(kind: Any) -> tuple[DocumentPart, ...]:
     if hasattr(kind, "DOCUMENT"):
         return tuple(_stated(kind, entry) for entry in kind.DOCUMENT)
     names = (*(field.name for field in dataclasses.fields(kind)), *getattr(kind, "SHOWN", ()))
-    known = [(name, *unwrapped(_hint(kind, name))) for name in names]
-    return tuple(_part(*one) for one in known if HIDDEN not in one[2])
+    parts = (_part(name, *unwrapped(_hint(kind, name))) for name in names)
+    return tuple(part for part in parts if not part.hidden)
 
 
 ENTRY = re.compile(
@@ -147,7 +128,7 @@ def _stated(kind: Any, entry: str) -> DocumentPart:
         key=key,
         unit=found["unit"] or part.unit,
         note=found["note"] or part.note,
-        inline=part.inline or INLINE if key.endswith("*") else part.inline,
+        inline=(part.inline or {}) if key.endswith("*") else part.inline,
         required=part.required and not found["missing"],
         place=place,
         text=text,
@@ -204,11 +185,11 @@ def _at(value: Any, path: str) -> Any:
 
 
 def _part(name: str, inner: Any, notes: tuple[Any, ...]) -> DocumentPart:
-    key = next((note.name for note in notes if isinstance(note, DocumentKey)), name)
-    text = next((note.text for note in notes if isinstance(note, Note)), "")
-    unit = next((note for note in notes if isinstance(note, str)), "")
-    inline = next((note for note in notes if isinstance(note, Inline)), None)
-    return DocumentPart(name, key, inner, unit, text, inline, OPTIONAL not in notes)
+    stated: dict[str, Any] = {"attribute": name, "key": name, "kind": inner}
+    for note in notes:
+        own = note if isinstance(note, dict) else {}  # others are of pydantic
+        stated |= {"unit": note} if isinstance(note, str) else own
+    return DocumentPart(**stated)
 
 
 def unwrapped(hint: Any) -> tuple[Any, tuple[Any, ...]]:
@@ -358,7 +339,7 @@ def _read_parts(kind: Any, data: Any, place: str) -> Any:
         if field is None:
             continue
         if part.inline is not None:
-            names = part.inline.units
+            names = part.inline
             known = {key: data[key] for key in names if key in data} if names else data
             values[part.attribute] = _read(part.kind, known, place)
         elif part.key in data:
@@ -377,10 +358,12 @@ class Failure:
 
     kind: str
     message: str
-    file: Annotated[str | None, OPTIONAL, Note("of bad input")] = None
+    file: Annotated[str | None, OPTIONAL, {"note": "of bad input"}] = None
     complaints: Annotated[tuple[Complaint, ...] | None, OPTIONAL] = None
-    log: Annotated[str | None, OPTIONAL, Note("of a simulation")] = None
-    folder: Annotated[str | None, OPTIONAL, Note("what reproduces the failed simulation")] = None
+    log: Annotated[str | None, OPTIONAL, {"note": "of a simulation"}] = None
+    folder: Annotated[str | None, OPTIONAL, {"note": "what reproduces the failed simulation"}] = (
+        None
+    )
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -483,10 +466,10 @@ def _object(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
             note = {"description": part.note} if part.note else {}
             properties[key] = _schema(part.kind, shared) | unit | note
             required += [key] * part.required
-        elif part.inline.units:
-            for name, known in part.inline.units.items():
+        elif part.inline:
+            for name, known in part.inline.items():
                 properties[name] = _NUMBER | ({"unit": known} if known else {})
-            required += part.inline.units
+            required += part.inline
         else:
             kinds = (*get_args(part.kind), part.kind)
             inner = next(each for each in kinds if dataclasses.is_dataclass(each))

@@ -14,9 +14,6 @@ import pytest
 from taction.system.documents import (
     HIDDEN,
     INLINE,
-    DocumentKey,
-    Inline,
-    Note,
     Seconds,
     plain,
     read,
@@ -55,11 +52,11 @@ class Outer:
 
     SHOWN: ClassVar[tuple[str, ...]] = ("twice",)
 
-    lam: Annotated[float, DocumentKey("lambda"), Note("never 0")]
+    lam: Annotated[float, {"key": "lambda"}, {"note": "never 0"}]
     colour: Colour
     inner: tuple[Inner, ...]
     beside: Annotated[Beside, INLINE]
-    numbers: Annotated[dict[str, float | None], Inline({"gain": "ohm", "factor": ""})]
+    numbers: Annotated[dict[str, float | None], {"inline": {"gain": "ohm", "factor": ""}}]
     free: dict[str, Any]
     secret: Annotated[object, HIDDEN] = None
     maybe: int | None = None

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
 from taction.system.array_types import Floats
-from taction.system.documents import Inline
 from taction.system.reading_definitions import EXCURSIONS, READINGS
 from taction.verification.readings.measurements import ChannelMeasure, Measurements
 from taction.verification.readings.readings import Reading
@@ -147,7 +146,7 @@ class Channel:
 
     index: int
     state: str  # at the end of the record
-    figures: Annotated[dict[str, float | None], Inline(CHANNEL_UNITS)]
+    figures: Annotated[dict[str, float | None], {"inline": CHANNEL_UNITS}]
     uncertainties: Bounds = field(default_factory=dict)  # null: unknown
     alternatives: Bounds = field(default_factory=dict)  # of fragile times, s
     reason: str = ""  # why a time is missing
@@ -182,7 +181,7 @@ class Record:
     state: str | None = None  # state of the worst channel at the end of the record
     stable: bool | None = None
     # By the names in `FIGURES`; None where the board has no such figure.
-    figures: Annotated[dict[str, float | None], Inline(UNITS)] = field(default_factory=dict)
+    figures: Annotated[dict[str, float | None], {"inline": UNITS}] = field(default_factory=dict)
     uncertainties: Bounds = field(default_factory=dict)  # bounds on their errors; None: infinite
     alternatives: Bounds = field(default_factory=dict)  # the other values of fragile times, s
     checks: tuple[Check, ...] = ()

@@ -22,7 +22,7 @@ from taction.netlist_gen.scene.check_keys import AGREE
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.documents import HIDDEN, Inline
+from taction.system.documents import HIDDEN
 from taction.system.errors import EngineError, StepTooSmall, TimedOut
 from taction.system.progress import Clock, Progress
 from taction.system.quantities import quantity
@@ -165,7 +165,7 @@ class StepError:
     steady_state: float  # of the record's end, fraction of the step amplitude
     # Of the readings of the network; 0 for a time that no channel has, the largest of all channels.
     readings: Annotated[
-        Mapping[str, float], Inline({name: kind.unit for name, kind in READINGS.items()})
+        Mapping[str, float], {"inline": {name: kind.unit for name, kind in READINGS.items()}}
     ]
 
     @classmethod

@@ -10,7 +10,6 @@ from importlib import import_module, metadata
 from typing import Annotated, Any
 
 from taction.system import documents
-from taction.system.documents import DocumentKey, Note
 from taction.system.errors import SimulationError
 from taction.verification.engines.ngspice.executable import find_simulator
 
@@ -23,9 +22,9 @@ class Head:
     """What made a document: `units` has the unit of every field of the document that has one."""
 
     version: str
-    name: Annotated[str, DocumentKey("schema"), Note("name and version of the schema")]
-    simulator: Annotated[str | None, Note("ngspice of this machine; null where there is none")]
-    solver: Annotated[str | None, Note("its matrix solver")]
+    name: Annotated[str, {"key": "schema"}, {"note": "name and version of the schema"}]
+    simulator: Annotated[str | None, {"note": "ngspice of this machine; null where there is none"}]
+    solver: Annotated[str | None, {"note": "its matrix solver"}]
     units: dict[str, str]
 
 

@@ -9,7 +9,7 @@ from taction.netlist_gen.scene.imported_opamps import StoredOpAmp
 from taction.netlist_gen.scene.keys import Value
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.presets import Origin
-from taction.system.documents import INLINE, OPTIONAL, Failure, Note, Number, taken
+from taction.system.documents import INLINE, OPTIONAL, Failure, Number, taken
 from taction.verification.characterise.characterise import OpAmpFigures
 from taction.verification.design.fresh_scene import NewScene
 from taction.verification.design.scaling import Scaled
@@ -36,9 +36,9 @@ class StatedFigure:
 
     value: Number
     unit: str
-    note: Annotated[str, Note("what the sheet says beside it, or how it was derived")]
-    source: Annotated[str, Note("title and revision of a document, derived, or assumed")]
-    guaranteed: Annotated[Number, Note("its limit at 25 degrees; null: none is known")]
+    note: Annotated[str, {"note": "what the sheet says beside it, or how it was derived"}]
+    source: Annotated[str, {"note": "title and revision of a document, derived, or assumed"}]
+    guaranteed: Annotated[Number, {"note": "its limit at 25 degrees; null: none is known"}]
     guaranteed_source: str
 
 
@@ -104,7 +104,7 @@ class ParameterHelp:
     min: Annotated[Number, OPTIONAL] = None
     max: Annotated[Number, OPTIONAL] = None
     choices: Annotated[list[str] | None, OPTIONAL] = None
-    flags: Annotated[list[str] | None, OPTIONAL, Note("of an option")] = None
+    flags: Annotated[list[str] | None, OPTIONAL, {"note": "of an option"}] = None
     is_flag: Annotated[bool | None, OPTIONAL] = None
     default: Annotated[Value | None, OPTIONAL] = None
     metavar: Annotated[str | None, OPTIONAL] = None

@@ -22,7 +22,7 @@ import numpy as np
 
 from taction.netlist_gen.deck.part_tolerances import DeckTolerances
 from taction.system.array_types import Floats
-from taction.system.documents import Hertz, Inline, Note, Number, Rate, Volts
+from taction.system.documents import Hertz, Number, Rate, Volts
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.system.results import Result
@@ -57,7 +57,7 @@ class PoleRow:
     frequency: Hertz
     damping: Number
     bound: Rate
-    hidden: Annotated[bool, Note("no output shows it: it does not decide")]
+    hidden: Annotated[bool, {"note": "no output shows it: it does not decide"}]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class OutputRow:
     rest: Volts
     rest_bound: Volts
     state: str
-    figures: Annotated[dict[str, float | None], Inline(units())]
+    figures: Annotated[dict[str, float | None], {"inline": units()}]
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

@@ -23,7 +23,7 @@ from taction.netlist_gen.deck.part_tolerances import DeckTolerances
 from taction.netlist_gen.scene.axes import range_values
 from taction.netlist_gen.scene.keys import Key
 from taction.system.array_types import Floats
-from taction.system.documents import Hertz, Inline, Number, Rate
+from taction.system.documents import Hertz, Number, Rate
 from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.quantities import UNITS
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -223,7 +223,7 @@ class PointRow:
     stable: bool | None = None
     bound: Rate = None
     failure: str = ""
-    figures: Annotated[dict[str, float | None], Inline(units(over=True))] = field(
+    figures: Annotated[dict[str, float | None], {"inline": units(over=True)}] = field(
         default_factory=dict
     )
 

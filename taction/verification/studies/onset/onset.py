@@ -22,7 +22,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import own_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.scene.slips import axis_questions
-from taction.system.documents import DocumentKey, Number
+from taction.system.documents import Number
 from taction.system.errors import (
     Complaint,
     EngineError,
@@ -96,8 +96,8 @@ class Count:
 class Scanned:
     """The values whose poles were computed."""
 
-    low: Annotated[Number, DocumentKey("from")]
-    high: Annotated[Number, DocumentKey("to")]
+    low: Annotated[Number, {"key": "from"}]
+    high: Annotated[Number, {"key": "to"}]
     points: int
     scale: str
     default: bool
