@@ -20,7 +20,7 @@ from taction.netlist_gen.scene.keys import write_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.progress import Progress
-from taction.system.quantities import percent, show
+from taction.system.quantities import percent, show, spaced
 from taction.system.results import Result
 from taction.verification.design.trials import (
     SearchRange,
@@ -163,11 +163,10 @@ def tune(
     margin = scene.checks.stability.margin if margin is None else margin
     limited = with_values(scene, {"checks.overshoot.max": limit, "checks.stability.margin": margin})
     trials = Trials(limited, accepted=ANY_PART if any_part else None)
-    search = _TuneSearch(trials, ranges, limit)
-    after = search.run(progress)
-    if not search.feasible(after):
-        raise search.no_design(after, margin)
-    best, tried = with_values(limited, trials.completed(after.values)), search.tried
+    after = _search(trials, ranges, limit, progress)
+    if not (after.good and after.overshoot <= RESERVE * limit):
+        raise _no_design(trials, ranges, after, f"{100 * limit:g} % and a margin of {margin:g}")
+    best, tried = with_values(limited, trials.completed(after.values)), trials.tried
     shown = frontier(tried)
     tuning = Tuning(tried[0], after, best, shown, len(tried), limit, margin, ranges)
     tuned = Tuned(tuning, verify(best, progress), reach)
@@ -187,71 +186,49 @@ def frontier(trials: Iterable[Trial]) -> tuple[Trial, ...]:
     return tuple(best)
 
 
-class _TuneSearch:
-    """The designs of one search: a grid, the walk from the scene, and simplexes from the best."""
+def _search(
+    trials: Trials, ranges: Sequence[SearchRange], overshoot: float, progress: Progress
+) -> Trial:
+    """Return the best design of a grid, and of simplexes from the best of its points."""
+    own: Values = {each.path: each.own for each in ranges}
+    if trials.at(own).outcome == ERROR:
+        trials.board_at(own)  # raises the error of the scene's own design
 
-    def __init__(self, trials: Trials, ranges: Sequence[SearchRange], overshoot: float) -> None:
-        self.trials, self.ranges, self.overshoot = trials, ranges, overshoot
-        self.own: Values = {each.path: each.own for each in ranges}
-
-    @property
-    def tried(self) -> tuple[Trial, ...]:
-        """All designs, that of the scene first."""
-        return self.trials.tried
-
-    def run(self, progress: Progress) -> Trial:
-        """Return the best design."""
-        if self.trials.at(self.own).outcome == ERROR:
-            self.trials.board_at(self.own)  # raises the error of the scene's own design
-        grid = [*product(*(each.values(GRID[len(self.ranges)]) for each in self.ranges))]
-        for number, point in enumerate(grid, 1):
-            progress(f"grid {number} of {len(grid)}")
-            self.trials.at(dict(zip(self.own, point, strict=True)))
-        count = GRID[len(self.ranges)] - 1
-        spacings = [0.5 * math.log(each.high / each.low) / count for each in self.ranges]
-        for number, start in enumerate(self.best(STARTS), 1):
-            progress(f"simplex {number} of {STARTS}")
-            descend(
-                lambda values: self.objective(self.trials.at(values)),
-                self.ranges,
-                start.values,
-                spacings,
-            )
-        return self.best(1)[0]
-
-    def feasible(self, trial: Trial) -> bool:
-        """Whether a design passes, with a reserve for the simulator's error."""
-        return trial.good and trial.overshoot <= RESERVE * self.overshoot
-
-    def objective(self, trial: Trial) -> float:
+    def objective(trial: Trial) -> float:
         """Return ln(settling time), plus a penalty for every check that does not pass."""
         broken = len(trial.left) + bool(trial.refused)
         if not math.isfinite(trial.settling_time):
             return (100 + broken) * INFEASIBLE
-        excess = max(trial.overshoot - RESERVE * self.overshoot, 0.0)
+        excess = max(trial.overshoot - RESERVE * overshoot, 0.0)
         penalty = INFEASIBLE * (broken + min(excess, 1.0) + bool(excess))
         return math.log(trial.settling_time) + penalty
 
-    def best(self, count: int) -> list[Trial]:
-        """Return the best designs so far."""
-        return sorted(self.tried, key=self.objective)[:count]
+    points = GRID[len(ranges)]
+    grid = [*product(*(each.values(points) for each in ranges))]
+    for number, point in enumerate(grid, 1):
+        progress(f"grid {number} of {len(grid)}")
+        trials.at(dict(zip(own, point, strict=True)))
+    spacings = [0.5 * math.log(each.high / each.low) / (points - 1) for each in ranges]
+    for number, start in enumerate(sorted(trials.tried, key=objective)[:STARTS], 1):
+        progress(f"simplex {number} of {STARTS}")
+        descend(lambda values: objective(trials.at(values)), ranges, start.values, spacings)
+    return min(trials.tried, key=objective)
 
-    def no_design(self, closest: Trial, margin: float) -> EngineError:
-        """Return the error that no design passes, with the one that came closest."""
-        ends = ", ".join(
-            f"{each.path} from {show(each.low, each.unit, 3)} to {show(each.high, each.unit, 3)}"
-            for each in self.ranges
-        )
-        values = ", ".join(
-            f"{each.path} = {show(closest.values[each.path], each.unit)}" for each in self.ranges
-        )
-        failing = ", ".join(name.replace("_", " ") for name in closest.left) or "overshoot"
-        reached = ""
-        if math.isfinite(closest.overshoot):
-            reached = f" with an overshoot of {percent(closest.overshoot)}"
-        return EngineError(
-            f"no design passes every check with an overshoot of {100 * self.overshoot:g} % and a"
-            f" margin of {margin:g} in C; tried {len(self.tried)} over {ends}. The closest is"
-            f" {values}{reached}: it does not pass {closest.refused or failing}. Loosen a limit,"
-            " give another range, or tune another key"
-        )
+
+def _no_design(
+    trials: Trials, ranges: Sequence[SearchRange], closest: Trial, limits: str
+) -> EngineError:
+    """Return the error that no design passes, with the one that came closest."""
+    values = ", ".join(f"{r.path} = {show(closest.values[r.path], r.unit)}" for r in ranges)
+    ends = ", ".join(
+        f"{r.path} from {show(r.low, r.unit, 3)} to {show(r.high, r.unit, 3)}" for r in ranges
+    )
+    failing = closest.refused or ", ".join(map(spaced, closest.left)) or "overshoot"
+    reached = ""
+    if math.isfinite(closest.overshoot):
+        reached = f" with an overshoot of {percent(closest.overshoot)}"
+    return EngineError(
+        f"no design passes every check with an overshoot of {limits} in C; tried"
+        f" {len(trials.tried)} over {ends}. The closest is {values}{reached}: it does not pass"
+        f" {failing}. Loosen a limit, give another range, or tune another key"
+    )

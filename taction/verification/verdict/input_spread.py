@@ -104,20 +104,10 @@ class InputSpread:
             ends=ends if uniform else None,
         )
         worst = int(np.argmax(found.sigma))
-        names = [f"{each.part}.{each.kind}".removesuffix(f".{DRIFT}") for each in normal]
-        names += [part.name for part in at_rest]
         curvature = 0.0
         if found.sigma[worst] > 0.0:
             z = PROBED * every[:, worst] / found.sigma[worst]
-            of_parts = zip(at_rest, z[len(normal) :].tolist(), strict=True)
-            shares = {part.name: value / size for part, value in of_parts}
-            logs: dict[str, float] = {}
-            for each, value in zip(normal, z[: len(normal)].tolist(), strict=True):
-                if each.kind == DRIFT or each.kind in KINDS:
-                    logs[each.part] = logs.get(each.part, 0.0) + each.sigma * value
-                else:
-                    shares[f"{each.part}.{each.kind}"] = value / MOST
-            scale = {name: math.exp(value) for name, value in logs.items()}
+            shares, scale = _deviated(normal, at_rest, z, size)
             probed = LinearBoard(with_resistors_at(varied_by(shares), scale))
             off = outputs_at_rest(probed) - found.mean - every.T @ z
             curvature = float(np.abs(off).max()) / (PROBED * float(found.sigma[worst]))
@@ -129,6 +119,8 @@ class InputSpread:
                 moved += shift
                 alone = cls(shift, parts[here], 0.0, "", False)
                 changes[kind] = alone.distance(np.zeros(count))[0]
+        names = [f"{each.part}.{each.kind}".removesuffix(f".{DRIFT}") for each in normal]
+        names += [part.name for part in at_rest]
         largest = names[int(np.argmax(np.abs(every[:, worst])))]
         return replace(found, curvature=curvature, largest=largest, moved=moved, changes=changes)
 
@@ -264,6 +256,20 @@ def _deviations(
     for name, shares in devices.items():
         for kind, share in shares.items():
             yield _Deviation(name, kind, slopes[name], 0.0, share)
+
+
+def _deviated(
+    normal: Sequence[_Deviation], at_rest: Sequence[Parameter], z: Floats, size: float
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Return deviations in tolerances, of `size`, and factors of resistors, from standard ones."""
+    of_parts = zip(at_rest, z[len(normal) :].tolist(), strict=True)
+    shares, logs = {part.name: value / size for part, value in of_parts}, dict[str, float]()
+    for each, value in zip(normal, z[: len(normal)].tolist(), strict=True):
+        if each.kind == DRIFT or each.kind in KINDS:
+            logs[each.part] = logs.get(each.part, 0.0) + each.sigma * value
+        else:
+            shares[f"{each.part}.{each.kind}"] = value / MOST
+    return shares, {name: math.exp(value) for name, value in logs.items()}
 
 
 def covered(circuit: Circuit, tolerances: Tolerances, *, drift: bool = False) -> str:

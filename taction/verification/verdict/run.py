@@ -236,6 +236,11 @@ def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
 def measure_outputs(board: Board, waveforms: Waveforms, *, error: float = 0.0) -> Measurements:
     """Measure `waveforms`, whose error, V, `error` bounds, against the reference."""
     u, time, ideal = outputs(board.circuit, waveforms), waveforms.time, board.ideal
+    rest = None
+    if board.poles.known_stable:  # it comes to rest after the record
+        late = u[int(np.searchsorted(time, LATE * time[-1])) :]
+        moving = float(np.abs(late - board.steady.values).max(initial=0.0))
+        rest = Rest(board.steady.values, max(board.steady.left(float(time[-1])), moving))
     return measure(
         time,
         u,
@@ -245,7 +250,7 @@ def measure_outputs(board: Board, waveforms: Waveforms, *, error: float = 0.0) -
         bound=PHYSICAL_BOUND * board.circuit.value("U0"),
         expected_stop=board.transient.stop,
         error=error + board.target_error,
-        rest=_rest(board, time, u),
+        rest=rest,
         curve=_curve(board, waveforms),
     )
 
@@ -258,15 +263,6 @@ def _curve(board: Board, waveforms: Waveforms) -> Curve | None:
     columns = np.array([waveforms.nodes.index(output.node) for output in found])
     signs = np.array([output.sign for output in found])
     return lambda times, channels: signs[channels] * between(times, columns[channels])
-
-
-def _rest(board: Board, time: Floats, u: Floats) -> Rest | None:
-    """Return where the outputs of a stable board come to rest after a record."""
-    if not board.poles.known_stable:
-        return None
-    late = u[int(np.searchsorted(time, LATE * time[-1])) :]
-    moving = float(np.abs(late - board.steady.values).max(initial=0.0))
-    return Rest(board.steady.values, max(board.steady.left(float(time[-1])), moving))
 
 
 INSIDE = 0.5  # of the band minus the static error: remaining ringing at the end of a longer record

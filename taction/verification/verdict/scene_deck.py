@@ -143,8 +143,9 @@ def deck_of(
     resistor matrices go into a second file. The errors are those of `taction.netlist`.
     """
     matrix_file = _matrix_file(output) if split else None
-    if measures or dialect != NATIVE:
-        scene = _with_even_steps(scene)
+    if (measures or dialect != NATIVE) and scene.analysis.points_per_period is None:
+        even = {"points_per_period": EVEN_POINTS, "error": "auto"}
+        scene = scene.model_copy(update={"analysis": scene.analysis.model_copy(update=even)})
     board = build(scene.with_engine("ngspice"))
     circuit, transient = board.circuit, board.transient
     if complaints := list(DIALECTS[dialect].refusals(circuit)):
@@ -154,14 +155,6 @@ def deck_of(
     return circuit, deck
 
 
-def _with_even_steps(scene: Scene) -> Scene:
-    """Return `scene` with even steps; its own number of points, if it has one."""
-    if scene.analysis.points_per_period is not None:
-        return scene
-    even = {"points_per_period": EVEN_POINTS, "error": "auto"}
-    return scene.model_copy(update={"analysis": scene.analysis.model_copy(update=even)})
-
-
 def _measures(board: Board) -> Measures:
     """Return what the measures compare with: the reference solution, at the output nodes."""
     from taction.netlist_gen.deck.dialects import Measures
@@ -169,11 +162,8 @@ def _measures(board: Board) -> Measures:
     ideal = board.ideal
     if ideal.problem:
         raise SolverError(f"--measure needs a reference solution: {ideal.problem}")
-    signs = [output.sign for output in board.circuit.outputs]
-    targets, starts = (
-        tuple(float(sign * u) for sign, u in zip(signs, values, strict=True))
-        for values in (ideal.target, ideal.start)
-    )
+    signs = np.array([output.sign for output in board.circuit.outputs])
+    targets, starts = (tuple((signs * u).tolist()) for u in (ideal.target, ideal.start))
     return Measures(targets, starts, ideal.band)
 
 
