@@ -11,10 +11,9 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -236,18 +235,6 @@ def _largest(u: Floats | None) -> float:
     return 0.0 if u is None else float(np.abs(u).max(initial=0.0))
 
 
-def stage_deviation(board: LinearBoard) -> str:
-    """Say how far the antilog stages of a board are from ``U0 exp(v / Ve)``, and at which u."""
-    circuit, points = board.circuit, (board.rest, board.equilibrium)
-    u = np.array([[out.sign * point[out.node] for out in circuit.outputs] for point in points])
-    v = np.array([[point[node] for node in circuit.signal_nodes] for point in points])
-    wanted = circuit.value("U0") * np.exp(v / circuit.value("Ve"))
-    return (
-        f"up to {100.0 * float(np.abs(u / wanted - 1.0).max()):.2g} % from U0 exp(v/Ve), measured"
-        f" at u from {show(float(u.min()), 'V', 3)} to {show(float(u.max()), 'V', 3)}"
-    )
-
-
 IDEAL_GAIN = 1e15  # the gain error of a whole board is then at the rounding of its equilibrium
 GAIN = ("dc_gain", "gbw", "second_pole", "input_resistance", "output_resistance", "imported")
 CURRENTS = ("bias_current", "offset_current")
@@ -304,32 +291,6 @@ class ErrorBudget:
         return tuple(map(math.fsum, zip(*signed, strict=True)))
 
 
-class Link(NamedTuple):
-    """A solution of the chain: the part it ends, in words, and how to find it, V, (N,)."""
-
-    name: str
-    how: str
-    solution: Floats | Callable[[], Floats]
-    bound: float | None = None  # proven, on the part, V
-
-
-def chained(first: Floats | None, links: Iterable[Link]) -> Iterator[ErrorPart]:
-    """Yield the part between each two solutions that follow each other.
-
-    Without a first solution the first part is not known. Where another solution cannot be found,
-    its part is not known, and the part after it contains it.
-    """
-    last = first
-    for name, how, solution, bound in links:
-        try:
-            u = solution() if callable(solution) else solution
-        except EngineError as error:
-            yield ErrorPart(name, None, f"{how}: {error}")
-            continue
-        yield ErrorPart(name, None, how) if last is None else difference(name, how, last, u, bound)
-        last = u
-
-
 def difference(
     name: str, how: str, before: Floats, after: Floats, bound: float | None = None
 ) -> ErrorPart:
@@ -357,17 +318,31 @@ def around(design: Design, change: str) -> str:
 
 
 LEAST_BOUND = 1e-9  # of the largest stress: a smaller bound on an error has no number of its own
+Link = tuple[str, str, Floats | LinearBoard, float | None]
+"""A solution of the chain, V, (N,), or a board that rests there: the part that it ends, how that is
+found, and its proven bound, V."""
 
 
 def error_budget(run: Run, evidence: Evidence, answer: AnswerError) -> ErrorBudget:
-    """Split the difference of the true stress and the record's end into its parts."""
+    """Split the difference of the true stress and the record's end into its parts.
+
+    Where a solution cannot be found its part is not known, and the part after it contains it.
+    """
     board, noise, spread = run.board, evidence.noise, evidence.spread
     error = evidence.error.steady_state * (evidence.measurements.amplitude or 1.0)
-    bound, least = error if math.isfinite(error) else None, LEAST_BOUND * answer.unit
-    links = (*_of_answer(board, answer), *_of_board(board), *_of_transient(run, bound, least))
-    parts = [*chained(answer.stress, links)]
+    end = error if math.isfinite(error) else None
+    parts, last = list[ErrorPart](), answer.stress
+    for name, how, solution, bound in _links(run, answer, end):
+        try:
+            u = outputs_at_rest(solution) if isinstance(solution, LinearBoard) else solution
+        except EngineError as reason:
+            parts.append(ErrorPart(name, None, f"{how}: {reason}"))
+            continue
+        found = ErrorPart(name, None, how)
+        parts.append(found if last is None else difference(name, how, last, u, bound))
+        last = u
     if run.exact_end is None:
-        parts.append(ErrorPart("simulator", None, "there is no second solution", bound))
+        parts.append(ErrorPart("simulator", None, "there is no second solution", end))
     if noise is not None:
         how = f"rms at rest {noise.band}: resistors, op-amps and sensors; not in the sum"
         parts.append(ErrorPart("noise", noise.known, how))
@@ -380,68 +355,54 @@ def error_budget(run: Run, evidence: Evidence, answer: AnswerError) -> ErrorBudg
     return ErrorBudget(tuple(parts), difference("total", how, first, run.u[-1]))
 
 
-def _of_answer(board: Board, answer: AnswerError) -> Iterator[Link]:
-    """Yield what the problem itself has: regularisation, noise of the strain, pruned entries."""
-    ideal = board.ideal
+def _links(run: Run, answer: AnswerError, end: float | None) -> Iterator[Link]:
+    """Yield the chain; the error of the record's end is at most `end`, V."""
+    board, ideal = run.board, run.board.ideal
     if answer.clean is None:
         how = "regularised answer against the true stress (regularisation and strain noise)"
-        yield Link("ill_posedness", how, ideal.target)
+        yield "ill_posedness", how, ideal.target, None
     else:
         how = "regularised answer for a strain without noise against the true stress"
-        yield Link("regularisation", how, answer.clean)
+        yield "regularisation", how, answer.clean, None
         noisy = "regularised answer against that without noise"
         how = noisy if answer.has_noise else "the strain is T times the true stress"
-        yield Link("strain_noise", how, ideal.target)
+        yield "strain_noise", how, ideal.target, None
     pruning = Pruning.of(board.network, board.scene.design.prune, ideal.solution)
     if pruning is not None:
         bound = pruning.bound if math.isfinite(pruning.bound) else None
         how = f"answer without {pruning.entries} entries of T against the requested answer"
-        yield Link("pruning", how, pruning.target, bound)
-
-
-def _of_board(board: Board) -> Iterator[Link]:
-    """Yield what the board at rest has: resistors, wires, op-amps, stages of transistors."""
-
-    def link(name: str, how: str, linear: LinearBoard) -> Link:
-        return Link(name, how, partial(outputs_at_rest, linear))
-
+        yield "pruning", how, pruning.target, bound
     stages = with_ideal_stages(board.circuit)
     straight = without_wires(stages)
     how = "board as built, with ideal op-amps, against that answer"
-    yield link("resistors", how, _with_links(straight, ()))
+    yield "resistors", how, _with_links(straight, ()), None
     if straight is not stages:
         how = "wires of the arrays: equilibrium with against without"
-        if board.scene.wires.compensate:
-            how = f"{how}, after their compensation"
-        yield link("wires", how, _with_links(stages, ()))
-    models = stages.models.values()
+        how += ", after their compensation" * board.scene.wires.compensate
+        yield "wires", how, _with_links(stages, ()), None
     names = [
         name
         for name, (_, figures, switch) in OPAMP_LINKS.items()
-        for model in models
-        if (not switch or getattr(model, switch))
-        and any(getattr(model, figure) != _NEUTRAL[figure] for figure in figures)
+        if any(
+            (not switch or getattr(model, switch))
+            and any(getattr(model, figure) != _NEUTRAL[figure] for figure in figures)
+            for model in stages.models.values()
+        )
     ]
-    names = list(dict.fromkeys(names))
+    whole = board.linear if stages is board.circuit else LinearBoard(stages)
     for count, name in enumerate(names, 1):
         how = f"{OPAMP_LINKS[name][0]} of the op-amps: equilibrium with against without"
-        whole = board.linear if stages is board.circuit else LinearBoard(stages)
-        yield link(name, how, whole if count == len(names) else _with_links(stages, names[:count]))
+        rest = whole if count == len(names) else _with_links(stages, names[:count])
+        yield name, how, rest, None
     if stages is not board.circuit:
-        how = (
-            "equilibrium with transistors against that with ideal antilog stages; the stages are"
-            f" {stage_deviation(board.linear)}"
-        )
-        yield link("antilog", how, board.linear)
-
-
-def _of_transient(run: Run, bound: float | None, least: float) -> Iterator[Link]:
-    """Yield what the record's end lacks of the rest, and its distance from the exact end, V."""
+        how = "equilibrium with transistors against that with ideal antilog stages"
+        yield "antilog", how, board.linear, None
     if run.exact_end is None:
-        yield Link("unsettled", "end of the record against that equilibrium", run.u[-1])
+        yield "unsettled", "end of the record against that equilibrium", run.u[-1], None
         return
-    yield Link("unsettled", "end of a second transient against that equilibrium", run.exact_end)
+    yield "unsettled", "end of a second transient against that equilibrium", run.exact_end, None
     how = "end of the record against that transient"
-    if bound is not None:
-        how += f"; error at most {'1 ppb' if bound <= least else show(bound, 'V', 3)}"
-    yield Link("simulator", how, run.u[-1], bound)
+    if end is not None:
+        least = end <= LEAST_BOUND * answer.unit
+        how += f"; error at most {'1 ppb' if least else show(end, 'V', 3)}"
+    yield "simulator", how, run.u[-1], end

@@ -15,6 +15,7 @@ import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.input_errors import MOST
@@ -151,15 +152,13 @@ class Board:
     @cached_property
     def spread(self) -> InputSpread | None:
         """Where boards of the same parts rest; None if all rest at one place, or none."""
-        if not self.poles.known_stable:
-            return None
-        return InputSpread.of(self.linear, self._drift)
+        return self.built_spread(NOTHING)
 
-    def built_spread(self) -> InputSpread | None:
-        """Return where built boards rest: parts have the tolerances of the scene, too."""
-        if not self.poles.known_stable:
-            return None
-        return InputSpread.of(self.linear, self._drift, self.scene.tolerances)
+    def built_spread(self, tolerances: Tolerances | None = None) -> InputSpread | None:
+        """Return where built boards rest, whose parts by default have the scene's tolerances."""
+        wanted = tolerances or self.scene.tolerances
+        stable = self.poles.known_stable
+        return InputSpread.of(self.linear, self._drift, wanted) if stable else None
 
     @property
     def varies(self) -> tuple[str, str]:
