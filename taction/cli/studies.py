@@ -153,9 +153,9 @@ SWEEP = Command(
 
 
 def _regression_markdown(found: RegressionReport) -> str:
-    from taction.verification.report.renderers.markdown import markdown
+    from taction.verification.report.renderers.terminal import markdown
 
-    return markdown(found.page(), "taction regress", level=2)
+    return markdown(found.page(), "taction regress")
 
 
 def _annotate_scenes(found: RegressionReport, call: Call) -> None:

@@ -248,6 +248,11 @@ class Chart:
     height: int = 0  # on a page, pixels; 0: as its kind of chart needs
 
     @property
+    def axes(self) -> tuple[tuple[str, Axis], ...]:
+        """The axes by their letters."""
+        return ("x", self.x), ("y", self.y)
+
+    @property
     def pixels(self) -> int:
         """Height on a page; rows with names need more of it the more there are."""
         return self.height or (100 + 30 * len(self.y.names) if self.y.names else HEIGHT)
@@ -259,6 +264,20 @@ class Chart:
 
 
 HEIGHT = 360  # pixels
+
+
+def rows(
+    title: str,
+    x: Axis,
+    sizes: Sequence[tuple[str, float]],
+    looks: tuple[str, ...],
+    summary: str = "",
+    more: tuple[Mark, ...] = (),
+) -> Chart:
+    """Return bars from 0, one below the other, with their names; `more` marks stand over them."""
+    bars = Columns(np.arange(len(sizes)), [size for _, size in sizes], "y", looks=looks)
+    names = Axis(scale="names", names=tuple(name for name, _ in sizes), reverse=True)
+    return Chart(title, x, names, (bars, *more), summary)
 
 
 def thinned(time: Floats, values: Floats, budget: int) -> tuple[Floats, Floats]:

@@ -19,7 +19,8 @@ import pytest
 
 import taction
 from taction.netlist_gen.scene.axes import with_settings
-from taction.verification.report.texts import figure, quantity
+from taction.system.quantities import quantity
+from taction.verification.report.texts import figure
 from tests.browser.conftest import DESK, Opened
 from tests.browser.test_reports import violations
 from tests.support.paths import ROOT, SCENES

@@ -73,7 +73,7 @@ def test_a_regression_with_a_name_that_is_no_text(tmp_path: Path) -> None:
     assert second.exit_code == 0, second.stderr
     assert [scene["file"] for scene in document(second)["scenes"]] == ["board-\\udcff.toml"]
     assert r"board-\udcff" in etree.fromstring(junit.read_bytes()).xpath("//testsuite/@name")[0]
-    assert r"board-\\udcff" in markdown.read_text(encoding="utf-8")
+    assert r"board-\udcff" in markdown.read_text(encoding="utf-8")
 
 
 ODD = "x\n::error file=a::y \x1b]0;t\x07"
@@ -127,10 +127,9 @@ def test_a_name_with_a_command_in_every_medium() -> None:
         junit_suite,
         junit_text,
     )
-    from taction.verification.report.renderers.markdown import markdown
     from taction.verification.report.renderers.notebook import card
     from taction.verification.report.renderers.page import page_html
-    from taction.verification.report.renderers.terminal import page_text
+    from taction.verification.report.renderers.terminal import markdown, page_text
 
     blocks = (
         Table(ODD, (ODD,), ((cell(ODD),),), ODD),
@@ -141,7 +140,7 @@ def test_a_name_with_a_command_in_every_medium() -> None:
     page = Page(ODD, ODD, "", ODD, (ODD,), (Section(ODD, blocks, ODD, media),), (ODD,))
     suite = junit_suite(ODD, [JUnitTest(ODD, "failure", ODD, ODD)], simulator=ODD)
     document = {"file": ODD, "outcome": ODD, "error": {"message": ODD}}
-    text = page_text(page) + markdown(page) + card(page) + junit_text("demo", [suite])
+    text = page_text(page) + markdown(page, "a") + card(page) + junit_text("demo", [suite])
     text += page_html(page).partition("<style>")[0] + page_html(page).rpartition("</header>")[2]
     unseen(text)
     annotations = list(annotation_lines([document]))

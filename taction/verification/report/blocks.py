@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from taction.netlist_gen.kicad.drawing import Strokes
 
 
+TERMINAL, PAGE, NOTEBOOK, PICTURE = "terminal", "page", "notebook", "picture"
+MOST = {NOTEBOOK: 40}  # rows of a table, by the medium
+
+
 @dataclass(frozen=True, slots=True)
 class Table:
     """A table; the first cell of a row is its header."""
@@ -53,10 +57,10 @@ class Table:
 
     def shortened(self, medium: str) -> Table:
         """Return the first rows of the table, as many as the medium shows."""
-        left = len(self.rows) - self.most.get(medium, len(self.rows))
+        left = len(self.rows) - self.most.get(medium, MOST.get(medium, len(self.rows)))
         if left <= 0:
             return self
-        note = f"{self.note} {self.more.format(left)}".strip()
+        note = f"{self.note} {(self.more or '{} more rows').format(left)}".strip()
         return replace(self, rows=self.rows[:-left], note=note)
 
 
@@ -174,7 +178,6 @@ class Notes:
 Block = Table | Bars | Chart | Drawing | Facts | Code | Notes
 Content = Block | str | Mapping[str, str] | None
 """What stands in a section: a text is a line of notes, a mapping has names and values."""
-TERMINAL, PAGE, NOTEBOOK, PICTURE = "terminal", "page", "notebook", "picture"
 BOTH, EVERYWHERE, DRAWN = "terminal page", "terminal page notebook", "page picture"
 
 

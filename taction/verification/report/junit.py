@@ -6,6 +6,7 @@ failed check is a failure, an undecided one an error, and what was not run is sk
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,15 +14,8 @@ from typing import Literal, NamedTuple
 from xml.etree import ElementTree as ET
 
 from taction.system.foreign_files import escaped, visible, visible_lines
-from taction.verification.report.texts import value_text
-from taction.verification.report.views.comparison_view import (
-    Document,
-    change_line,
-    changes_line,
-    checks_of,
-    reasons,
-    remarks,
-)
+from taction.verification.report.texts import figure
+from taction.verification.report.views import comparison_view as comparison
 from taction.verification.studies.regression.regress import RegressionReport, SceneResult, Status
 from taction.verification.studies.scene_files import NOT_RUN, VerifiedFiles
 from taction.verification.verdict.cause import band_text, cause, causes, following
@@ -61,8 +55,8 @@ def junit_text(name: str, suites: Iterable[ET.Element]) -> str:
     root = ET.Element("testsuites", name=name)
     root.extend(suites)
     for count in ("tests", "failures", "errors"):
-        root.set(count, str(sum(int(suite.get(count, "0")) for suite in root)))
-    root.set("time", f"{sum(float(suite.get('time', '0')) for suite in root):.3f}")
+        root.set(count, str(sum(int(suite.attrib[count]) for suite in root)))
+    root.set("time", f"{sum(float(suite.attrib['time']) for suite in root):.3f}")
     ET.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
@@ -72,19 +66,18 @@ def junit_suite(
 ) -> ET.Element:
     """Return the tests of a file; the first of them has the time of the run, s, which made all."""
     name, cases = visible(Path(file).stem), [*tests]
+    ends = Counter(case.end for case in cases)
+    counts = {"failures": ends["failure"], "errors": ends["error"], "skipped": ends["skipped"]}
     suite = ET.Element("testsuite", name=name, tests=str(len(cases)), file=visible(file))
-    for count, end in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
-        suite.set(count, str(sum(case.end == end for case in cases)))
-    suite.set("time", f"{seconds:.3f}")
+    suite.attrib |= {key: str(count) for key, count in counts.items()} | {"time": f"{seconds:.3f}"}
     known = ET.SubElement(suite, "properties")
     for key, value in properties.items():
-        words = key.replace("_", " ")
-        ET.SubElement(known, "property", name=words, value=visible_lines(value))
+        named = key.replace("_", " ")
+        ET.SubElement(known, "property", name=named, value=visible_lines(value))
     for number, case in enumerate(cases):
-        test = ET.SubElement(
-            suite, "testcase", name=visible(case.name), classname=f"taction.{name}"
-        )
-        test.set("time", f"{0.0 if number else seconds:.3f}")
+        own = {"name": visible(case.name), "classname": f"taction.{name}"}
+        own["time"] = f"{0.0 if number else seconds:.3f}"
+        test = ET.SubElement(suite, "testcase", own)
         if case.end:
             message = visible_lines(case.message)
             ended = ET.SubElement(test, case.end, message=message, type=case.end)
@@ -98,7 +91,7 @@ def _check_tests(checks: Sequence[Check]) -> Iterator[JUnitTest]:
     first, follows = cause(checks), following(checks)
     for check in checks:
         limit = check.expected if check.tolerance is None else check.tolerance
-        value, bound = (value_text(number, check.unit, 6) for number in (check.value, limit))
+        value, bound = (figure(number, check.unit, 6) for number in (check.value, limit))
         value += f" {band_text(check)}" if check.band and check.value is None else ""
         text = f"{check.outcome.value}: {value}, limit {bound}; {check.reason}"
         end, message = ENDS[check.outcome.value], text
@@ -109,10 +102,10 @@ def _check_tests(checks: Sequence[Check]) -> Iterator[JUnitTest]:
         yield JUnitTest(f"check {check.name}", end, message, text)
 
 
-def _verdict_suite(document: Document) -> ET.Element:
+def _verdict_suite(document: comparison.Document) -> ET.Element:
     properties = {key: document[key] for key in ("outcome", "simulator") if key in document}
     if "checks" in document:
-        tests = [*_check_tests(checks_of(document))]
+        tests = [*_check_tests(comparison.checks_of(document))]
     else:
         outcome = document["outcome"]
         text = document.get("error", {}).get("message", "interrupted")
@@ -122,11 +115,9 @@ def _verdict_suite(document: Document) -> ET.Element:
 
 
 def _scene_suite(result: SceneResult, report: RegressionReport) -> ET.Element:
-    properties = {"status": result.status.value}
-    if result.entry is not None:
-        properties["simulator"] = result.entry.solved_by
-    if result.baseline is not None:
-        properties["baseline_simulator"] = result.baseline.solved_by
+    entries = {"simulator": result.entry, "baseline_simulator": result.baseline}
+    properties = {name: entry.solved_by for name, entry in entries.items() if entry is not None}
+    properties = {"status": result.status.value} | properties
     tests = _scene_tests(result, report)
     return junit_suite(_path(result, report), tests, result.seconds, **properties)
 
@@ -148,22 +139,23 @@ def _scene_tests(result: SceneResult, report: RegressionReport) -> Iterator[JUni
         if not changes:
             yield JUnitTest(name)
         else:
-            text = "\n".join([*map(change_line, changes), *remarks(result)])
-            yield JUnitTest(name, end, changes_line(changes), text)
+            text = "\n".join([*map(comparison.change_line, changes), *comparison.remarks(result)])
+            yield JUnitTest(name, end, comparison.changes_line(changes), text)
 
 
 _MESSAGE = {"%": "%25", "\r": "%0D", "\n": "%0A"}
 _PROPERTY = _MESSAGE | {":": "%3A", ",": "%2C"}
 
 
-def annotation_lines(documents: Iterable[Document]) -> Iterator[str]:
+def annotation_lines(documents: Iterable[comparison.Document]) -> Iterator[str]:
     """Yield an error for each reason why a file does not pass, then a warning for each warning."""
-    documents = list(documents)
+    warned = list[str]()
     for each in documents:
         title = f"taction verify ({each['outcome']})"
-        yield from _annotations("error", each["file"], title, reasons(each))
-    for each in documents:
-        yield from _annotations("warning", each["file"], "taction verify", each.get("warnings", ()))
+        yield from _annotations("error", each["file"], title, comparison.reasons(each))
+        texts = each.get("warnings", ())
+        warned += _annotations("warning", each["file"], "taction verify", texts)
+    yield from warned
 
 
 def regression_annotations(report: RegressionReport) -> Iterator[str]:
@@ -172,23 +164,20 @@ def regression_annotations(report: RegressionReport) -> Iterator[str]:
     The changes of a scene are one error, as GitHub shows ten for a step. A scene that is gone is an
     error of the baseline.
     """
-    wrong = [each for each in report.results if _is_wrong(each, report)]
-    for each in wrong:
+    undecided, warned = (Status.NO_VERDICT, Status.BAD_INPUT), list[str]()
+    for each in report.results:
+        if not ((each.failed if report.updated else each.fails) or each.status in undecided):
+            continue
         file = report.baseline if each.status is Status.MISSING else _path(each, report)
-        lines = remarks(replace(each, notes=()))
+        lines = comparison.remarks(replace(each, notes=()))
         moved = [change for change in each.changes if change.group != "checks"]
         if moved:
-            lines.append(changes_line(moved))
+            lines.append(comparison.changes_line(moved))
         prefix = f"{each.file}: " if each.status is Status.MISSING else ""
         texts = (prefix + line for line in lines)
         yield from _annotations("error", file, f"taction regress ({each.status.value})", texts)
-    for each in wrong:
-        yield from _annotations("warning", _path(each, report), "taction regress", each.notes)
-
-
-def _is_wrong(result: SceneResult, report: RegressionReport) -> bool:
-    failed = result.failed if report.updated else result.fails
-    return failed or result.status in (Status.NO_VERDICT, Status.BAD_INPUT)
+        warned += _annotations("warning", _path(each, report), "taction regress", each.notes)
+    yield from warned
 
 
 def _path(result: SceneResult, report: RegressionReport) -> str:

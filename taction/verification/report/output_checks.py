@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+import csv
 import importlib.util
 import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from taction.netlist_gen.scene.keys import files_of
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import Complaint, InputError
 from taction.system.output_files import check_file as check_file
 from taction.system.output_files import check_folder as check_folder
-from taction.system.output_files import is_special
+from taction.system.output_files import is_special, replacing
 
 if TYPE_CHECKING:
     from taction.netlist_gen.board.circuit import Circuit
     from taction.system.array_types import Floats
     from taction.system.waveforms import Waveforms
-from taction.system.output_files import replacing
 
 PACKAGES = ("jinja2", "plotly")  # of a report
 REMEDY = "needs {}: pip install 'taction[report]'"
@@ -63,12 +64,8 @@ def _read(name: str) -> list[str | Path]:
         scene = load_scene(path)
     except InputError:  # the command itself will report the mistakes
         return [name]
-    from taction.netlist_gen.scene.keys import files_of  # it loads the models of scenes
-
-    return [
-        name,
-        *(scene.folder / str(file) for file in files_of(scene).values() if isinstance(file, str)),
-    ]
+    files = files_of(scene).values()
+    return [name, *(scene.folder / file for file in files if isinstance(file, str))]
 
 
 PARQUET = "Parquet needs pyarrow: pip install 'taction[parquet]'; or write .csv or .raw"
@@ -87,33 +84,26 @@ def export(circuit: Circuit, waveforms: Waveforms, path: str) -> None:
         WRITERS[Path(path).suffix.lower()](circuit, waveforms, file)
 
 
-def _names(circuit: Circuit) -> list[str]:
-    return ["time", *(f"u_{n}" for n in range(1, len(circuit.outputs) + 1))]
-
-
-def _outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
+def _columns(circuit: Circuit, waveforms: Waveforms) -> dict[str, Floats]:
     from taction.verification.verdict.run import outputs
 
-    return outputs(circuit, waveforms)
+    found = outputs(circuit, waveforms)
+    named = {f"u_{n}": column for n, column in enumerate(found.T, 1)}
+    return {"time": waveforms.time, **named}
 
 
 def _csv(circuit: Circuit, waveforms: Waveforms, path: Path) -> None:
-    import numpy as np
-
-    table = np.column_stack([waveforms.time, _outputs(circuit, waveforms)])
-    with path.open("w", encoding="utf-8") as file:
-        file.write(",".join(_names(circuit)) + "\n")
-        for row in table.tolist():
-            file.write(",".join(map(repr, row)) + "\n")
+    columns = _columns(circuit, waveforms)
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        csv.writer(file, lineterminator="\n").writerows([[*columns], *rows])
 
 
 def _parquet(circuit: Circuit, waveforms: Waveforms, path: Path) -> None:
     import pyarrow
     import pyarrow.parquet
 
-    columns = [waveforms.time, *_outputs(circuit, waveforms).T]
-    table = pyarrow.table(dict(zip(_names(circuit), columns, strict=True)))
-    pyarrow.parquet.write_table(table, path)
+    pyarrow.parquet.write_table(pyarrow.table(_columns(circuit, waveforms)), path)
 
 
 def _raw(circuit: Circuit, waveforms: Waveforms, path: Path) -> None:
@@ -122,8 +112,5 @@ def _raw(circuit: Circuit, waveforms: Waveforms, path: Path) -> None:
     write_raw(path, waveforms)
 
 
-WRITERS: dict[str, Callable[[Circuit, Waveforms, Path], None]] = {
-    ".csv": _csv,
-    ".parquet": _parquet,
-    ".raw": _raw,
-}
+Writer = Callable[["Circuit", "Waveforms", Path], None]
+WRITERS: dict[str, Writer] = {".csv": _csv, ".parquet": _parquet, ".raw": _raw}

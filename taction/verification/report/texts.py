@@ -5,22 +5,14 @@ from __future__ import annotations
 import enum
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any
 
-from taction.spice_models.presets import opamp_name as opamp_name
 from taction.system.charts import Outcome
 from taction.system.documents import parts_of
-from taction.system.quantities import NONE as NONE
-from taction.system.quantities import UNITS, show
-from taction.system.quantities import banded as banded
-from taction.system.quantities import counted as counted
-from taction.system.quantities import percent as percent
-from taction.system.quantities import quantity as quantity
-from taction.system.quantities import readable as readable
-from taction.system.quantities import spaced as spaced
+from taction.system.quantities import NONE, UNITS, banded, readable, show, spaced
 
 NUMBER = r"(?<![\w.])([(≥≤±<]?[-+−]?\d[\d.]*(?:e[-+]?\d+)?)"
 UNIT = re.compile(NUMBER + r" (?=(?:%|/s|[a-zA-Zµ]{1,5}(?:/(?:us|rtHz|s))?)[),;:.]?(?:\s|$))")
@@ -30,25 +22,29 @@ LEAST_ERROR = 1e-6  # of a value: smaller errors have no number
 KNOWN = "A value without ± is known to 1 ppm, of itself or of the step, or better."
 
 
-def figure(value: float | None, unit: str, digits: int = 4) -> str:
-    """Return a value as `value_text` does, with the signs for ohm and micro; "never" for infinity.
+def figure(value: object, unit: str | None, digits: int = 4) -> str:
+    """Return a value with its unit: a dash for none, "never" for infinity, shares as per cent.
 
     Examples
     --------
     >>> figure(0.0123, "step"), figure(float("inf"), "s"), figure(-1123.46, "1/s")
     ('1.23 %', 'never', '-1.123 k/s')
-    >>> figure(19.53, "step"), figure(3e-9, "step"), figure(2e-6, "step")
-    ('1950 %', 'under 1 ppm', '0.0002 %')
+    >>> figure(19.53, "step"), figure(3e-9, "step"), figure("settled", "")
+    ('1950 %', 'under 1 ppm', 'settled')
     """
-    if value is None or math.isnan(value):
+    if isinstance(value, int) and unit:
+        value = float(value)
+    if not isinstance(value, float):
+        return NONE if value is None else str(value)
+    if math.isnan(value):
         return NONE
     if math.isinf(value):
         return "never"
     if unit == "step":
         return _per_cent(value, min(digits, 3))
-    if unit == "1/s" and 0.0 < abs(value) < 1.0:
-        return f"{value:.{digits}g} /s"
-    return readable(value_text(float(value), "" if unit == "ratio" else unit, digits))
+    if unit in (*UNITS, "1/s"):
+        return readable(show(value, unit, digits))
+    return f"{value:.{digits}g}"
 
 
 def _per_cent(share: float, digits: int) -> str:
@@ -81,12 +77,8 @@ def with_error(value: float | None, error: float | None, unit: str) -> str:
 def is_small(error: float | None, value: float, unit: str, whole: float = 0.0) -> bool:
     """Whether the bound on the error of a value, or of the `whole` step, is too small for a number.
 
-    Examples
-    --------
-    >>> is_small(1.2e-18, 1e-6, "s"), is_small(2e-9, 1e-6, "s"), is_small(None, 1.0, "s")
-    (True, False, False)
-    >>> is_small(1.2e-15, 0.0, "V"), is_small(1.2e-15, 0.0, "V", 0.8)
-    (False, True)
+    >>> is_small(1.2e-18, 1e-6, "s"), is_small(1.2e-15, 0.0, "V"), is_small(1.2e-15, 0.0, "V", 0.8)
+    (True, False, True)
     """
     rounding = LEAST_SHARE if unit == "step" else 0.0 if value else LEAST_AMOUNT
     return error is not None and error <= max(LEAST_ERROR * max(abs(value), whole), rounding)
@@ -125,7 +117,7 @@ def cell(value: Shown) -> Cell:
     return Cell("–" if value is None else str(value), value if isinstance(value, int) else None)
 
 
-def number_cell(value: float | None, unit: str, digits: int = 4) -> Cell:
+def number_cell(value: float | None, unit: str | None, digits: int = 4) -> Cell:
     """Return a cell that shows a value as `figure` and sorts by it."""
     known = value is not None and math.isfinite(value)
     return Cell(figure(value, unit, digits), value if known else None)
@@ -148,15 +140,13 @@ def fields(text: str) -> dict[str, Callable[[Any], Shown]]:
 def shown_by(column: Column) -> Callable[[Any], Shown]:
     """Return the function that shows a record in a column.
 
-    A field may be a field of a field: ``origin.name``. Without a unit it has that of its
-    annotation, which its document has, too; ``@name`` is the field with its unit, and ``outcome``
-    marks the text. A text and a whole number are shown as they are.
+    A field may be a field of a field: ``origin.name``; of a mapping it is an entry. Without a unit
+    it has that of its annotation, which its document has, too; ``@name`` is the field with its
+    unit, ``outcome`` marks the text, and ``words`` writes a text for readers.
 
     Examples
     --------
-    >>> from types import SimpleNamespace
-    >>> part = SimpleNamespace(part="C1", value=0.0123)
-    >>> shown_by("part")(part), shown_by("value V 2")(part)
+    >>> shown_by("part")({"part": "C1"}), shown_by("value V 2")({"value": 0.0123})
     ('C1', Cell(text='12 mV', number=0.0123, outcome=''))
     """
     if callable(column):
@@ -167,20 +157,22 @@ def shown_by(column: Column) -> Callable[[Any], Shown]:
 
     def shown(record: Any) -> Shown:
         for owner in owners:
-            record = getattr(record, owner)
-        value = getattr(record, name)
+            record = _part(record, owner)
+        value = _part(record, name)
         if isinstance(value, enum.Enum):
             value = str(value.value)
         if words == ["outcome"]:
             return outcome_cell(value)
         if not isinstance(value, float):
-            return value  # type: ignore[no-any-return]
+            return readable(spaced(value)) if words == ["words"] and value else value
         unit = words[0] if words else _unit(record, name)
-        return number_cell(
-            value, getattr(record, unit[1:]) if unit.startswith("@") else unit, digits
-        )
+        return number_cell(value, _part(record, unit[1:]) if unit.startswith("@") else unit, digits)
 
     return shown
+
+
+def _part(record: Any, name: str) -> Any:
+    return record[name] if isinstance(record, Mapping) else getattr(record, name)
 
 
 def _unit(record: Any, name: str) -> str:
@@ -189,24 +181,9 @@ def _unit(record: Any, name: str) -> str:
     return next((part.unit for part in parts_of(kind) if part.attribute == name), "")
 
 
-def value_text(value: object, unit: str, digits: int = 4) -> str:
-    """Return a value with its unit, fractions of the step as per cent; a dash for no value."""
-    if not isinstance(value, float):
-        return "-" if value is None else str(value)
-    if math.isnan(value):
-        return "-"
-    if unit in (*UNITS, "1/s"):
-        return show(value, unit, digits)
-    if unit == "step":
-        return percent(value)
-    return f"{value:.{digits}g}"
-
-
 def rounded_up(value: float, digits: int = 1) -> float:
     """Return the least number of so many digits that is not below a positive value.
 
-    Examples
-    --------
     >>> rounded_up(1.2e-15), rounded_up(0.07), rounded_up(0.01234, 2)
     (2e-15, 0.07, 0.013)
     """

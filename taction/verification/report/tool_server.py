@@ -10,14 +10,11 @@ from __future__ import annotations
 import json
 import math
 import os
-import signal
 import subprocess
 import sys
 import tempfile
-import threading
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -38,7 +35,6 @@ ABOUT = (
     " is pass, fail or inconclusive."
 )
 PROCESSES = 2  # that run at once
-ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 LARGEST = 64 * MEGABYTE  # bytes of a document
 ASKING = "expected a program that asks over stdin"
 TYPES = ("integer", "number", "boolean")  # others are texts
@@ -66,27 +62,12 @@ def serve(folder: str | Path, limit: float) -> None:
     made = server(folder, limit)
     if sys.stdin is None:
         raise InputError("mcp", Complaint("stdin", "", f"closed; {ASKING}"))
-    import asyncio
-
     import anyio
     from mcp.server.stdio import stdio_server
 
-    is_main = threading.current_thread() is threading.main_thread()
-    known = {number: signal.getsignal(number) for number in ENDING if is_main}
-    ended = list[int]()
-
     async def run() -> None:
-        with anyio.CancelScope() as scope:
-
-            def end(number: int) -> None:
-                ended.append(number)
-                scope.cancel()
-
-            for number, handler in known.items():
-                if handler != signal.SIG_IGN:  # else asyncio prints the exception of a task
-                    asyncio.get_running_loop().add_signal_handler(number, end, number)
-            async with stdio_server(cast(Any, _Lines())) as (read, write):
-                await made.run(read, write, made.create_initialization_options())
+        async with stdio_server(cast(Any, _Lines())) as (read, write):
+            await made.run(read, write, made.create_initialization_options())
 
     try:
         anyio.run(run)
@@ -97,11 +78,6 @@ def serve(folder: str | Path, limit: float) -> None:
         if isinstance(error, BrokenPipeError) or not isinstance(error, OSError):
             raise error from None
         raise NoVerdictError(f"stdout cannot be written: {error.strerror}") from None
-    finally:
-        for number, handler in known.items():
-            signal.signal(number, handler)
-    if ended:
-        os.kill(os.getpid(), ended[0])
 
 
 class _Lines:
@@ -149,7 +125,7 @@ def server(folder: str | Path, limit: float) -> Server[Any]:
         name: Tool(name=name, description=command["help"], input_schema=_schema(name, command))
         for name, command in helps.items()
     }
-    commands = Commands(place.resolve(), limit, anyio.CapacityLimiter(PROCESSES))
+    slots = anyio.CapacityLimiter(PROCESSES)
 
     async def list_tools(context: Any, asked: Any) -> ListToolsResult:
         return ListToolsResult(tools=[*tools.values()])
@@ -162,7 +138,7 @@ def server(folder: str | Path, limit: float) -> Server[Any]:
         if mistakes := [f"{each.json_path.removeprefix('$.')}: {each.message}" for each in found]:
             return _answer("\n".join(mistakes))
         words = [*_words(asked.name, helps[asked.name], given)]
-        return await commands.run(words, context.session.report_progress)
+        return await _run(words, place.resolve(), limit, slots, context.session.report_progress)
 
     return Server(
         "taction", version=metadata.version("taction"), instructions=ABOUT,
@@ -217,50 +193,40 @@ def _listed(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [] if value is None else [value]
 
 
-@dataclass(frozen=True, slots=True)
-class Commands:
-    """Commands in a folder, each with a time limit, s; `slots` says how many run at once."""
+async def _run(
+    words: list[str], folder: Path, limit: float, slots: Any, report: Callable[..., Any]
+) -> CallToolResult:
+    """Run a command line of the program in a folder, with a time limit, s; stderr is progress."""
+    import anyio
 
-    folder: Path
-    limit: float
-    slots: Any
-
-    async def run(self, words: list[str], report: Callable[..., Any]) -> CallToolResult:
-        """Run a command line without the program; each line of stderr is reported as progress."""
-        import anyio
-
-        out, lines = bytearray(), list[str]()
-        line = [*guard(), sys.executable, "-P", "-m", "taction", *words]
-        async with self.slots:
-            with tempfile.TemporaryDirectory() as place, anyio.move_on_after(self.limit) as scope:
-                own = {FOLDERS: json.dumps([str(self.folder), place]), "TMPDIR": place}
-                try:
-                    process = await anyio.open_process(
-                        line,
-                        stdin=subprocess.DEVNULL,
-                        cwd=self.folder,
-                        env={**os.environ, **own, "NO_COLOR": "1"},
-                    )
-                except (OSError, ValueError) as error:
-                    return _answer(f"the command cannot run: {error}")
-                async with process, anyio.create_task_group() as group:  # a cancelled one is killed
-                    group.start_soon(_remarks, process.stderr, lines, report)
-                    async for part in cast(Any, process.stdout):
-                        out += part
-                        if len(out) > LARGEST:
-                            group.cancel_scope.cancel()
-                            break
-        said = "\n".join(lines)
-        if scope.cancelled_caught:
-            return _answer(f"no result within the limit of {self.limit:g} s\n{said}".rstrip())
-        if len(out) > LARGEST:
-            size = f"over {LARGEST / MEGABYTE:g} MB, the largest document that is sent"
-            return _answer(f"{size}; ask for less, or run the command with --json")
-        try:
-            document = json.loads(out)
-        except ValueError:
-            return _answer(said or f"no document; exit status {process.returncode}")
-        return _answer(said, document)
+    out, lines = bytearray(), list[str]()
+    line = [*guard(), sys.executable, "-P", "-m", "taction", *words]
+    async with slots:
+        with tempfile.TemporaryDirectory() as place, anyio.move_on_after(limit) as scope:
+            own = {FOLDERS: json.dumps([str(folder), place]), "TMPDIR": place, "NO_COLOR": "1"}
+            try:
+                process = await anyio.open_process(
+                    line, stdin=subprocess.DEVNULL, cwd=folder, env={**os.environ, **own}
+                )
+            except (OSError, ValueError) as error:
+                return _answer(f"the command cannot run: {error}")
+            async with process, anyio.create_task_group() as group:  # a cancelled one is killed
+                group.start_soon(_remarks, process.stderr, lines, report)
+                async for part in cast(Any, process.stdout):
+                    out += part
+                    if len(out) > LARGEST:
+                        group.cancel_scope.cancel()
+                        break
+    said = "\n".join(lines)
+    if scope.cancelled_caught:
+        return _answer(f"no result within the limit of {limit:g} s\n{said}".rstrip())
+    if len(out) > LARGEST:
+        size = f"over {LARGEST / MEGABYTE:g} MB, the largest document that is sent"
+        return _answer(f"{size}; ask for less, or run the command with --json")
+    try:
+        return _answer(said, json.loads(out))
+    except ValueError:
+        return _answer(said or f"no document; exit status {process.returncode}")
 
 
 def _answer(said: str, document: dict[str, Any] | None = None) -> CallToolResult:

@@ -20,7 +20,7 @@ from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.output_checks import (
     export,
 )
-from taction.verification.report.texts import KNOWN, value_text, with_error
+from taction.verification.report.texts import KNOWN, figure, with_error
 from taction.verification.report.views.answer_view import check_bar
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Channel, finite
@@ -32,9 +32,9 @@ from tests.support.paths import SCENES
 @pytest.mark.parametrize(
     ("value", "unit", "text"),
     [
-        (None, "s", "-"),
-        (math.nan, "step", "-"),
-        (1.5e-5, "s", "15 us"),
+        (None, "s", "–"),
+        (math.nan, "step", "–"),
+        (1.5e-5, "s", "15 µs"),
         (0.0123, "step", "1.23 %"),
         (-1234.5, "1/s", "-1.234 k/s"),
         (2.0, "ratio", "2"),
@@ -43,7 +43,7 @@ from tests.support.paths import SCENES
     ],
 )
 def test_values_with_their_units(value: float | str | None, unit: str, text: str) -> None:
-    assert value_text(value, unit) == text
+    assert figure(value, unit) == text
 
 
 @pytest.mark.parametrize("value", [1.0, 3.2e-9, -4.7e5])

@@ -14,6 +14,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system import charts
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
+from taction.system.quantities import quantity, readable
 from taction.verification.design.exploration import (
     CELLS,
     STEPS,
@@ -30,22 +31,10 @@ from taction.verification.design.exploration import (
 )
 from taction.verification.report.blocks import Bars
 from taction.verification.report.renderers.plotly import plotly_spec
-from taction.verification.report.texts import figure, quantity, readable
-from taction.verification.report.views.answer_view import (
-    answer_text,
-    check_bar,
-    decisive_text,
-    true_error_text,
-)
+from taction.verification.report.texts import figure
+from taction.verification.report.views import answer_view as answers
+from taction.verification.report.views import waveforms_view as waveforms
 from taction.verification.report.views.stability_view import pole_map, ranges_text
-from taction.verification.report.views.waveforms_view import (
-    LABELLED,
-    end_names,
-    looks_text,
-    recovered_stress,
-    with_room,
-)
-from taction.verification.report.views.waveforms_view import curves as drawn_curves
 from taction.verification.stability.edges import Edges
 from taction.verification.verdict.cause import band_text
 from taction.verification.verdict.record import ERROR
@@ -62,38 +51,18 @@ def chart_part(chart: charts.Chart) -> Part:
 
 
 def start_part(start: Start) -> Part:
-    """Return what the page shows before any value moves."""
-    scene = start.scene
+    """Return what the page shows before any value moves, and what its template asks for."""
     finite = [name for name, opamp in OPAMPS.items() if math.isfinite(opamp.gbw)]
-    return {
-        "name": scene.name,
-        "file": str(scene.file),
-        "steps": STEPS,
-        "controls": [_control(control) for control in start.controls],
-        "opamps": finite,
-        "own_opamp": scene.design.opamp.file or scene.design.opamp.base,
-        "saved": f"{scene.file.stem}-explored.toml",
-    }
-
-
-def _control(control: Control) -> Part:
-    return {
-        "path": control.path,
-        "symbol": control.symbol,
-        "name": control.name,
-        "low": "0" if control.has_zero else typed_value(control.low, control.unit, 3),
-        "high": typed_value(control.high, control.unit, 3),
-        **place_part(control, control.own),
-    }
+    return {"start": start, "steps": STEPS, "opamps": finite, "place": place_part,
+            "typed": typed_value}  # fmt: skip
 
 
 def place_part(control: Control, value: float) -> Part:
     """Return the text and the place of a value, and whether it is the scene's."""
+    place = round(STEPS * control.place(value))
     return {
-        "text": typed_value(value, control.unit),
-        "place": round(STEPS * control.place(value)),
-        "own": value == control.own,
-    }
+        "text": typed_value(value, control.unit), "place": place, "own": value == control.own
+    }  # fmt: skip
 
 
 def typed_value(value: float, unit: str, digits: int = VALUE_DIGITS) -> str:
@@ -111,53 +80,59 @@ def settings_part(start: Start, settings: Settings) -> Part:
 
 
 def rest_part(view: RestView) -> Part:
-    """Return the recovered stress, and the numbers of the board."""
-    stated = view.board.circuit.facts
+    """Return the recovered stress beside its solution and the truth, and the board's numbers."""
+    unit, stated = view.board.circuit.value("U0"), view.board.circuit.facts
+    targets, rest = view.targets / unit, view.rest / unit
+    note = f"Board less answer: at most {float(np.abs(rest - targets).max(initial=0.0)):.3g}."
+    if view.problem.stress is not None:
+        note += f" {answers.true_error_text(view.answer)}"
+    stress = waveforms.recovered_stress(view.problem, view.scene, targets, rest)
     names = {"R": "R", "λ": "lambda", "G0": "G0", "C on the board": "C"}
     facts = {name: stated[key].text for name, key in names.items() if key in stated}
-    return {"stress": chart_part(stress_chart(view)), "facts": facts}
+    return {"stress": chart_part(replace(stress, summary=note)), "facts": facts}
 
 
 def poles_part(view: PoleView) -> Part:
     """Return the poles in the upper half plane, and what they say."""
-    doubts = [readable(doubt) for doubt in view.doubts]
     lead = view.poles.rightmost
     damping = f"{view.poles.damping_ratio:.3g}" if view.poles.frequency else "does not ring"
-    note = f"The board is {view.state}: the rightmost pole has the real part"
-    note += f" {figure(lead.real, '1/s')}, {quantity(abs(lead.imag) / math.tau, 'Hz')}; damping"
-    note += f" ratio {damping}."
+    note = (
+        f"The board is {view.state}: the rightmost pole has the real part"
+        f" {figure(lead.real, '1/s')}, {quantity(abs(lead.imag) / math.tau, 'Hz')}; damping ratio"
+        f" {damping}."
+    )
     chart = replace(pole_map(view.poles), summary=note, legend=False)
-    return {"doubts": doubts, "poles": chart_part(chart)}
+    return {"doubts": [*map(readable, view.doubts)], "poles": chart_part(chart)}
 
 
 def boundary_part(found: Edges | EngineError, control: Control) -> Part:
     """Return the stable values of a knob as parts of its slider, and in words."""
-    unknown, parts = isinstance(found, EngineError), list[tuple[float, float]]()
-    if isinstance(found, EngineError):
-        text = f"not known: {readable(str(found))}"
-    else:
-        parts = [(control.place(low), control.place(high)) for low, high in found.stable_ranges]
+    known = not isinstance(found, EngineError)
+    text = f"not known: {readable(str(found))}"
+    strip = list[tuple[float, float]]()
+    if not isinstance(found, EngineError):
+        strip = [(control.place(low), control.place(high)) for low, high in found.stable_ranges]
         text = ranges_text(found, control.low, control.high, control.unit)
-    shown = {"symbol": control.symbol, "text": text, "parts": parts, "unknown": unknown}
-    return {"boundary": shown}
+    return {
+        "stable": {"strip": strip, "known": known},
+        "stable_text": f"stable values of {control.symbol}: {text}",
+    }
 
 
 def verdict_part(found: Judgement) -> Part:
     """Return the checks of a verdict, and its numbers."""
     record, warnings = found.record, found.warnings
-    text = decisive_text(record.checks, record.outcome)
+    text = answers.decisive_text(record.checks, record.outcome)
     if found.answer is not None:
-        text = f"{text} {answer_text(found.answer)}".rstrip()
+        text = f"{text} {answers.answer_text(found.answer)}".rstrip()
     if record.outcome == ERROR:
         text, warnings = "there is no verdict on these values", (record.reason,)
     return {
-        "verdict": {
-            "outcome": record.outcome,
-            "text": text,
-            "checks": Bars("", tuple(map(check_bar, record.checks))),
-            "figures": {} if record.outcome == ERROR else _figures(found),
-            "warnings": [readable(text) for text in warnings],
-        }
+        "outcome": record.outcome,
+        "verdict_text": text,
+        "checks": Bars("", tuple(map(answers.check_bar, record.checks))),
+        "readings": {} if record.outcome == ERROR else _figures(found),
+        "warnings": [*map(readable, warnings)],
     }
 
 
@@ -175,10 +150,8 @@ def along_part(start: Start, known: Mapping[str, Mapping[int, tuple[str, str]]])
 
 def _cell(control: Control, cell: int, found: tuple[str, str] | None) -> Part:
     value = typed_value(control.chosen((cell + 0.5) / CELLS), control.unit, 3)
-    if found is None:
-        return {"outcome": "unknown", "text": f"{value}: not known yet"}
-    outcome, reason = found
-    words = "no verdict" if outcome == ERROR else outcome
+    outcome, reason = found or ("unknown", "")
+    words = {"unknown": "not known yet", ERROR: "no verdict"}.get(outcome, outcome)
     return {"outcome": outcome, "text": f"{value}: {words}{': ' * bool(reason)}{readable(reason)}"}
 
 
@@ -186,18 +159,16 @@ def simulation_part(found: Judgement) -> Part:
     """Return what ngspice says, beside the state-space engine."""
     record = found.record
     if record.outcome == ERROR:
-        return {"simulation": {"outcome": ERROR, "error": readable(record.reason)}}
+        return {"simulation": f"no result: {readable(record.reason)}"}
+    compared = "not compared with the state-space engine"
+    if found.difference is not None:
+        off = figure(found.difference, "step", 3)
+        compared = f"largest difference from the state-space engine {off} of the step"
+    figures = ", ".join(f"{name} {value}" for name, value in _figures(found).items())
     undecided = [check for check in record.checks if check.outcome.value != "pass"]
-    return {
-        "simulation": {
-            "outcome": record.outcome,
-            "engine": found.engine,
-            "figures": _figures(found),
-            "seconds": quantity(record.value("seconds"), "s", 2),
-            "difference": None if found.difference is None else figure(found.difference, "step", 3),
-            "reasons": [readable(f"{check.name}: {check.reason}") for check in undecided],
-        }
-    }
+    reasons = "; ".join(readable(f"{check.name}: {check.reason}") for check in undecided)
+    text = f"{found.engine}: {record.outcome} in {quantity(record.value('seconds'), 's', 2)};"
+    return {"simulation": f"{text} {compared}; {figures}. {reasons}".rstrip()}
 
 
 def _figures(found: Judgement) -> dict[str, str]:
@@ -218,34 +189,28 @@ def outputs_chart(
     time, outputs, beyond = _shown(curves, end, view)
     targets, count = view.targets, outputs.shape[1]
     low = min(float(outputs.min()), float(targets.min()))
-    limits = with_room(low, max(float(outputs.max()), float(targets.max())))
-    marks: list[charts.Mark] = []
-    note = ""
-    if count <= LABELLED:
+    limits = waveforms.with_room(low, max(float(outputs.max()), float(targets.max())))
+    marks, note = list[charts.Mark](), ""
+    if count <= waveforms.LABELLED:
         step = float(np.abs(targets - outputs[0]).max(initial=0.0))
         band = view.scene.checks.settling_time.band * step
         for y, colour in zip(targets.tolist(), charts.spread_colours(count), strict=True):
-            marks += [
-                charts.Band(y - band, y + band, "y", "", colour),
-                charts.Limit(y, "y", "", colour, "dot"),
-            ]
-        marks += end_names(outputs[-1].tolist(), *limits, ["ink"] * count)
+            marks.append(charts.Band(y - band, y + band, "y", "", colour))
+            marks.append(charts.Limit(y, "y", "", colour, "dot"))
+        marks += waveforms.end_names(outputs[-1].tolist(), *limits, ["ink"] * count)
         note = "Dotted: targets; shaded: the settling band."
     points = min(POINTS * count, ALL_POINTS)
-    marks += drawn_curves(time, outputs, width=1.8, points=points)
-    note += looks_text(count)
+    marks += waveforms.curves(time, outputs, width=1.8, points=points)
+    note += waveforms.looks_text(count)
     if beyond:
         supply = quantity(view.board.circuit.supply, "V")
         note += f" The chart ends at the supply of {supply}: beyond it the linear board is not the"
         note += " board."
     if other is not None:
         time, theirs, _ = _shown(other, end, view)
-        marks += [
-            charts.Curve(
-                *charts.thinned(time, column, POINTS), "ngspice", "ink", "dot", width=2.4, label=""
-            )
-            for column in theirs.T
-        ]
+        for column in theirs.T:
+            x, y = charts.thinned(time, column, POINTS)
+            marks.append(charts.Curve(x, y, "ngspice", "ink", "dot", width=2.4, label=""))
         note += " Dots on the curves: ngspice."
     axes = charts.Axis("time", "s", limits=(0.0, end)), charts.Axis("", "V", limits=limits)
     return charts.Chart("Outputs", *axes, tuple(marks), summary=note.strip(), legend=False)
@@ -259,16 +224,6 @@ def _shown(curves: ExplorerCurves, end: float, view: RestView) -> tuple[Floats, 
         beyond = bool((~(np.abs(outputs) <= limit)).any())
     outputs = np.nan_to_num(outputs, nan=limit, posinf=limit, neginf=-limit)
     return curves.time[shown], np.clip(outputs, -limit, limit), beyond
-
-
-def stress_chart(view: RestView) -> charts.Chart:
-    """Return the recovered stress: the truth, the numerical solution, and the board at rest."""
-    unit = view.board.circuit.value("U0")
-    targets, rest = view.targets / unit, view.rest / unit
-    note = f"Board less answer: at most {float(np.abs(rest - targets).max(initial=0.0)):.3g}."
-    if view.problem.stress is not None:
-        note += f" {true_error_text(view.answer)}"
-    return replace(recovered_stress(view.problem, view.scene, targets, rest), summary=note)
 
 
 @dataclass(slots=True, eq=False)
@@ -293,7 +248,7 @@ class SliderLook:
         if self.poles is None:
             return {}
         self.limits = view_limits(self.rest, self.poles)
-        return {"limits": [readable(text) for text in self.limits]}
+        return {"limits": [*map(readable, self.limits)]}
 
     @property
     def is_exact(self) -> bool:
@@ -302,10 +257,7 @@ class SliderLook:
         return known and not self.limits
 
     def outputs_part(self, window: str) -> Part:
-        """Return the part of the page with the outputs, as far as they are known.
-
-        The curves are those of the verdict where no closed form is the board.
-        """
+        """Return the outputs as far as they are known: of the verdict, where none are exact."""
         curves = None if self.verdict is None else self.verdict.curves
         response = None if self.poles is None else self.poles.response
         if response is not None and (self.is_exact or curves is None):

@@ -72,17 +72,16 @@ class Guard:
         hosts, origins = (asked.headers.getlist(name) for name in ("host", "origin"))
         ours = len(hosts) == 1 and hosts[0] in self._hosts
         ours = ours and origins in ([], [f"http://{hosts[0]}"])
-        answer: Response = PlainTextResponse(REFUSED, 403)
         if ours and self._is_same(asked.cookies.get(self._cookie, "")):
             await self.app(scope, receive, _with_policy(send, hosts[0]))
-            return
-        begins = scope["type"] == "http" and (scope["method"], scope["path"]) == ("GET", "/")
-        if ours and begins and self._is_same(asked.query_params.get("token", "")):
-            answer = RedirectResponse("/", 303, ADMITTED)  # without the token in the address line
-            answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
-        if scope["type"] == "websocket":  # a server answers one that is not accepted with 403
+        elif scope["type"] == "websocket":  # a server answers one that is not accepted with 403
             await send({"type": "websocket.close", "code": 1008})
         else:
+            answer: Response = PlainTextResponse(REFUSED, 403)
+            begins = (scope["method"], scope["path"]) == ("GET", "/")
+            if ours and begins and self._is_same(asked.query_params.get("token", "")):
+                answer = RedirectResponse("/", 303, ADMITTED)  # without the token in the address
+                answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
             await answer(scope, receive, send)
 
     def _is_same(self, token: str) -> bool:
@@ -109,7 +108,8 @@ PACKAGES = {"nicegui": "NiceGUI", "plotly": "Plotly"}
 REMEDY = "the explorer needs {}: pip install 'taction[explore]'"
 PAGE = Path(__file__).parent / "page"
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
-SENT = ("refused", "simulating")  # what the program of the page needs beside the markup
+RUNNING = "ngspice is running; the page stays usable"
+WITHOUT = "ended without a result for these values"
 AGAIN = 0.02  # s between two looks whether the server listens
 HEAD = (
     '<link rel="stylesheet" href="/taction/explorer.css">'
@@ -166,7 +166,8 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
         waiting.append(asyncio.create_task(open_to_all()))
 
     async def open_to_all() -> None:
-        await _listening(port)
+        while not await asyncio.to_thread(_is_open, port):
+            await asyncio.sleep(AGAIN)
         announce(address)
         if show and has_display():
             await asyncio.to_thread(webbrowser.open, address)
@@ -175,7 +176,7 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
 
     def end() -> None:
         for job in jobs:
-            job.close()
+            job.stop()
 
     app.on_startup(begin)
     app.on_shutdown(end)
@@ -203,16 +204,10 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
     )
 
 
-async def _listening(port: int) -> None:
-    """Wait until the server, which starts after its start-up functions, accepts connections."""
-    while True:
-        try:
-            _, writer = await asyncio.open_connection(HOST, port)
-        except OSError:
-            await asyncio.sleep(AGAIN)
-        else:
-            writer.close()
-            return
+def _is_open(port: int) -> bool:
+    """Whether the server, which starts after its start-up functions, accepts connections."""
+    with socket.socket() as probe:
+        return probe.connect_ex((HOST, port)) == 0
 
 
 def _open_page(start: Start, jobs: list[ExplorerJob]) -> None:
@@ -228,16 +223,16 @@ def _open_page(start: Start, jobs: list[ExplorerJob]) -> None:
 
     session = Session(start, send, jobs[0], jobs[1])
     ui.add_head_html(HEAD)
-    page = _templates().get_template("explorer.html").render(start=start_part(start))
+    page = _templates().get_template("explorer.html").render(start_part(start))
     ui.html(page, sanitize=False)
 
-    async def move(event: Any) -> None:
-        await session.move(event.args if isinstance(event.args, dict) else {})
-
-    ui.on("taction-ready", move)
-    ui.on("taction-move", move)
+    ui.on("taction-ready", lambda: session.move({}))
+    ui.on(
+        "taction-move",
+        lambda event: session.move(event.args if isinstance(event.args, dict) else {}),
+    )
     ui.on("taction-window", lambda event: session.show(str(event.args)))
-    ui.on("taction-simulate", lambda: session.simulate())
+    ui.on("taction-simulate", session.simulate)
     ui.on("taction-cancel", session.cancel)
     ui.on("taction-save", lambda event: session.save(str(event.args)))
 
@@ -247,12 +242,23 @@ def _templates() -> Environment:
     return templates(PAGE)
 
 
+PLACES = ("command", "doubts", "limits", "facts", "stable", "stable_text", "verdict_text", "checks",
+          "readings", "warnings", "simulation", "saved")  # fmt: skip
+"""Parts that are shown as markup, by the name of their element."""
+
+
 def markup_of(part: Part) -> Part:
-    """Return a part for the browser: its texts as markup, by the macros of their names."""
+    """Return a part for the browser: its texts as markup, the others for the page's program."""
     macros: Any = _templates().get_template("parts.html").module
-    shown = {key: getattr(macros, key, None) for key in part}
-    kept = {key: value for key, value in part.items() if shown[key] is None or key in SENT}
-    if "verdict" in part:
-        kept["outcome"] = part["verdict"]["outcome"]
-    kept["html"] = "".join(macro(part[key]) for key, macro in shown.items() if macro is not None)
-    return kept
+    kept = {key: value for key, value in part.items() if key not in (*PLACES, "along")}
+    shown = {key.replace("_", "-"): part[key] for key in PLACES if key in part}
+    if "refused" in part:
+        shown |= {"refused": [part["refused"]], "verdict-text": "no board with these values"}
+    if "refused" in part or "outcome" in part:
+        shown["verdict-mark"] = part.get("outcome", "error")
+    if "simulating" in part and "simulation" not in part:
+        shown["simulation"] = RUNNING if part["simulating"] else WITHOUT
+    made = [macros.into(place, value) for place, value in shown.items()]
+    for number, (path, cells) in enumerate(part.get("along", {}).items()):
+        made.append(macros.along(path, f"along-{number}", cells))
+    return kept | {"html": "".join(made)}

@@ -78,22 +78,20 @@ def draw_blocks(
     title: str, blocks: Sequence[Block], foot: str = "", path: str | Path | None = None
 ) -> Figure:
     """Draw charts, drawings, `Bars` and `Notes` on a grid below a title, see `draw_page`."""
-    shown = [_bars_chart(each) if isinstance(each, Bars) else each for each in blocks]
-    whole = [isinstance(each, Bars) for each in blocks]  # they have a row of their own
-    panels = [each for each, alone in zip(shown, whole, strict=True) if not alone]
+    panels = [each for each in blocks if not isinstance(each, Bars)]
     across = 2 if len(panels) == 4 else max(min(len(panels), 3), 1)
     lines = [panels[first : first + across] for first in range(0, len(panels), across)]
-    lines += [[each] for each, alone in zip(shown, whole, strict=True) if alone]
+    lines += [[_bars_chart(each)] for each in blocks if isinstance(each, Bars)]
     columns = [PANEL[0] + max(map(_beside, panels[k::across]), default=0.0) for k in range(across)]
     if across == 1:
         columns = [ALONE * columns[0]]
     rows = [max(_height(block, sum(columns)) for block in line) for line in lines]
-    with figure_file(path, sum(columns), sum(rows) + 0.6, title) as figure:
+    with new_figure(sum(columns), sum(rows) + 0.6, path, title) as figure:
         grid = figure.add_gridspec(len(rows), across, width_ratios=columns, height_ratios=rows)
         for row, line in enumerate(lines):
             for column, block in enumerate(line):
                 end = column + 1 if row * across < len(panels) else across
-                draw_block(figure.add_subplot(grid[row, column:end]), block)
+                BLOCKS[type(block)](figure.add_subplot(grid[row, column:end]), block)
         if foot:
             figure.supxlabel(wrapped(foot, SMALL * sum(columns)), fontsize="small")
     return figure
@@ -115,13 +113,6 @@ def _beside(block: Block) -> float:
     return LETTER * max((len(name) for name in names if len(name) > SHORT), default=0)
 
 
-def draw_block(axes: Axes, block: Block) -> None:
-    """Draw a chart, a drawing or `Notes` into `axes`."""
-    if type(block) not in BLOCKS:
-        raise TypeError(f"a picture has no {block.kind}; expected a chart, bars or notes")
-    BLOCKS[type(block)](axes, block)
-
-
 def wrapped(text: str, letters: float) -> str:
     """Return a text in lines of so many letters at most, which are about equally long.
 
@@ -133,8 +124,12 @@ def wrapped(text: str, letters: float) -> str:
 
 
 @contextmanager
-def new_figure(width: float, height: float) -> Iterator[Figure]:
-    """Give a figure of `width` by `height` inches in the style of all pictures."""
+def new_figure(
+    width: float, height: float, path: str | Path | None = None, title: str = ""
+) -> Iterator[Figure]:
+    """Give a figure of so many inches in one style; to a `path` it is written with equal bytes."""
+    if path is not None:
+        check_plot_file(path)
     check_package(*MATPLOTLIB, "plot")
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -151,17 +146,6 @@ def new_figure(width: float, height: float) -> Iterator[Figure]:
         figure = NotebookFigure(figsize=(width, height))
         figure.set_layout_engine("constrained", w_pad=MARGIN)
         FigureCanvasAgg(figure)
-        yield figure
-
-
-@contextmanager
-def figure_file(
-    path: str | Path | None, width: float, height: float, title: str = ""
-) -> Iterator[Figure]:
-    """Give a `new_figure` and write it to `path`, if any, always with the same bytes."""
-    if path is not None:
-        check_plot_file(path)
-    with new_figure(width, height) as figure:
         if title:
             figure.suptitle(wrapped(title, TITLE_LETTERS * width), fontweight="bold")
         yield figure
@@ -197,38 +181,34 @@ def _drawing(axes: Axes, drawing: Drawing) -> None:
 
 def _bars_chart(bars: Bars) -> Chart:
     """Return values beside their limits as bars, each with its outcome and its numbers."""
-    count, rows = len(bars.rows), bars.rows
-    shares = np.array([min(max(bar.share or 0.0, 0.0), MOST_SHARE) for bar in rows])
-    looks = tuple(bar.fill for bar in rows)
-    words = ((bar.outcome, bar.value.partition(" (")[0], bar.limit) for bar in rows)
+    sizes = [(bar.name, min(max(bar.share or 0.0, 0.0), MOST_SHARE)) for bar in bars.rows]
+    words = ((bar.outcome, bar.value.partition(" (")[0], bar.limit) for bar in bars.rows)
     texts = (
         charts.Text(", ".join(filter(None, each)), 1.02 * MOST_SHARE, row, SIDE, "ink")
         for row, each in enumerate(words)
     )
-    drawn = charts.Columns(np.arange(count), shares, "y", looks=looks)
-    names = Axis(scale="names", names=tuple(bar.name for bar in rows), reverse=True)
     used = Axis("part of the limit", limits=(0.0, 2.0 * MOST_SHARE))
-    return Chart(bars.title, used, names, (drawn, charts.Limit(1.0), *texts))
+    looks = tuple(bar.fill for bar in bars.rows)
+    return charts.rows(bars.title, used, sizes, looks, "", (charts.Limit(1.0), *texts))
 
 
 def draw_chart(axes: Axes, chart: Chart) -> None:
     """Draw `chart` into `axes`."""
-    for name in ("x", "y"):
-        if getattr(chart, name).scale == "log":
+    for name, axis in chart.axes:
+        if axis.scale == "log":
             getattr(axes, f"set_{name}scale")("log")
     for mark in chart.marks:
         DRAWERS[type(mark)](axes, mark, chart)
     first = chart.views[0] if chart.views else None
-    for name, limits in (("x", first and first.x), ("y", first and first.y)):
-        axis: Axis = getattr(chart, name)
-        ends = limits or axis.limits
+    for name, axis in chart.axes:
+        ends = getattr(first, name, None) or axis.limits
+        if axis.names:
+            ends = (-0.5, len(axis.names) - 0.5)
         if ends is not None:
-            low, high = (axis.factor * end for end in ends)
-            getattr(axes, f"set_{name}lim")(low, high)
+            getattr(axes, f"set_{name}lim")(*(axis.factor * end for end in ends))
         if axis.reverse:
             getattr(axes, f"invert_{name}axis")()
-    for name in ("x", "y"):
-        _label(axes, chart, name)
+        _label(axes, axis, name)
     _legend(axes, chart)
     if chart.title:
         axes.set_title(wrapped(chart.title, LETTERS * _inches(axes)), fontsize="medium")
@@ -249,8 +229,6 @@ def hatch(name: str) -> str:
 def cell_edges(places: ArrayLike, *, log: bool = False) -> Floats:
     """Return the edges (n + 1,) of the cells around `places` (n,).
 
-    Examples
-    --------
     >>> cell_edges([1.0, 2.0, 4.0]).tolist(), cell_edges([1.0, 100.0], log=True).round(3).tolist()
     ([0.5, 1.5, 3.0, 5.0], [0.1, 10.0, 1000.0])
     """
@@ -266,31 +244,26 @@ def _values(values: ArrayLike, axis: Axis) -> Floats:
     return np.asarray(np.asarray(values, dtype=np.float64) * axis.factor)
 
 
-def _label(axes: Axes, chart: charts.Chart, name: str) -> None:
+def _label(axes: Axes, axis: Axis, name: str) -> None:
     """Write the title and the ticks of an axis; the unit stands at each number."""
     from matplotlib.ticker import EngFormatter, LogLocator, MaxNLocator, NullFormatter
 
-    axis: Axis = getattr(chart, name)
     ruler: Any = getattr(axes, f"{name}axis")
-    getattr(axes, f"set_{name}label")(axis.caption)
+    ruler.set_label_text(axis.caption)
     if axis.scale == "names":
-        getattr(axes, f"set_{name}ticks")(range(len(axis.names)), axis.names)
-        ends = (-0.5, len(axis.names) - 0.5)
-        getattr(axes, f"set_{name}lim")(*(ends[::-1] if axis.reverse else ends))
+        ruler.set_ticks(range(len(axis.names)), axis.names)
         if name == "x" and _crowded(axes, axis):
             axes.tick_params("x", labelrotation=30)
         return
     unit, log = axis.sign.strip("%"), axis.scale == "log"
     ruler.set_major_formatter(EngFormatter(unit) if unit else _power if log else _plain)
     if log:
-        low, high = sorted(getattr(axes, f"get_{name}lim")())
+        low, high = sorted(ruler.get_view_interval())
         short = high < (300.0 if name == "y" else 60.0) * low
         ruler.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
         ruler.set_minor_formatter(NullFormatter())
-    elif axis.whole:
-        ruler.set_major_locator(MaxNLocator(integer=True))
-    elif unit or name == "x":
-        ruler.set_major_locator(MaxNLocator(FEW))
+    elif axis.whole or unit or name == "x":
+        ruler.set_major_locator(MaxNLocator(integer=True) if axis.whole else MaxNLocator(FEW))
 
 
 def _plain(value: float, _: object = None) -> str:
@@ -299,8 +272,7 @@ def _plain(value: float, _: object = None) -> str:
 
 def _inches(axes: Axes) -> float:
     """Return the width of the axes before the layout, inches."""
-    figure: Any = axes.figure
-    return float(figure.get_figwidth() * axes.get_position().width)
+    return float(cast("Figure", axes.figure).get_figwidth() * axes.get_position().width)
 
 
 def _crowded(axes: Axes, axis: Axis) -> bool:
@@ -316,22 +288,15 @@ def _power(value: float, _: object = None) -> str:
     return f"${digit}\\cdot10^{{{int(exponent)}}}$".replace("$1\\cdot", "$")
 
 
-def _marker(name: str, look: str, size: float) -> dict[str, Any]:
-    shape = name.removesuffix("-open")
-    open_mark = name.endswith("-open")
-    return {
-        "marker": MARKS.get(shape, "o") if name else "none", "ms": size,
-        "mfc": "none" if open_mark else look, "mec": look,
-    }  # fmt: skip
-
-
 def _curve(axes: Axes, mark: charts.Curve, chart: Chart) -> None:
-    x, y, look = _values(mark.x, chart.x), _values(mark.y, chart.y), colour(mark.colour)
-    name = mark.name if mark.label == "legend" and mark.name else None
-    style: dict[str, Any] = {"color": look, "lw": mark.width, "ls": LINES[mark.line]}
-    style |= {"zorder": 1.5 if mark.behind else 2.5, "label": name}
-    style |= _marker(mark.mark, look, mark.size)
-    axes.plot(x, y, **style)
+    look, shape = colour(mark.colour), mark.mark.removesuffix("-open")
+    style: dict[str, Any] = {
+        "color": look, "lw": mark.width, "ls": LINES[mark.line],
+        "marker": MARKS.get(shape, "o") if shape else "none", "ms": mark.size, "mec": look,
+        "mfc": look if shape == mark.mark else "none", "zorder": 1.5 if mark.behind else 2.5,
+        "label": mark.name if mark.label == "legend" and mark.name else None,
+    }  # fmt: skip
+    axes.plot(_values(mark.x, chart.x), _values(mark.y, chart.y), **style)
 
 
 def _limit(axes: Axes, mark: charts.Limit, chart: Chart) -> None:
@@ -365,21 +330,22 @@ def _columns(axes: Axes, mark: charts.Columns, chart: Chart) -> None:
         axes.grid(visible=False, axis="y")
 
 
-def _edges(mark: charts.Grid | charts.Cells, chart: Chart) -> tuple[Floats, Floats]:
-    found = [
+def _edges(axes: Axes, mark: charts.Grid | charts.Cells, chart: Chart) -> tuple[Floats, Floats]:
+    """Return the edges of the cells, and show all of them."""
+    across, down = (
         cell_edges(_values(places, axis), log=axis.scale == "log")
         for places, axis in ((mark.x, chart.x), (mark.y, chart.y))
-    ]
-    return found[0], found[1]
+    )
+    axes.grid(visible=False)
+    axes.set(xlim=across[[0, -1]], ylim=down[[0, -1]])
+    return across, down
 
 
 def _grid(axes: Axes, mark: charts.Grid, chart: Chart) -> None:
     from matplotlib.colors import LinearSegmentedColormap
 
     axes.set_facecolor("0.85")
-    axes.grid(visible=False)
-    across, down = _edges(mark, chart)
-    axes.set(xlim=across[[0, -1]], ylim=down[[0, -1]])
+    across, down = _edges(axes, mark, chart)
     places, labels = charts.levels(mark, np.asarray(mark.values, dtype=np.float64))
     if not labels:
         axes.text(0.5, 0.5, "nowhere", transform=axes.transAxes, ha="center")
@@ -403,17 +369,15 @@ def _grid(axes: Axes, mark: charts.Grid, chart: Chart) -> None:
 def _cells(axes: Axes, mark: charts.Cells, chart: Chart) -> None:
     from matplotlib.colors import ListedColormap
 
-    across, down = _edges(mark, chart)
+    across, down = _edges(axes, mark, chart)
     axes.set_facecolor("white")
-    axes.grid(visible=False)
-    axes.set(xlim=across[[0, -1]], ylim=down[[0, -1]])
     for name, look in mark.looks.items():
         cells = np.ma.masked_not_equal((mark.names == name).astype(np.int8), 1)
+        edge = {"edgecolor": "white" if look.hatch else "none", "linewidth": 0.0}
         if cells.count():
-            axes.pcolor(
-                across, down, cells, cmap=ListedColormap([look.colour]), hatch=look.hatch,
-                edgecolor="white" if look.hatch else "none", linewidth=0.0,
-            )  # fmt: skip
+            colours = ListedColormap([look.colour])
+            axes.pcolor(across, down, cells, cmap=colours, hatch=look.hatch, **edge)  # type: ignore[arg-type]
+        axes.fill([], [], facecolor=look.colour, hatch=look.hatch, edgecolor="white", label=name)
 
 
 def _text(axes: Axes, mark: charts.Text, chart: Chart) -> None:
@@ -448,10 +412,9 @@ def _keys(chart: Chart) -> list[str]:
     """Return the names in the legend of a chart, each once."""
     found: dict[str, None] = {}
     for mark in chart.marks if chart.legend else ():
-        if isinstance(mark, charts.Cells):
-            found |= dict.fromkeys(look.name for look in mark.looks.values())
-        elif not (isinstance(mark, charts.Curve) and mark.label != "legend"):
-            found |= dict.fromkeys(filter(None, [getattr(mark, "name", "")]))
+        names = mark.looks if isinstance(mark, charts.Cells) else [getattr(mark, "name", "")]
+        if getattr(mark, "label", "legend"):
+            found |= dict.fromkeys(filter(None, names))
     return [*found]
 
 
@@ -467,25 +430,18 @@ def _legend_lines(chart: Chart) -> int:
 
 def _legend(axes: Axes, chart: Chart) -> None:
     """Write the legend below the chart, where it hides nothing."""
-    from matplotlib.patches import Patch
     from matplotlib.transforms import ScaledTranslation
 
     if not (keys := _keys(chart)):
         return
-    looks = [each for mark in chart.marks if isinstance(mark, charts.Cells)
-             for each in mark.looks.values()]  # fmt: skip
-    known: dict[str, Any] = {
-        look.name: Patch(facecolor=look.colour, hatch=look.hatch, edgecolor="white")
-        for look in looks
-    }
     handles, names = axes.get_legend_handles_labels()
-    known |= dict(zip(names, handles, strict=True))
-    figure: Any = axes.figure
+    known = dict(zip(names, handles, strict=True))
     lower = LABELLED + TURNED * _crowded(axes, chart.x)
-    below = axes.transAxes + ScaledTranslation(0.0, -lower, figure.dpi_scale_trans)
+    scale = cast("Figure", axes.figure).dpi_scale_trans
     axes.legend(
         [known[name] for name in keys], keys, fontsize="small", loc="upper center",
-        bbox_to_anchor=(0.5, 0.0), bbox_transform=below, ncols=_in_a_line(keys, _inches(axes)),
+        bbox_to_anchor=(0.5, 0.0), ncols=_in_a_line(keys, _inches(axes)),
+        bbox_transform=axes.transAxes + ScaledTranslation(0.0, -lower, scale),
     )  # fmt: skip
 
 

@@ -23,55 +23,41 @@ PACKED = 64  # points from which numbers are packed
 LETTER = 6.5  # width of a letter beside a chart, pixels
 HATCH = {"fgcolor": "rgba(255,255,255,0.75)", "fillmode": "overlay", "size": 6}
 PATTERNS = {"////": "/", "\\\\\\\\": "\\", "xxxx": "x", "....": ".", "++++": "+", "": ""}
-COLORSCALES = {
-    "linear": [[0, "--map-low"], [1, "--map-high"]],
-    "log": [[0, "--map-low"], [1, "--map-high"]],
-    "signed": [[0, "--positive"], [0.5, "--neutral"], [1, "--negative"]],
-    "share": [[0, "--positive"], [0.5, "--neutral"], [1, "--negative"]],
-}
+MAP = [[0, "--map-low"], [1, "--map-high"]]
+DIVERGING = [[0, "--positive"], [0.5, "--neutral"], [1, "--negative"]]
+COLORSCALES = {"linear": MAP, "log": MAP, "signed": DIVERGING, "share": DIVERGING}
 FLAT, CLEAR = 0.01, 1.5  # of a curve: relative change, and height of the chart
 NEAR, ROOM = 0.2, 1.5  # of points on a logarithmic axis: decades, and the factor around them
 
 
 def plotly_spec(chart: charts.Chart) -> dict[str, Any]:
     """Return `chart` as `data` and `layout` of Plotly, without its title."""
-    data: list[dict[str, Any]] = []
-    shapes: list[dict[str, Any]] = []
-    texts: list[dict[str, Any]] = []
-    for mark in chart.marks:
-        if isinstance(mark, charts.Text):
-            texts.append(_text(mark, chart))
-            continue
-        if isinstance(mark, charts.Limit | charts.Band):
-            shapes.append(_shape(mark, chart))
-        else:
-            data += TRACES[type(mark)](mark, chart)
-    first = chart.views[0] if chart.views else None
+    kinds, first = {type(mark) for mark in chart.marks}, next(iter(chart.views), charts.View(""))
+    texts = [_text(mark, chart) for mark in chart.marks if isinstance(mark, charts.Text)]
+    straight = (mark for mark in chart.marks if isinstance(mark, charts.Limit | charts.Band))
+    shapes = [_shape(mark, chart) for mark in straight]
+    drawn = (mark for mark in chart.marks if type(mark) in TRACES)
+    data = [trace for mark in drawn for trace in TRACES[type(mark)](mark, chart)]
+    named = any(each.get("showlegend", True) for each in (*data, *shapes))
     layout: dict[str, Any] = {
-        "xaxis": _axis(chart, "x", first.x if first else None),
-        "yaxis": _axis(chart, "y", first.y if first else None),
+        **{f"{name}axis": _axis(chart, name, getattr(first, name)) for name, _ in chart.axes},
         "shapes": shapes,
         "annotations": texts,
-        "showlegend": bool(
-            chart.legend and any(each.get("showlegend", True) for each in (*data, *shapes))
-        ),
+        "showlegend": chart.legend and named,
         "hovermode": "closest",
         "margin": _margin(chart, texts),
     }
-    if any(isinstance(mark, charts.Columns) for mark in chart.marks):
+    if charts.Columns in kinds:
         layout |= {"barmode": "overlay", "bargap": 0.0}
-    if any(isinstance(mark, charts.Grid) for mark in chart.marks):
+    if charts.Grid in kinds:
         layout["plot_bgcolor"] = "--card"
     return {"data": data, "layout": layout}
 
 
 def view_layout(chart: charts.Chart, view: charts.View) -> dict[str, Any]:
     """Return the change of the layout that shows `view`."""
-    found = {}
-    for name, limits in (("x", view.x), ("y", view.y)):
-        if limits is not None:
-            found[f"{name}axis.range"] = _range(getattr(chart, name), limits)
-    return found
+    ends = ((name, axis, getattr(view, name)) for name, axis in chart.axes)
+    return {f"{name}axis.range": _range(axis, shown) for name, axis, shown in ends if shown}
 
 
 def packed(values: ArrayLike) -> dict[str, Any]:
@@ -116,23 +102,24 @@ def _range(axis: charts.Axis, limits: tuple[float, float]) -> list[float]:
 
 def _known(chart: charts.Chart, name: str) -> Floats:
     """Return the finite values of the marks along an axis."""
-    found: list[Floats] = [np.zeros(0)]
+    found: list[Any] = []
     for mark in chart.marks:
         if isinstance(mark, charts.Curve | charts.Grid | charts.Cells):
-            found.append(np.ravel(np.asarray(getattr(mark, name), dtype=np.float64)))
+            found.append(getattr(mark, name))
         elif isinstance(mark, charts.Columns):
-            found.append(np.asarray(mark.places if mark.across == name else mark.sizes, np.float64))
+            found.append(mark.places if mark.across == name else mark.sizes)
         elif isinstance(mark, charts.Limit) and mark.across == name:
-            found.append(np.array([mark.value]))
-    values = np.concatenate(found)
+            found.append([mark.value])
+    values = np.concatenate(
+        [np.zeros(0), *(np.asarray(each, np.float64).ravel() for each in found)]
+    )
     return np.asarray(values[np.isfinite(values)])
 
 
 def _axis(chart: charts.Chart, name: str, shown: tuple[float, float] | None) -> dict[str, Any]:
     axis: charts.Axis = getattr(chart, name)
-    unit = axis.sign
-    title = axis.caption
-    made: dict[str, Any] = {"title": {"text": words(title)}}
+    unit = axis.sign.strip("%")
+    made: dict[str, Any] = {"title": {"text": words(axis.caption)}}
     limits, known = shown or axis.limits, _known(chart, name)
     if axis.scale == "names":
         made |= {"tickvals": list(range(len(axis.names))), "zeroline": False,
@@ -141,12 +128,12 @@ def _axis(chart: charts.Chart, name: str, shown: tuple[float, float] | None) -> 
         ends = known[known > 0.0] if limits is None else np.asarray(limits)
         decades = float(np.log10(ends.max() / ends.min())) if len(ends) else 0.0
         step = next((each for end, each in LABELS if decades < end), 1)
-        made |= {"type": "log", "dtick": step, "tickformat": "~s" if unit.strip("%") else "~g"}
+        made |= {"type": "log", "dtick": step, "tickformat": "~s" if unit else "~g"}
         if limits is None and len(ends) and decades < NEAR:  # Plotly would show two decades
             limits = float(ends.min()) / ROOM, float(ends.max()) * ROOM
-        if unit and unit != "%":  # Plotly leaves a suffix out within a decade
-            made["title"] = {"text": words(f"{title} ({unit})")}
-    elif unit and unit != "%":
+        if unit:  # Plotly leaves a suffix out within a decade
+            made["title"] = {"text": words(f"{axis.caption} ({unit})")}
+    elif unit:
         made |= {"ticksuffix": unit, "tickformat": "~s", "hoverformat": ".5s"}
     if axis.whole:
         made["tickformat"] = "d"
@@ -158,27 +145,18 @@ def _axis(chart: charts.Chart, name: str, shown: tuple[float, float] | None) -> 
         made["range"] = _range(axis, limits)
     elif axis.reverse:
         made["autorange"] = "reversed"
-    elif name == "y" and axis.scale == "linear" and len(known) and _is_flat(known):
-        made["range"] = sorted((0.0, CLEAR * axis.factor * float(known.max())))
+    elif name == "y" and axis.scale == "linear" and len(known):
+        reach = float(np.abs(known).max())  # of a flat curve Plotly would go 1 up and 1 down
+        if reach > 0.0 and float(np.ptp(known)) < FLAT * reach:
+            made["range"] = sorted((0.0, CLEAR * axis.factor * float(known.max())))
     return made
 
 
-def _is_flat(values: Floats) -> bool:
-    """Whether Plotly would go 1 up and 1 down."""
-    reach = float(np.abs(values).max())
-    return reach > 0.0 and float(np.ptp(values)) < FLAT * reach
-
-
 def _margin(chart: charts.Chart, texts: Sequence[dict[str, Any]]) -> dict[str, int]:
-    beyond = [len(each["text"]) for each in texts if each["x"] == RIGHT]
-    top = 30 if any(each["y"] == 1 and each.get("yref") == "paper" for each in texts) else 24
-    named = [len(name) for name in chart.y.names] if chart.y.scale == "names" else []
-    return {
-        "l": int(max([56, *(14 + LETTER * count for count in named)])),
-        "r": int(max([14, *(22 + LETTER * count for count in beyond)])),
-        "t": top,
-        "b": 44,
-    }
+    beyond = [22 + LETTER * len(each["text"]) for each in texts if each["x"] == RIGHT]
+    above = any(each["y"] == 1 and each.get("yref") == "paper" for each in texts)
+    left = max([56.0, *(14 + LETTER * len(name) for name in chart.y.names)])
+    return {"l": int(left), "r": int(max([14.0, *beyond])), "t": 30 if above else 24, "b": 44}
 
 
 RIGHT = 1.005  # place of a text beyond the right edge, part of the width
@@ -188,16 +166,11 @@ def _hover(mark: charts.Curve, chart: charts.Chart) -> str:
     extra = f"<extra>{words(mark.name)}</extra>"
     if mark.hover:
         return "%{customdata}" + extra
-    parts = []
-    for letter in ("y", "x"):
-        axis: charts.Axis = getattr(chart, letter)
-        unit = axis.sign
-        if unit == "%":
-            parts.append(f"%{{{letter}:.4g}} %")
-        elif unit:
-            parts.append(f"%{{{letter}:.5s}}{unit}")
-        else:
-            parts.append(f"%{{{letter}:.5g}}")
+    formats = {"%": "%{{{}:.4g}} %", "": "%{{{}:.5g}}"}
+    parts = (
+        formats.get(axis.sign, "%{{{}:.5s}}" + axis.sign).format(letter)
+        for letter, axis in reversed(chart.axes)
+    )
     return " at ".join(parts) + extra
 
 
@@ -240,33 +213,27 @@ def _columns(mark: charts.Columns, chart: charts.Chart) -> Iterator[dict[str, An
     """Yield the bars of each look; Plotly warns of a list of colours beside patterns."""
     count = len(np.asarray(mark.sizes))
     looks = mark.looks * count if len(mark.looks) == 1 else mark.looks
+    across, along = ("x", "y") if mark.across == "x" else ("y", "x")
     for look in dict.fromkeys(looks):
-        yield _bars(mark, chart, look, [k for k in range(count) if looks[k] == look])
+        chosen = [k for k in range(count) if looks[k] == look]
 
+        def values(of: Any, axis: str, places: list[int] = chosen) -> Any:
+            return _values(np.asarray(of, dtype=np.float64)[places], getattr(chart, axis))
 
-def _bars(
-    mark: charts.Columns, chart: charts.Chart, look: str, chosen: Sequence[int]
-) -> dict[str, Any]:
-    along = "y" if mark.across == "x" else "x"
-    size_axis, place_axis = getattr(chart, along), getattr(chart, mark.across)
-
-    def values(of: Any, axis: charts.Axis) -> Any:
-        return _values(np.asarray(of, dtype=np.float64)[list(chosen)], axis)
-
-    pattern = PATTERNS.get(charts.OUTCOMES[look].hatch, "/") if look in charts.OUTCOMES else ""
-    trace: dict[str, Any] = {
-        "type": "bar", "orientation": "v" if mark.across == "x" else "h",
-        mark.across: values(mark.places, place_axis), along: values(mark.sizes, size_axis),
-        "name": words(mark.name), "showlegend": bool(mark.name), "width": 0.8,
-        "marker": {"color": colour(look), "pattern": HATCH | {"shape": pattern}},
-        "hovertemplate": f"%{{{along}:.4g}}<extra>{words(mark.name)}</extra>",
-    }  # fmt: skip
-    if mark.widths is not None:
-        trace["width"] = values(mark.widths, place_axis)
-    if mark.hover:
-        trace["customdata"] = [words(mark.hover[k]) for k in chosen]
-        trace["hovertemplate"] = "%{customdata}<extra></extra>"
-    return trace
+        known = look in charts.OUTCOMES
+        pattern = PATTERNS.get(charts.OUTCOMES[look].hatch, "/") if known else ""
+        trace: dict[str, Any] = {
+            "type": "bar", "orientation": "v" if across == "x" else "h",
+            across: values(mark.places, across), along: values(mark.sizes, along),
+            "width": 0.8 if mark.widths is None else values(mark.widths, across),
+            "name": words(mark.name), "showlegend": bool(mark.name),
+            "marker": {"color": colour(look), "pattern": HATCH | {"shape": pattern}},
+            "hovertemplate": f"%{{{along}:.4g}}<extra>{words(mark.name)}</extra>",
+        }  # fmt: skip
+        if mark.hover:
+            trace["customdata"] = [words(mark.hover[k]) for k in chosen]
+            trace["hovertemplate"] = "%{customdata}<extra></extra>"
+        yield trace
 
 
 def _grid(mark: charts.Grid, chart: charts.Chart) -> Iterator[dict[str, Any]]:

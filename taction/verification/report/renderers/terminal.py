@@ -31,6 +31,7 @@ UNMET = {"fail": "FAILS", "inconclusive": "undecided"}
 WIDE_GAP, GAP = 3, 2  # columns between two cells of a table
 MOST_PARTS = 3  # of a table that is too wide for the page
 GLUE = "\ue000"  # stands between a number and its unit while lines are broken
+QUOTES = "'''"  # in the place of three backticks
 SMALL = str.maketrans({"µ": "u", "Ω": "ohm"})
 
 
@@ -41,12 +42,12 @@ class Terminal(Console):
     one line. A closed pipe is `BrokenPipeError`; rich would end with 1, a failed check.
     """
 
-    def __init__(self, *, stderr: bool = False, file: IO[str] | None = None) -> None:
+    def __init__(self, *, file: IO[str] | None = None, **options: Any) -> None:
         # In a notebook rich would show the text itself, past the file.
-        super().__init__(highlight=False, stderr=stderr, file=file, force_jupyter=False)
+        super().__init__(highlight=False, file=file, force_jupyter=False, **options)
         if not self.is_terminal:
             self.soft_wrap = True
-            if not os.environ.get("COLUMNS", "").isdigit():
+            if not os.environ.get("COLUMNS", "").isdigit() and "width" not in options:
                 self.width = WIDTH
 
     def print(self, *objects: Any, **options: Any) -> None:
@@ -71,22 +72,28 @@ def page_text(page: Page) -> str:
     return text.getvalue().removesuffix("\n")
 
 
-def page_lines(page: Page) -> Iterator[RenderableType]:
-    """Yield what `print_page` prints."""
+def markdown(page: Page, heading: str) -> str:
+    """Return a page as Markdown: a heading, and the text of `print_page` as it stands."""
+    return f"## {heading}\n\n```\n{page_text(page).replace('```', QUOTES)}\n```\n"
+
+
+def page_lines(page: Page, medium: str = TERMINAL) -> Iterator[RenderableType]:
+    """Yield what `print_page` prints; in another medium without the title and the outcome."""
     colour = OUTCOMES[page.outcome].colour if page.outcome else ""
-    yield Text(plain(page.title), style=f"bold {colour}")
+    if medium == TERMINAL:
+        yield Text(plain(page.title), style=f"bold {colour}")
     for line in (*page.lines, page.summary):
         if line:
             yield Text(plain(line))
     for section in page.sections:
-        made = section.made(TERMINAL)
+        made = section.made(medium)
         if made and section.lead:
             yield Text(plain(section.lead))
         for block in made:
             yield shown(block)
     for line in page.foot:
         yield Text(plain(line), style="dim")
-    if page.outcome:
+    if page.outcome and medium == TERMINAL:
         yield outcome_line(page.outcome, page.last_line)
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
 
 from taction.system.charts import SERIES, Axis, Chart, Curve, Limit, Line, Mark
+from taction.system.quantities import quantity
 from taction.verification.report.blocks import Content, Notes, Page, Section, Table
-from taction.verification.report.texts import Cell, fields, quantity, shown_by
+from taction.verification.report.texts import Cell, Column, fields, shown_by
 from taction.verification.report.views.origin_view import origin_section
 from taction.verification.studies.work_precision.methods import Method
 from taction.verification.studies.work_precision.study import (
@@ -63,21 +65,17 @@ def _summary(study: WorkPrecisionStudy) -> str:
 
 def _methods(study: WorkPrecisionStudy) -> dict[Method, tuple[str, str, Line]]:
     """Return the methods with their colour, mark and line."""
-    methods = dict.fromkeys(p.method for p in study.points)
-    looks = (
-        (SERIES[k % len(SERIES)], MARKS[k % len(MARKS)], LINES[k // len(SERIES) % len(LINES)])
-        for k in range(len(methods))
-    )
-    return dict(zip(methods, looks, strict=True))
+    looks = ((SERIES[k % 8], MARKS[k % 8], LINES[k // 8 % 4]) for k in itertools.count())
+    return dict(zip(dict.fromkeys(p.method for p in study.points), looks, strict=False))
 
 
-def _known(study: WorkPrecisionStudy, method: Method) -> list[SettingResult]:
-    """Return the runs of a method with a time and an error."""
-    return [p for p in study.of(method) if p.error is not None and p.seconds is not None]
+def _known(study: WorkPrecisionStudy, method: Method, name: str) -> list[SettingResult]:
+    """Return the runs of a method with an error and another figure."""
+    return [p for p in study.of(method) if None not in (p.error, getattr(p, name))]
 
 
 def _charts(study: WorkPrecisionStudy) -> Iterator[Content]:
-    known = [p for method in _methods(study) for p in _known(study, method)]
+    known = [p for method in _methods(study) for p in _known(study, method, "seconds")]
     if len(known) < 2:
         text = f"{len(known) or 'No'} run has a known error: there is nothing to compare."
         yield f"{text} A larger --budget gives more runs."
@@ -94,39 +92,37 @@ def _work(study: WorkPrecisionStudy) -> Iterator[Mark]:
         yield Limit(study.floor, "y", "error of the reference", "muted")
     top = 1.0
     for method, (colour, mark, line) in _methods(study).items():
-        points = _known(study, method)
+        points = _known(study, method, "seconds")
         times = np.array([p.seconds for p in points], dtype=np.float64)
-        texts = tuple(f"{method.name} {p.name}: error {_error_text(p)}" for p in points)
+        hover = tuple(
+            f"{method.name} {p.name}: error {p.error:.1e} in {quantity(p.seconds, 's', 3)}"
+            for p in points
+        )
         errors = _errors(points)
-        top = max(top, float(errors.max(initial=top)))
-        yield Curve(times, errors, method.name, colour, line, mark, width=1.2, hover=texts)
+        top = float(errors.max(initial=top))
+        yield Curve(times, errors, method.name, colour, line, mark, width=1.2, hover=hover)
     for point in study.points:  # at the upper edge, since the error of this run has no bound
         if point.status == "timeout" and point.seconds is not None:
-            look, place = _methods(study)[point.method][0], np.array([point.seconds])
-            text = f"timed out at {point.name}"
-            yield Curve(place, np.array([top]), text, look, "", "x", size=9.0, label="",
-                        hover=(text,))  # fmt: skip
+            look, text = _methods(study)[point.method][0], f"timed out at {point.name}"
+            place = np.array([point.seconds]), np.array([top])
+            yield Curve(*place, text, look, "", "x", size=9.0, label="", hover=(text,))
 
 
 def _errors(points: list[SettingResult]) -> np.ndarray:
     return np.array([max(p.error or 0.0, LOWEST) for p in points], dtype=np.float64)
 
 
-def _error_text(point: SettingResult) -> str:
-    return f"{point.error:.1e} in {quantity(point.seconds, 's', 3)}"
-
-
 def _steps(study: WorkPrecisionStudy) -> Iterator[Mark]:
     """Yield the errors over the mean steps in periods, with the orders of convergence."""
     for method, (colour, mark, _) in _methods(study).items():
-        known = [p for p in study.of(method) if None not in (p.error, p.mean_step)]
+        known = _known(study, method, "mean_step")
         steps = np.array([p.mean_step for p in known], dtype=np.float64) / study.period
-        texts = tuple(f"{method.name} {p.name}: {p.error:.2e}" for p in known)
+        hover = tuple(f"{method.name} {p.name}: {p.error:.2e}" for p in known)
         order, name = study.order(method), method.name
         if order is not None:
             theory = "varies" if method.order is None else f"theory {method.order:g}"
             name = f"{method.name}: order {order:.2f} ({theory})"
-        yield Curve(steps, _errors(known), name, colour, "dot", mark, size=5.0, hover=texts)
+        yield Curve(steps, _errors(known), name, colour, "dot", mark, size=5.0, hover=hover)
 
 
 def _runs(study: WorkPrecisionStudy) -> Iterator[Content]:
@@ -137,8 +133,7 @@ def _runs(study: WorkPrecisionStudy) -> Iterator[Content]:
         "largest error": lambda each: Cell(_power(each.error), each.error),
     }
     yield Table.of("Wall times and errors", points, columns, _scale_text(study))
-    notes = (f"{p.method.name}, {p.name}: {p.status} {p.note}" for p in points if p.note)
-    yield from notes
+    yield from (f"{p.method.name}, {p.name}: {p.status} {p.note}" for p in points if p.note)
 
 
 def _power(value: float | None) -> str:
@@ -156,32 +151,29 @@ def _scale_text(study: WorkPrecisionStudy) -> str:
 
 
 def _cheapest(study: WorkPrecisionStudy) -> Table:
+    def choice(point: SettingResult | None) -> str:
+        if point is None:
+            return "no run reached it"
+        return f"{point.method.name}{f', {point.name}' if point.method.setting else ''}"
+
     rows = [(e, study.cheapest(e), study.cheapest(e, ["ngspice"])) for e in ERRORS]
+    seconds = shown_by("seconds 3")
     columns = {
         "largest error": lambda row: Cell(f"{row[0]:.0e}", row[0]),
-        "cheapest": lambda row: _choice(row[1]),
-        "time": lambda row: row[1] and SECONDS(row[1]),
-        "ngspice": lambda row: _choice(row[2]),
-        "time of ngspice": lambda row: row[2] and SECONDS(row[2]),
+        "cheapest": lambda row: choice(row[1]),
+        "time": lambda row: row[1] and seconds(row[1]),
+        "ngspice": lambda row: choice(row[2]),
+        "time of ngspice": lambda row: row[2] and seconds(row[2]),
     }
     note = "Largest error over time on the board, as measured."
     return Table.of("Cheapest setting that reaches an error", rows, columns, note)
 
 
-SECONDS = shown_by("seconds 3")
-
-
-def _choice(point: SettingResult | None) -> str:
-    if point is None:
-        return "no run reached it"
-    return f"{point.method.name}{f', {point.name}' if point.method.setting else ''}"
-
-
 def _orders(study: WorkPrecisionStudy) -> Table:
-    columns = {
-        "method": lambda each: each.method.name,
+    columns: dict[str, Column] = {
+        "method": "method.name",
         "fitted": lambda each: each.order and Cell(f"{each.order:.2f}", each.order),
-        "theory": lambda each: each.method.theory,
+        "theory": "method.theory",
     }
     shown = (each for each in study.ladders if each.method.setting)
     note = "Median slope of the largest error over time, against the mean step."

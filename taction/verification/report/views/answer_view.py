@@ -6,18 +6,9 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from taction.system.quantities import readable
+from taction.system.quantities import percent, quantity, readable, spaced
 from taction.verification.report.blocks import Bar
-from taction.verification.report.texts import (
-    KNOWN,
-    LEAST_SHARE,
-    figure,
-    percent,
-    quantity,
-    rounded_up,
-    spaced,
-    with_error,
-)
+from taction.verification.report.texts import KNOWN, LEAST_SHARE, figure, rounded_up, with_error
 from taction.verification.studies.decks.questions import QUESTIONS
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.cause import band_text, causes, listed, named

@@ -8,42 +8,23 @@ from functools import partial
 from typing import Any
 
 from taction.system.charts import SERIES, TIME, Axis, Chart, Curve, Limit, Mark, spread_colours
+from taction.system.quantities import banded, quantity, spaced
 from taction.verification.engines.statespace.linearised.time_scales import Ringing
-from taction.verification.report.blocks import (
-    BOTH,
-    DRAWN,
-    Bars,
-    Block,
-    Cell,
-    Notes,
-    Page,
-    Section,
-    Table,
-)
+from taction.verification.report.blocks import BOTH, DRAWN, Bars, Content, Page, Section, Table
 from taction.verification.report.texts import (
     KNOWN,
-    banded,
+    Cell,
+    Column,
     fields,
     figure,
     is_small,
     number_cell,
-    outcome_cell,
-    quantity,
-    spaced,
     titled,
     with_error,
 )
+from taction.verification.report.views import tolerance_view as tolerance
 from taction.verification.report.views.answer_view import MARGINS, check_bar, decisive_text
-from taction.verification.report.views.stability_view import pole_map, ranges_words
-from taction.verification.report.views.tolerance_view import (
-    causes,
-    directions,
-    failures,
-    histograms,
-    ranges,
-    spreads,
-)
-from taction.verification.report.views.tolerance_view import tables as corner_tables
+from taction.verification.report.views.stability_view import frequency_cell, pole_map, ranges_words
 from taction.verification.studies.decks.board_check import BoardCheck, OutputRow
 from taction.verification.studies.decks.board_sweep import PointRow, Sweep
 from taction.verification.studies.decks.measured_board import MeasuredBoard
@@ -80,11 +61,11 @@ def view(found: BoardCheck) -> Page:
         summary=_summary(found),
         lines=found.notes,
         sections=(
-            Section("Checks", (Bars("", tuple(map(check_bar, found.checks)), MARGINS),), "", BOTH),
+            Section("Checks", Bars("", tuple(map(check_bar, found.checks)), MARGINS), "", BOTH),
             Section("Outputs", lambda: _outputs(found), media=BOTH),
-            Section("Poles", lambda: (_poles(found),), media=BOTH),
-            Section("Pole map", lambda: (pole_map(found.poles),), media=DRAWN),
-            Section("Step response", lambda: (_response(found),), media=DRAWN),
+            Section("Poles", lambda: _poles(found), media=BOTH),
+            Section("Pole map", lambda: pole_map(found.poles), media=DRAWN),
+            Section("Step response", lambda: _response(found), media=DRAWN),
             Section("Parts", lambda: _parts(found), media=BOTH),
             *(section for each in found.sweeps for section in _swept(each, found)),
             *_varied(found),
@@ -168,7 +149,7 @@ def _nearest_stable(found: BoardCheck) -> str:
     return f"Nearest stable value: {name} {values[0]} (now {values[1]}, factor {factor:.3g})."
 
 
-def _outputs(found: BoardCheck) -> Iterator[Block]:
+def _outputs(found: BoardCheck) -> Iterator[Content]:
     columns = {
         "output": lambda each: each.name,
         "before": lambda each: number_cell(each.before, "V", 6),
@@ -176,10 +157,8 @@ def _outputs(found: BoardCheck) -> Iterator[Block]:
         **_answers(found.measurements.band, over=False),
     }
     step = quantity(found.amplitude, "V")
-    note = f"Shares of the largest step, {step}. {KNOWN}"
-    yield Table.of("", found.outputs, columns, note)
-    if found.noise.unknown:
-        yield Notes("", (f"output noise: {found.noise.unknown}",))
+    yield Table.of("", found.outputs, columns, f"Shares of the largest step, {step}. {KNOWN}")
+    yield f"output noise: {found.noise.unknown}" if found.noise.unknown else ""
 
 
 def _answers(band: float, *, over: bool) -> dict[str, Callable[[Any], Cell]]:
@@ -203,14 +182,10 @@ def _with(
     return Cell(figure(value, unit, digits) if small else with_error(value, error, unit), value)
 
 
-def _frequency(row: Any) -> Cell | str:
-    return number_cell(row.frequency, "Hz", 6) if row.frequency else "real pole"
-
-
 def _poles(found: BoardCheck) -> Table:
-    columns = {
+    columns: dict[str, Column] = {
         "real part": lambda each: _with(each.real, each.bound, "1/s"),
-        "frequency": _frequency,
+        "frequency": frequency_cell,
         "damping ratio": lambda each: f"{each.damping:.4g}",
     }
     if any(each.hidden for each in found.pole_rows):
@@ -218,10 +193,10 @@ def _poles(found: BoardCheck) -> Table:
     return Table.of("", found.pole_rows, columns, most={"terminal": POLES}, more="--json has all")
 
 
-def _parts(found: BoardCheck) -> Iterator[Block]:
-    def edge(part: PartRow, value: float | None) -> Cell:
-        undecided = outcome_cell("not decided", "inconclusive")
-        return undecided if part.doubt else number_cell(value, part.unit, 6)
+def _parts(found: BoardCheck) -> Table:
+    def edge(part: PartRow, side: str) -> Cell:
+        undecided = Cell("not decided", None, "inconclusive")
+        return undecided if part.doubt else number_cell(getattr(part, side), part.unit, 6)
 
     columns: dict[str, Callable[[Any], Any]] = {
         **fields("part = name; value @unit 6"),
@@ -230,37 +205,36 @@ def _parts(found: BoardCheck) -> Iterator[Block]:
     if any(each.frequency for each in found.parts):  # else the rightmost pole is real
         columns["and"] = lambda each: number_cell(0.01 * each.frequency, "Hz", 3)
     if (stable := found.poles.stable) is not None:
-        word = "unstable" if stable else "stable"
-        columns[f"{word} below"] = lambda each: edge(each, each.below)
-        columns[f"{word} above"] = lambda each: edge(each, each.above)
-    note = PART_WORDS + EDGE_WORDS[stable]
-    yield Table.of("", found.parts, columns, note, most={"terminal": PARTS}, more="--json has all")
+        for side in ("below", "above"):
+            title = f"{'unstable' if stable else 'stable'} {side}"
+            columns[title] = partial(edge, side=side)
+    note, most = PART_WORDS + EDGE_WORDS[stable], {"terminal": PARTS}
+    return Table.of("", found.parts, columns, note, most, "--json has all")
 
 
 def _swept(found: Sweep, board: BoardCheck) -> Iterator[Section]:
     band, name = board.measurements.band, found.name
     yield Section(f"Over {name}", lambda: _sweep(found, band), media=BOTH)
-    yield Section(f"Step responses over {name}", lambda: (_family(found),), media=DRAWN)
+    yield Section(f"Step responses over {name}", lambda: _family(found), media=DRAWN)
 
 
-def _sweep(found: Sweep, band: float) -> Iterator[Block]:
-    low, high = found.edges.low, found.edges.high
-    unit = found.unit
-    stable = ranges_words(found.stable_ranges, low, high, unit)
-    if near := sorted((*found.edges.near, *found.doubtful)):
+def _sweep(found: Sweep, band: float) -> Iterator[Content]:
+    edges, unit = found.edges, found.unit
+    stable = ranges_words(found.stable_ranges, edges.low, edges.high, unit)
+    if near := sorted((*edges.near, *found.doubtful)):
         ends = dict.fromkeys(quantity(near[k], unit) for k in (0, -1))
         stable += f"; not decided at {len(near)} values, {' to '.join(ends)}"
-    crossings = {
+    crossings: dict[str, Column] = {
         "crossing": lambda edge: _with(edge.value, edge.bound, unit, 8),
-        "frequency": _frequency,
+        "frequency": frequency_cell,
         "unstable poles": lambda edge: f"{edge.below} → {edge.above}",
     }
-    yield Notes("", (f"Stable: {stable}.",))
+    yield f"Stable: {stable}."
     yield Table.of("Crossings", found.crossings, crossings)
-    points = {
-        found.name: lambda each: number_cell(each.value, unit, 6),
+    points: dict[str, Column] = {
+        **fields(f"{found.name} = value {unit or 'ratio'} 6"),
         "rightmost pole": lambda each: _with(each.real, each.bound, "1/s"),
-        "at": lambda each: number_cell(each.frequency, "Hz"),
+        **fields("at = frequency Hz"),
         **_answers(band, over=True),
     }
     beside = found.beside_crossings(BESIDE)
@@ -298,14 +272,17 @@ def _varied(found: BoardCheck) -> Iterator[Section]:
     if study is None or share is None:
         return
     nodes = [out.node for out in found.circuit.outputs]
-    yield Section("Worst cases", lambda: corner_tables(study.quantities, study.corners), media=BOTH)
-    yield Section("Least, typical and largest values", lambda: ranges(study))
-    yield Section("Outputs at rest, worst case", lambda: (directions(study, nodes),), media=BOTH)
-    yield Section("Yield", lambda: (Notes("", (f"{titled(share.sentence)}.",)),), media=BOTH)
-    yield Section("Checks that do not pass", lambda: failures(share), media=BOTH)
-    yield Section("Spread", lambda: (spreads(share),), media=BOTH)
-    yield Section("Histograms", lambda: histograms(share))
-    yield Section("Causes", lambda: (causes(share),), media=BOTH)
+    yield Section(
+        "Worst cases", lambda: tolerance.tables(study.quantities, study.corners), media=BOTH
+    )
+    yield Section("Least, typical and largest values", lambda: tolerance.ranges(study))
+    rest = "Outputs at rest, worst case"
+    yield Section(rest, lambda: tolerance.directions(study, nodes), media=BOTH)
+    yield Section("Yield", f"{titled(share.sentence)}.", media=BOTH)
+    yield Section("Checks that do not pass", lambda: tolerance.failures(share), media=BOTH)
+    yield Section("Spread", lambda: tolerance.spreads(share), media=BOTH)
+    yield Section("Histograms", lambda: tolerance.histograms(share))
+    yield Section("Causes", lambda: tolerance.causes(share), media=BOTH)
 
 
 def _response(found: BoardCheck) -> Chart | None:
@@ -332,12 +309,9 @@ def _response(found: BoardCheck) -> Chart | None:
 
 
 def _witness(found: BoardCheck) -> str:
-    known = [each.value for each in found.checks if each.name == "ac_agrees"]
-    if not known or known[0] is None:
+    known = next((each.value for each in found.checks if each.name == "ac_agrees"), None)
+    if known is None:
         return "one witness: the state-space engine"
-    if known[0] == 0.0:
-        return "ngspice's small signal (.ac) agrees at every node within rounding"
-    return (
-        f"ngspice's small signal (.ac) differs by at most {known[0]:.1e} at any node, beyond"
-        " rounding"
-    )
+    off = f"differs by at most {known:.1e} at any node, beyond rounding"
+    text = "agrees at every node within rounding" if known == 0.0 else off
+    return f"ngspice's small signal (.ac) {text}"

@@ -15,21 +15,13 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import all_keys, own_value
 from taction.netlist_gen.scene.problem_keys import StatedProblem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene, opamp_words, size_words
+from taction.spice_models.presets import opamp_name
 from taction.system.array_types import Floats
 from taction.system.charts import BLUE, GREY, Axis, Chart, Curve, Grid, Limit, segments
-from taction.system.quantities import readable, sizes
+from taction.system.quantities import counted, quantity, readable, sizes, spaced
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.report.blocks import (
-    Code,
-    Content,
-    Drawing,
-    Facts,
-    Notes,
-    Page,
-    Section,
-    Table,
-)
-from taction.verification.report.texts import counted, opamp_name, quantity, spaced, value_text
+from taction.verification.report.blocks import Code, Content, Drawing, Notes, Page, Section, Table
+from taction.verification.report.texts import figure
 from taction.verification.report.views.opamp_view import part_columns
 from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.verify import Verdict
@@ -38,6 +30,11 @@ WRITTEN = 12  # rows or columns up to which the entries are written into the cha
 LARGEST = 160  # rows or columns of the chart of the matrix
 REFERENCES = 12  # names of parts in a line
 CHANNEL, SENSOR = Axis("channel", whole=True), Axis("sensor", whole=True, reverse=True)
+OPAMP = {
+    "gbw": ("gain-bandwidth product", "Hz"),
+    "input_capacitance": ("input capacitance", "F"),
+    "output_resistance": ("output resistance", "ohm"),
+}
 LONGEST = 400_000  # characters of a deck on a page
 
 
@@ -57,13 +54,9 @@ def board_lines(verdict: Verdict) -> tuple[str, ...]:
 def board_blocks(circuit: Circuit) -> tuple[Content, ...]:
     """Return the schematic of one channel, the matrix and the numbers of the board."""
     rows = {
-        f"{opamp_name(name)}, {title}": quantity(value, unit)
+        f"{opamp_name(name)}, {title}": quantity(getattr(model, figure), unit)
         for name, model in circuit.models.items()
-        for title, value, unit in (
-            ("gain-bandwidth product", model.gbw, "Hz"),
-            ("input capacitance", model.input_capacitance, "F"),
-            ("output resistance", model.output_resistance, "ohm"),
-        )
+        for figure, (title, unit) in OPAMP.items()
     }
     rows["supply"] = f"±{quantity(circuit.supply, 'V')}"
     level = "small signal" if circuit.is_small_signal else "large signal"
@@ -79,41 +72,38 @@ def problem_view(scene: StatedProblem) -> Page:
     """Return the picture of a problem: the matrix with its signs, the strain, and the truth."""
     problem = make_problem(scene)
     rows, columns = problem.matrix.shape
-    empty, entries = "an empty square has no resistor", _entries(problem.matrix)
+    empty, entries = "an empty square has no resistor", (_entries(problem.matrix),)
     charts = [
-        Chart("matrix T", CHANNEL, SENSOR, (entries,), empty),
+        Chart("matrix T", CHANNEL, SENSOR, entries, empty),
         _stems("strain eps: the input", "sensor", problem.strain, BLUE),
     ]
     if problem.stress is not None:
         title = "true stress u: what the board shall recover"
         charts.append(_stems(title, "channel", problem.stress, GREY))
     size = f"eps = T u, {rows} sensors, {columns} channels"
-    section = Section("", charts, media="picture")
-    return Page(scene.name, "", summary=size, sections=(section,))
+    return Page(scene.name, "", "", size, (), (Section("", charts, media="picture"),))
 
 
 def scene_view(scene: Scene) -> Page:
     """Return the card of a scene; its files are not read."""
     design, rule = scene.design, scene.lambda_rule
     ohms = DEFAULT_RESISTANCE if design.resistance is None else design.resistance
-    weight = ("R", quantity(ohms, "ohm"))
+    weight = {"R": quantity(ohms, "ohm")}
     if design.lam is not None:
         number = design.lam if isinstance(design.lam, str) else f"{design.lam:.4g}"
-        weight = ("lambda", f"{number}, by {rule}" if rule else number)
-    facts = (
-        ("problem", f"{scene.problem.kind} problem, {size_words(scene.problem)}"),
-        (
-            "board",
-            f"{design.topology}, {design.amplifier} amplifiers, op-amp {opamp_words(design.opamp)}",
-        ),
-        ("C", quantity(design.capacitance, "F")),
-        ("gain s", quantity(design.gain, "ohm")),
-        weight,
-        ("engine", scene.analysis.engine),
-        ("checks", "; ".join(_check_words(scene))),
-        ("file", str(scene.file)),
-    )
-    return Page(scene.name, "", sections=(Section("", Facts("", facts), media="notebook"),))
+        weight = {"lambda": f"{number}, by {rule}" if rule else number}
+    opamp = opamp_words(design.opamp)
+    facts = {
+        "problem": f"{scene.problem.kind} problem, {size_words(scene.problem)}",
+        "board": f"{design.topology}, {design.amplifier} amplifiers, op-amp {opamp}",
+        "C": quantity(design.capacitance, "F"),
+        "gain s": quantity(design.gain, "ohm"),
+        **weight,
+        "engine": scene.analysis.engine,
+        "checks": "; ".join(_check_words(scene)),
+        "file": str(scene.file),
+    }
+    return Page(scene.name, "", sections=(Section("", facts, media="notebook"),))
 
 
 def _check_words(scene: Scene) -> Iterator[str]:
@@ -121,7 +111,7 @@ def _check_words(scene: Scene) -> Iterator[str]:
     for key in all_keys(scene):
         first, _, name = key.path.partition(".")
         if first == "checks" and (value := own_value(scene, key)) is not None:
-            yield f"{spaced(name.replace('.', ' '))} {readable(value_text(value, key.unit))}"
+            yield f"{spaced(name.replace('.', ' '))} {figure(value, key.unit)}"
 
 
 def _stems(title: str, along: str, values: Floats, colour: str) -> Chart:
@@ -137,12 +127,11 @@ def matrix_chart(circuit: Circuit) -> Chart:
     T, ohms = circuit.realised, circuit.forward_ohms
     M, N = T.shape
     count, minus = int(np.isfinite(ohms).sum()), int((T < 0.0).sum())
-    note, step = "", 1
-    if max(M, N) > LARGEST:
-        step = -(-max(M, N) // LARGEST)
+    note, step = "", max(1, -(-max(M, N) // LARGEST))
+    if step > 1:
         T, ohms = _coarse(T, ohms, step)
         note = f" Each square is the largest entry of a part of the {M} by {N} matrix."
-    texts = tuple(
+    hover = tuple(
         tuple(f"T = {t:.4g}, {quantity(value, 'ohm')}" for t, value in zip(*pair, strict=True))
         for pair in zip(T.tolist(), ohms.tolist(), strict=True)
     )
@@ -152,30 +141,26 @@ def matrix_chart(circuit: Circuit) -> Chart:
         f" empty square has no resistor. The colour follows the square root of the size.{note}"
     )
     height = int(min(max(28 * len(T) + 110, 240), 620))
-    entries = _entries(T, step, texts)
-    return Chart("Matrix", CHANNEL, SENSOR, (entries,), summary, height=height)
+    return Chart("Matrix", CHANNEL, SENSOR, (_entries(T, step, hover),), summary, height=height)
 
 
-def _entries(T: Floats, step: int = 1, texts: tuple[tuple[str, ...], ...] = ()) -> Grid:
+def _entries(T: Floats, step: int = 1, hover: tuple[tuple[str, ...], ...] = ()) -> Grid:
     """Return T with a colour for each entry that is not zero, `step` places apart."""
-    rows, columns = T.shape
     written: tuple[tuple[str, ...], ...] = ()
-    if max(rows, columns) <= WRITTEN:
+    if max(T.shape) <= WRITTEN:
         written = tuple(
             tuple(f"{value:+.2g}" if value else "" for value in row) for row in T.tolist()
         )
-    x, y = 1.0 + step * np.arange(columns), 1.0 + step * np.arange(rows)
-    shown = np.where(T == 0.0, np.nan, T)
-    return Grid(x, y, shown, "", "signed", texts=texts, written=written)
+    y, x = (1.0 + step * np.arange(count) for count in T.shape)
+    return Grid(x, y, np.where(T == 0.0, np.nan, T), "", "signed", texts=hover, written=written)
 
 
 def _coarse(T: Floats, ohms: Floats, step: int) -> tuple[Floats, Floats]:
     """Return the entry with the largest magnitude of each part of a large matrix."""
     rows, columns = (range(0, size, step) for size in T.shape)
-    parts = [[T[k : k + step, n : n + step] for n in columns] for k in rows]
-    coarse = np.array([[part.flat[int(np.abs(part).argmax())] for part in row] for row in parts])
-    least = [[ohms[k : k + step, n : n + step].min() for n in columns] for k in rows]
-    return coarse, np.array(least)
+    parts = [[np.s_[k : k + step, n : n + step] for n in columns] for k in rows]
+    coarse = [[max(T[part].flat, key=abs) for part in row] for row in parts]
+    return np.array(coarse), np.array([[ohms[part].min() for part in row] for row in parts])
 
 
 def omissions(circuit: Circuit) -> Content:
@@ -215,12 +200,12 @@ def deck_blocks(verdict: Verdict) -> tuple[Content, ...]:
 
 def view(circuit: Circuit) -> Page:
     """Return the card of a board, and its picture: the schematic of one channel."""
-    facts = Section("Board", Facts("", circuit_facts(circuit)), media="notebook")
+    facts = Section("Board", circuit_facts(circuit), media="notebook")
     drawn = Section("One channel", lambda: schematic(circuit), media="picture")
     return Page(circuit.name, "", "", f"one of {len(circuit.outputs)} channels", (), (facts, drawn))
 
 
-def circuit_facts(circuit: Circuit) -> tuple[tuple[str, str], ...]:
+def circuit_facts(circuit: Circuit) -> dict[str, str]:
     """Return the size of a board, the facts that its topology states, and its parts."""
     entries = sum(int(np.isfinite(matrix.ohms).sum()) for matrix in circuit.matrices)
     parts = (
@@ -229,11 +214,11 @@ def circuit_facts(circuit: Circuit) -> tuple[tuple[str, str], ...]:
         counted(len(circuit.resistors), "other resistor"),
         counted(len(circuit.capacitors), "capacitor"),
     )
-    return (
-        ("size", sizes(len(circuit.outputs), len(circuit.constraint_nodes))),
-        ("board", f"{circuit.topology}, {circuit.amplifier} amplifiers"),
-        ("op-amps", f"{', '.join(circuit.models)}, supply ±{quantity(circuit.supply, 'V')}"),
-        *((fact.label, fact.text) for fact in circuit.facts.values()),
-        ("parts", ", ".join(parts)),
-        ("left out", counted(len(circuit.omissions), "kind") + " of parts that it does not need"),
-    )
+    return {
+        "size": sizes(len(circuit.outputs), len(circuit.constraint_nodes)),
+        "board": f"{circuit.topology}, {circuit.amplifier} amplifiers",
+        "op-amps": f"{', '.join(circuit.models)}, supply ±{quantity(circuit.supply, 'V')}",
+        **{fact.label: fact.text for fact in circuit.facts.values()},
+        "parts": ", ".join(parts),
+        "left out": f"{counted(len(circuit.omissions), 'kind')} of parts that it does not need",
+    }

@@ -14,6 +14,7 @@ import numpy as np
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.charts import Axis, Chart, Curve, Grid, Mark, segments, zero_lines
 from taction.system.foreign_files import shortened
+from taction.system.quantities import counted, percent, quantity, readable, spaced
 from taction.verification.design.choose import (
     CAPACITANCE,
     FEEDBACK,
@@ -25,20 +26,9 @@ from taction.verification.design.choose import (
     Choice,
     ChosenDesign,
 )
+from taction.verification.report import texts
 from taction.verification.report.blocks import Content, Notes, Page, Section, Table
-from taction.verification.report.texts import (
-    Cell,
-    Column,
-    counted,
-    figure,
-    number_cell,
-    outcome_cell,
-    percent,
-    quantity,
-    readable,
-    rounded_up,
-    spaced,
-)
+from taction.verification.report.texts import Cell, Column, fields, figure, number_cell
 from taction.verification.verdict.cause import band_text
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import ERROR, finite
@@ -160,7 +150,7 @@ def _best(best: Sequence[BestDesign]) -> Iterator[Content]:
         boards = None if verdict is None else verdict.answer.built
         if boards is None or not boards.known:
             return Cell("-" if boards is None else "not known")
-        if rounded_up(boards.most, 2) < 1.0:
+        if texts.rounded_up(boards.most, 2) < 1.0:
             return Cell(f"at most {percent(boards.most)} pass", boards.most)
         return Cell(f"{percent(boards.least)} or more rest within the limits", boards.most)
 
@@ -177,13 +167,9 @@ def _best(best: Sequence[BestDesign]) -> Iterator[Content]:
 def _opamps(designs: Sequence[ChosenDesign]) -> Table:
     """Return the best design of each op-amp, and why it does not pass; `_table` has its G0, U0."""
     passing = Counter(design.opamp for design in designs if design.good)
-    columns = {
-        **_columns(designs),
-        "passing": lambda each: passing[each.opamp],
-        "outcome": _outcome,
-    }
-    for path in (G0, U0):
-        columns.pop(NAMES[path], None)
+    more = {"passing": lambda each: passing[each.opamp], "outcome": _outcome}
+    left_out = NAMES[G0], NAMES[U0]
+    columns = {k: v for k, v in (_columns(designs) | more).items() if k not in left_out}
     title, most = "The best design of each op-amp", {"terminal": SHOWN}
     return Table.of(title, _first_of_each(designs), columns, "", most, "{} more: --json.")
 
@@ -202,7 +188,7 @@ def _outcome(design: ChosenDesign) -> Cell:
     if design.outcome == ERROR:  # file, key and value, then what is wrong with it
         line = line.rpartition(": ")[2]
     check = shortened(spaced(line.partition(" (limit")[0].partition("; ")[0]), LONGEST)
-    return outcome_cell(": ".join(filter(None, (design.outcome, check))), design.outcome)
+    return texts.outcome_cell(": ".join(filter(None, (design.outcome, check))), design.outcome)
 
 
 def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Column]:
@@ -213,9 +199,8 @@ def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Column]:
         **dict(_moved_columns(designs)),
         settling: lambda each: number_cell(finite(each.settling_time), "s", 3),
         "overshoot": lambda each: number_cell(finite(each.overshoot), "step", 3),
-        "op-amp load": lambda each: number_cell(each.headroom, "step", 3),
-        "output noise": lambda each: number_cell(each.noise, "V", 3),
-        "worst": lambda each: number_cell(each.worst_share, "", 3),
+        **fields("op-amp load = headroom step 3; output noise = noise V 3"),
+        **fields("worst = worst_share ratio 3"),
     }
     if all(design.noise is None for design in designs):
         del columns["output noise"]
@@ -257,40 +242,28 @@ def _maps(designs: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> Iterat
 
 
 def _map(name: str, own: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> Chart:
-    farads, ohms = (np.array(sorted(set(each))) for each in zip(*map(_values, own), strict=True))
+    across, up = (np.array(sorted(set(each))) for each in zip(*map(_values, own), strict=True))
     at = {_values(design): design for design in own}
-    cells = [[at.get((x, y)) for x in farads.tolist()] for y in ohms.tolist()]
-    grid = Grid(
-        farads,
-        ohms,
-        np.array([[_level(design) for design in row] for row in cells]),
-        scale="share",
-        limits=(LOW, HIGH),
-        bar=False,
-        texts=tuple(tuple(map(_hover, row)) for row in cells),
-    )
+    cells = [[at.get((x, y)) for x in across.tolist()] for y in up.tolist()]
+    levels = np.array([[_level(design) for design in row] for row in cells])
+    hover = tuple(tuple(map(_hover, row)) for row in cells)
+    grid = Grid(across, up, levels, "", "share", (LOW, HIGH), texts=hover, bar=False)
+    edge = list(zero_lines(np.log(across), np.log(up), np.log(levels)))
+    line_x, line_y = map(np.exp, segments(edge))
+    limit = (Curve(line_x, line_y, "the limit", "ink", width=2.0),) if edge else ()
     chosen = {one.design.place for one in best}
     others = [design for design in own if design.good and design.place not in chosen]
     stars = [design for design in own if design.place in chosen]
     x, y = (Axis(NAMES[path], UNITS[path], "log") for path in own[0].keys)
     marks: tuple[Mark, ...] = (
         grid,
-        *_limit_line(grid),
+        *limit,
         *_points(others, "passes", "circle-open", 6.0),
         *_points(stars, "among the best", "star", 13.0),
     )
     title = f"{name}: {sum(design.good for design in own)} of {len(own)} pass and can be bought"
     words = f"The worst value over its limit, by {x.title} and {y.title}."
     return Chart(title, x, y, marks, words, legend=False, height=230)
-
-
-def _limit_line(grid: Grid) -> Iterator[Curve]:
-    """Yield the line on which the worst value reaches its limit, where there is one."""
-    x, y = np.log(grid.x), np.log(grid.y)
-    lines = list(zero_lines(x, y, np.log(np.asarray(grid.values))))
-    if lines:
-        across, down = segments(lines)
-        yield Curve(np.exp(across), np.exp(down), "the limit", "ink", width=2.0)
 
 
 def _points(designs: Sequence[ChosenDesign], name: str, mark: str, size: float) -> Iterator[Curve]:
@@ -300,10 +273,7 @@ def _points(designs: Sequence[ChosenDesign], name: str, mark: str, size: float) 
 
 
 def _level(design: ChosenDesign | None) -> float:
-    """Return the worst share; not a number for an unstable design, and for one not decided.
-
-    Where a check that fails has no value, the share is as bad as the colours go.
-    """
+    """Return the worst share, at most as bad as the colours go; NaN for one without a verdict."""
     undecided = design is not None and design.outcome == "inconclusive"
     if design is None or not design.shares or (undecided and design.worst_share is None):
         return math.nan

@@ -13,27 +13,20 @@ import numpy as np
 from taction.system import charts
 from taction.system.array_types import Floats
 from taction.system.documents import read
+from taction.system.quantities import counted, quantity, readable, spaced
 from taction.verification.report.blocks import Bars, Content, Notes, Page, Section, Table
 from taction.verification.report.texts import (
     Cell,
     Column,
-    counted,
+    fields,
+    figure,
     is_small,
     number_cell,
     outcome_cell,
-    quantity,
-    readable,
-    spaced,
-    value_text,
 )
+from taction.verification.report.views import waveforms_view as waveforms
 from taction.verification.report.views.answer_view import check_bar, margin_lines
 from taction.verification.report.views.origin_view import origin_section
-from taction.verification.report.views.waveforms_view import (
-    LABELLED,
-    channel_names,
-    curves,
-    end_names,
-)
 from taction.verification.studies.regression.difference import VerdictDifference
 from taction.verification.studies.regression.regress import RegressionReport, SceneResult, Status
 from taction.verification.studies.scene_files import VerifiedFiles
@@ -55,11 +48,15 @@ EXITS: dict[int, charts.Outcome] = {0: "pass", 1: "fail"}
 
 def regression_view(report: RegressionReport) -> Page:
     """Return the page of a regression run."""
+    columns: dict[str, Column] = {
+        "scene": lambda each: each.file.removesuffix(".toml"),
+        "status": lambda each: outcome_cell(each.status.value, STATUSES.get(each.status, "fail")),
+        "checks": lambda each: _passing(each.checks),
+        "tolerances off": lambda each: None if each.worst is None else _off(each.worst),
+        "simulator": lambda each: each.entry and each.entry.solved_by.partition(",")[0],
+    }
+    scenes = Table.of("Scenes", report.results, columns)
     changes = tuple(content for each in report.results for content in _scene(each, "terminal"))
-    scenes = (
-        Section(f"{result.file}: {result.status.value}", tuple(_scene(result, "page")))
-        for result in report.results
-    )
     return Page(
         title=report.folder,
         command="taction regress",
@@ -70,50 +67,43 @@ def regression_view(report: RegressionReport) -> Page:
             *((f"Not stored, a check fails: {', '.join(report.left)}.",) if report.left else ()),
         ),
         sections=(
-            Section("Scenes", _scenes(report.results), media="terminal page"),
+            Section("Scenes", scenes, media="terminal page"),
             Section("Changes", changes, media="terminal"),
-            *scenes,
+            *(Section(_scene_title(each), tuple(_scene(each, "page"))) for each in report.results),
             origin_section(None, (("baseline", report.baseline),)),
         ),
     )
 
 
-def _scenes(results: Sequence[SceneResult]) -> Table:
-    columns: dict[str, Column] = {
-        "scene": lambda each: each.file.removesuffix(".toml"),
-        "status": lambda each: outcome_cell(each.status.value, STATUSES.get(each.status, "fail")),
-        "checks": _passing,
-        "tolerances off": lambda each: None if each.worst is None else _off(each.worst),
-        "simulator": lambda each: each.entry and each.entry.solved_by.partition(",")[0],
-    }
-    return Table.of("Scenes", results, columns)
+def _scene_title(result: SceneResult) -> str:
+    return f"{result.file}: {result.status.value}"
 
 
-def _passing(result: SceneResult) -> str | None:
+def _passing(checks: Iterable[Check]) -> str | None:
     """Return how many checks pass; None without a verdict."""
-    passed = sum(check.outcome.value == "pass" for check in result.checks)
-    return f"{passed} of {len(result.checks)} pass" if result.checks else None
+    passed = [check.outcome.value == "pass" for check in checks]
+    return f"{sum(passed)} of {len(passed)} pass" if passed else None
 
 
 def _scene(result: SceneResult, medium: str) -> Iterator[Content]:
     """Yield what changed in a scene; a terminal shows the largest changes."""
-    lines = remarks(result)
+    lines = tuple(map(readable, remarks(result)))
     if result.status is Status.SAME or not (result.changes or lines):
         return
-    terminal = medium == "terminal"
-    name = f"{result.file}: {result.status.value}" if terminal else ""
-    if lines or name:
-        yield Notes(name, tuple(map(readable, lines)))
     columns: dict[str, Column] = {
         "what": "label",
         **{title: partial(_stored, name=name) for title, name in VALUES.items()},
         "times": lambda each: _off(each.off),
         "note": "note",
     }
-    title, most = "" if terminal else "Changes", {"terminal": SHOWN}
-    note = "" if terminal else "Times: the difference over the tolerance."
-    yield Table.of(title, result.changes, columns, note, most, "and {} more (--json has all)")
-    if not terminal:
+    if medium == "terminal":
+        more = "and {} more (--json has all)"
+        yield Notes(_scene_title(result), lines)
+        yield Table.of("", result.changes, columns, "", {"terminal": SHOWN}, more)
+    else:
+        yield Notes("", lines)
+        note = "Times: the difference over the tolerance."
+        yield Table.of("Changes", result.changes, columns, note)
         yield Bars("Checks", tuple(map(check_bar, result.checks)))
 
 
@@ -123,7 +113,7 @@ VALUES = {
 
 
 def _stored(change: Difference, name: str) -> str:
-    return readable(stored_value(getattr(change, name), change.unit))
+    return stored_value(getattr(change, name), change.unit)
 
 
 def _off(off: float) -> Cell:
@@ -166,8 +156,8 @@ def off_text(off: float) -> str:
 
 
 def stored_value(value: float | str | None, unit: str) -> str:
-    """Return a value with its unit and six digits; a dash for a missing value."""
-    return value_text(value, "" if unit == "step" else unit, 6)
+    """Return a value with its unit and six digits; a part of the step is a plain number."""
+    return figure(value, "" if unit == "step" else unit, 6)
 
 
 NAMED = 3  # keys in the first line
@@ -200,7 +190,7 @@ def _edited(difference: VerdictDifference) -> str:
     """Return the keys or parts that differ, with both values, and the outcomes if these differ."""
     keys = difference.keys or ()
     texts = [
-        f"{k.key} {_shown(k.first, k.unit, 6)} → {_shown(k.second, k.unit, 6)}"
+        f"{k.key} {figure(k.first, k.unit, 6)} → {figure(k.second, k.unit, 6)}"
         for k in keys[:NAMED]
         if not k.content
     ]
@@ -211,12 +201,10 @@ def _edited(difference: VerdictDifference) -> str:
 
 
 def _summary(difference: VerdictDifference) -> str:
-    shown = [reading for reading in difference.readings if reading.first != reading.second]
-    equal = len(difference.readings) - len(shown)
-    beyond = sum(reading.beyond is True for reading in shown)
-    unknown = sum(reading.beyond is None for reading in shown)
-    text = f"{len(difference.readings)} readings: {equal} equal,"
-    text += f" {len(shown) - beyond - unknown} within their uncertainties, {beyond} beyond"
+    shown = [reading.beyond for reading in difference.readings if reading.first != reading.second]
+    beyond, within, unknown = (shown.count(each) for each in (True, False, None))
+    text = f"{len(difference.readings)} readings: {len(difference.readings) - len(shown)} equal,"
+    text += f" {within} within their uncertainties, {beyond} beyond"
     return text + (f", {unknown} unknown" if unknown else "")
 
 
@@ -226,9 +214,8 @@ def _keys(difference: VerdictDifference) -> Content:
     if not difference.keys:
         return "keys: no difference"
     columns: dict[str, Column] = {
-        "key": "key",
-        "A": lambda each: _shown(each.first, each.unit, 6),
-        "B": lambda each: _shown(each.second, each.unit, 6) + " (another content)" * each.content,
+        **fields("key; A = first @unit 6"),
+        "B": lambda each: figure(each.second, each.unit, 6) + " (another content)" * each.content,
     }
     return Table.of("Keys", difference.keys, columns)
 
@@ -236,9 +223,7 @@ def _keys(difference: VerdictDifference) -> Content:
 def _readings(difference: VerdictDifference) -> Table:
     columns = {
         "reading": lambda each: _name(each, difference.outputs),
-        "A": lambda each: _shown(each.first, each.unit, 6),
-        "B": lambda each: _shown(each.second, each.unit, 6),
-        "B - A": lambda each: Cell(_shown(each.difference, each.unit, 3), each.difference),
+        **fields("A = first @unit 6; B = second @unit 6; B - A = difference @unit 3"),
         "±": allowed_cell,
         "beyond ±": lambda each: outcome_cell(*BEYOND[each.beyond]),
     }
@@ -250,7 +235,7 @@ def allowed_cell(reading: Difference) -> Cell:
     """Return the sum of the bounds of both readings."""
     size = max((abs(x) for x in (reading.first, reading.second) if isinstance(x, float)), default=0)
     small = bool(reading.allowed) and is_small(reading.allowed, size, reading.unit)
-    text = "1 ppm or better" if small else _shown(reading.allowed, reading.unit, 2)
+    text = "1 ppm or better" if small else figure(reading.allowed, reading.unit, 2)
     return Cell(text, reading.allowed)
 
 
@@ -276,28 +261,26 @@ def _outputs(difference: VerdictDifference) -> Iterator[Content]:
     names = difference.outputs or [f"u_{n + 1}" for n in range(count)]
 
     def drawn(x: Floats, values: Floats, line: charts.Line, width: float) -> Iterator[charts.Curve]:
-        return curves(x, values[:, :count], names, line=line, width=width, points=POINTS)
+        return waveforms.curves(x, values[:, :count], names, line=line, width=width, points=POINTS)
 
     def named(group: Iterable[int]) -> str:
-        return ", ".join(names[n] for n in group) if difference.outputs else channel_names(group)
+        known = difference.outputs
+        return ", ".join(known[n] for n in group) if known else waveforms.channel_names(group)
 
     both = np.concatenate([u[:, :count], v[:, :count]])
     ends = u[-1, :count].tolist(), float(both.min()), float(both.max())
-    texts = end_names(*ends, charts.spread_colours(count), named) if count <= LABELLED else ()
+    few, looks = count <= waveforms.LABELLED, charts.spread_colours(count)
+    texts = waveforms.end_names(*ends, looks, named) if few else ()
     marks = *drawn(time, u, "solid", 2.2), *drawn(other, v, "dash", 1.2), *texts
     text = f"Solid: A, {difference.first}. Dashed: B, {difference.second}."
     yield charts.Chart("Outputs", charts.TIME, charts.Axis("output", "V"), marks, text, height=420)
-    inside = time[(time >= other[0]) & (time <= other[-1])]
-    if len(inside):
-        places = np.searchsorted(time, inside)
-        apart = [np.interp(inside, other, v[:, n]) - u[places, n] for n in range(count)]
-        moved = tuple(drawn(inside, np.column_stack(apart), "solid", 1.2))
+    inside = (time >= other[0]) & (time <= other[-1])
+    if inside.any():
+        theirs = [np.interp(time[inside], other, v[:, n]) for n in range(count)]
+        apart = np.column_stack(theirs) - u[inside, :count]
+        moved = tuple(drawn(time[inside], apart, "solid", 1.2))
         title = f"B minus A: at most {quantity(float(np.abs(apart).max()), 'V', 3)}"
         yield charts.Chart(title, charts.TIME, charts.Axis("difference", "V"), moved, WAVES)
-
-
-def _shown(value: object, unit: str | None, digits: int) -> str:
-    return readable(value_text(value, unit or "", digits))
 
 
 Document = Mapping[str, Any]
@@ -306,10 +289,10 @@ Document = Mapping[str, Any]
 def files_view(files: VerifiedFiles) -> Page:
     """Return the page of the verdicts of several files."""
     counts = ", ".join(f"{count} {name}" for name, count in files.count().items())
-    columns = {
-        "scene": lambda each: each["file"],
+    columns: dict[str, Column] = {
+        "scene": "file",
         "outcome": lambda each: outcome_cell(each["outcome"], _outcome(each["outcome"])),
-        "checks": _passed,
+        "checks": lambda each: _passing(checks_of(each)),
         "settling": _settling,
         "overshoot": lambda each: number_cell(_largest(each, "overshoot"), "step"),
         "time": lambda each: number_cell(each.get("timing", {}).get("total"), "s", 3),
@@ -333,9 +316,8 @@ def files_view(files: VerifiedFiles) -> Page:
 
 def _settling(document: Document) -> Cell:
     """Return a settling time with its band, which each file has of its own."""
-    checks = checks_of(document) if "checks" in document else ()
     cell = number_cell(document.get("settling_time"), "s")
-    bands = filter(None, map(band_text, checks))
+    bands = filter(None, map(band_text, checks_of(document)))
     return cell if cell.number is None else replace(cell, text=" ".join((cell.text, *bands)))
 
 
@@ -359,16 +341,8 @@ def reasons(document: Document) -> Iterator[str]:
 
 
 def checks_of(document: Document) -> tuple[Check, ...]:
-    """Return the checks of a verdict's document."""
-    return tuple(read(Check, check) for check in document["checks"])
-
-
-def _passed(document: Document) -> str:
-    """Return how many checks pass; a dash where there is no verdict."""
-    checks = document.get("checks")
-    if not checks:
-        return "–"
-    return f"{sum(check['outcome'] == 'pass' for check in checks)} of {len(checks)} pass"
+    """Return the checks of a verdict's document; without a verdict there are none."""
+    return tuple(read(Check, check) for check in document.get("checks", ()))
 
 
 def _largest(document: Document, name: str) -> float | None:

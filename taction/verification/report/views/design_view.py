@@ -3,36 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from taction.netlist_gen.scene.keys import SYMBOLS, Value, find_key
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.charts import Axis, Chart, Curve, Limit, Mark, Text
-from taction.system.quantities import show, written
+from taction.system.quantities import banded, percent, quantity, show, spaced, written
 from taction.verification.design.fresh_scene import NewScene
 from taction.verification.design.remedies import Change, Remedies, StableRange
 from taction.verification.design.scaling import Scaled
 from taction.verification.design.trials import Trial
 from taction.verification.design.tune import Tuned, Tuning
 from taction.verification.report.blocks import Code, Content, Page, Section, Table
-from taction.verification.report.texts import (
-    Cell,
-    Column,
-    banded,
-    figure,
-    number_cell,
-    percent,
-    quantity,
-    spaced,
-)
+from taction.verification.report.texts import Cell, Column, figure, number_cell
 from taction.verification.report.views.verdict_view import on_screen
 from taction.verification.report.views.verdict_view import view as verdict_report
 from taction.verification.stability.margin import first_knob
 from taction.verification.verdict.headroom import describe
+from taction.verification.verdict.record import finite
 from taction.verification.verdict.verify import Verdict
 
 TRADE = "Settling time against overshoot of the designs on the trade-off curve; dotted: the limit."
@@ -65,9 +58,7 @@ def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Content]:
         columns[_key_name(path)] = partial(_value, path=path, unit=unit)
     settling = banded("settling_time", tuning.scene.checks.settling_time.band)
     columns[settling] = lambda each: number_cell(each[1].settling_time, "s")
-    columns["overshoot"] = lambda each: (
-        number_cell(each[1].overshoot, "step", 3) if math.isfinite(each[1].overshoot) else "–"
-    )
+    columns["overshoot"] = lambda each: number_cell(finite(each[1].overshoot), "step", 3)
     designs = ("before", tuning.before), ("after", tuning.after)
     yield Table.of("Before and after", designs, columns)
     yield {
@@ -77,12 +68,10 @@ def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Content]:
         f"margin of {first_knob(circuit)}": f"{tuning.margin:g}",
         "lambda, unchanged": circuit.facts["lambda"].text,
     }
-    lines = [
-        f"{path.removeprefix('design.')} = {written(value, units[path])}"
-        for path, value in tuning.after.values.items()
-    ]
+    new = {path: written(value, units[path]) for path, value in tuning.after.values.items()}
     if "R" in circuit.facts:
-        lines.append(f"resistance = {written(circuit.value('R'), 'ohm')}")
+        new["resistance"] = written(circuit.value("R"), "ohm")
+    lines = (f"{path.removeprefix('design.')} = {value}" for path, value in new.items())
     yield Code("the values for the table [design]", "\n".join(lines))
     for path, edge in tuning.at_edges.items():
         name = path.removeprefix("design.")
@@ -112,38 +101,31 @@ def _tradeoff(tuning: Tuning) -> Chart:
         pairs = trial.values.items()
         return ", ".join(f"{_key_name(path)} {quantity(v, units[path])}" for path, v in pairs)
 
+    def curve(trials: Sequence[Trial], *look: Any, **more: Any) -> Curve:
+        places = [(each.overshoot, each.settling_time) for each in trials]
+        return Curve(*np.array(places).reshape(-1, 2).T, *look, **more)
+
     frontier = sorted(tuning.frontier, key=lambda each: each.overshoot)
-    hover = tuple(map(text, frontier))
-    name = "no design tried is better than these"
-    marks: list[Mark] = [Curve(*_places(frontier), name, "true", mark="circle", hover=hover)]
-    first, last = (tuning.before, "square-open", "fail"), (tuning.after, "star", "pass")
-    for name, (trial, mark, outcome) in {"before": first, "after": last}.items():
-        if _is_finite(trial):
+    name, hover = "no design tried is better than these", tuple(map(text, frontier))
+    marks: list[Mark] = [curve(frontier, name, "true", mark="circle", hover=hover)]
+    first, last = ("before", tuning.before), ("after", tuning.after)
+    ends = [(*first, "square-open", "fail"), (*last, "star", "pass")]
+    for name, trial, mark, outcome in ends:
+        if math.isfinite(trial.settling_time + trial.overshoot):
             title = f"{name}: {quantity(trial.settling_time, 's')}, {text(trial)}"
-            marks.append(Curve(*_places([trial]), title, outcome, "", mark, size=9.0))
-    ends, near = None, True
-    shown = filter(_is_finite, (*frontier, tuning.before, tuning.after))
-    if known := [each.overshoot for each in shown]:
-        low, high = min(known), max(known)
-        reach = max(high - low, 0.1 * high, LEAST_REACH)
-        near = low <= limit <= high + reach
-        high = max(high, limit) if near else high
-        ends = max(0.0, low - EDGE * reach), high + EDGE * reach
+            marks.append(curve([trial], title, outcome, "", mark, size=9.0))
+    every = np.array([(each.overshoot, each.settling_time) for _, each, *_ in ends])
+    known = [each.overshoot for each in frontier] + every[np.isfinite(every).all(1), 0].tolist()
+    low, high = min(known, default=limit), max(known, default=limit)
+    reach = max(high - low, 0.1 * high, LEAST_REACH)
+    near = low <= limit <= high + reach
+    high = max(high, limit) if near else high
     said = f"overshoot limit, {figure(limit, 'step', 3)}"
     far = Text(f"{said} →", None, None, ("left", "below"))
     marks.append(Limit(limit, "x", said, "ink", "dot") if near else far)
-    x = Axis("overshoot", "step", limits=ends)
+    shown = (max(0.0, low - EDGE * reach), high + EDGE * reach) if known else None
     y = Axis(banded("settling_time", tuning.scene.checks.settling_time.band), "s", "log")
-    return Chart("Trade-off", x, y, tuple(marks), TRADE)
-
-
-def _is_finite(trial: Trial) -> bool:
-    return math.isfinite(trial.settling_time + trial.overshoot)
-
-
-def _places(trials: list[Trial]) -> tuple[np.ndarray, np.ndarray]:
-    x, y = np.array([(each.overshoot, each.settling_time) for each in trials]).reshape(-1, 2).T
-    return x, y
+    return Chart("Trade-off", Axis("overshoot", "step", limits=shown), y, tuple(marks), TRADE)
 
 
 def scaling_view(result: Scaled) -> Page:
@@ -203,35 +185,35 @@ def _change_lines(scene: Scene, remedies: Remedies) -> Iterator[str]:
         yield f"  stable {', or '.join(edges)}"
     if remedies.opamps:
         yield f"  {'or' if edges else 'stable'} with {' or '.join(remedies.opamps)}"
-    for change in remedies.changes:
-        yield f"  {_change(scene, change)}"
+    yield from (f"  {_change(scene, change)}" for change in remedies.changes)
     for searched in remedies.without:
-        where = ""
-        if searched.least is not None and searched.most is not None:
+        where, ends = "", (searched.least, searched.most)
+        if None not in ends:
             unit = find_key(scene, searched.paths[0]).unit
-            where = f" from {show(searched.least, unit, 3)} to {show(searched.most, unit, 3)}"
-        names = " and ".join(map(name_of, searched.paths))
-        yield f"  no tried value of {names}{where} makes the board pass"
+            where = " from {} to {}".format(*(show(end or 0.0, unit, 3) for end in ends))
+        yield f"  no tried value of {_names(searched.paths)}{where} makes the board pass"
     keys = ", ".join(map(name_of, remedies.searched)) or "no key"
-    cut = [" and ".join(map(name_of, paths)) for paths in remedies.cut]
-    rest = f"; not to the end: {', '.join(cut)} (--changes)" if cut else ""
+    cut = ", ".join(map(_names, remedies.cut))
+    rest = f"; not to the end: {cut} (--changes)" if cut else ""
     yield f"  searched {remedies.trials} changes of {keys}{rest}"
     if remedies.undecided:
         count = len(remedies.undecided)
         yield f"  {count} of them without a verdict, such as: {remedies.undecided[0]}"
 
 
+def _names(paths: Iterable[str]) -> str:
+    return " and ".join(map(name_of, paths))
+
+
 def edge_text(found: StableRange) -> str:
     """Return the nearest edge of a stable range: ``"from C = 9.023 pF"``; empty without one."""
-    name = name_of(found.path)
     if found.edge is None:
         return ""
-    side = "from" if found.edge == found.low else "up to"
-    text = f"{side} {name} = {show(found.edge, found.unit)}"
-    other = found.high if found.edge == found.low else found.low
-    if other is not None:
-        text += f" ({'to' if found.edge == found.low else 'from'} {show(other, found.unit)})"
-    return text
+    side, word, other = "up to", "from", found.low
+    if found.edge == found.low:
+        side, word, other = "from", "to", found.high
+    text = f"{side} {name_of(found.path)} = {show(found.edge, found.unit)}"
+    return text if other is None else f"{text} ({word} {show(other, found.unit)})"
 
 
 def distance_text(found: StableRange) -> str:
@@ -247,14 +229,13 @@ def distance_text(found: StableRange) -> str:
 
 def _change(scene: Scene, change: Change) -> str:
     values = {path: v for path, v in change.values.items() if path != "design.lambda"}
-    if not values:
-        values = change.values
-    text = " and ".join(key_with_value(scene, path, value) for path, value in values.items())
+    pairs = (values or change.values).items()
+    text = " and ".join(key_with_value(scene, path, value) for path, value in pairs)
     if change.resistance is not None:
         text += f" with R = {show(change.resistance, 'ohm')}"
     if change.left:
-        mended = ", ".join(map(spaced, change.mends))
-        return f"{text}: mends {mended}, but not {', '.join(map(spaced, change.left))}"
+        mended, left = (", ".join(map(spaced, each)) for each in (change.mends, change.left))
+        return f"{text}: mends {mended}, but not {left}"
     return f"{text} (verified)"
 
 

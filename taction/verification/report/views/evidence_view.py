@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
 from taction.system.charts import Outcome
@@ -10,7 +9,7 @@ from taction.verification.evidence.paper.findings import ClaimOutcome, Finding
 from taction.verification.evidence.paper.reproduce import Reproduction
 from taction.verification.evidence.stress.run_cases import CaseJudgement, CaseRun, StressReport
 from taction.verification.report.blocks import Notes, Page, Section, Table
-from taction.verification.report.texts import Cell, Column, fields, figure, outcome_cell
+from taction.verification.report.texts import Cell, Column, fields, outcome_cell, shown_by
 from taction.verification.report.views.origin_view import origin_section
 
 SOURCE = (
@@ -105,32 +104,34 @@ def stress_view(report: StressReport) -> Page:
 def headline(report: StressReport) -> str:
     """Return the counts, the time and the versions as one line of text."""
     counts = ", ".join(f"{count} {kind}" for kind, count in report.count().items())
-    cases = len({run.case.name for run in report.runs})
-    numbers, seconds = report.numbers, sum(run.seconds for run in report.runs)
-    versions = ", ".join(f"{name} {version}" for name, version in report.versions.items())
-    compared = f"{report.outside} of {numbers} numbers outside their stated error"
-    if not numbers:
-        compared = "no numbers compared: a checkout has their true values"
-    return (
-        f"{cases} cases, {len(report.runs)} runs: {counts}; {compared}; {seconds:.0f} s; {versions}"
+    cases, seconds = (
+        len({run.case.name for run in report.runs}),
+        sum(r.seconds for r in report.runs),
     )
+    compared = f"{report.outside} of {report.numbers} numbers outside their stated error"
+    if not report.numbers:
+        compared = "no numbers compared: a checkout has their true values"
+    parts = f"{cases} cases, {len(report.runs)} runs: {counts}", compared, f"{seconds:.0f} s"
+    versions = ", ".join(f"{name} {version}" for name, version in report.versions.items())
+    return "; ".join((*parts, versions))
 
 
 def _results(runs: Iterable[CaseRun]) -> Table:
     """Return a row for each run, with the number that is worst in its stated error."""
+
+    def error(name: str) -> Column:
+        shown = shown_by(f"{name} @unit 2")
+        return lambda run: run.worst and shown(run.worst)
+
     columns = {
         **fields("case = case.name; engine"),
         "outcome": lambda run: outcome_cell(run.outcome, OUTCOMES[run.judgement]),
         "worst quantity": lambda run: run.worst and run.worst.name,
-        "true error": lambda run: run.worst and _error(run.worst.error, run.worst.unit),
-        "stated error": lambda run: run.worst and _error(run.worst.uncertainty, run.worst.unit),
+        "true error": error("error"),
+        "stated error": error("uncertainty"),
         "outside": lambda run: (
             run.worst and Cell(f"{run.outside} of {len(run.comparisons)}", run.outside)
         ),
         **fields("time = seconds s 2"),
     }
     return Table.of("Results", runs, columns)
-
-
-def _error(error: float, unit: str) -> Cell:
-    return Cell("–") if math.isnan(error) else Cell(figure(error, unit, 2), error)

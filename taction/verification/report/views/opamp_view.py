@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -17,21 +17,12 @@ from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.presets import Origin
 from taction.system.charts import BLUE, Axis, Chart, Curve, Limit, Mark, Text
 from taction.system.foreign_files import visible
-from taction.system.quantities import show
+from taction.system.quantities import counted, percent, quantity, show
 from taction.verification.characterise.characterise import Bode, OpAmpFigures, open_loop
-from taction.verification.report.blocks import (
-    BOTH,
-    DRAWN,
-    EVERYWHERE,
-    Cell,
-    Notes,
-    Page,
-    Section,
-    Table,
-)
-from taction.verification.report.texts import counted, fields, percent, quantity
+from taction.verification.report.blocks import BOTH, DRAWN, EVERYWHERE, Page, Section, Table
+from taction.verification.report.texts import Cell, fields
 from taction.verification.studies.decks.vendor_model import ImportedModel
-from taction.verification.verdict.board_power import BoardPower, PartsList
+from taction.verification.verdict.board_power import PartsList
 
 TITLES = {
     "dc_gain": ("DC gain", ""),
@@ -74,12 +65,11 @@ LISTED = {
 
 def view(result: OpAmpFigures) -> Page:
     """Return the page of an op-amp."""
-    opamp, origins = result.opamp, result.origins
-    documents = list(_documents(opamp, origins))
+    opamp, documents = result.opamp, dict[str, str]()
     titles = ("figure", "typical", "guaranteed", "from", "note")
-    table = Table("Figures", titles, tuple(_rows(opamp, origins, documents)))
+    table = Table("Figures", titles, tuple(_rows(opamp, result.origins, documents)))
     sources = [f"source: {opamp.source}"]
-    sources += [f"[{number}] {title}" for number, title in enumerate(documents, 1)]
+    sources += (f"{number} {title}" for title, number in documents.items())
     if documents:
         text = "assumed: in no public text of a sheet that was found; derived: see the note"
         sources.append(text)
@@ -89,7 +79,7 @@ def view(result: OpAmpFigures) -> Page:
         title=opamp.name,
         command="taction parts show",
         sections=(
-            Section("Figures", (table, Notes("", tuple(sources))), "", EVERYWHERE),
+            Section("Figures", (table, *sources), "", EVERYWHERE),
             Section("Open loop", lambda: _bode(open_loop(opamp)), media=DRAWN),
         ),
     )
@@ -105,24 +95,20 @@ def stated_figures(opamp: OpAmp) -> dict[str, float]:
     return {name: value for name, value in values.items() if value not in ABSENT}
 
 
-def _documents(opamp: OpAmp, origins: Origins) -> dict[str, None]:
-    """Return the documents that the shown figures name, in the order of the figures."""
-    shown = [origins[name] for name in stated_figures(opamp) if name in origins]
-    named = (title for origin in shown for title in (origin.document, origin.limit))
-    return dict.fromkeys(title for title in named if title and title not in WORDS)
-
-
-def _rows(opamp: OpAmp, origins: Origins, documents: list[str]) -> Iterator[tuple[Cell, ...]]:
+def _rows(opamp: OpAmp, origins: Origins, documents: dict[str, str]) -> Iterator[tuple[Cell, ...]]:
+    """Yield the figures; `documents` takes the number of each document that they name."""
     limits, nothing = dict(opamp.guaranteed), Cell("")
-    numbers = {title: f"[{number}]" for number, title in enumerate(documents, 1)}
     for name, value in stated_figures(opamp).items():
         title, unit = TITLES[name]
         origin = origins.get(name, Origin("", "", ""))
         limit = _cell(limits.get(name), unit)
         if limit.text:
             limit = Cell(f"{'≥' if name in AT_LEAST else '≤'} {limit.text}", limit.number)
-        named = filter(None, dict.fromkeys((origin.document, origin.limit)))
-        source = Cell(" ".join(numbers.get(each, each) for each in named))
+        named = [*dict.fromkeys(filter(None, (origin.document, origin.limit)))]
+        for each in named:
+            if each not in WORDS:
+                documents.setdefault(each, f"[{len(documents) + 1}]")
+        source = Cell(" ".join(documents.get(each, each) for each in named))
         yield Cell(title), _cell(value, unit), limit, source, Cell(origin.note)
         if name == "saturation":
             supply = min(15.0, opamp.most_supply)
@@ -138,7 +124,7 @@ def _cell(value: float | None, unit: str) -> Cell:
 
 
 def _bode(found: Bode) -> tuple[Chart, Chart]:
-    frequency, response = Axis("frequency", "Hz", "log"), found.response
+    response, hertz = found.response, Axis("frequency", "Hz", "log")
     decibels, phase = 20.0 * np.log10(np.abs(response)), np.degrees(np.unwrap(np.angle(response)))
     gain: tuple[Mark, ...] = (Curve(found.frequency, decibels, "", BLUE),)
     angle: tuple[Mark, ...] = (Curve(found.frequency, phase, "", BLUE),)
@@ -146,12 +132,10 @@ def _bode(found: Bode) -> tuple[Chart, Chart]:
         crossing, margin = found.crossing()
         gain += _crossing(crossing, 0.0, f"unity gain at {quantity(crossing, 'Hz', 3)}")
         angle += _crossing(crossing, margin - 180.0, f"phase margin {margin:.3g} degrees")
-    title, text = "Bode diagram of the open loop", "Gain of the open loop over the frequency."
-    degrees = Axis("phase (degrees)", limits=(-190.0, 10.0))
-    below = "Phase of the open loop over the frequency."
+    degrees, text = Axis("phase (degrees)", limits=(-190.0, 10.0)), "of the open loop"
     return (
-        Chart(title, frequency, Axis("gain (dB)"), gain, text),
-        Chart("Phase of the open loop", frequency, degrees, angle, below),
+        Chart(f"Bode diagram {text}", hertz, Axis("gain (dB)"), gain, f"Gain {text}."),
+        Chart(f"Phase {text}", hertz, degrees, angle, f"Phase {text}."),
     )
 
 
@@ -171,18 +155,18 @@ def list_view(models: Mapping[str, OpAmp]) -> Page:
         value = getattr(entry[1], figure)
         return show(value, unit, 3) if value and math.isfinite(value) else "-"
 
-    def supply(model: OpAmp) -> str:
-        ends = f"±{model.least_supply:g} to {model.most_supply:g} V"
-        return ends if math.isfinite(model.most_supply) else "-"
+    def supply(entry: tuple[str, OpAmp]) -> str:
+        low, high = entry[1].least_supply, entry[1].most_supply
+        return f"±{low:g} to {high:g} V" if math.isfinite(high) else "-"
 
     columns: dict[str, Callable[[Any], Any]] = {"": lambda each: each[0]}
     for title, (figure, unit) in LISTED.items():
         columns[title] = partial(shown, figure=figure, unit=unit)
-    columns["supply"] = lambda each: supply(each[1])
+    columns["supply"] = supply
     return Page(
         title="op-amps",
         command="taction parts",
-        sections=(Section("Op-amps", (Table.of("", models.items(), columns),), "", EVERYWHERE),),
+        sections=(Section("Op-amps", Table.of("", models.items(), columns), "", EVERYWHERE),),
         foot=("all figures with their sources: taction parts show NAME",),
     )
 
@@ -205,7 +189,7 @@ def imported_view(result: ImportedModel) -> Page:
     return Page(
         title=f"{model['name']}, simulated at ±{show(model['supply'], 'V')}",
         command="taction parts import",
-        sections=(Section("Figures", (Notes("", tuple(lines)),), media=EVERYWHERE),),
+        sections=(Section("Figures", lines, media=EVERYWHERE),),
     )
 
 
@@ -222,13 +206,21 @@ def parts_view(result: PartsList) -> Page:
     """Return the page of the parts of a board."""
     parts, power = result.parts, result.power
     columns = part_columns(SHOWN, "not a standard value; nearest")
+    watts = [quantity(each, "W", 3) for each in (power.total, power.quiescent, power.outputs)]
+    lines = (
+        packages_text(parts),
+        f"supply current {quantity(power.supply_current, 'A', 3)}, dissipation {watts[0]} at rest:"
+        f" op-amps {watts[1]} quiescent and {watts[2]} by their load,"
+        f" resistors {quantity(power.resistors, 'W', 3)}",
+        *(f"not included: {what}" for what in parts.not_listed),
+    )
     return Page(
         title=result.scene.name,
         command="taction export bom",
         summary=counts_text(parts),
         sections=(
-            Section("Parts", (Table.of("Parts", parts.lines, columns),), media=BOTH),
-            Section("Board", (Notes("", tuple(_lines(parts, power))),), media=BOTH),
+            Section("Parts", Table.of("Parts", parts.lines, columns), media=BOTH),
+            Section("Board", lines, media=BOTH),
         ),
     )
 
@@ -239,18 +231,6 @@ def counts_text(parts: BillOfMaterials) -> str:
     odd = sum(line.preferred is not None for line in parts.lines)
     remedy = "; set resistor_series and capacitor_series" if odd else ""
     return f"{counts} of {len(parts.lines)} values; not a standard value: {odd}{remedy}"
-
-
-def _lines(parts: BillOfMaterials, power: BoardPower) -> Iterator[str]:
-    """Yield the packages, the power and what is not listed."""
-    yield packages_text(parts)
-    yield (
-        f"supply current {quantity(power.supply_current, 'A', 3)}, dissipation"
-        f" {quantity(power.total, 'W', 3)} at rest: op-amps {quantity(power.quiescent, 'W', 3)}"
-        f" quiescent and {quantity(power.outputs, 'W', 3)} by their load,"
-        f" resistors {quantity(power.resistors, 'W', 3)}"
-    )
-    yield from (f"not included: {what}" for what in parts.not_listed)
 
 
 def packages_text(parts: BillOfMaterials) -> str:
@@ -292,20 +272,17 @@ def parts_csv(parts: BillOfMaterials) -> str:
     text = io.StringIO()
     table = csv.DictWriter(text, COLUMNS, restval="", lineterminator="\n")
     table.writeheader()
-    packages = tuple(package.reference for package in parts.packages)
-    opamps = {"Value": parts.opamp.upper(), "Kind": "op-amp"}
-    rows = [*((line.references, _record(line)) for line in parts.lines), (packages, opamps)]
-    for names, record in rows:
+
+    def write(names: Sequence[str], **record: Any) -> None:
         table.writerow({"Reference": ",".join(names), "Quantity": len(names), **record})
+
+    for line in parts.lines:
+        value, near = printed_value(line.value, DIGITS), line.preferred
+        more = {} if line.tolerance is None else {"Tolerance": repr(line.tolerance)}
+        if near is not None:
+            more |= {"Preferred": printed_value(near.value, DIGITS), "Series": near.series}
+            more["Deviation"] = f"{near.deviation:.3g}"
+        write(line.references, Value=value, Kind=line.kind, Unit=line.unit, **more)
+    packages = [package.reference for package in parts.packages]
+    write(packages, Value=parts.opamp.upper(), Kind="op-amp")
     return text.getvalue()
-
-
-def _record(line: PartLine) -> dict[str, Any]:
-    record: dict[str, Any] = {"Value": printed_value(line.value, DIGITS), "Kind": line.kind}
-    record["Unit"] = line.unit
-    if line.tolerance is not None:
-        record["Tolerance"] = repr(line.tolerance)
-    if (near := line.preferred) is not None:
-        record |= {"Preferred": printed_value(near.value, DIGITS), "Series": near.series}
-        record["Deviation"] = f"{near.deviation:.3g}"
-    return record

@@ -13,16 +13,16 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.system import charts
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
-from taction.system.quantities import readable, show
+from taction.system.quantities import quantity
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.report.blocks import Content, Facts, Page, Section, Table
 from taction.verification.report.texts import (
     Cell,
     Column,
+    fields,
     figure,
     number_cell,
     outcome_cell,
-    quantity,
 )
 from taction.verification.report.views.origin_view import origin_section
 from taction.verification.stability.edges import Edge, Edges, Range
@@ -63,14 +63,10 @@ def stability_blocks(circuit: Circuit, poles: Poles) -> tuple[Content, ...]:
 
 def active_set_table(verdict: Verdict) -> Table:
     """Return the active sets that a board of piecewise linear amplifiers visits."""
-    columns: dict[str, Column] = {
-        "pieces": "active",
-        "from": lambda each: quantity(each.begin, "s"),
-        "stays": lambda each: quantity(each.stay, "s"),
-        "visits": lambda each: str(each.visits),
-        "rightmost pole": lambda each: figure(each.rightmost, "1/s"),
-        "stability": "words",
-    }
+    columns = fields(
+        "pieces = active; from = begin; stays = stay; visits; rightmost pole = rightmost;"
+        " stability = words"
+    )
     note = "The straight piece of each channel's amplifier, counted from the left."
     return Table.of("Active sets", verdict.active_sets, columns, note)
 
@@ -100,15 +96,15 @@ def ranges_words(ranges: Sequence[Range], low: float, high: float, unit: str) ->
     """Return ranges between two ends in words."""
     parts = []
     for first, last in ranges:
-        ends = [quantity(end, unit) for end in (first, last)]
+        begin, end = quantity(first, unit), quantity(last, unit)
         if first <= low and last >= high:
             parts.append("every value")
         elif last >= high > first:
-            parts.append(f"above {ends[0]}")
+            parts.append(f"above {begin}")
         elif first <= low < last:
-            parts.append(f"below {ends[1]}")
+            parts.append(f"below {end}")
         elif low < last and first < high:
-            parts.append(" to ".join(ends))
+            parts.append(f"{begin} to {end}")
     return "; ".join(parts) or "none"
 
 
@@ -222,11 +218,12 @@ def onset_view(onset: Onset) -> Page:
     name, samples = onset.axis.name, onset.scan.samples
     examined = " to ".join(_value(onset, samples[k].value) for k in (0, -1))
     default = " (default range)" if onset.axis.default else ""
+    stable = _ranges(onset, onset.scan.stable_ranges) or "nowhere in the examined range"
     return Page(
         title=onset.scene.name,
         command="taction onset",
         outcome="inconclusive" if onset.disagreement else "",
-        summary=f"Stable for {name}: {_stable(onset)}.",
+        summary=f"Stable for {name}: {stable}.",
         lines=(f"{name} from {examined}{default}, poles at {len(samples)} values.",),
         sections=(
             Section("Poles", lambda: _charts(onset), media="page picture"),
@@ -240,15 +237,12 @@ def _value(onset: Onset, value: float) -> str:
     return quantity(value, onset.axis.key.unit)
 
 
-def _stable(onset: Onset) -> str:
-    return _ranges(onset, onset.scan.stable_ranges) or "nowhere in the examined range"
-
-
 def _ranges(onset: Onset, ranges: Sequence[tuple[float, float]]) -> str:
     return "; ".join(" to ".join(_value(onset, end) for end in ends) for ends in ranges)
 
 
 def _crossings(onset: Onset) -> Iterator[Content]:
+    """Yield the crossings, and whether two counts of the unstable poles agree beside them."""
     unit, complete = onset.axis.key.unit, onset.scan.complete
     if not onset.findings:
         yield "No pole crosses the imaginary axis in this range."
@@ -257,42 +251,29 @@ def _crossings(onset: Onset) -> Iterator[Content]:
         counts = (count if complete or not count else "some" for count in (edge.below, edge.above))
         return " → ".join(map(str, counts))
 
-    def frequency(edge: Edge) -> Cell | str:
-        return number_cell(edge.frequency, "Hz", 5) if edge.frequency else "real pole"
+    def rate(side: Side | None) -> Cell | None:
+        if side is None:
+            return None
+        measured = "–" if side.growth_rate is None else f"{side.growth_rate:+.4g}"
+        return Cell(f"{measured} ({side.predicted.real:+.4g})", side.growth_rate)
 
     columns: dict[str, Column] = {
-        "crossing": lambda each: Cell(
-            readable(show(each.crossing.value, unit, 7)), each.crossing.value
-        ),
-        "frequency": lambda each: frequency(each.crossing),
+        **fields(f"crossing = crossing.value {unit or 'ratio'} 7"),
+        "frequency": lambda each: frequency_cell(each.crossing, 5),
         "unstable poles": lambda each: unstable(each.crossing),
-        "side": lambda each: direction(each.crossing),
+        "side": "direction",
         "transients": lambda each: (
             "not run"
             if each.confirmation.reason == NOT_ASKED
             else outcome_cell(*STATES[each.confirmation.confirmed])
         ),
-        "rate below": lambda each: _rate(each.confirmation.below),
-        "rate above": lambda each: _rate(each.confirmation.above),
+        "rate below": lambda each: rate(each.confirmation.below),
+        "rate above": lambda each: rate(each.confirmation.above),
     }
     if any(each.confirmation.reason for each in onset.findings):
         columns["remark"] = "confirmation.reason"
     yield Table.of("Crossings", onset.findings, columns, RATES)
-    yield from _remarks(onset)
-    rows = (
-        (
-            f"unstable poles at {_value(onset, count.value)}",
-            f"{count.poles} by eigenvalues, {other}",
-        )
-        for count in onset.counts
-        if (other := count.reason or f"{count.winding} by winding number")
-    )
-    yield Facts("Two counts of the unstable poles", tuple(rows))
-
-
-def _remarks(onset: Onset) -> Iterator[str]:
-    """Yield whether the two counts agree, what is not resolved, and what has no poles."""
-    if not onset.scan.complete:
+    if not complete:
         yield INCOMPLETE
     known = [count for count in onset.counts if count.winding is not None]
     if wrong := [count for count in known if count.winding != count.poles]:
@@ -305,26 +286,27 @@ def _remarks(onset: Onset) -> Iterator[str]:
     if failures := [sample for sample in onset.scan.samples if sample.failure]:
         yield f"No poles at {len(failures)} of the values."
         yield from (f"{_value(onset, s.value)}: {s.failure}" for s in failures[:FAILURES])
+    rows = (
+        (
+            f"unstable poles at {_value(onset, count.value)}",
+            f"{count.poles} by eigenvalues, {count.reason or f'{count.winding} by winding number'}",
+        )
+        for count in onset.counts
+    )
+    yield Facts("Two counts of the unstable poles", tuple(rows))
 
 
-def direction(crossing: Edge) -> str:
-    """Return the side of the crossing on which the mode grows."""
-    return "unstable above" if crossing.unstable_above else "unstable below"
-
-
-def _rate(side: Side | None) -> Cell | None:
-    if side is None:
-        return None
-    measured = "–" if side.growth_rate is None else f"{side.growth_rate:+.4g}"
-    return Cell(f"{measured} ({side.predicted.real:+.4g})", side.growth_rate)
+def frequency_cell(edge: Any, digits: int = 6) -> Cell | str:
+    """Return the frequency of a pole, or of an edge, Hz; a real one has none."""
+    return number_cell(edge.frequency, "Hz", digits) if edge.frequency else "real pole"
 
 
 def _charts(onset: Onset) -> Iterator[Content]:
     """Yield damping and frequency of every ringing pole over the value, and the pole map."""
+    name, samples = onset.axis.name, [each for each in onset.scan.samples if not each.failure]
     rows = [
         (sample.value, p.real, p.imag)
-        for sample in onset.scan.samples
-        if not sample.failure
+        for sample in samples
         for p in sample.poles[: sample.known or None].tolist()
         if p.imag > 0.0 and -p.real < MAX_DAMPING * abs(p)
     ]
@@ -332,88 +314,81 @@ def _charts(onset: Onset) -> Iterator[Content]:
         yield "No pole of any value rings."
         return
     value, real, imag = np.array(rows).T
-    name, samples = onset.axis.name, onset.scan.samples
+    hertz, damping = imag / math.tau, -real / np.hypot(real, imag)
     scale: Any = "log" if onset.scan.logarithmic else "linear"
-    x = charts.Axis(name, onset.axis.key.unit, scale, (samples[0].value, samples[-1].value))
-    ground, texts = tuple(_on_values(onset)), tuple(_value(onset, each) for each in value.tolist())
-    ringing = [each.crossing for each in onset.findings if each.crossing.frequency]
-
-    damping = -real / np.hypot(real, imag)
+    ends = tuple(onset.scan.samples[k].value for k in (0, -1))
+    x = charts.Axis(name, onset.axis.key.unit, scale, (ends[0], ends[1]))
+    ground, hover = tuple(_on_values(onset)), tuple(_value(onset, each) for each in value.tolist())
     reach = min(max(3.0 * float(np.median(np.abs(damping))), 1e-3), MAX_DAMPING)
+    zero = charts.Limit(0.0, "y", line="solid")
     yield charts.Chart(
         "Damping over the value",
         x,
         charts.Axis("damping ratio (below 0: grows)", limits=(-reach, reach)),
-        (
-            *ground,
-            charts.Limit(0.0, "y", line="solid"),
-            *mode_marks(value, damping, real, texts, 4.0),
-        ),
+        (*ground, zero, *mode_marks(value, damping, real, hover, 4.0)),
         f"The damping ratio of every ringing mode over {name}. {LOOKS}",
     )
-    hertz = imag / math.tau
+    edges = [each.crossing for each in onset.findings]
+    at, rings = np.array([(c.value, c.frequency) for c in edges if c.frequency]).reshape(-1, 2).T
     wide = float(hertz.max()) > 5.0 * float(hertz.min())
-    at, rings = np.array([(c.value, c.frequency) for c in ringing] or np.zeros((0, 2))).T
     crossing = charts.Curve(at, rings, "crossing", "ink", "", "circle-open", size=8.0, label="")
     yield charts.Chart(
         "Frequency over the value",
         x,
         charts.Axis("ringing frequency", "Hz", "log" if wide else "linear"),
-        (*ground, *mode_marks(value, hertz, real, texts, 4.0), crossing),
+        (*ground, *mode_marks(value, hertz, real, hover, 4.0), crossing),
         f"The frequency of every ringing mode over {name}. {LOOKS}",
     )
-    near = _window(onset)
-    most = HEADROOM * float(np.hypot(real, imag).max(initial=near[2]))
-    leftmost = HEADROOM * float(real.min(initial=near[0]))
-    level = np.array([each.crossing.frequency for each in onset.findings])
     marks = list[charts.Mark]()
-    for part, look in zip(
-        np.array_split(np.unique(value), PARTS), charts.spread_colours(PARTS), strict=True
-    ):
+    parts = np.array_split(np.unique(value), PARTS)
+    for part, look in zip(parts, charts.spread_colours(PARTS), strict=True):
         if len(part):
             own = np.isin(value, part)
-            ends = [*dict.fromkeys(_value(onset, part[k]) for k in (0, -1))]
-            hover = tuple(itertools.compress(texts, own))
-            places = real[own], hertz[own], " to ".join(ends), look
-            marks.append(charts.Curve(*places, "", "circle", size=5.0, hover=hover))
-    axis = np.zeros(len(level)), level
+            title = " to ".join(dict.fromkeys(_value(onset, part[k]) for k in (0, -1)))
+            told = tuple(itertools.compress(hover, own))
+            places = real[own], hertz[own], title, look
+            marks.append(charts.Curve(*places, "", "circle", size=5.0, hover=told))
+    axis = np.zeros(len(edges)), np.array([each.frequency for each in edges])
     marks.append(charts.Curve(*axis, "crossing", "fail", "", "circle-open", size=9.0))
-    windows = ("near the crossings", near), ("all ringing poles", (leftmost, near[1], most))
+    near = _window(edges, [sample.poles for sample in samples])
+    everything = HEADROOM * min(real.min(), near[0]), near[1], HEADROOM * max(imag.max(), near[2])
+    windows = ("near the crossings", near), ("all ringing poles", everything)
     yield upper_half_plane(marks, windows, f"The colour says {name}.")
 
 
 def _on_values(onset: Onset) -> Iterator[charts.Mark]:
     """Yield the stable ranges and the crossings on an axis of values; each name once."""
-    name = "stable"
-    for low, high in onset.scan.stable_ranges:
-        yield charts.Band(low, high, "x", name, "pass")
-        name = ""
     known: set[str] = set()
+
+    def once(name: str) -> str:
+        new = name not in known
+        known.add(name)
+        return name * new
+
+    for low, high in onset.scan.stable_ranges:
+        yield charts.Band(low, high, "x", once("stable"), "pass")
     for each in onset.findings:
         state, value = each.confirmation.confirmed, each.crossing.value
         word, outcome = STATES[state]
         if each.confirmation.reason == NOT_ASKED:
             word = "transients not run"
-        name = "" if word in known else f"crossing, {word}"
-        known.add(word)
-        yield charts.Limit(value, "x", name, outcome, LINES[state], 1.2)
+        yield charts.Limit(value, "x", once(f"crossing, {word}"), outcome, LINES[state], 1.2)
         if each.crossing.changes_stability:
             yield charts.Text(_value(onset, value), value, None, ("right", "below"))
 
 
-def _window(onset: Onset) -> tuple[float, float, float]:
-    """Return the left, right and upper limit of the pole map, 1/s."""
+def _window(edges: Sequence[Edge], samples: Sequence[Complexes]) -> Window:
+    """Return the left, right and upper limit of the pole map around the crossings, 1/s."""
     near = [
         p
-        for sample in onset.scan.samples
-        if not sample.failure
-        for p in [p for p in sample.poles.tolist() if p.imag > 0.0 and math.isfinite(p.real)][:NEAR]
+        for poles in samples
+        for p in poles[(poles.imag > 0.0) & np.isfinite(poles.real)][:NEAR].tolist()
         if abs(p.real) < MAX_DAMPING * abs(p)
     ]
-    ringing = [each.crossing for each in onset.findings if each.crossing.frequency]
-    decisive = [crossing for crossing in ringing if crossing.changes_stability]
-    omega = [abs(crossing.pole) for crossing in decisive or ringing]
-    top = HEADROOM * max(omega or [p.imag for p in near] or [1.0])
+    ringing = [edge for edge in edges if edge.frequency]
+    decisive = [edge for edge in ringing if edge.changes_stability] or ringing
+    omega = [abs(edge.pole) for edge in decisive] or [p.imag for p in near]
+    top = HEADROOM * max(omega, default=1.0)
     real = [p.real for p in near if p.imag < top] or [-top, top]
     left, right = np.percentile(real, (5, 95)).tolist()
     least = max(0.25 * (right - left), 1e-4 * top)

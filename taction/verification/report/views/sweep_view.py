@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -18,22 +18,10 @@ from taction.system import charts
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
 from taction.system.plugins import OpenTable
-from taction.system.quantities import readable
+from taction.system.quantities import banded, counted, quantity, readable, spaced
 from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.report.blocks import Content, Facts, Page, Section, Table
-from taction.verification.report.texts import (
-    LEAST_SHARE,
-    Cell,
-    Column,
-    banded,
-    counted,
-    figure,
-    number_cell,
-    outcome_cell,
-    quantity,
-    spaced,
-    titled,
-)
+from taction.verification.report.texts import LEAST_SHARE, Cell, Column, fields, figure, titled
 from taction.verification.report.views.origin_view import origin_section
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.studies.sweep.result import SweepResult, all_records, grids
@@ -47,8 +35,9 @@ ENGINES = OpenTable(
 Names = np.ndarray[Any, Any]
 OUTCOME = (
     "The result of every point. Of several checks that fail the first one is shown, stability"
-    " before all others.{} A grey or empty cell has no value."
+    " before all others. A grey or empty cell has no value."
 )
+STRONGEST = "The strongest colour is the largest value."
 EDGE = (
     " Thick line: stability boundary, interpolated between the points; `taction onset` finds every"
     " crossing along an axis."
@@ -71,6 +60,7 @@ def axis_of(where: axes.SweepAxis) -> tuple[charts.Axis, Floats]:
     return charts.Axis(where.name, where.key.unit, "log" if log else "linear"), places
 
 
+@dataclass(eq=False)
 class Plane:
     """The first two axes of a plan, and the stability boundary over them.
 
@@ -78,16 +68,17 @@ class Plane:
     plane is among other axes: ``" at stray_capacitance = 1 pF"``.
     """
 
-    def __init__(self, plan: Plan, growth: Floats, where: str = "") -> None:
-        (self.x, self.across), (self.y, self.down) = (axis_of(g[0]) for g in plan.groups[:2])
-        self.growth, self.where, self.band = growth, where, band_of(plan)
+    plan: Plan
+    growth: Floats
+    where: str = ""
 
-    @property
+    @cached_property
     def edge(self) -> charts.Curve | None:
         """The boundary; nothing lies between two values of a list."""
-        if "names" in (self.x.scale, self.y.scale):
+        (x, across), (y, down) = (axis_of(group[0]) for group in self.plan.groups[:2])
+        if "names" in (x.scale, y.scale):
             return None
-        ends: list[Any] = list(charts.zero_lines(self.across, self.down, self.growth.T))
+        ends: list[Any] = list(charts.zero_lines(across, down, self.growth.T))
         return (
             charts.Curve(*charts.segments(ends), "", "ink", width=2.5, label="") if ends else None
         )
@@ -102,28 +93,26 @@ class Plane:
         where = "at every point" if np.isfinite(self.growth).all() else "where it is known"
         return f" Stability is the same {where}."
 
-    def chart(self, title: str, mark: charts.Mark, summary: str) -> charts.Chart:
-        """Return a chart of the plane with its boundary."""
-        marks = (mark,) if self.edge is None else (mark, self.edge)
-        return charts.Chart(f"{title}{self.where}", self.x, self.y, marks, summary, height=420)
+    def chart(self, title: str, mark: type[Any], summary: str, *values: Any) -> charts.Chart:
+        """Return a chart of cells with `values`, made by `mark`, and with the boundary."""
+        (x, across), (y, down) = (axis_of(group[0]) for group in self.plan.groups[:2])
+        marks = (mark(across, down, *values), *filter(None, [self.edge]))
+        text = f"{summary.format(x=x.title, y=y.title)}{self.note}"
+        return charts.Chart(f"{title}{self.where}", x, y, marks, text, height=420)
 
     def outcomes(self, names: Names, looks: dict[str, charts.Look]) -> charts.Chart:
         """Return what each point says."""
-        cells = charts.Cells(self.across, self.down, names.T, looks)
-        return self.chart("Outcome", cells, OUTCOME.format(self.note))
+        return self.chart("Outcome", charts.Cells, OUTCOME, names.T, looks)
 
     def quantity(
         self, name: str, values: Floats, limits: tuple[float, float] | None = None
     ) -> charts.Chart:
         """Return the values (n, m) of a quantity as colours."""
-        unit, title, signed = FIGURES[name].unit, titled(name, self.band), name == "growth_rate"
-        scale: Any = "signed" if signed else "log" if name in LOGARITHMIC else "linear"
-        heat = charts.Grid(self.across, self.down, values.T, unit, scale, limits=limits)
-        colours = " The strongest colour is the largest value."
-        if signed:
-            colours = " Blue decays, orange grows."
-        text = f"{title} over {self.x.title} and {self.y.title}.{colours}"
-        return self.chart(title, heat, f"{text} Empty: no value.{self.note}")
+        title, signed = titled(name, band_of(self.plan)), name == "growth_rate"
+        scale = "signed" if signed else "log" if name in LOGARITHMIC else "linear"
+        colours = "Blue decays, orange grows." if signed else STRONGEST
+        text = f"{title} over {{x}} and {{y}}. {colours} Empty: no value."
+        return self.chart(title, charts.Grid, text, values.T, FIGURES[name].unit, scale, limits)
 
 
 def band_of(plan: Plan) -> float | None:
@@ -142,10 +131,10 @@ def curve_of(
     if x.scale != "names":
         marks.append(charts.Curve(places, values, "", "muted", width=0.8, behind=True))
     for kind, look in looks.items():
-        there, shade = names == kind, look.colour
+        there = names == kind
         if there.any():
             hover = tuple(figure(v, unit) for v in values[there].tolist())
-            own = places[there], values[there], kind, shade
+            own = places[there], values[there], kind, look.colour
             marks.append(charts.Curve(*own, line="", mark=look.mark, size=7.0, hover=hover))
     known = np.abs(values[np.isfinite(values)])
     low, high = float(known.min(initial=np.inf)), float(known.max(initial=0.0))
@@ -263,31 +252,22 @@ def _charts(result: SweepResult) -> Iterator[Content]:
         yield text
         return
     data, names = grids(result), result_names(result)
-    lines: tuple[str, ...] = ()
-    if len(plan.groups) == MOST_AXES:
-        drawn = _multiples(plan, data, names)
-    else:
-        shown, lines = _worth(data)
-        drawn = _one_or_two(plan, data, names, shown)
-    for first in itertools.islice(drawn, 1):
-        yield replace(first, summary=f"{first.summary} Engine: {ENGINES[plan.engine]}.".strip())
-    yield from drawn
-    yield from lines
-
-
-def _one_or_two(
-    plan: Plan, data: dict[str, Any], names: Names, shown: Sequence[str]
-) -> Iterator[charts.Chart]:
-    """Yield the outcome and the quantities over one or two axes."""
-    looks = charts.looks_of(names.ravel().tolist())
+    shown, lines = _worth(data)
+    looks, first = charts.looks_of(names.ravel().tolist()), True
+    drawn: Iterator[charts.Chart]
     if len(plan.groups) == 1:
-        for name in shown:
-            yield curve_of(plan, name, data, names, looks)
-        return
-    plane = Plane(plan, data["growth_rate"])
-    yield plane.outcomes(names, looks)
-    for name in shown:
-        yield plane.quantity(name, data[name])
+        drawn = (curve_of(plan, name, data, names, looks) for name in shown)
+    elif len(plan.groups) == MOST_AXES:
+        drawn, lines = _multiples(plan, data, names), ()
+    else:
+        plane = Plane(plan, data["growth_rate"])
+        maps = (plane.quantity(name, data[name]) for name in shown)
+        drawn = itertools.chain([plane.outcomes(names, looks)], maps)
+    for chart in drawn:
+        engine = f" Engine: {ENGINES[plan.engine]}." * first
+        yield replace(chart, summary=f"{chart.summary}{engine}")
+        first = False
+    yield from lines
 
 
 def _multiples(plan: Plan, data: dict[str, Any], names: Names) -> Iterator[charts.Chart]:
@@ -323,17 +303,13 @@ def _reasons(plan: Plan, shown: Iterable[dict[str, Any]]) -> Iterator[str]:
     """Yield a line for each thing that is wrong at some points: how many, and the first."""
     alike: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for record in shown:
-        reason = record["reason"].split("\n")[0][:160]
-        if reason:
-            name = _name(record)
+        if reason := record["reason"].split("\n")[0][:160]:
             kind = reason if record["outcome"] == "error" else ""
-            alike.setdefault((name, kind), []).append({**record, "reason": reason})
-    for (name, _), records in alike.items():
-        first = records[0]
-        values = first["values"]
-        places = (f"{a.name} = {place_text(a, values[a.name])}" for a in plan.axes)
+            alike.setdefault((_name(record), kind), []).append({**record, "reason": reason})
+    for (name, _), (first, *others) in alike.items():
+        places = (f"{a.name} = {place_text(a, first['values'][a.name])}" for a in plan.axes)
         place = f"{', '.join(places)}: {first['reason']}"
-        yield place if len(records) == 1 else f"{len(records)} {name}, such as {place}"
+        yield f"{1 + len(others)} {name}, such as {place}" if others else place
 
 
 def _points(result: SweepResult) -> Table:
@@ -345,16 +321,11 @@ def _points(result: SweepResult) -> Table:
 
 def _table(plan: Plan, title: str, listed: Sequence[dict[str, Any]], *, why: bool = False) -> Table:
     columns: dict[str, Column] = {each.name: partial(_value, where=each) for each in plan.axes}
-    columns["outcome"] = lambda record: outcome_cell(record["outcome"])
+    columns |= fields("outcome = outcome outcome")
     for name in columns_of(plan.scene):
-        columns[banded(name, band_of(plan))] = partial(figure_cell, name=name)
+        columns[banded(name, band_of(plan))] = f"{name} {FIGURES[name].unit or 'ratio'}"
     columns |= {"why": _why} if why else {}
     return replace(Table.of(title, listed, columns), heads=len(plan.axes))
-
-
-def figure_cell(record: Mapping[str, Any], name: str) -> Cell:
-    """Return a figure of a point."""
-    return number_cell(record[name], FIGURES[name].unit)
 
 
 def _why(record: dict[str, Any]) -> str:

@@ -3,33 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.charts import Axis, Band, Chart, Columns, Limit, Mark, Text
-from taction.verification.report.blocks import Bar, Bars, Content, Notes, Page, Section, Table
-from taction.verification.report.texts import (
-    Cell,
-    Column,
-    counted,
-    fields,
-    figure,
-    number_cell,
-    percent,
-    spaced,
-    titled,
-)
+from taction.system.charts import Axis, Band, Chart, Columns, Limit, Mark, Text, rows
+from taction.system.quantities import counted, percent, spaced
+from taction.verification.report.blocks import Content, Notes, Page, Section, Table
+from taction.verification.report.texts import Cell, Column, fields, figure, number_cell, titled
 from taction.verification.report.views.origin_view import origin_section
 from taction.verification.studies.tolerance.corners import Corner, CornerStudy
-from taction.verification.studies.tolerance.montecarlo import (
-    CHECK_OF,
-    QuantitySpread,
-    YieldReport,
-)
-from taction.verification.studies.tolerance.varied_board import BoardSample, Quantity
+from taction.verification.studies.tolerance.montecarlo import CHECK_OF, QuantitySpread, YieldReport
+from taction.verification.studies.tolerance.varied_board import Quantity
 
 BINS = 40  # of a histogram, at most
 CULPRITS = 12  # parts of a chart
@@ -47,7 +35,7 @@ CULPRIT = (
 
 def yield_view(result: YieldReport) -> Page:
     """Return the page of a yield."""
-    rows = (("seed", str(result.seed)), ("samples", str(result.samples)))
+    origin = (("seed", str(result.seed)), ("samples", str(result.samples)))
     text, shown = result.sentence, "terminal page notebook"
     return Page(
         title=result.name,
@@ -59,7 +47,7 @@ def yield_view(result: YieldReport) -> Page:
             Section("Quantities", spreads(result), media=shown),
             Section("Histograms", lambda: histograms(result), media="page picture"),
             Section("Causes", causes(result), media=shown),
-            origin_section(result.scene, rows),
+            origin_section(result.scene, origin),
         ),
     )
 
@@ -74,7 +62,7 @@ def _worst(result: YieldReport) -> str:
     own = (each for each in result.sensitivities if _check(each.quantity) == worst)
     if (first := next(own, None)) is None:
         return f"{text}."
-    place = "" if first.channel is None else f" in channel {first.channel}"
+    place = f" in channel {first.channel}" * (first.channel is not None)
     return (
         f"{text}; {first.parameter} moves it most: it is behind {100 * first.correlation**2:.0f} %"
         f" of the variance of the {spaced(first.quantity)}{place}."
@@ -100,39 +88,10 @@ def failures(result: YieldReport) -> Iterator[Content]:
         yield Notes("Samples without a verdict", (text, *lines))
 
 
-def spread_bar(
-    name: str, unit: str, values: Mapping[str, float], limits: Limits, missing: str = ""
-) -> Bar:
-    """Return the spread of a quantity against its limits; the end nearest to one is the bar.
-
-    `values` are the least, the typical and the largest one, finite, by their names on the page;
-    `missing` says which values the quantity lacks: they do not pass.
-    """
-    low, high = min(values.values()), max(values.values())
-    least, most = limits
-    shares, limited = [], []
-    if least is not None:
-        shares += [least / low] if low > 0.0 else []
-        limited.append(f"at least {figure(least, unit)}")
-    if most is not None:
-        shares += [high / most] if most > 0.0 else []
-        limited.append(f"at most {figure(most, unit)}")
-    fails = bool(_beyond(np.array([low, high]), limits).any()) or bool(missing)
-    return Bar(
-        name=spaced(name),
-        outcome=("fail" if fails else "pass") if limited else "",
-        share=max(shares, default=None),
-        doubt=0.0,
-        value=", ".join(f"{title} {figure(value, unit)}" for title, value in values.items()),
-        limit=", ".join(limited),
-        reason=missing,
-    )
-
-
-def _beyond(values: Floats, limits: Limits) -> np.ndarray:
+def _beyond(values: Floats, limits: Limits) -> Any:
     least, most = limits
     low, high = -math.inf if least is None else least, math.inf if most is None else most
-    return np.asarray((values < low) | (values > high))
+    return (values < low) | (values > high)
 
 
 def spreads(result: YieldReport) -> Table:
@@ -140,28 +99,25 @@ def spreads(result: YieldReport) -> Table:
     columns = {
         **fields("quantity = title; at_least @unit; at_most @unit"),
         **fields("5 % = low @unit; median @unit; 95 % = high @unit"),
-        "no value": lambda each: _gaps(result, each)[0],
+        "no value": lambda each: _values(result, each)[1],
     }
     shown = result.quantities if result.samples else ()
-    notes = (f"{titled(each.title)}: {text}." for each in shown if (text := _gaps(result, each)[1]))
+    texts = ((each.title, _values(result, each)[2]) for each in shown)
+    notes = (f"{titled(title)}: {text}." for title, text in texts if text)
     note = " ".join(("5 % and 95 %: percentiles of the samples.", *notes))
     return Table.of("Quantities", shown, columns, note)
 
 
-def _gaps(result: YieldReport, spread: QuantitySpread) -> tuple[int, str]:
-    """Return how many samples have no value of a quantity, and in words whether they pass."""
-    without = [each for each in result.boards if _number(each, spread) is None]
+def _values(result: YieldReport, spread: QuantitySpread) -> tuple[Floats, int, str]:
+    """Return the values of a quantity, how many samples have none, and whether these pass."""
+    every = [(each, None if each.lost else each.value(spread.name)) for each in result.boards]
+    known = [value for _, value in every if value is not None and math.isfinite(value)]
+    without = [each for each, value in every if value is None or not math.isfinite(value)]
     count, lost = len(without), sum(each.outcome != "pass" for each in without)
     text = f"{counted(count, 'sample')} without a value" if count else ""
     if lost:
         text += f", {'' if lost == count else f'{lost} of them '}counted as failing"
-    return count, text
-
-
-def _number(sample: BoardSample, spread: QuantitySpread) -> float | None:
-    """Return the finite value of a quantity; None without one, or without a verdict."""
-    value = None if sample.lost else sample.value(spread.name)
-    return value if value is not None and math.isfinite(value) else None
+    return np.array(known, dtype=np.float64), count, text
 
 
 def histograms(result: YieldReport) -> Iterator[Content]:
@@ -172,9 +128,7 @@ def histograms(result: YieldReport) -> Iterator[Content]:
         return unlimited, -result.failures.get(_check(spread.name), 0)
 
     for spread in sorted(result.quantities, key=place):
-        found, title = (_number(each, spread) for each in result.boards), titled(spread.title)
-        values = np.array([value for value in found if value is not None], dtype=np.float64)
-        count, text = _gaps(result, spread)
+        title, (values, count, text) = titled(spread.title), _values(result, spread)
         if len(values) and np.ptp(values) > SAME * np.abs(values).max():
             yield _histogram(title, spread, values, text)
             continue
@@ -187,32 +141,32 @@ def histograms(result: YieldReport) -> Iterator[Content]:
 
 def _histogram(title: str, spread: QuantitySpread, values: Floats, text: str) -> Chart:
     """Return the histogram of values; a limit far away is an arrow, `text` what has none."""
-    unit, limits = spread.unit, [x for x in (spread.at_least, spread.at_most) if x is not None]
-    beyond, edges = _beyond(values, (spread.at_least, spread.at_most)), _edges(values, limits)
-    width = float(edges[1] - edges[0])
+    unit, both = spread.unit, (spread.at_least, spread.at_most)
+    limits = [limit for limit in both if limit is not None]
+    edges = _edges(values, limits)
+    width, middles = float(edges[1] - edges[0]), 0.5 * (edges[1:] + edges[:-1])
     low, high = float(edges[0]) - width, float(edges[-1]) + width
     reach = FAR * (high - low)
     near = [limit for limit in limits if low - reach <= limit <= high + reach]
     shown = min([low, *near]) - width, max([high, *near]) + width
-    middles, counts = 0.5 * (edges[1:] + edges[:-1]), np.histogram(values, bins=edges)[0]
-    looks = tuple(
-        "fail" if out else "pass" for out in _beyond(middles, (spread.at_least, spread.at_most))
-    )
+    counts = np.histogram(values, bins=edges)[0]
+    looks = tuple("fail" if out else "pass" for out in _beyond(middles, both))
     hover = tuple(f"{count} samples" for count in counts.tolist())
-    bars = Columns(middles, counts, "x", np.diff(edges), looks, hover=hover)
-    marks: list[Mark] = [bars, *(Limit(limit, "x", "limit") for limit in near)]
+    marks: list[Mark] = [Columns(middles, counts, "x", np.diff(edges), looks, hover=hover)]
+    marks += (Limit(limit, "x", "limit") for limit in near)
     if spread.at_most is not None:
         marks.append(Band(min(spread.at_most, shown[1]), shown[1], "x", colour="fail"))
-        if spread.at_most not in near:
-            marks.append(Text("limit →", None, None, ("left", "below")))
     if spread.at_least is not None:
         marks.append(Band(shown[0], max(spread.at_least, shown[0]), "x", colour="fail"))
-        if spread.at_least not in near:
-            marks.append(Text("← limit", None, None, ("right", "below")))
+    for limit in limits:
+        if limit not in near:
+            right = limit > high
+            arrow, side = ("limit →", "left") if right else ("← limit", "right")
+            marks.append(Text(arrow, None, None, (side, "below")))  # type: ignore[arg-type]
     message = "no limit"
     if limits:
+        beyond, texts = _beyond(values, both), " and ".join(figure(each, unit) for each in limits)
         share = percent(float(beyond.mean()))
-        texts = " and ".join(figure(limit, unit) for limit in limits)
         message = f"{int(beyond.sum())} of {len(values)} samples ({share}) beyond {texts}"
     message += f", {text}" * bool(text)
     x, y = Axis(spread.title, unit, limits=shown), Axis("samples", whole=True)
@@ -225,30 +179,23 @@ def _edges(values: Floats, limits: list[float]) -> Floats:
     inside = [limit for limit in limits if edges[0] < limit < edges[-1]]
     if not inside:
         return np.asarray(edges, dtype=np.float64)
-    width = float(edges[1] - edges[0])
-    before = math.ceil((inside[0] - edges[0]) / width)
-    after = math.ceil((edges[-1] - inside[0]) / width)
-    return np.asarray(inside[0] + width * np.arange(-before, after + 1))
+    width, limit = float(edges[1] - edges[0]), inside[0]
+    before, after = (math.ceil(abs(limit - end) / width) for end in (edges[0], edges[-1]))
+    return np.asarray(limit + width * np.arange(-before, after + 1))
 
 
 def _culprits(result: YieldReport) -> Content:
     shown = result.sensitivities[:CULPRITS]
     if not shown:
         return _no_causes(result)
-    shares = [100.0 * each.correlation**2 for each in shown]
-    signs = ["+" if each.correlation > 0.0 else "−" for each in shown]
-    looks = tuple("pass" if sign == "+" else "fail" for sign in signs)
-    names = tuple(
-        f"{each.parameter}, {spaced(each.quantity)}: {sign} {share:.0f} %"
-        for each, sign, share in zip(shown, signs, shares, strict=True)
-    )
-    return Chart(
-        "Parts behind the lost yield",
-        Axis("share of the variance (%)"),
-        Axis(scale="names", names=names, reverse=True),
-        (Columns(np.arange(float(len(shown))), shares, "y", looks=looks),),
-        CULPRIT,
-    )
+    looks, sizes = [], []
+    for each in shown:
+        share, grows = 100.0 * each.correlation**2, each.correlation > 0.0
+        looks.append("pass" if grows else "fail")
+        text = f"{'+' if grows else '−'} {share:.0f} %"
+        sizes.append((f"{each.parameter}, {spaced(each.quantity)}: {text}", share))
+    x = Axis("share of the variance (%)")
+    return rows("Parts behind the lost yield", x, sizes, tuple(looks), CULPRIT)
 
 
 def _no_causes(result: YieldReport) -> Notes:
@@ -268,7 +215,7 @@ def causes(result: YieldReport) -> Content:
     if not result.sensitivities:
         return _no_causes(result)
     columns: dict[str, Column] = {
-        "quantity": lambda each: spaced(each.quantity),
+        "quantity": "quantity words",
         "channel": lambda each: "" if each.channel is None else each.channel,
         "lost": lambda each: Cell(percent(each.lost, 4), each.lost),
         "part": "parameter",
@@ -277,13 +224,13 @@ def causes(result: YieldReport) -> Content:
         ),
         "variance": lambda each: Cell(f"{100 * each.correlation**2:.0f} %", each.correlation**2),
     }
-    few = {"terminal": SHOWN, "notebook": SHOWN}
-    note = "lost: of the yield; variance: the share that the part explains."
+    few, note = dict.fromkeys(("terminal", "notebook"), SHOWN), "lost: of the yield; variance:"
+    note += " the share that the part explains."
     return Table.of("Causes, by lost yield", result.sensitivities, columns, note, most=few)
 
 
 WORST = ("fail", "inconclusive", "pass")
-RANGES = "The bar is the part of the limit that the worst corner uses; typical: the nominal board."
+RANGES = "Typical: the nominal board."
 DEVIATIONS = 200  # deviations in a table
 DIRECTIONS = 4  # worst-case directions in a terminal
 
@@ -301,7 +248,7 @@ def corner_view(study: CornerStudy) -> Page:
         summary=f"{counted(len(corners), 'corner')}: {counts}.",
         lines=("Every component at an end of its tolerance, as it makes a quantity worst.",),
         sections=(
-            Section("Least, typical and largest values", lambda: ranges(study)),
+            Section("Least, typical and largest values", ranges(study)),
             Section("Corners", tuple(tables(study.quantities, corners)), media="terminal page"),
             Section("Channels at rest", directions(study), media="terminal page"),
             Section("Deviations", _deviations(corners)),
@@ -310,18 +257,40 @@ def corner_view(study: CornerStudy) -> Page:
     )
 
 
-def ranges(study: CornerStudy) -> Iterator[Content]:
-    """Yield the least, typical and largest values of the corners, against the limits."""
-    rows = []
-    for each in study.quantities:
-        found = [corner.result.value(each.name) for corner in study.corners]
-        if values := [value for value in found if value is not None and math.isfinite(value)]:
-            nominal = found[0] if found[0] in values else values[0]
-            shown = {"least": min(values), "typical": nominal, "largest": max(values)}
-            lost = len(found) - len(values)
-            missing = f"{lost} corners without a value" if lost else ""
-            rows.append(spread_bar(each.title, each.unit, shown, each.limits, missing))
-    yield Bars("", tuple(rows), RANGES)
+def ranges(study: CornerStudy) -> Table:
+    """Return the least, typical and largest values of the corners, against the limits."""
+    found = {each: [c.result.value(each.name) for c in study.corners] for each in study.quantities}
+    known = {
+        each: [value for value in values if value is not None and math.isfinite(value)]
+        for each, values in found.items()
+    }
+
+    def shown(of: Callable[[list[float]], float]) -> Column:
+        return lambda each: number_cell(of(known[each]), each.unit)
+
+    def outcome(each: Quantity) -> Cell:
+        fails = _beyond(np.array(known[each]), each.limits).any() or known[each] != found[each]
+        word = "" if each.limits == (None, None) else "fail" if fails else "pass"
+        return Cell(word, None, word)
+
+    def used(each: Quantity) -> Cell | None:
+        (least, most), low, high = each.limits, min(known[each]), max(known[each])
+        shares = [least / low] if least is not None and low > 0.0 else []
+        shares += [high / most] if most is not None and most > 0.0 else []
+        return number_cell(max(shares), "step", 3) if shares else None
+
+    columns: dict[str, Column] = {
+        "quantity": lambda each: spaced(each.title),
+        "outcome": outcome,
+        "least": shown(min),
+        "typical": shown(lambda values: values[0]),
+        "largest": shown(max),
+        "at least": lambda each: number_cell(each.limits[0], each.unit),
+        "at most": lambda each: number_cell(each.limits[1], each.unit),
+        "part of the limit": used,
+        "corners without a value": lambda each: len(found[each]) - len(known[each]),
+    }
+    return Table.of("", [each for each in study.quantities if known[each]], columns, RANGES)
 
 
 def tables(reported: Sequence[Quantity], corners: Sequence[Corner]) -> Iterator[Content]:

@@ -3,48 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from taction.system.charts import Axis, Chart, Columns, Limit
-from taction.system.quantities import counted, readable
+from taction.system.charts import Axis, Chart, Limit, rows
+from taction.system.quantities import banded, counted, quantity, readable, spaced
 from taction.system.reading_definitions import EXCURSIONS, READINGS, TIMES
 from taction.verification.reference.problem import Solution
-from taction.verification.report.blocks import (
-    Bar,
-    Bars,
-    Content,
-    Facts,
-    Notes,
-    Page,
-    Section,
-    Table,
-)
-from taction.verification.report.texts import (
-    Cell,
-    Column,
-    banded,
-    figure,
-    number_cell,
-    quantity,
-    rounded_up,
-    spaced,
-)
+from taction.verification.report import blocks
+from taction.verification.report.blocks import DRAWN, Bars, Content, Notes, Page, Section, Table
+from taction.verification.report.texts import Cell, Column, fields, figure, number_cell, rounded_up
 from taction.verification.report.views import answer_view as answers
 from taction.verification.report.views import board_view as boards
+from taction.verification.report.views import waveforms_view as waveforms
 from taction.verification.report.views.answer_view import answer_text, decisive_text, yield_text
 from taction.verification.report.views.opamp_view import counts_text, packages_text
 from taction.verification.report.views.origin_view import origin_section
 from taction.verification.report.views.stability_view import active_set_table, stability_blocks
-from taction.verification.report.views.waveforms_view import (
-    deviation_chart,
-    difference_chart,
-    outputs_chart,
-    stress_chart,
-)
 from taction.verification.studies.tolerance.varied_board import VerifiedSample
 from taction.verification.verdict.answer_error import ErrorPart, worst_channel
 from taction.verification.verdict.board_power import KICAD, OWN, REPORT, BuiltBoard
@@ -85,7 +63,7 @@ def view(
     both, detailed = "terminal page", "terminal page" if verbose else "page"
     first, *mends = [readable(line.strip()) for line in changes.splitlines()] or [""]
     lead = first.removesuffix(":").removeprefix("what to change").strip()
-    records = (outputs_chart, deviation_chart, difference_chart)
+    records = (waveforms.outputs_chart, waveforms.deviation_chart, waveforms.difference_chart)
     return Page(
         title=verdict.scene.name,
         command=command,
@@ -100,11 +78,13 @@ def view(
                 f"The nearest changes that mend the verdict {lead}".rstrip() + ".",
                 both,
             ),
-            Section("Waveforms", lambda: [f(verdict) for f in records], media="page picture"),
+            Section("Waveforms", lambda: [f(verdict) for f in records], media=DRAWN),
             Section("Waveforms", lambda: _channels(verdict), media=both),
             Section("Stability", lambda: stability_blocks(circuit, verdict.poles)),
             Section("Active sets", lambda: active_set_table(verdict), media=detailed),
-            Section("Recovered stress", lambda: stress_chart(verdict), media="page picture"),
+            Section(
+                "Recovered stress", lambda: waveforms.stress_chart(verdict), media="page picture"
+            ),
             Section("Checks", lambda: Bars("", answers.check_bars(verdict)), media="picture"),
             Section("Error budget", lambda: _budget_chart(verdict)),
             Section("Error budget", lambda: budget_table(verdict), media=detailed),
@@ -155,17 +135,13 @@ def _channels(verdict: Verdict) -> Table:
 
 def channel_table(channels: Sequence[Channel], band: float, noise: Sequence[float] = ()) -> Table:
     """Return every channel from 1, settled to `band`; `noise` (N,), V, has a column."""
-
-    def volts(name: str) -> Callable[[Channel], Cell]:
-        return lambda each: number_cell(each.figures.get(name), "V")
-
     columns: dict[str, Column] = {
         "channel": lambda each: Cell(f"u{each.index}", each.index),
-        "target": volts("reference"),
+        **fields("target = figures.reference V"),
     }
     if any(each.figures["equilibrium"] is not None for each in channels):
-        columns["at rest"] = volts("equilibrium")
-    columns["end"] = volts("final")
+        columns["at rest"] = lambda each: number_cell(each.figures.get("equilibrium"), "V")
+    columns |= fields("end = figures.final V")
     for name, known in READINGS.items():
         title = banded(known.short, band) if name in TIMES else name
         columns[title] = partial(_reading, name)
@@ -204,50 +180,55 @@ def _headroom(verdict: Verdict) -> Content:
 
 def load_bars(loads: Iterable[Load], note: str = "", *, limited: bool = False) -> Bars:
     """Return loads of op-amps, the largest share first; `limited` ones decide nothing."""
-
-    def value(load: Load) -> str:
+    bars = []
+    for load in sorted(loads, key=lambda load: -load.share)[:LOADS]:
         at = "at rest" if math.isinf(load.at) else f"at {figure(load.at, 's', 3)}"
         slews = f", slews for {figure(load.slewing, 's', 2)}" if load.slewing else ""
-        return f"{figure(load.peak, load.unit, 3)} {at}{slews}"
-
-    rows = tuple(
-        Bar(
+        error = load.error if math.isfinite(load.error) else 0.0
+        bar = blocks.Bar(
             name=f"{load.quantity} of {load.part}",
             outcome="" if limited else "fail" if load.share > 1.0 else "pass",
             share=load.share,
-            doubt=(load.error if math.isfinite(load.error) else 0.0) / load.limit,
-            value=value(load),
+            doubt=error / load.limit,
+            value=f"{figure(load.peak, load.unit, 3)} {at}{slews}",
             limit=f"at most {figure(load.limit, load.unit, 3)}",
         )
-        for load in sorted(loads, key=lambda load: -load.share)[:LOADS]
-    )
-    return Bars("", rows, note)
-
-
-def _least(verdict: Verdict) -> float:
-    """Return the size below which a part of the budget is rounding, V."""
-    known = verdict.ideal.error if math.isfinite(verdict.ideal.error) else 0.0
-    return max(known, ROUNDING) * verdict.measurements.amplitude
+        bars.append(bar)
+    return Bars("", tuple(bars), note)
 
 
 def _volts(value: float | None, verdict: Verdict) -> Cell:
     """Return a part of the error, V; one too small to matter has no number, and sorts as none."""
     if value is None or not math.isfinite(value):
         return Cell("unknown")
-    if 0.0 < abs(value) <= _least(verdict):
+    if _is_rounding(value, verdict):
         return Cell("below rounding")
     known = not value or abs(value) > LEAST * verdict.answer.unit
     return Cell(quantity(value, "V", 3) if known else "under 1 ppb", value)
+
+
+def _is_rounding(value: float, verdict: Verdict) -> bool:
+    """Whether a part of the error, V, is no more than rounding."""
+    known = verdict.ideal.error if math.isfinite(verdict.ideal.error) else 0.0
+    return 0.0 < abs(value) <= max(known, ROUNDING) * verdict.measurements.amplitude
 
 
 def budget_table(verdict: Verdict) -> Table | None:
     """Return the error budget as a table; the signed column is that of the worst channel."""
     budget, unit = verdict.budget, verdict.answer.unit
     parts, total = list(budget), budget.total
+
+    def share(part: ErrorPart) -> Cell | None:
+        value = part.value
+        known = value is not None and math.isfinite(value) and unit
+        if value is None or not known or _is_rounding(value, verdict):
+            return None
+        return Cell(figure(value / unit, "step", 3), value)
+
     columns: dict[str, Column] = {
-        "error": lambda part: spaced(part.name),
+        "error": "name words",
         "largest of any channel": lambda part: _volts(part.value, verdict),
-        "of the largest stress": lambda part: _share_of(part, unit, _least(verdict)),
+        "of the largest stress": share,
     }
     note = f"% {answers.of_unit(verdict.answer)}."
     if total is not None:
@@ -263,13 +244,6 @@ def budget_table(verdict: Verdict) -> Table | None:
     return Table.of("Parts of the error", parts, columns, note) if parts else None
 
 
-def _share_of(part: ErrorPart, unit: float, least: float) -> Cell | None:
-    value = part.value
-    if value is None or not math.isfinite(value) or not unit or 0.0 < abs(value) <= least:
-        return None
-    return Cell(figure(value / unit, "step", 3), value)
-
-
 def _budget_chart(verdict: Verdict) -> Chart | None:
     """Return the signed parts of the worst channel, and their sum."""
     budget, total = verdict.budget, verdict.budget.total
@@ -279,21 +253,15 @@ def _budget_chart(verdict: Verdict) -> Chart | None:
     parts = {spaced(part.name): part.channels[worst] for part in budget if part.channels}
     shown = parts | {"whole": total.channels[worst]}
     looks = tuple("fail" if size < 0.0 else "pass" for size in parts.values())
-    bars = Columns(np.arange(len(shown)), [*shown.values()], "y", looks=(*looks, "band"))
-    names = tuple(f"{name}: {_volts(size, verdict).text}" for name, size in shown.items())
+    sizes = [(f"{name}: {_volts(size, verdict).text}", size) for name, size in shown.items()]
     unknown = [spaced(p.name) for p in budget if p.value is None or not math.isfinite(p.value)]
     size = quantity(shown["whole"], "V", 3)
     summary = (
         f"The parts of channel {worst + 1}, which has the largest whole error, {size}, add up to"
         " it. Solid blue bars raise the output, hatched orange bars lower it."
     ) + f" Not known: {', '.join(unknown)}." * bool(unknown)
-    return Chart(
-        "Parts of the error",
-        Axis(f"error of channel {worst + 1}", "V"),
-        Axis(scale="names", names=names, reverse=True),
-        (bars, Limit(0.0, line="solid")),
-        summary,
-    )
+    x, marks = Axis(f"error of channel {worst + 1}", "V"), (Limit(0.0, line="solid"),)
+    return rows("Parts of the error", x, sizes, (*looks, "band"), summary, marks)
 
 
 def _effort(verdict: Verdict) -> dict[str, str]:
@@ -301,7 +269,7 @@ def _effort(verdict: Verdict) -> dict[str, str]:
     accuracy, waves, ideal = verdict.accuracy, verdict.waveforms, verdict.ideal
     solution = ideal.solution
     reached, band = accuracy.achieved, verdict.measurements.band
-    rows = {
+    facts = {
         "requested error": f"{figure(accuracy.wanted, 'step')} of the step",
         "reached error": "unknown" if reached is None else f"{figure(reached, 'step')} of the step",
         "how it is known": f"{accuracy.method} ({accuracy.how})",
@@ -313,7 +281,7 @@ def _effort(verdict: Verdict) -> dict[str, str]:
         f"{banded('settling_time', band)} of the ideal network": quantity(ideal.settling_time, "s"),
     }
     stages = (f"{name} {seconds:.2f} s" for name, seconds in verdict.timing.items())
-    return rows | {"run time": ", ".join(stages)}
+    return facts | {"run time": ", ".join(stages)}
 
 
 def screen(verdict: Verdict, margins: Sequence[str] = ()) -> Page:
@@ -383,9 +351,14 @@ def _warnings(warnings: Sequence[str]) -> list[str]:
 
 def built_view(found: BuiltBoard) -> Page:
     """Return the verdict of a board, with what is in the folder and what a builder should know."""
+    lines = [counts_text(found.parts), packages_text(found.parts)]
+    if found.not_standard:
+        nearest = "values are nominal; parts.csv has the nearest standard value beside each"
+        lines.insert(1, nearest)
+    lines += (f"not included: {what}" for what in found.parts.not_listed)
     sections = (
-        Section("Files", Facts("Files", tuple(_files(found))), media="terminal page"),
-        Section("Parts", Notes("Parts", tuple(_parts(found))), media="terminal page"),
+        Section("Files", blocks.Facts("Files", tuple(_files(found))), media="terminal page"),
+        Section("Parts", Notes("Parts", tuple(lines)), media="terminal page"),
     )
     if found.verdict is None:
         text = f"no verdict: {found.refused}"
@@ -395,19 +368,10 @@ def built_view(found: BuiltBoard) -> Page:
 
 
 def _files(found: BuiltBoard) -> Iterator[tuple[str, str]]:
-    texts = OWN if found.verdict is not None else OWN | {REPORT: "why there is no verdict"}
-    yield from ((name, texts[name]) for name in found.files if name in texts)
+    known = OWN if found.verdict is not None else OWN | {REPORT: "why there is no verdict"}
+    yield from ((name, known[name]) for name in found.files if name in known)
     sheets = sum(name.endswith(".kicad_sch") for name in found.files)
     yield f"{KICAD}/{found.scene.name}.kicad_pro", f"the whole board for KiCad, {sheets} sheets"
-
-
-def _parts(found: BuiltBoard) -> Iterator[str]:
-    parts = found.parts
-    yield counts_text(parts)
-    if found.not_standard:
-        yield "values are nominal; parts.csv has the nearest standard value beside each"
-    yield packages_text(parts)
-    yield from (f"not included: {what}" for what in parts.not_listed)
 
 
 def solution_view(result: Solution) -> Page:

@@ -12,9 +12,10 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system import charts
 from taction.system.array_types import Floats
+from taction.system.quantities import banded, counted, quantity
 from taction.system.waveforms import Waveforms
 from taction.verification.report.blocks import Page, Section
-from taction.verification.report.texts import banded, counted, figure, quantity
+from taction.verification.report.texts import figure
 from taction.verification.verdict.verify import Verdict
 
 POINTS = 60_000  # of all curves of a chart
@@ -38,8 +39,6 @@ def early_end(verdict: Verdict) -> float:
 def channel_names(places: Iterable[int]) -> str:
     """Return the names of channels, of three and more in a row the first and the last.
 
-    Examples
-    --------
     >>> channel_names([0, 6]), channel_names([4, 1, 2, 3])
     ('u1, u7', 'u2 to u5')
     """
@@ -104,18 +103,22 @@ def _records(verdict: Verdict, values: Floats, width: float) -> Iterator[charts.
 
 def outputs_chart(verdict: Verdict) -> charts.Chart:
     """Return the outputs with their targets; `difference_chart` has the second engine."""
-    channels, end = verdict.measurements.channels, float(verdict.waveforms.time[-1])
-    count, targets = len(channels), [channel.target for channel in channels]
-    colours, (limits, cut) = charts.spread_colours(count), _window(verdict)
+    found, end = verdict.measurements, float(verdict.waveforms.time[-1])
+    targets = [channel.target for channel in found.channels]
+    count, (limits, cut) = len(targets), _window(verdict)
+    colours = charts.spread_colours(count)
     marks: list[charts.Mark] = list(_records(verdict, verdict.u, 1.2))
-    marks += (
-        charts.Limit(y, "y", "", look, "dot") for y, look in zip(targets, colours, strict=True)
-    )
-    engine = verdict.waveforms.simulator.replace("statespace", "the state-space engine")
-    if (settling := verdict.measurements.settling_time) is not None:
-        marks.append(charts.Limit(settling.value, "x", "", "muted"))
+    pairs = zip(targets, colours, strict=True)
+    marks += (charts.Limit(y, "y", "", look, "dot") for y, look in pairs)
+    settled = "not settled"
+    if found.settling_time is not None:
+        marks.append(charts.Limit(found.settling_time.value, "x", "", "muted"))
+        settled = settled_text(verdict)
+    elif states := {channel.state.value for channel in found.channels} - {"settled"}:
+        settled = f"not settled ({', '.join(sorted(states))})"
     if count <= LABELLED:
         marks += end_names(targets, *limits, colours)
+    engine = verdict.waveforms.simulator.replace("statespace", "the state-space engine")
     summary = (
         f"Outputs of {counted(count, 'channel')} from 0 to {quantity(end, 's')} by {engine}."
         " Dotted: the target of each channel, from the numerical solution."
@@ -129,18 +132,11 @@ def outputs_chart(verdict: Verdict) -> charts.Chart:
         charts.View("whole record", (0.0, end)),
     ]
     if verdict.poles.known_unstable:  # the first periods are flat beside the growth
-        amplitude = verdict.measurements.amplitude or 1.0
-        views.insert(0, charts.View("growth", _up_to_supply(verdict, verdict.u / amplitude)[0]))
-    title, volts = f"Outputs: {_settled(verdict)}", charts.Axis("output", "V", limits=limits)
-    return charts.Chart(title, charts.TIME, volts, tuple(marks), summary, tuple(views), height=420)
-
-
-def _settled(verdict: Verdict) -> str:
-    """Return when the board settles, or that it does not."""
-    if verdict.measurements.settling_time is not None:
-        return settled_text(verdict)
-    states = {channel.state.value for channel in verdict.measurements.channels} - {"settled"}
-    return f"not settled ({', '.join(sorted(states))})" if states else "not settled"
+        growth = _up_to_supply(verdict, verdict.u / (found.amplitude or 1.0))[0]
+        views.insert(0, charts.View("growth", growth))
+    axes = charts.TIME, charts.Axis("output", "V", limits=limits)
+    title = f"Outputs: {settled}"
+    return charts.Chart(title, *axes, tuple(marks), summary, tuple(views), height=420)
 
 
 def settled_text(verdict: Verdict) -> str:
@@ -153,11 +149,10 @@ def settled_text(verdict: Verdict) -> str:
 def _window(verdict: Verdict) -> tuple[charts.Limits, bool]:
     """Return the shown range of the outputs, V, and whether a growing record is cut off."""
     targets = np.array([c.target for c in verdict.measurements.channels])
-    u = np.where(np.isfinite(verdict.u), verdict.u, 0.0)
-    low, high = float(min(targets.min(), u.min())), float(max(targets.max(), u.max()))
+    every = np.append(targets, np.where(np.isfinite(verdict.u), verdict.u, 0.0))
     allowed = OVER * max(verdict.circuit.supply, float(np.abs(targets).max()))
-    cut = max(-low, high) > allowed
-    return with_room(max(low, -allowed), min(high, allowed)), cut
+    low, high = np.clip((every.min(), every.max()), -allowed, allowed).tolist()
+    return with_room(low, high), bool(np.abs(every).max() > allowed)
 
 
 def end_names(
@@ -225,7 +220,7 @@ def difference_chart(verdict: Verdict) -> charts.Chart | None:
     largest = f"{figure(agreement.difference * scale, 'step')} of the step"
     return charts.Chart(
         "ngspice minus the state-space engine",
-        replace(charts.TIME, limits=(0.0, float(verdict.waveforms.time[-1]))),
+        _record_time(verdict.waveforms),
         charts.Axis("difference", "step"),
         tuple(curves(agreement.instants, scale * agreement.differences, width=0.8)),
         f"The largest difference is {largest}, in u{channel + 1} at"
@@ -238,13 +233,16 @@ def nodes_view(wave: Waveforms, nodes: Sequence[str] | None = None) -> Page:
     drawn = wave.nodes if nodes is None else tuple(nodes)
     pairs = zip(drawn, charts.spread_colours(len(drawn)), strict=True)
     marks = tuple(
-        charts.Curve(wave.time, wave[node], node, colour, width=1.0) for node, colour in pairs
+        charts.Curve(wave.time, wave[node], node, look, width=1.0) for node, look in pairs
     )
-    time = replace(charts.TIME, limits=(0.0, float(wave.time[-1])))
-    axes = time, charts.Axis("voltage", "V")
+    axes = _record_time(wave), charts.Axis("voltage", "V")
     chart = charts.Chart("Voltages", *axes, marks, legend=len(drawn) <= LABELLED)
     section = Section("", chart, media="picture")
     return Page(wave.engine, "", summary=counted(len(drawn), "node"), sections=(section,))
+
+
+def _record_time(wave: Waveforms) -> charts.Axis:
+    return replace(charts.TIME, limits=(0.0, float(wave.time[-1])))
 
 
 def stress_chart(verdict: Verdict) -> charts.Chart:
@@ -279,7 +277,6 @@ def recovered_stress(
     if final is not None:
         curves.append(charts.Curve(where, final, "board, end of record", "fail", "", "x"))
     if problem.stress is not None:
-        curves.insert(
-            0, charts.Curve(where, problem.stress, "true stress", "true", "solid", "circle")
-        )
+        true = charts.Curve(where, problem.stress, "true stress", "true", "solid", "circle")
+        curves.insert(0, true)
     return charts.Chart("Recovered stress", x, charts.Axis("stress"), tuple(curves))

@@ -12,7 +12,6 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.keys import scene_text
 from taction.netlist_gen.scene.loading import load_scene
 from taction.verification.report.blocks import PICTURE
-from taction.verification.report.renderers.markdown import markdown
 from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.verdict_view import screen, view
@@ -41,7 +40,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_verdicts_in_every_medium(file: Path) -> None:
     verdict = verify(load_scene(file))
     whole = view(verdict)
-    for text in (page_text(whole), page_text(screen(verdict)), markdown(whole), page_html(whole)):
+    for text in (page_text(whole), page_text(screen(verdict)), page_html(whole)):
         assert re.search(rf"[Ss]ettl\w* {BAND}", re.sub(r"\s+", " ", text))
     assert BAND in next(iter(whole.blocks(PICTURE))).title
     slow = [replace(c, expected=1e-9) for c in verdict.checks if c.name == "settling_time"]

@@ -16,7 +16,7 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.charts import Chart, Curve, Limit, Text
-from taction.system.quantities import readable, show
+from taction.system.quantities import quantity, readable, show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.report.blocks import (
     Bars,
@@ -30,7 +30,6 @@ from taction.verification.report.blocks import (
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import Terminal, page_text, plain, print_page
-from taction.verification.report.texts import quantity
 from taction.verification.report.views.answer_view import check_bar
 from taction.verification.report.views.board_view import schematic
 from taction.verification.report.views.verdict_view import load_bars, screen, view

@@ -10,18 +10,14 @@ const ask = (change) => {
   Object.assign(pending.places, change.places);
   Object.assign(pending.texts, change.texts);
   for (const key of ["opamp", "reset"]) if (key in change) pending[key] = change[key];
-  pending.stamp = performance.now();
   outdated(true);
   flush();
 };
 const flush = () => {
   if (!state.pending) return;
   if (state.waiting && performance.now() - state.sent < GIVE_UP) return;
-  const message = state.pending;
-  state.pending = null;
-  state.waiting = true;
-  state.sent = performance.now();
-  emitEvent("taction-move", message);
+  emitEvent("taction-move", state.pending);
+  Object.assign(state, { pending: null, waiting: true, sent: performance.now() });
 };
 // Whether the page waits for the verdict: that of earlier values is hidden.
 const outdated = (waits) => {
@@ -60,12 +56,11 @@ const showValues = (values, wrong, said) => {
 };
 
 // Answers from the server: markup for some elements, values, and charts.
-const DOUBTS = ["refused", "doubts", "limits"];
 const CHARTS = { outputs: "computing the waveforms", poles: "computing the poles", stress: "" };
 const show = (part) => {
-  const fresh = "cost" in part || "refused" in part;
+  const fresh = "stress" in part || "refused" in part;
   if (fresh) {
-    DOUBTS.forEach((id) => get(id).replaceChildren());
+    ["refused", "doubts", "limits"].forEach((id) => get(id).replaceChildren());
     state.charts = {};
     state.refused = "refused" in part;
     get("simulation").textContent = "Its waveforms are laid over the outputs.";
@@ -107,26 +102,15 @@ const drawChart = (id) => {
 const draw = (part, all) => { // the curves first, the other charts behind them
   const changed = Object.keys(CHARTS).filter((id) => all || id in part);
   for (const id of changed) if (id in part) state.charts[id] = part[id];
-  if (changed.includes("outputs")) {
-    drawChart("outputs");
-    if (part.stamp && "outputs" in part) measured(part);
-  }
+  if (changed.includes("outputs")) drawChart("outputs");
   setTimeout(() => changed.filter((id) => id !== "outputs").forEach(drawChart));
 };
-const measured = ({ stamp, cost }) => requestAnimationFrame(() => {
-  const time = performance.now() - stamp;
-  (window.tactionLatency ||= []).push(time);
-  if (window.tactionLatency.length > 1000) window.tactionLatency.shift();
-  get("foot").textContent = `the curves came ${time.toFixed(0)} ms after the hand, ${(1000 * cost).toFixed(0)} ms of it for the board`;
-});
 
-// Buttons.
-const press = (group, chosen) => group.forEach((button) => button.setAttribute("aria-pressed", button === chosen));
 const wire = () => {
   document.querySelectorAll(".control[data-path]").forEach(wireControl);
   const windows = [...document.querySelectorAll("[data-window]")];
   windows.forEach((button) => button.addEventListener("click", () => {
-    press(windows, button);
+    windows.forEach((each) => each.setAttribute("aria-pressed", each === button));
     state.window = button.dataset.window;
     emitEvent("taction-window", state.window);
   }));
@@ -136,27 +120,14 @@ const wire = () => {
   get("simulate").addEventListener("click", () => emitEvent("taction-simulate"));
   get("cancel").addEventListener("click", () => emitEvent("taction-cancel"));
   get("save").addEventListener("submit", (event) => { event.preventDefault(); emitEvent("taction-save", get("save-name").value); });
-  get("copy").addEventListener("click", async () => {
-    await navigator.clipboard.writeText(get("command").textContent).catch(() => getSelection().selectAllChildren(get("command")));
-    get("copied").textContent = "copied";
-  });
-  const dark = matchMedia("(prefers-color-scheme: dark)");
-  const themes = [...document.querySelectorAll("[data-theme-choice]")];
-  let choice = "auto";
-  const paint = () => {
-    document.documentElement.dataset.theme = choice === "auto" ? (dark.matches ? "dark" : "light") : choice;
-    tactionCharts.forget();
-    draw({}, true);
-  };
-  themes.forEach((button) => button.addEventListener("click", () => { choice = button.dataset.themeChoice; press(themes, button); paint(); }));
-  dark.addEventListener("change", paint);
-  paint();
+  tactionCharts.follow(() => draw({}, true));
 };
 
 // Begin once NiceGUI has put the page into the document and has a socket.
 const begin = () => {
   if (!get("explorer") || !window.did_handshake) { setTimeout(begin, 20); return; }
   wire();
+  draw({}, true);
   window.taction = show;
   outdated(true);
   emitEvent("taction-ready");

@@ -56,6 +56,15 @@ const tactionCharts = (() => {
     xaxis: { visible: false }, yaxis: { visible: false },
     annotations: [{ text, showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.5, font: { size: 14, color: "--muted" } }],
   } });
-  const forget = () => { known = {}; };
-  return { draw, empty, forget, layoutOf };
+  // The theme is that of the system, or a given one; `repaint` draws the charts again.
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const paint = (theme) => {
+    document.documentElement.dataset.theme = theme || (dark.matches ? "dark" : "light");
+    known = {};
+  };
+  const follow = (repaint) => {
+    dark.addEventListener("change", () => { paint(); repaint(); });
+    paint();
+  };
+  return { draw, empty, follow, layoutOf, paint };
 })();

@@ -1,15 +1,7 @@
 "use strict";
 (() => {
   const root = document.documentElement;
-  const dark = matchMedia("(prefers-color-scheme: dark)");
   const all = (query, from = document) => [...from.querySelectorAll(query)];
-  let choice = "auto";
-
-  const isDark = () => (choice === "auto" ? dark.matches : choice === "dark");
-  const paint = (theme) => {
-    root.dataset.theme = theme || (isDark() ? "dark" : "light");
-    tactionCharts.forget();
-  };
 
   // Pictures.
   const canvases = all(".canvas");
@@ -90,32 +82,11 @@
     });
   }));
 
-  // Copy, also where the page may not use the clipboard of the system.
-  const copy = async (text, source) => {
-    try { await navigator.clipboard.writeText(text); return true; } catch { /* the older way */ }
-    const details = source.closest("details");
-    if (details) details.open = true;
-    getSelection().selectAllChildren(source);
-    return document.execCommand("copy");
-  };
-  all(".copy-button").forEach((button) => button.addEventListener("click", async () => {
-    const source = document.getElementById(button.dataset.copy);
-    const done = await copy(source.textContent, source);
-    button.parentElement.querySelector(".copied").textContent =
-      done ? "copied" : "not copied: this browser does not allow it; select the text and copy it";
-  }));
-
-  // Themes and paper.
-  const repaint = (theme, width) => { paint(theme); drawAll(width); };
-  all("[data-theme-choice]").forEach((button) => button.addEventListener("click", () => {
-    choice = button.dataset.themeChoice;
-    press(button);
-    repaint();
-  }));
-  dark.addEventListener("change", () => repaint());
+  // Paper is light.
+  const repaint = (theme, width) => { tactionCharts.paint(theme); drawAll(width); };
   addEventListener("beforeprint", () => repaint("light", 680));
   addEventListener("afterprint", () => repaint());
-  paint();
+  tactionCharts.follow(drawAll);
   unpack().catch((error) => {
     root.dataset.ready = "failed";
     canvases.forEach((each) => { each.textContent = `This browser cannot draw the picture: ${error}`; });
