@@ -33,14 +33,14 @@ def measure(tiny: bool) -> list[Figure]:
 def of_board(name: str, rounds: int) -> Figure:
     """Time one transient of a shipped scene by both engines."""
     decks: list[Deck] = []
-    start = process.start
+    simulation = process.Simulation
 
     def recorded(deck: Deck, *given: Any, **named: Any) -> Any:
         decks.append(deck)
-        return start(deck, *given, **named)
+        return simulation(deck, *given, **named)
 
     scene = with_values(load_scene(SCENES / f"{name}.toml"), {"analysis.error": ERROR})
-    with mock.patch.object(process, "start", recorded):
+    with mock.patch.object(process, "Simulation", recorded):
         verdict = verify(scene.with_engine("ngspice"))
     points = max(verdict.accuracy.points, 2)
     transient = replace(verdict.transient, max_step=verdict.transient.stop / points)
