@@ -192,10 +192,7 @@ def load_catalogue(folder: Path = FOLDER) -> tuple[Case, ...]:
 @cache
 def stored_values() -> dict[str, dict[str, Any]]:
     """Return the records of the true values by the names of their cases; empty if installed."""
-    stored: dict[str, dict[str, Any]] = {}
-    if TRUE_VALUES.exists():
-        stored = json.loads(TRUE_VALUES.read_text("utf-8"))
-    return stored
+    return json.loads(TRUE_VALUES.read_text("utf-8")) if TRUE_VALUES.exists() else {}
 
 
 def select(cases: tuple[Case, ...], names: tuple[str, ...]) -> tuple[Case, ...]:

@@ -40,23 +40,22 @@ def cluster(address: str, announce: Callable[[str], None] = lambda text: None) -
         distributed: Any = importlib.import_module("distributed")
     except ImportError:
         raise _refusal(address, "needs dask.distributed: pip install 'taction[cluster]'") from None
-    before = logging.root.manager.disable
+    before, client = logging.root.manager.disable, None
     logging.disable()  # Dask logs what our errors say
     try:
         client = _client(distributed, address)
         check = partial(_wait_for_worker, client, announce)
         try:
-            try:
-                check()
-                threads = sum(client.nthreads().values()) or 1
-            except OSError as error:
-                raise _refusal(address, f"the scheduler is gone ({error})") from None
-            lost = (distributed.KilledWorker,)
-            yield Workers(_Cluster(client.get_executor()), threads, SPARE, lost, check)
-        finally:
+            check()
+            threads = sum(client.nthreads().values()) or 1
+        except OSError as error:
+            raise _refusal(address, f"the scheduler is gone ({error})") from None
+        lost = (distributed.KilledWorker,)
+        yield Workers(_Cluster(client.get_executor()), threads, SPARE, lost, check)
+    finally:
+        if client is not None:
             with suppress(OSError, RuntimeError):  # a scheduler that is gone
                 client.close(timeout=CLOSING)
-    finally:
         logging.disable(before)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext, suppress
 from importlib import metadata
 from itertools import islice
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from taction.system.errors import MACHINE_FAILURES, Killed, NoVerdictError, TactionError
 from taction.system.processes import remove_own_folder
 from taction.verification.studies.running.cluster import cluster
-from taction.verification.studies.running.pool import Workers, cores, local
+from taction.verification.studies.running.pool import HERE, Workers, cores, local
 
 K = TypeVar("K")
 R = TypeVar("R")
@@ -122,21 +122,15 @@ def for_each_file(
     """
     results: list[R | BaseException | None] = [None] * len(files)
     processes = min(jobs or cores(), len(files))
-    try:
-        if processes <= 1:
-            for number, path in enumerate(files):
-                progress(f"{number + 1} of {len(files)}: {path.stem}")
-                results[number] = function(path, *arguments[number])
-            return results
-        points = ((k, (path, *arguments[k])) for k, path in enumerate(files))
-        with local(processes) as workers:
-            progress(f"{len(files)} runs in {processes} processes")
-            rows = study(workers, function, points)
-            for done, (number, result) in enumerate(rows, 1):
-                results[number] = result
-                progress(f"{done} of {len(files)} done: {files[number].stem}")
-    except KeyboardInterrupt:
-        pass
+    points = ((k, (path, *arguments[k])) for k, path in enumerate(files))
+    with (
+        suppress(KeyboardInterrupt),
+        nullcontext(HERE) if processes <= 1 else local(processes) as workers,
+    ):
+        progress(f"{len(files)} runs in {processes} processes")
+        for done, (number, result) in enumerate(study(workers, function, points), 1):
+            results[number] = result
+            progress(f"{done} of {len(files)} done: {files[number].stem}")
     return results
 
 

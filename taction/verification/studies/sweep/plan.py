@@ -174,8 +174,7 @@ def sweep_points(
 
 def _requests(plan: Plan, places: Iterable[int]) -> Iterator[tuple[bytes, Point]]:
     """Yield key, scene and problem of each point; of a scene that cannot be made its record."""
-    problem = None
-    last = None
+    last = problem = None
     for point in grid_points(plan, places):
         try:
             scene = with_values(plan.scene, point.values | {ENGINE: plan.engine})
