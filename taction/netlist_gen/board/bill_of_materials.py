@@ -25,16 +25,13 @@ _E24 = (
 
 @lru_cache
 def mantissas(series: str) -> Floats:
-    """Return the values of one decade, from 1 to below 10; read-only.
-
-    The standard has 9.20 in E192, where ``10^(185/192)`` rounds to 9.19.
-    """
+    """Return the values of one decade, from 1 to below 10; read-only."""
     count = int(series[1:])
     if count <= len(_E24):
         values = np.array(_E24[:: len(_E24) // count])
     else:
         values = np.round(10.0 ** (np.arange(count) / count), 2)
-        values[np.isclose(values, 9.19)] = 9.20
+        values[np.isclose(values, 9.19)] = 9.20  # as the standard has it
     values.flags.writeable = False
     return values
 
@@ -164,10 +161,7 @@ class BillOfMaterials:
 
 
 def bill_of_materials(circuit: Circuit, scene: Scene) -> BillOfMaterials:
-    """Return the parts of `circuit`, the board of `scene`, equal values in one line.
-
-    Stray capacitances are no parts.
-    """
+    """Return the parts of `circuit`, the board of `scene`, equal values in one line."""
     ohms = [(part.card, part.ohms) for part in circuit.resistors]
     for matrix in circuit.matrices:
         ohms += [(name, float(matrix.ohms[k, n])) for name, k, n in matrix.places()]

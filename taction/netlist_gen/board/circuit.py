@@ -185,13 +185,7 @@ class Circuit(Result):
     knobs: tuple[Knob, ...] = field(default=(), metadata=FOLLOWS)
 
     def value(self, name: str) -> float:
-        """Return the number of a fact.
-
-        Raises
-        ------
-        ValueError
-            The topology does not state this fact.
-        """
+        """Return the number of a fact; ValueError if the topology does not state it."""
         if name not in self.facts:
             raise ValueError(f"topology {self.topology!r} states no fact {name!r}")
         return self.facts[name].value
@@ -275,13 +269,7 @@ class Circuit(Result):
         return np.where(np.abs(T) < ROUNDING * offset, 0.0, T)
 
     def knob(self, name: str) -> Knob:
-        """Return the knob of a fact, or of a key of the scene.
-
-        Raises
-        ------
-        ValueError
-            The topology has no such knob.
-        """
+        """Return the knob of a fact, or of a key of the scene; ValueError without one."""
         for knob in self.knobs:
             if name in (knob.name, knob.key):
                 return knob

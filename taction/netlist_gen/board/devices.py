@@ -104,10 +104,7 @@ class Device:
         return np.where(siemens > 0.0, siemens, unit) / unit
 
     def spreads(self, siemens: Floats) -> dict[str, Floats]:
-        """Return the standard deviations of devices that have `siemens` on average, S, by `KINDS`.
-
-        Only those that the device has.
-        """
+        """Return the standard deviations of devices with `siemens` on average, S, by `KINDS`."""
         before, found = self.programmed_for(siemens), dict[str, Floats]()
         if self.programming_error:
             terms = [each * before**power for power, each in enumerate(self.programming_error)]

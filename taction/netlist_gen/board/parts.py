@@ -146,10 +146,7 @@ class ResistorMatrix:
             yield f"{self.name}_{k + 1}_{n + 1}", k, n
 
     def elements(self) -> Iterator[tuple[int, int, str, str, float]]:
-        """Yield ``(k, n, driving node, summing node, ohms)`` of every resistor by rows, from 0.
-
-        The nodes are those at the ports, also where there are wires in between.
-        """
+        """Yield ``(k, n, driving node, summing node, ohms)`` of every resistor, from 0."""
         finite = np.isfinite(self.ohms)
         for k, n in zip(*(index.tolist() for index in np.nonzero(finite)), strict=True):
             drive, sink = (n, k) if self.by_column else (k, n)
@@ -157,9 +154,6 @@ class ResistorMatrix:
             yield k, n, source, self.sinks[sink], float(self.ohms[k, n])
 
     def resistors(self) -> Iterator[Resistor]:
-        """Yield every resistor by rows; `a` is the driving node, `b` the summing node.
-
-        Its `card` is ``Rf_k_n``.
-        """
+        """Yield every resistor by rows, from its driving node to its summing node."""
         for k, n, source, sink, ohms in self.elements():
             yield Resistor(f"{self.name[1:]}_{k + 1}_{n + 1}", source, sink, ohms)

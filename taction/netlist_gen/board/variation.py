@@ -99,10 +99,7 @@ def device_spreads(circuit: Circuit) -> dict[str, dict[str, float]]:
 
 
 def draw(tolerances: Tolerances, varied: Sequence[Parameter], seed: int, sample: int) -> Floats:
-    """Return the z of one sample, one of each of the parameters `varied`.
-
-    Each sample has its own random stream. Input errors and devices are normal in any distribution.
-    """
+    """Return the z of one sample, one for each of `varied`, from a random stream of its own."""
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(sample,)))
     errors = [parameter.kind in (INPUT_ERROR, DEVICE) for parameter in varied]
     if tolerances.distribution == "normal":

@@ -34,10 +34,7 @@ def read_array(
     *,
     transposed: int | None = None,
 ) -> Floats:
-    """Return the array for `key` of `scene`: from the file `name`, or `name` itself.
-
-    `shape` is that of `fitted`, `transposed` the length of a vector if T were transposed.
-    """
+    """Return the array for `key` of `scene`, as `fitted`: from the file `name`, or itself."""
     if isinstance(name, str):
         return read_file(scene.folder / name, key, shape, transposed)
     return _fitted(name, scene.file, key, "", shape, transposed)

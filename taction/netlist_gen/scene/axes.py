@@ -216,10 +216,7 @@ def with_value(scene: Scene, path: str, value: Value) -> Scene:
 
 
 def with_values(scene: Scene, changes: Point) -> Scene:
-    """Return `scene` with other values at dotted paths, validated like a scene from a file.
-
-    A key replaces one that it excludes. A whole table is replaced before keys in it.
-    """
+    """Return `scene` with other values at dotted paths, validated like a scene from a file."""
     tables = {path for path in changes if any(other.startswith(f"{path}.") for other in changes)}
     if tables:
         scene = with_values(scene, {path: changes[path] for path in tables})

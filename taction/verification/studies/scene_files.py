@@ -17,10 +17,7 @@ from taction.verification.verdict.verify import Verdict, verify
 
 
 def find_scenes(folder: str | Path) -> tuple[Path, ...]:
-    """Return the ``*.toml`` files of `folder`, by name.
-
-    InputError: there is no such folder, or it holds no scene.
-    """
+    """Return the ``*.toml`` files of `folder`, by name; refuse a folder without any."""
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(folder, Complaint("DIR", "", "no such folder; expected one with scenes"))

@@ -34,10 +34,7 @@ class ClaimOutcome(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """One table of ``claims.toml``: what the paper says where, and what taction runs and finds.
-
-    A quick run leaves out a claim that is not `quick`.
-    """
+    """One table of ``claims.toml``: what the paper says where, and what taction finds."""
 
     id: str
     chapter: str

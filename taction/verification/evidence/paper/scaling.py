@@ -135,10 +135,7 @@ def _best(run: Callable[[], object], *, repeats: int = 1, tries: int = TRIES) ->
 
 
 def conditioning(quick: bool) -> Chapter:
-    """Judge how the condition number grows with the number of channels (appendix A).
-
-    The transform of kernel (19), ``3/2 x |w| exp(-x |w|)``, is positive, so T is positive definite.
-    """
+    """Judge how the condition number grows with the number of channels (appendix A)."""
     ratios = RATIOS[:QUICK_RATIOS] if quick else RATIOS
     wide, narrow = ([condition_number(r, span) for r in ratios] for span in (WIDE, NARROW))
     off = max(abs(a / asymptotic(ratio) - 1.0) for a, ratio in zip(wide, ratios, strict=True))

@@ -143,10 +143,7 @@ ENGINES = ("ngspice", "statespace")
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One scene with its right outcome.
-
-    Others than the first one of an engine are accepted where its accuracy decides.
-    """
+    """One scene with its right outcome, the first of those that are accepted."""
 
     name: str
     family: str  # stem of the case's file

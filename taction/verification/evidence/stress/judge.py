@@ -96,10 +96,7 @@ class TruthComparison:
 
 
 def compare(verdict: Verdict, truth: TrueValues) -> tuple[TruthComparison, ...]:
-    """Compare every number that a verdict states with its true value.
-
-    Of a board that never arrives at its equilibrium only the poles are compared.
-    """
+    """Compare every number that a verdict states with its true value."""
     found = []
     for name, value, uncertainty, true, unit in _stated(verdict, truth):
         # Errors of times, poles and margins are relative, those of voltages are of the step.

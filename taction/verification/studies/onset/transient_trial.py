@@ -86,10 +86,7 @@ class TransientTest:
 def confirm(
     boards: Boards, crossing: Edge, simulator: Simulator, *, logarithmic: bool, timeout: float
 ) -> TransientTest:
-    """Run transients on both sides of `crossing` at the same time and compare with the poles.
-
-    `logarithmic`: the values differ by a factor; `timeout`: wall time of each run, s.
-    """
+    """Run transients of `timeout`, s, on both sides of `crossing`; compare with the poles."""
     try:
         trials = [_prepare(boards, crossing, side, logarithmic, simulator) for side in (-1, 1)]
     except (EngineError, InputError) as error:

@@ -107,10 +107,7 @@ def _decks(places: tuple[Place, Place], names: tuple[str, str]) -> VerdictDiffer
 def _with_record(
     record: Place, board: Place, names: tuple[str, str], agree: float, *, last: bool
 ) -> VerdictDifference:
-    """Compare a stored record, the `last` of both, with the state-space solution of a board.
-
-    A node of every output of the board that the record has is compared.
-    """
+    """Compare a record, the `last` of both, with the state-space solution of a board."""
     assert not isinstance(record, Scene)  # noqa: S101 - it has the ending of a file
     wave = read_transient(record)
     circuit, start, delay, notes = _stepped(board, wave)

@@ -121,10 +121,7 @@ class SceneResult:
 
     @property
     def changes(self) -> tuple[Difference, ...]:
-        """Differences above their tolerance, the largest first; infinite differences lead.
-
-        The note of a check is its cause with value and limit.
-        """
+        """Differences above their tolerance, the largest first, with the causes of checks."""
         notes = {name: found.text for found in causes(self.checks) for name in named(found)}
         changed = (
             replace(d, note=notes.get(d.name, "")) if d.group == "checks" else d

@@ -32,10 +32,7 @@ STATUS = 128 + signal.SIGTERM
 
 
 def serve(handle: int) -> None:
-    """Answer calls from a pipe until its other end closes; the parent handles Ctrl-C.
-
-    SIGTERM ends a call through its `finally` clauses, which end a simulator.
-    """
+    """Answer calls until the pipe closes; SIGTERM ends one through its `finally` clauses."""
     for name in ("SIGINT", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)

@@ -106,10 +106,7 @@ class Store:
         return int(self._value("select count(*) from points") or 0)
 
     def put(self, key: bytes, result: Record | BoardSample) -> None:
-        """Store a result in one transaction; a result stored before stays, unless it is an error.
-
-        `key` is the digest of all that the result depends on.
-        """
+        """Store a result in one transaction; one that is no error stays as it is."""
         text = json.dumps(plain(result), allow_nan=False, separators=(",", ":"))
         with self._explained():
             self._db.execute(PUT, (key, result.outcome, text))
@@ -156,10 +153,7 @@ class Store:
 
 
 def check_database(path: str) -> None:
-    """Refuse a file that is no database, before any work is done.
-
-    InputError: `path` is no regular file, or begins otherwise than a database.
-    """
+    """Refuse a file that is no database, before any work is done."""
     file = Path(path)
     if file.exists() and not file.is_file():
         raise _unusable(path, f"not a regular file; {ACCEPTED}")

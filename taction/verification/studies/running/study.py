@@ -30,10 +30,7 @@ def workers_at(
     jobs: int | None = None,
     announce: Callable[[str], None] = lambda text: None,
 ) -> AbstractContextManager[Workers]:
-    """Return the cluster at `address`, or `jobs` processes here if `address` is None.
-
-    `announce` receives a line of text when a wait for workers of the cluster begins.
-    """
+    """Return the cluster at `address`, or `jobs` processes here if it is None."""
     return local(jobs) if address is None else cluster(address, announce)
 
 

@@ -55,10 +55,7 @@ def _plain(value: Any) -> Any:
 
 @functools.cache
 def own_code() -> bytes:
-    """Return the digest of the code between scene and verdict, with that of installed plug-ins.
-
-    A change makes stored results outdated.
-    """
+    """Return the digest of the code between scene and verdict, with that of plug-ins."""
     packages = (system, spice_models, netlist_gen, verification)
     folders = [Path(str(package.__file__)).parent for package in packages]
     texts = [
@@ -77,10 +74,7 @@ def own_version() -> str:
 
 
 def simulator_name(engine: str = "ngspice") -> str:
-    """Return version and matrix solver of ngspice, which can change a result of `engine`.
-
-    Empty for another engine. SimulatorNotFound, SimulatorTooOld: there is no usable ngspice.
-    """
+    """Return version and matrix solver of ngspice; empty for another engine."""
     if engine != "ngspice":
         return ""
     simulator = find_simulator()

@@ -48,10 +48,7 @@ Point = tuple[Scene | Record, InverseProblem | None]  # a record where no scene 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """Everything that defines a sweep.
-
-    InputError: there are more than `MAX_POINTS` points.
-    """
+    """Everything that defines a sweep of at most `MAX_POINTS` points."""
 
     scene: Scene
     groups: Sequence[Sequence[SweepAxis]]  # they span the grid; the axes of a group change together
@@ -93,10 +90,7 @@ class GridPoint:
 
 
 def grid_points(plan: Plan, places: Iterable[int] | None = None) -> Iterator[GridPoint]:
-    """Yield points of a plan, by default all, in the order of the grid.
-
-    A file that a scene names and that is missing raises its error at the point.
-    """
+    """Yield points of a plan, by default all, in the order of the grid."""
     scene = plan.scene.model_dump(by_alias=True, exclude={"name", "regression", "analysis"})
     analysis = plan.scene.analysis.model_dump(exclude={"engine", "timeout"})
     base = digest(own_code(), scene, analysis, simulator_name(plan.engine), plan.engine)
@@ -207,10 +201,7 @@ def computed(
     cluster: str | None = None,
     progress: Progress = lambda stage: None,
 ) -> SweepCounts:
-    """Compute what `store` lacks, by processes here or a cluster.
-
-    Interrupted: Ctrl-C; the text says what is stored.
-    """
+    """Compute what `store` lacks, by processes here or a cluster."""
     try:
         with workers_at(cluster, jobs, lambda text: progress(Notice(text))) as workers:
             return sweep_points(plan, store, workers, progress=progress)

@@ -39,10 +39,7 @@ UNITS = {"step": "1", "": "1"}  # the unit of a plain number in the conventions 
 
 
 def all_records(plan: Plan, store: Store) -> Iterator[dict[str, Any] | None]:
-    """Yield every point of `plan` in the order of the grid; None for one that is not stored.
-
-    ``values`` holds the values on the axes by name. The other keys are those of a `Record`.
-    """
+    """Yield each point in the order of the grid, its values by names; None if not stored."""
     names = {axis.key.path: axis.name for axis in plan.axes}
     for point in grid_points(plan):
         record = store.record_of(point.key, dict[str, Any])

@@ -271,10 +271,7 @@ def run_samples(
     store: Store | None = None,
     key: Callable[[int], bytes] = lambda number: b"",
 ) -> Iterator[BoardSample]:
-    """Draw samples into `collection` until it has enough; yield the computed ones as they end.
-
-    Samples in `store`, where each has its `key`, are not computed again; others are added to it.
-    """
+    """Draw samples into `collection` until it has enough; yield those that `store` lacked."""
 
     def missing() -> Iterator[tuple[int, Floats]]:
         for number in numbers:

@@ -282,10 +282,7 @@ def _applicable(task: MethodTask, left_out: list[str]) -> Iterator[Method]:
 def _ladder(
     worker: Worker, task: MethodTask, method: Method, seconds: float, left_out: list[str]
 ) -> Iterator[tuple[SettingResult, MethodRun | None]]:
-    """Yield the settings of a method, coarse to fine, with their last runs, for about `seconds`.
-
-    Each runs up to `REPEATS` times; `left_out` gets the first that has no time.
-    """
+    """Yield the settings of a method and their last runs, coarse to fine, for some `seconds`."""
     end, stop = clock.perf_counter() + seconds, task.transient.stop
     for place, setting in enumerate(method.ladder):
         point, times, run = SettingResult(method, setting), list[float](), None
