@@ -7,11 +7,10 @@ Monte Carlo and corners see a `Varied` board only: that of a scene (`VariedBoard
 from __future__ import annotations
 
 import math
-import pickle
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, lru_cache, partial
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -100,10 +99,7 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class Varied(ABC):
-    """A nominal board, its varied parameters, and the data that all its samples share.
-
-    It is pickled once, and each worker unpickles it once: that takes as long as varying the board.
-    """
+    """A nominal board, its varied parameters, and the data that all its samples share."""
 
     name: str  # of the study
     engine: str
@@ -129,18 +125,6 @@ class Varied(ABC):
     def drawn(self, seed: int, number: int) -> Floats:
         """Return the deviations of a sample, (components,), in tolerances."""
         return draw(self.tolerances, self.varied, seed, number)
-
-    @cached_property
-    def _packed(self) -> bytes:
-        return pickle.dumps(tuple(getattr(self, each.name) for each in fields(self)))
-
-    def __reduce__(self) -> tuple[Callable[..., Varied], tuple[type[Varied], bytes]]:
-        return _unpickled, (type(self), self._packed)
-
-
-@lru_cache(maxsize=2)
-def _unpickled(kind: type[Varied], packed: bytes) -> Varied:
-    return kind(*pickle.loads(packed))  # noqa: S301 - part of a pickle
 
 
 def evaluate(board: Varied, number: int, z: Floats) -> BoardSample:
