@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -26,7 +25,6 @@ CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
 STEPS, GAIN = 60, 0.97  # of a compensation, which ends where a step leaves more of its error
 LEAST = 0.1  # factor of an entry in a step
 ALIKE = 1e-12  # error of the conductances that counts as none, in their norm
-KEPT = 8  # arrays whose reduction is kept: a budget and a margin ask for the same ones again
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,9 +65,7 @@ class Wires:
 
     def at_ports(self, siemens: Floats, *, by_column: bool) -> PortConductances:
         """Return the conductances between the ports of an array (M, N), S, as `Crossbar` does."""
-        lines = self.word_line, self.bit_line, self.corner
-        found = _at_line_ends(lines, siemens.shape, np.ascontiguousarray(siemens).tobytes())
-        return found.through(*self.terminals(by_column))
+        return Crossbar(siemens, self).ports().through(*self.terminals(by_column))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,15 +91,6 @@ class PortConductances:
         joined = np.maximum(0.5 * (joined + joined.T), 0.0)
         np.fill_diagonal(joined, 0.0)
         return PortConductances(joined[:M, M:], joined[:M, :M], joined[M:, M:])
-
-
-@lru_cache(maxsize=KEPT)
-def _at_line_ends(
-    lines: tuple[float, float, str], shape: tuple[int, int], values: bytes
-) -> PortConductances:
-    word, bit, corner = lines
-    siemens = np.frombuffer(values).reshape(shape)
-    return Crossbar(siemens, Wires(word, bit, corner=corner)).ports()
 
 
 class Crossbar:
@@ -169,26 +156,13 @@ def compensated(siemens: Floats, wires: Wires, *, by_column: bool) -> Floats:
     Both have the signs of the entries. Every entry is scaled by what lacks at the ports, again and
     again; the result is the closest in the norm of all entries where no conductances have it all.
     """
-    values = np.ascontiguousarray(siemens).tobytes()
-    lines = wires.word_line, wires.bit_line, wires.corner
-    return _compensated(lines, wires.terminals(by_column), siemens.shape, values)
-
-
-@lru_cache(maxsize=KEPT)
-def _compensated(
-    lines: tuple[float, float, str],
-    terminals: tuple[float, float],
-    shape: tuple[int, int],
-    values: bytes,
-) -> Floats:
-    siemens = np.frombuffer(values).reshape(shape)
     signs = [sign for sign in (1.0, -1.0) if np.any(sign * siemens > 0.0)]
     now, best, least = siemens, siemens, np.inf
     for _ in range(STEPS):
-        total, own = np.zeros(shape), np.ones(shape)
+        total, own = np.zeros(siemens.shape), np.ones(siemens.shape)
         for sign in signs:
             part = np.maximum(sign * now, 0.0)
-            across = _at_line_ends(lines, shape, part.tobytes()).through(*terminals).across
+            across = wires.at_ports(part, by_column=by_column).across
             total += sign * across
             own = np.where(part > 0.0, across, own)
         lacking = siemens - total
