@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from itertools import islice
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Circuit, Role
 from taction.netlist_gen.board.wired_arrays import joined_resistors
-from taction.system.array_types import Floats
 from taction.system.quantities import show
 
 LEAST_OHMS, MOST_OHMS = 10.0, 10e6  # of a resistor that a proposal may have
@@ -81,7 +79,6 @@ LIMITS = (
 """What proposals keep, and what `verify` warns of. An op-amp with an output current or a supply of
 its own has these in the place of the table's."""
 Rest = Callable[[str], float]  # the voltage of a node at rest, V
-_Values = tuple[Floats, Callable[[int], str]]  # 0 where there is no part; names by place
 
 
 def part_warnings(circuit: Circuit, rest: Rest | None = None) -> tuple[str, ...]:
@@ -139,60 +136,54 @@ ANY_PART = AcceptedParts({}, any_part=True)
 def broken_limits(circuit: Circuit, rest: Rest | None = None) -> dict[str, BrokenLimit]:
     """Return the warnings by the kind of part and the limit that it breaks."""
     stray = max((part.farads for part in circuit.capacitors_of(Role.STRAY)), default=0.0)
-    known, found = dict(_values(circuit, rest)), dict[str, BrokenLimit]()
+    known, found = _values(circuit, rest), dict[str, BrokenLimit]()
     for limits in LIMITS:
         own = replace(limits, least=stray) if limits.unit == "F" else limits
-        values, name = known.get(own.kind, (np.zeros(0), str))
-        present = np.isfinite(values) & (values > 0.0)
-        sizes = np.where(present, values, 1.0)
+        values = {n: v for n, v in known.get(own.kind, {}).items() if 0.0 < v < math.inf}
         for beyond, limit, remedy in own.beyond():
             above = beyond.startswith("above")
-            factor = np.where(present, sizes / limit if above else limit / sizes, 0.0)
-            count = np.count_nonzero(factor > SAME)
+            factors = {n: v / limit if above else limit / v for n, v in values.items()}
+            count = sum(factor > SAME for factor in factors.values())
             if not count:
                 continue
-            place, given = int(factor.argmax()), f" of {show(limit, 'F')}" * (own.unit == "F")
+            worst, given = max(factors, key=factors.__getitem__), f" of {show(limit, 'F')}"
             text = (
-                f"{count} of {np.count_nonzero(present)} {own.kind} are {beyond}{given},"
-                f" {'up' if above else 'down'} to {show(float(values[place]), own.unit)}"
-                f" ({name(place)}); remedy: {remedy}"
+                f"{count} of {len(values)} {own.kind} are {beyond}{given * (own.unit == 'F')},"
+                f" {'up' if above else 'down'} to {show(values[worst], own.unit)} ({worst});"
+                f" remedy: {remedy}"
             )
-            found[f"{own.kind} {beyond}"] = BrokenLimit(text, float(factor[place]))
+            found[f"{own.kind} {beyond}"] = BrokenLimit(text, factors[worst])
     return found
 
 
-def _named(kind: str, values: Mapping[str, float]) -> tuple[str, _Values]:
-    return kind, (np.array(list(values.values())), list(values).__getitem__)
-
-
-def _values(circuit: Circuit, rest: Rest | None) -> Iterator[tuple[str, _Values]]:
-    """Yield the values of the parts of each kind, and their names."""
-    entries = np.concatenate([each.ohms[np.isfinite(each.ohms)] for each in circuit.matrices])
-    yield _MATRIX, (entries, lambda place: _card(circuit, place))
+def _values(circuit: Circuit, rest: Rest | None) -> dict[str, dict[str, float]]:
+    """Return the values of the parts of each kind, by their names."""
+    places = ((m, each) for m in circuit.matrices for each in m.places())
+    found = {_MATRIX: {name: float(m.ohms[k, n]) for m, (name, k, n) in places}}
     for limits in (each for each in LIMITS if each.roles):
         names = {name for role in limits.roles for name in circuit.named(role)}
-        ohms = {part.card: part.ohms for part in circuit.resistors if part.card in names}
-        yield _named(limits.kind, ohms)
+        parts = (part for part in circuit.resistors if part.card in names)
+        found[limits.kind] = {part.card: part.ohms for part in parts}
     signal = circuit.capacitors_of(Role.SIGNAL_CAPACITOR)
-    yield _named("capacitors C", {part.card: part.farads for part in signal})
+    found["capacitors C"] = {part.card: part.farads for part in signal}
     amps = {source.card: abs(source.amps) for source in circuit.currents if source.amps}
     largest = max(amps, key=amps.__getitem__, default="")
-    yield _named("largest strain currents", {largest: amps[largest]} if amps else {})
+    found["largest strain currents"] = {largest: amps[largest]} if amps else {}
     volts = {source.node: source for source in circuit.voltages if source.switched}
     for part in circuit.resistors_of(Role.STRAIN_RESISTOR):
         if (source := volts.get(part.a)) is not None:
             amps[source.card] = abs(source.volts) / part.ohms
-    yield _named("strain currents", amps)
+    found["strain currents"] = amps
     models = circuit.models
     own = {name for name, model in models.items() if math.isinf(model.most_supply)}
     supplied = [c.card for c in circuit.opamps if c.model in own and models[c.model].is_limited]
-    yield _named("supplies of op-amps", dict.fromkeys(supplied, circuit.supply))
-    if rest is None:
-        return
-    yield _named("output currents of op-amps at rest", _output_currents(circuit, rest))
-    common = {c.card: c.noninverting for c in circuit.opamps if c.noninverting != GROUND}
-    shares = {name: abs(rest(node)) / circuit.supply for name, node in common.items()}
-    yield _named("common-mode voltages at rest", shares)
+    found["supplies of op-amps"] = dict.fromkeys(supplied, circuit.supply)
+    if rest is not None:
+        found["output currents of op-amps at rest"] = _output_currents(circuit, rest)
+        common = {c.card: c.noninverting for c in circuit.opamps if c.noninverting != GROUND}
+        shares = {name: abs(rest(node)) / circuit.supply for name, node in common.items()}
+        found["common-mode voltages at rest"] = shares
+    return found
 
 
 def _output_currents(circuit: Circuit, rest: Rest) -> dict[str, float]:
@@ -206,9 +197,3 @@ def _output_currents(circuit: Circuit, rest: Rest) -> dict[str, float]:
             if near in judged:
                 amps[judged[near]] += (rest(near) - rest(far)) / ohms
     return {name: abs(value) for name, value in amps.items()}
-
-
-def _card(circuit: Circuit, place: int) -> str:
-    """Return the name of a matrix resistor from its place among those of all matrices."""
-    names = (name for matrix in circuit.matrices for name, _, _ in matrix.places())
-    return next(islice(names, place, None))
