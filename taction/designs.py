@@ -42,10 +42,8 @@ def netlist(
         In Python: `circuit.omissions` of the result, and its `pruning`.
     split : bool
         Write the amplifiers into FILE and the resistor matrix into a second file; needs -o.
-    dialect : str
+    dialect : {"ngspice", "ltspice", "hspice", "xyce", "spectre"}
         The simulator that reads the deck.
-
-        ``"ngspice"``, ``"ltspice"``, ``"hspice"``, ``"xyce"`` or ``"spectre"``.
     measure : bool
         Add .meas cards of rise time, settling time, overshoot; `ngspice -b FILE` prints them.
 
@@ -201,10 +199,8 @@ def build(
     ----------
     scene : path or Scene
         The board.
-    engine : str, optional
+    engine : {"auto", "ngspice", "statespace"}, optional
         Engine in the place of the scene's own.
-
-        ``"auto"``, ``"ngspice"`` or ``"statespace"``.
     output : path
         Folder, new or with the files of an earlier build, which are replaced.
     progress : callable, optional

@@ -216,7 +216,6 @@ def check(
     outputs: str | Iterable[str] = (),
     checks: str | Iterable[str] = (),
     expect: str | Iterable[str] = (),
-    linearise: bool = False,
     over: str | Iterable[str] = (),
     matrix: str | Path | None = None,
     strain: str | Path | None = None,
@@ -227,7 +226,6 @@ def check(
     samples: int = 300,
     seed: int = 1,
     ngspice: bool = True,
-    transient: bool = False,
     output: str | Path | None = None,
     progress: Progress = lambda stage: None,
 ) -> BoardCheck:
@@ -250,8 +248,6 @@ def check(
         stable, oscillates. A circuit has to be stable unless it has to oscillate.
     expect : str or iterable of str
         Expected voltage at rest: v(out)=1.25@0.1%.
-    linearise : bool
-        Without effect: whatever is not linear is always measured at the operating point.
     over : str or iterable of str
         Part or .param to change: C1=1p:1n, gain=2:4:50, or a part alone. Every crossing of
         stability is found, and the readings at every value.
@@ -275,8 +271,6 @@ def check(
         Seed of these boards.
     ngspice : bool
         Compare with ngspice's own small signal (.ac) of the deck.
-    transient : bool
-        Refused: ngspice's small signal is the witness of every deck.
     output : path, optional
         Write the flat cards of the deck, as ngspice expands it, into this file.
     progress : callable, optional
@@ -314,9 +308,6 @@ def check(
     if (matrix is None) != (strain is None):
         missing = "--matrix" if matrix is None else "--strain"
         raise InputError(missing, Complaint("file", "", "--matrix and --strain belong together"))
-    if transient:
-        text = "ngspice's small signal (.ac) is compared with every deck; leave --transient out"
-        raise InputError("--transient", Complaint("transient", "", text))
     from taction.verification.studies.decks.questions import reference_values, wanted
 
     asked = wanted(_listed(checks), _listed(expect))

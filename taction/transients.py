@@ -49,10 +49,8 @@ def simulate(
     ----------
     scene : path or Scene
         The board.
-    engine : str, optional
+    engine : {"auto", "ngspice", "statespace"}, optional
         Engine in the place of the scene's own.
-
-        ``"auto"``, ``"ngspice"`` or ``"statespace"``.
     strains : array_like (K, M), optional
         Simulate for each row instead of the scene's strain.
     output : path, optional
@@ -137,10 +135,8 @@ def verify(
     ----------
     scene : path or Scene
         The board, its problem and the checks.
-    engine : str, optional
+    engine : {"auto", "ngspice", "statespace"}, optional
         Engine in the place of the scene's own.
-
-        ``"auto"``, ``"ngspice"`` or ``"statespace"``.
     settings : sequence of str, or mapping
         Another value for a key of one scene: C=12pF, lambda=0.5, design.opamp=tl084. Repeat it for
         several keys.
@@ -220,10 +216,8 @@ def verify_files(
         Scene files, and folders: all their files ``*.toml``.
     exclude : sequence of str
         Leave out files whose name or path matches: ``draft-*``. Repeat it for several patterns.
-    engine : str, optional
+    engine : {"auto", "ngspice", "statespace"}, optional
         Engine in the place of the scene's own.
-
-        ``"auto"``, ``"ngspice"`` or ``"statespace"``.
     margins : bool
         Show by what factor C may shrink and the gain may grow until the board oscillates; of an
         unstable board, how far it is from stability in C, gain, stray capacitance and bandwidth.
@@ -340,11 +334,10 @@ def diff(
     first, second : path, Scene or Verdict
         A scene, a stored verdict, a deck, a raw file, or a verdict. A scene beside a deck stands
         for the deck that it writes.
-    engine : str, optional
+    engine : {"auto", "ngspice", "statespace"}, optional
         Engine in the place of the scene's own.
 
-        ``"auto"``, ``"ngspice"`` or ``"statespace"``; a deck or a raw file is compared by the
-        state-space engine.
+        A deck or a raw file is compared by the state-space engine.
     agree : float
         Accepted error of a raw file's waveforms, as a share of the largest step.
     progress : callable, optional

@@ -83,7 +83,7 @@ def _examine(content: bytes, folder: Path) -> str:
     (folder / "secret.inc").write_text("Rsecret in 0 1\n")
     (inside / "deck.cir").write_bytes(content)
     try:
-        found = taction.check(inside / "deck.cir", linearise=len(content) % 3 == 0, ngspice=False)
+        found = taction.check(inside / "deck.cir", ngspice=False)
     finally:
         assert {each.name for each in folder.rglob("*")} == {"deck", "deck.cir", "secret.inc"}
     assert "Rsecret" not in {knob.name for knob in found.circuit.knobs}
