@@ -89,12 +89,18 @@ class Simulation:
         self._timeout, self._bound = timeout, bound
         self._started, self._last = time.time(), time.monotonic() + timeout
         try:
-            self._process = _launch(simulator, self.folder, memory)
+            self._process = _launch(simulator, self.folder)
         except OSError as error:
             remove_own_folder(self.folder)
             text = f"{simulator.executable} does not start: {error}"
             raise SimulatorNotFound(text) from error
         self._discard = weakref.finalize(self, _discard, self._process, self.folder)
+        for kind, most in ((resource.RLIMIT_FSIZE, LONGEST_RESULT), (resource.RLIMIT_AS, memory)):
+            with contextlib.suppress(ProcessLookupError):  # it has ended
+                known = resource.prlimit(self._process.pid, kind)
+                # Of the guard, which becomes the simulator, too; -1 is no limit.
+                least = min([most, *(limit for limit in known if limit >= 0)])
+                resource.prlimit(self._process.pid, kind, (least, least))
 
     def __enter__(self) -> Simulation:
         return self
@@ -195,14 +201,14 @@ def make_folder(deck: SimulatedDeck, command: str) -> Path:
     return place
 
 
-def _launch(simulator: Simulator, folder: Path, memory: int) -> subprocess.Popen[bytes]:
+def _launch(simulator: Simulator, folder: Path) -> subprocess.Popen[bytes]:
     """Start ngspice in `folder`, with its streams in files there."""
     if not os.access(simulator.executable, os.X_OK):
         raise FileNotFoundError("no such program")
     # Another thread than the main one may end before a simulation that a third thread waits for.
     is_main = threading.current_thread() is threading.main_thread()
     with (folder / STREAMS[0]).open("wb") as out, (folder / STREAMS[1]).open("wb") as err:
-        process = subprocess.Popen(
+        return subprocess.Popen(
             [*(guard() if is_main else ()), simulator.executable, *_ARGUMENTS],
             cwd=folder,
             env=environment(str(folder)),
@@ -211,12 +217,6 @@ def _launch(simulator: Simulator, folder: Path, memory: int) -> subprocess.Popen
             stderr=err,
             start_new_session=True,  # a new process group, which a timeout ends as a whole
         )
-    for kind, most in ((resource.RLIMIT_FSIZE, LONGEST_RESULT), (resource.RLIMIT_AS, memory)):
-        with contextlib.suppress(ProcessLookupError):  # it has ended
-            known = [limit for limit in resource.prlimit(process.pid, kind) if limit >= 0]
-            least = min([most, *known])  # of the guard, which becomes the simulator, too
-            resource.prlimit(process.pid, kind, (least, least))
-    return process
 
 
 def _end(process: subprocess.Popen[bytes], folder: Path) -> None:
