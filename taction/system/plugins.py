@@ -15,12 +15,14 @@ import functools
 import re
 from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module, metadata, util
-from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from taction.system.errors import Complaint, InputError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 T = TypeVar("T")
 
@@ -120,7 +122,8 @@ class OpenTable(Mapping[str, T]):
 
     def __getitem__(self, name: str) -> T:
         entry = self._entries()[name]
-        return cast(T, self._loaded(entry) if isinstance(entry, EntryPoint) else entry)
+        is_offer = any(entry is each for each in offers())
+        return cast(T, self._loaded(entry) if is_offer else entry)
 
     def _loaded(self, offer: EntryPoint) -> Any:
         try:
