@@ -1,33 +1,45 @@
-"""From a `Circuit` and an analysis to an ngspice deck.
+"""From a `Circuit`, which is checked, and an analysis to an ngspice deck.
 
-The op-amps' macromodels are objects of PySpice; the other parts and the resistor matrices are lines
-of text, because an object per part costs twenty times as much. Every number is a plain float
-(``repr``): in a deck ``1M`` is a milliohm. The same circuit gives the same bytes.
+The op-amps' macromodels are objects of PySpice, other parts are lines of text. Every number is a
+plain float (``repr``): in a deck ``1M`` is a milliohm. The same circuit gives the same bytes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, SimulatedDeck, Transient
-from taction.netlist_gen.board.circuit import GROUND, Circuit, Fact
+import numpy as np
+
+from taction.netlist_gen.analysis import (
+    Analysis,
+    NoiseAnalysis,
+    SimulatedDeck,
+    SimulatorTolerances,
+    Transient,
+)
+from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.netlist_gen.board.parts import ResistorMatrix, SignalAmplifier, VoltageSource
 from taction.netlist_gen.board.wired_arrays import wire_branches
-from taction.netlist_gen.deck.circuit_checks import check_circuit, check_request, tolerances
-from taction.netlist_gen.deck.dialects import DIALECTS, NATIVE, Dialect, starts_from_rest
+from taction.netlist_gen.deck.dialects import (
+    DIALECTS,
+    NATIVE,
+    Measures,
+    measure_lines,
+    starts_from_rest,
+)
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import opamp_subcircuit
-from taction.spice_models.transistor import model_card
+from taction.spice_models.transistor import ZERO_CELSIUS, model_card
 
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import Circuit as PySpiceCircuit
-
-    from taction.netlist_gen.deck.dialects import Measures
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,36 +121,21 @@ def write_deck(
     check_circuit(circuit)
     nodes = tuple(saved) if saved is not None else tuple(o.node for o in circuit.outputs)
     check_request(analysis, nodes, solver, matrix_file)
-    language = _language(dialect, circuit, measures)
-    noisy = isinstance(analysis, NoiseAnalysis)
-    parts, files = board_text(circuit, matrix_file, noisy)
-    added = [*_strains(circuit, analysis), *_measures(circuit, analysis, measures)]
+    language, added = DIALECTS[dialect], _strains(circuit, analysis)
+    refused = [str(complaint) for complaint in language.refusals(circuit)]
+    refused += ["measures"] if measures is not None and not language.measures else []
+    if refused:
+        raise ValueError(f"dialect {dialect!r} cannot express: {'; '.join(refused)}")
+    if measures is not None:
+        if not isinstance(analysis, Transient):
+            raise ValueError("measures need a transient")
+        added += measure_lines(circuit, measures, analysis.stop)
+    parts, files = board_text(circuit, matrix_file, isinstance(analysis, NoiseAnalysis))
     board = language.cards(parts + "\n".join(added))
     limits = tolerances(circuit, relative)
     text = "\n".join([board, *language.closing(circuit, analysis, nodes, limits, solver)])
     files = {name: language.cards(text) for name, text in files.items()}
     return Deck(text, nodes, analysis, files, dialect)
-
-
-def _language(dialect: str, circuit: Circuit, measures: Measures | None) -> Dialect:
-    """Return the dialect of a name, which can express all that the deck is to have."""
-    language = DIALECTS[dialect]
-    refused = [str(complaint) for complaint in language.refusals(circuit)]
-    if measures is not None and not language.measures:
-        refused.append("measures")
-    if refused:
-        raise ValueError(f"dialect {dialect!r} cannot express: {'; '.join(refused)}")
-    return language
-
-
-def _measures(circuit: Circuit, analysis: Analysis, measures: Measures | None) -> list[str]:
-    if measures is None:
-        return []
-    if not isinstance(analysis, Transient):
-        raise ValueError("measures need a transient")
-    from taction.netlist_gen.deck.dialects import measure_lines
-
-    return measure_lines(circuit, measures, analysis.stop)
 
 
 def _strains(circuit: Circuit, analysis: Analysis) -> list[str]:
@@ -171,17 +168,20 @@ def matrix_lines(matrices: Iterable[ResistorMatrix]) -> list[str]:
 
 
 def header_lines(circuit: Circuit) -> list[str]:
-    """Return the header of `circuit` as SPICE comments.
-
-    Its only text by the user is the scene's name: letters, digits and ``-_.`` only.
-    """
+    """Return the header as SPICE comments; its only text by the user is the scene's name."""
     sensors, channels = circuit.shape
     lines = [
         f"scene {circuit.name}: {channels} channels, {sensors} sensors,"
         f" {circuit.amplifier} amplifiers, topology {circuit.topology}",
         "units: ohm, F, V, A, s; values are plain floats",
-        *_facts(circuit),
     ]
+    for of_parts, facts in groupby(circuit.facts.values(), lambda fact: bool(fact.role)):
+        texts = [
+            f"{fact.symbol} = {fact.value!r} {fact.unit}".rstrip()
+            + (f"   ({fact.sentence})" if fact.sentence else "")
+            for fact in facts
+        ]
+        lines += [", ".join(texts)] if of_parts else texts  # values of parts are one line
     outputs = ", ".join(
         f"u_{n} = {'-' if out.sign < 0 else ''}v({out.node})"
         for n, out in enumerate(circuit.outputs[:3], 1)
@@ -194,55 +194,33 @@ def header_lines(circuit: Circuit) -> list[str]:
     return ["* " + line for line in lines]
 
 
-def _facts(circuit: Circuit) -> Iterator[str]:
-    """Yield the facts, values of parts in one line, others in a line each with their sentence."""
-    for of_parts, facts in groupby(circuit.facts.values(), lambda fact: bool(fact.role)):
-        texts = [_written(fact) for fact in facts]
-        yield from [", ".join(texts)] if of_parts else texts
-
-
-def _written(fact: Fact) -> str:
-    text = f"{fact.symbol} = {fact.value!r} {fact.unit}".rstrip()
-    return f"{text}   ({fact.sentence})" if fact.sentence else text
-
-
 def board_text(
     circuit: Circuit, matrix_file: str | None, noisy: bool
 ) -> tuple[str, dict[str, str]]:
-    """Return the text of all parts but the sources of the strain, and the text of further files."""
+    """Return the text of all parts but the sources of the strain, and the text of further files.
+
+    With a `matrix_file` there are two subcircuits: amplifiers and, in this file, matrices.
+    """
+    stages = [
+        line
+        for stage in circuit.amplifiers
+        for line in amplifier_lines(stage, AMPLIFIERS[stage.kind].expression)
+    ]
+    matrices, parts, files = matrix_lines(circuit.matrices), _parts(circuit), dict[str, str]()
+    before, after = [*stages, *matrices], parts
     if matrix_file is not None:
-        return _split(circuit, matrix_file, noisy)
-    lines = [*_amplifiers(circuit), *matrix_lines(circuit.matrices)]
-    return _text(circuit, lines, _parts(circuit), noisy), {}
-
-
-def _split(circuit: Circuit, matrix_file: str, noisy: bool) -> tuple[str, dict[str, str]]:
-    """Return the same with two subcircuits: amplifiers and, in `matrix_file`, matrices."""
-    pads = _pads(circuit)
-    nodes = [*circuit.signal_nodes, *circuit.constraint_nodes, *(o.node for o in circuit.outputs)]
-    nodes += [source.node for source in circuit.voltages]
-    ports = list(dict.fromkeys([*pads, *nodes]))
-    parts = [
-        *([""] if circuit.opamps else []),
-        *_subcircuit("amplifiers", ports, [*_amplifiers(circuit), *_parts(circuit)]),
-        " ".join(["Xamplifiers", *ports, "amplifiers"]),
-        " ".join(["Xmatrix", *pads, "matrix"]),
-    ]
-    text = [
-        "* the resistor matrix of a taction board: swap this file for another of the same ports",
-        *_subcircuit("matrix", pads, matrix_lines(circuit.matrices)),
-        "",
-    ]
-    board = _text(circuit, [f".include {matrix_file}"], parts, noisy)
-    return board, {matrix_file: "\n".join(text)}
-
-
-def _subcircuit(name: str, ports: Sequence[str], lines: Iterable[str]) -> list[str]:
-    return [f".subckt {name} " + " ".join(ports), *lines, f".ends {name}"]
-
-
-def _text(circuit: Circuit, before: Iterable[str], after: Iterable[str], noisy: bool) -> str:
-    """Return header, `before`, subcircuits of the op-amps in use, `after` and bias sources."""
+        ends = (each for matrix in circuit.matrices for each in matrix.elements())
+        pads = list(dict.fromkeys(node for _, _, *nodes, _ in ends for node in nodes))
+        others = (*circuit.outputs, *circuit.voltages)
+        nodes = [*circuit.signal_nodes, *circuit.constraint_nodes, *(each.node for each in others)]
+        ports = " ".join(dict.fromkeys([*pads, *nodes]))
+        whole = [f".subckt amplifiers {ports}", *stages, *parts, ".ends amplifiers"]
+        calls = [f"Xamplifiers {ports} amplifiers", " ".join(["Xmatrix", *pads, "matrix"])]
+        before = [f".include {matrix_file}"]
+        after = [*([""] if circuit.opamps else []), *whole, *calls]
+        title = "* the resistor matrix of a taction board: swap this file for another of the same"
+        text = [f"{title} ports", " ".join([".subckt matrix", *pads]), *matrices, ".ends matrix"]
+        files[matrix_file] = "\n".join([*text, ""])
     grounded: dict[str, bool] = {}
     for cell in circuit.opamps:
         grounded[cell.model] = cell.noninverting == GROUND and grounded.get(cell.model, True)
@@ -255,7 +233,7 @@ def _text(circuit: Circuit, before: Iterable[str], after: Iterable[str], noisy: 
     ]
     cards = [model_card(model) for model in circuit.transistor_models.values()]
     head = [".title taction board", *header_lines(circuit), *cards, *before, ""]
-    return "\n".join(head) + cells + "\n".join([*after, *biases, ""])
+    return "\n".join(head) + cells + "\n".join([*after, *biases, ""]), files
 
 
 @lru_cache(maxsize=64)
@@ -263,15 +241,6 @@ def _opamp_text(model: OpAmp, grounded: bool, supply: float, noisy: bool) -> str
     if model.imported is not None:
         return model.imported.text(model.name)
     return str(opamp_subcircuit(model, noninverting_grounded=grounded, supply=supply, noisy=noisy))
-
-
-def _pads(circuit: Circuit) -> list[str]:
-    """Return the nodes that connect the matrices with the amplifiers, each once."""
-    nodes: dict[str, None] = {}
-    for matrix in circuit.matrices:
-        for _, _, drive, sink, _ in matrix.elements():
-            nodes[drive] = nodes[sink] = None
-    return list(nodes)
 
 
 class _Texts(dict[float, str]):
@@ -292,23 +261,12 @@ def _parts(circuit: Circuit) -> list[str]:
     ]
 
 
-def _amplifiers(circuit: Circuit) -> list[str]:
-    """Return the lines of the behavioural amplifiers."""
-    return [
-        line
-        for stage in circuit.amplifiers
-        for line in amplifier_lines(stage, AMPLIFIERS[stage.kind].expression)
-    ]
-
-
 def amplifier_lines(stage: SignalAmplifier, expression: str) -> tuple[str, ...]:
     """Return the lines of one stage, ``V(output) = -u_scale g(V(input) / v_scale)``.
 
-    The `expression` of g is that of its `AmplifierKind`.
-
-    A stage is a ``B`` card. ngspice cuts a number in a B expression to 11 digits, so a `v_scale`
-    other than 1 V is the gain of a card ``Ex{name}`` before it (node ``{name}_x``), and a `u_scale`
-    other than 1 V the gain of a card ``Eu{name}`` after it (node ``{name}_g``).
+    A stage is a ``B`` card with the `expression` of g. ngspice cuts a number in it to 11 digits, so
+    a `v_scale` other than 1 V is the gain of a card ``Ex{name}`` before it (node ``{name}_x``), and
+    a `u_scale` other than 1 V that of a card ``Eu{name}`` after it (node ``{name}_g``).
     """
     if not expression:
         raise ValueError(f"{stage.name}: an op-amp stage has no behavioural source")
@@ -322,3 +280,112 @@ def amplifier_lines(stage: SignalAmplifier, expression: str) -> tuple[str, ...]:
         after.append(f"Eu{name} {stage.output} 0 {target} 0 {-stage.u_scale!r}")
     value = expression.format(x=f"V({control})")
     return (*before, f"B{name} {target} 0 V={sign}{value}", *after)
+
+
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+SCENE_NAME = re.compile(r"[A-Za-z0-9_.-]*")
+# S and A: ngspice's default conductance, at which a vendor's model converges and was measured, and
+# the tolerance of its bench; a board's own tolerances are below the rounding of its junctions.
+VENDORS_GMIN, VENDORS_AMPS = 1e-12, 1e-15
+FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+
+KINDS = (
+    *("resistors", "capacitors", "opamps", "amplifiers", "transistors"),
+    *("currents", "noises", "voltages"),
+)
+SIGNED = ("currents", "voltages")
+"""Fields of a circuit that hold parts: their texts are names, and their numbers values."""
+
+
+def check_circuit(circuit: Circuit) -> None:
+    """Raise ValueError for a name or a value that must not reach a simulator.
+
+    No circuit that was made from a scene has one. ngspice runs a line after a newline in a name as
+    a command, and reads 1/0 as 1e32.
+    """
+    if not SCENE_NAME.fullmatch(circuit.name):
+        raise ValueError(f"{circuit.name!r} is not a valid name of a scene")
+    for item in circuit.omissions:
+        if not (item.what + item.why).isprintable():
+            raise ValueError(f"{item!r} has characters that a comment line cannot hold")
+    names = [circuit.amplifier, circuit.topology]
+    for kind in KINDS:
+        parts = getattr(circuit, kind)
+        own = [part.name for part in parts]
+        for each in fields(parts[0]) if parts else ():
+            values = [getattr(part, each.name) for part in parts]
+            if isinstance(values[0], str):
+                names += values
+            elif isinstance(values[0], float):
+                for name, value in zip(own, values, strict=True):
+                    _check_value(name, abs(value) if kind in SIGNED else value)
+        if len(set(own)) != len(own):
+            twice = next(name for name in own if own.count(name) > 1)
+            raise ValueError(f"two {kind} have the name {twice!r}")
+    for matrix in circuit.matrices:
+        names += [matrix.name, *matrix.sinks, *matrix.plus, *filter(None, matrix.minus)]
+        if not np.all(matrix.ohms > 0):
+            raise ValueError(f"matrix {matrix.name} has a resistance that is not above zero")
+    _check_names(names)
+    _check_value("the absolute temperature", circuit.temperature + ZERO_CELSIUS)
+
+
+def check_request(
+    analysis: Analysis, saved: Sequence[str], solver: str, matrix_file: str | None
+) -> None:
+    """Raise ValueError for a node, option, file name or time that no deck may contain."""
+    _check_names((*saved, solver))
+    if matrix_file is not None and not FILE_NAME.fullmatch(matrix_file):
+        raise ValueError(f"{matrix_file!r}: a file name in a deck has only letters, digits, '_.-'")
+    if isinstance(analysis, NoiseAnalysis):
+        if len(saved) != 1:
+            raise ValueError("a noise analysis has one node, since ngspice does not name the nodes")
+        for band in analysis.bands:
+            for name in ("start", "steps", "density"):
+                _check_value(name, getattr(band, name))
+    if isinstance(analysis, Transient):
+        _check_value("stop", analysis.stop)
+        _check_value("max_step", analysis.max_step)
+        _check_value("truncation", analysis.truncation)
+        _check_value("first_step", analysis.begin)
+        _check_value("charge", 1.0 if analysis.charge is None else analysis.charge)
+        # a dot separates a subcircuit from its node, as in "xv_1.p1"
+        _check_names(part for node in analysis.voltages for part in node.split("."))
+        for node, volts in analysis.voltages.items():
+            if not math.isfinite(volts):
+                raise ValueError(f"the initial voltage of {node} is {volts!r}; it must be finite")
+
+
+def tolerances(circuit: Circuit, relative: float) -> SimulatorTolerances:
+    """Return tolerances that follow from the scales of `circuit`, for 1e-12 S as for 1e-3 S.
+
+    The step control takes the tolerance of currents for the error of a capacitor's current, so it
+    follows from the strain currents.
+    """
+    volts, siemens = circuit.value("U0"), circuit.value("G0")
+    each = (
+        siemens * source.volts if isinstance(source, VoltageSource) else source.amps
+        for source in circuit.strains
+    )
+    amps = max(map(abs, each), default=0.0) or siemens * volts
+    return SimulatorTolerances(
+        relative=relative,
+        current=max(1e-3 * relative * amps, VENDORS_AMPS * circuit.has_imported),
+        voltage=1e-3 * relative * volts,
+        charge=1e-3 * relative * circuit.charged_capacitance * volts,
+        gmin=1e-6 * relative * siemens,
+        junction=VENDORS_GMIN if circuit.has_imported else 1e-6 * relative * siemens,
+    )
+
+
+def _check_names(names: Iterable[str]) -> None:
+    distinct = dict.fromkeys(names)  # each node occurs in several parts
+    distinct.pop(GROUND, None)
+    if not all(map(NAME.fullmatch, distinct)):
+        wrong = next(name for name in distinct if not NAME.fullmatch(name))
+        raise ValueError(f"{wrong!r} is not a valid name in a deck")
+
+
+def _check_value(name: str, value: float) -> None:
+    if not 0.0 < value < math.inf:
+        raise ValueError(f"{name} has the value {value!r}; it must be finite and above zero")

@@ -14,7 +14,6 @@ from dataclasses import asdict, dataclass
 from taction.netlist_gen.analysis import (
     Analysis,
     NoiseAnalysis,
-    OperatingPoint,
     SimulatorTolerances,
     Transient,
 )
@@ -67,7 +66,13 @@ class Dialect:
         if self.name == NATIVE:
             return text
         patterns = [(re.compile(pattern), made) for pattern, made in self.cards_as]
-        title, *lines = (self._folded(_written(line, patterns)) for line in text.split("\n"))
+        written = list[str]()
+        for line in text.split("\n"):
+            for pattern, made in patterns:  # a comment as it is, but for patterns of comments
+                if not line.startswith("*") or pattern.pattern.startswith(r"^\*"):
+                    line = pattern.sub(made, line)
+            written.append(self._folded(line))
+        title, *lines = written
         if text.startswith(".title"):  # the deck itself, not an included file
             return "\n".join([title, *self.head, *lines])
         return "\n".join([*filter(None, [self.language]), title, *lines])
@@ -80,14 +85,9 @@ class Dialect:
         limits: SimulatorTolerances,
         solver: str,
     ) -> list[str]:
-        """Return options, temperature, saved voltages, the analysis, and the end of the deck.
-
-        `limits` follow from the scales of the board; `solver` is ngspice's option for its matrix
-        solver.
-        """
+        """Return options, temperature, saved voltages, the analysis, and the end of the deck."""
         if self.name == NATIVE:
-            options = _native_options(circuit, analysis, limits, solver)
-            return [*options, *_analysis_cards(circuit, analysis, saved), ".end", ""]
+            return [*_native(circuit, analysis, saved, limits, solver), ".end", ""]
         if not isinstance(analysis, Transient) or analysis.voltages:
             raise ValueError(f"dialect {self.name!r} has transients from zero or rest only")
         values = {
@@ -112,30 +112,23 @@ class Dialect:
         )
 
 
-def _written(line: str, patterns: Sequence[tuple[re.Pattern[str], str]]) -> str:
-    """Return a card in other words; a comment as it is, unless the first pattern is of comments."""
-    for pattern, made in patterns:
-        if not line.startswith("*") or pattern.pattern.startswith(r"^\*"):
-            line = pattern.sub(made, line)
-    return line
-
-
 def starts_from_rest(circuit: Circuit, analysis: Transient) -> bool:
     """Return whether the start needs an operating point; without constant sources rest is 0 V."""
     return analysis.initial == "rest" and circuit.has_constant_sources
 
 
-def _native_options(
-    circuit: Circuit, analysis: Analysis, limits: SimulatorTolerances, solver: str
+def _native(
+    circuit: Circuit,
+    analysis: Analysis,
+    nodes: Sequence[str],
+    limits: SimulatorTolerances,
+    solver: str,
 ) -> list[str]:
-    """Return ngspice's options."""
-    charge = limits.charge
-    if isinstance(analysis, NoiseAnalysis):
-        solver = "noopiter"
-    if isinstance(analysis, Transient) and analysis.charge is not None:
-        charge = analysis.charge
+    """Return ngspice's options, saved voltages and analysis."""
+    own = analysis.charge if isinstance(analysis, Transient) else None
+    charge = limits.charge if own is None else own
     lines = [
-        f".options {solver}",
+        f".options {'noopiter' if isinstance(analysis, NoiseAnalysis) else solver}",
         f".options reltol={limits.relative!r} abstol={limits.current!r} vntol={limits.voltage!r}",
         f".options chgtol={charge!r} gmin={limits.junction!r} pivtol={limits.gmin!r}",
     ]
@@ -144,31 +137,19 @@ def _native_options(
         lines.append(f".options method={method} trtol={analysis.truncation / limits.relative!r}")
     if circuit.transistors:
         lines.append(f".options temp={circuit.temperature!r} tnom={circuit.temperature!r}")
-    return lines
-
-
-def _analysis_cards(circuit: Circuit, analysis: Analysis, nodes: Sequence[str]) -> list[str]:
     if isinstance(analysis, NoiseAnalysis):
-        return noise_cards(analysis, nodes[0], circuit.noises)
-    save = ".save " + " ".join(f"v({node})" for node in nodes)
-    if isinstance(analysis, OperatingPoint):
-        return [save, ".op"]
+        return [*lines, *_noise_cards(analysis, nodes[0], circuit.noises)]
+    lines.append(".save " + " ".join(f"v({node})" for node in nodes))
+    if not isinstance(analysis, Transient):
+        return [*lines, ".op"]
+    if analysis.voltages:
+        # ngspice takes the charges of a transistor, which has inner unknowns, from its outer nodes
+        known = {n: v for n, v in analysis.voltages.items() if n.endswith((".p1", ".p2"))
+                 or "." not in n}  # fmt: skip
+        lines.append(".ic " + " ".join(f"v({node})={volts!r}" for node, volts in known.items()))
     uncharged = "" if starts_from_rest(circuit, analysis) else " uic"
     begin = 10.0 * analysis.begin  # ngspice's first step is a tenth of the card's figure
-    cards = [f".tran {begin!r} {analysis.stop!r} 0.0 {analysis.max_step!r}{uncharged}"]
-    if analysis.voltages:
-        known = {node: volts for node, volts in analysis.voltages.items() if _is_node(node)}
-        pairs = " ".join(f"v({node})={volts!r}" for node, volts in known.items())
-        cards.insert(0, f".ic {pairs}")
-    return [save, *cards]
-
-
-def _is_node(name: str) -> bool:
-    """Whether an unknown of the state-space engine is a node of the deck, also in an op-amp.
-
-    The inner unknowns of a transistor are not: ngspice takes its charges from the outer nodes.
-    """
-    return "." not in name or name.rpartition(".")[2] in ("p1", "p2")
+    return [*lines, f".tran {begin!r} {analysis.stop!r} 0.0 {analysis.max_step!r}{uncharged}"]
 
 
 _TOLERANCES = (
@@ -299,92 +280,60 @@ class Measures:
 
 def measure_lines(circuit: Circuit, measures: Measures, stop: float) -> list[str]:
     """Return sources and ``.meas`` cards, for ngspice, of a transient that ends at `stop`, s."""
-    if not measures.amplitude > 0.0:
+    scale = measures.amplitude
+    if not scale > 0.0:
         raise ValueError("no channel has a step, so there is nothing to measure")
-    width = measures.band * measures.amplitude
+    width = measures.band * scale
     lines = [
         f"* targets: the numerical solution at lambda = {circuit.value('lambda')!r}",
-        f"* step amplitude A = {measures.amplitude!r} V; settling band {measures.band!r} A;"
+        f"* step amplitude A = {scale!r} V; settling band {measures.band!r} A;"
         f" {NOT_SETTLED!r} s: not settled",
     ]
     channels = list(zip(circuit.outputs, measures.starts, measures.targets, strict=True))
-    for n, (output, _, target) in enumerate(channels, 1):
+    for n, (output, _, target) in enumerate(channels, 1):  # most_n: the largest distance of n
+        before = f"V(most_{n - 1})" if n > 1 else "0"
         lines.append(f"Berr_{n} err_{n} 0 V=abs(V({output.node})-({target!r}))")
-    lines += [*_largest(len(channels)), *_settling("", "err", width, stop)]
+        lines.append(f"Bmost_{n} most_{n} 0 V=max({before},V(err_{n}))")
+    lines += _settling("", f"most_{len(channels)}", width, stop)
     for n, (output, start, target) in enumerate(channels, 1):
-        step = target - start
+        node, step, low, high = output.node, target - start, min(start, target), max(start, target)
         if abs(step) <= width:
             lines.append(f"* channel {n} starts inside the band: t_settle_{n} fails if it stays")
         lines += _settling(f"_{n}", f"err_{n}", width, stop)
-        if abs(step) >= SMALL_STEP * measures.amplitude:
-            lines += _rise(n, output.node, start, step)
-            lines += _overshoot(n, output.node, target, step, measures.amplitude)
+        above, below = f"peak_{n}-({high!r})", f"({low!r})-low_{n}"
+        if abs(step) >= SMALL_STEP * scale:
+            ends = (f"VAL={start + level * step!r} CROSS=1" for level in RISE_LEVELS)
+            first, last = (f"V({node}) {end}" for end in ends)
+            lines.append(f".meas tran t_rise_{n} TRIG {first} TARG {last}")
+            beyond = above if step > 0.0 else below
         else:
             lines.append(f"* channel {n} has a step under {SMALL_STEP:g} A: no rise time")
-            lines += _excursion(n, output.node, (start, target), measures.amplitude)
+            beyond = f"max({above},{below})"
+        lines += [f".meas tran peak_{n} MAX V({node})", f".meas tran low_{n} MIN V({node})"]
+        lines.append(f".meas tran overshoot_{n} param='max(0,({beyond})/{scale!r})'")
     return lines
 
 
-def _largest(channels: int) -> Iterator[str]:
-    """Yield the sources of the largest distance, node ``err``: short lines, whatever the board."""
-    for n in range(1, channels):
-        before = f"V(most_{n - 1})" if n > 1 else "V(err_1)"
-        yield f"Bmost_{n} most_{n} 0 V=max({before},V(err_{n + 1}))"
-    yield f"Berr err 0 V=V({f'most_{channels - 1}' if channels > 1 else 'err_1'})"
-
-
 def _settling(suffix: str, node: str, width: float, stop: float) -> Iterator[str]:
-    """Yield the last crossing of the band, which counts if the end of the record is inside.
-
-    The end is a stretch, since an oscillation is inside for an instant in each period.
-    """
+    """Yield the last crossing of the band, which counts if a stretch at the end is inside."""
     yield f".meas tran last{suffix} WHEN V({node})={width!r} CROSS=LAST"
     yield f".meas tran end{suffix} MAX V({node}) FROM={END * stop!r} TO={stop!r}"
     value = f"last{suffix}+{NOT_SETTLED!r}*(end{suffix}>{width!r})"
     yield f".meas tran t_settle{suffix} param='{value}'"
 
 
-def _rise(n: int, node: str, start: float, step: float) -> Iterator[str]:
-    low, high = (start + level * step for level in RISE_LEVELS)
-    edges = f"TRIG V({node}) VAL={low!r} CROSS=1 TARG V({node}) VAL={high!r} CROSS=1"
-    yield f".meas tran t_rise_{n} {edges}"
+def _noise_cards(
+    analysis: NoiseAnalysis, node: str, sensors: Iterable[NoiseCurrent]
+) -> Iterator[str]:
+    """Yield the cards for the noise of a node; a sensor's is that of a resistor beside the board.
 
-
-def _overshoot(n: int, node: str, target: float, step: float, amplitude: float) -> Iterator[str]:
-    extreme, sign = ("MAX", "") if step > 0.0 else ("MIN", "-")
-    yield f".meas tran peak_{n} {extreme} V({node})"
-    yield f".meas tran overshoot_{n} param='max(0,{sign}(peak_{n}-({target!r}))/{amplitude!r})'"
-
-
-def _excursion(n: int, node: str, ends: tuple[float, float], amplitude: float) -> Iterator[str]:
-    """Yield the overshoot of a small step: outside start and target, on either side."""
-    low, high = min(ends), max(ends)
-    yield f".meas tran peak_{n} MAX V({node})"
-    yield f".meas tran low_{n} MIN V({node})"
-    value = f"max(0,max(peak_{n}-({high!r}),({low!r})-low_{n})/{amplitude!r})"
-    yield f".meas tran overshoot_{n} param='{value}'"
-
-
-SOURCE = "Vnoise noise_in 0 0.0 ac 1.0"
-"""The input that ngspice asks for. It is connected to nothing: input-referred noise is not used."""
-
-SAVED = ".save onoise_spectrum onoise_total"
-
-
-def noise_cards(
-    analysis: NoiseAnalysis, node: str, sensors: Iterable[NoiseCurrent] = ()
-) -> list[str]:
-    """Return the cards of `analysis` for the voltage of a node.
-
-    The noise of a sensor is the thermal current of a resistor on a node of its own.
+    The input that ngspice asks for is connected to nothing.
     """
-    cards = [
-        f".noise v({node}) Vnoise dec {band.density} {band.start!r} {band.stop!r}"
-        for band in analysis.bands
-    ]
-    lines = []
     for part in sensors:
         ohms = THERMAL / part.density**2
-        lines.append(f"Rnoise_{part.name} noise_{part.name} 0 {ohms!r}")
-        lines.append(f"Gnoise_{part.name} 0 {part.node} noise_{part.name} 0 {1.0 / ohms!r}")
-    return [*lines, SOURCE, SAVED, *cards]
+        yield f"Rnoise_{part.name} noise_{part.name} 0 {ohms!r}"
+        yield f"Gnoise_{part.name} 0 {part.node} noise_{part.name} 0 {1.0 / ohms!r}"
+    yield "Vnoise noise_in 0 0.0 ac 1.0"
+    yield ".save onoise_spectrum onoise_total"
+    for band in analysis.bands:
+        yield f".noise v({node}) Vnoise dec {band.density} {band.start!r} {band.stop!r}"

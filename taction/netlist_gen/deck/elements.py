@@ -74,22 +74,17 @@ def model_cards(models: Models, elements: Iterable[Element]) -> Iterator[str]:
     words = {word for element in elements for word in element.pattern.split()}
     for name in sorted(w.removesuffix(STRIPPED) for w in words if w.endswith(STRIPPED)):
         kind, card = models[name]
+        values = dict(_GIVEN.findall(card))
+        if "xcjc" in values and "cjc" in values:  # its share is behind the base resistance
+            try:
+                inner = number(values["cjc"]) * number(values["xcjc"])
+            except ValueError as error:
+                raise CardError(f"{name}: {error}") from None
+            card = re.sub(r"(?<=[\s(])xcjc ?= ?[^\s(),]+", " ", card)
+            card = re.sub(r"(?<=[\s(])cjc ?= ?[^\s(),]+", f"cjc={inner!r}", card)
         keys = "|".join(key for each in OHMIC[_KINDS.get(kind, "m")] for key in each)
         card = re.sub(rf"(?<=[\s(])(?:{keys}) ?= ?[^\s(),]+", " ", card)
-        yield re.sub(r"^\.model \S+", f".model {name}{STRIPPED}", _inner_junction(card))
-
-
-def _inner_junction(card: str) -> str:
-    """Return a model with the share XCJC of CJC that is behind the base resistance."""
-    values = dict(_GIVEN.findall(card))
-    if "xcjc" not in values or "cjc" not in values:
-        return card
-    try:
-        inner = number(values["cjc"]) * number(values["xcjc"])
-    except ValueError as error:
-        raise CardError(f"{card.split()[1]}: {error}") from None
-    card = re.sub(r"(?<=[\s(])xcjc ?= ?[^\s(),]+", " ", card)
-    return re.sub(r"(?<=[\s(])cjc ?= ?[^\s(),]+", f"cjc={inner!r}", card)
+        yield re.sub(r"^\.model \S+", f".model {name}{STRIPPED}", card)
 
 
 _KINDS = {"npn": "q", "pnp": "q", "d": "d", "njf": "j", "pjf": "j"}
@@ -165,35 +160,25 @@ def _device(card: str, models: Models) -> Element:
     if kind == "q" and n == 3:
         nodes.append("0")  # its substrate
     type_name, text = models.get(model, ("", ""))
-    values = dict(_GIVEN.findall(text))
-    plain = kind != "m" or (type_name in ("nmos", "pmos") and values.get("level", "1") in LEVELS)
-    inner = _inner(name, kind, values, rest) if plain else {}
-    places = " ".join(f"{{{k}}}" for k in range(len(nodes)))
-    tail = " ".join(word for word in rest if word != "off" and not word.startswith("ic="))
-    pattern = f"{kind}~ {places} {model}{STRIPPED if inner else ''} {tail}"
-    return Element(name, pattern, tuple(nodes), (), None, len(nodes), inner)
-
-
-def _inner(
-    name: str, letter: str, values: Mapping[str, str], rest: list[str]
-) -> dict[int, tuple[str, float]]:
-    """Return the inner node and the resistance, ohm, of each terminal that has one."""
-    given = dict(_GIVEN.findall(" ".join(rest)))
+    values, given = dict(_GIVEN.findall(text)), dict(_GIVEN.findall(" ".join(rest)))
+    inner = dict[int, tuple[str, float]]()
     try:
         plain = [number(word) for word in rest if "=" not in word and word != "off"]
         many = number(given.get("m", "1"))
-        area = number(given.get("area", "1")) if not plain or letter == "m" else plain[0]
-        found = dict[int, tuple[str, float]]()
-        for k, keys in enumerate(OHMIC[letter]):
-            if not keys:
-                continue
-            ohms = number(values.get(keys[0], "0")) / (area * many)
-            if letter == "m":
+        area = number(given.get("area", "1")) if not plain or kind == "m" else plain[0]
+        for k, keys in enumerate(OHMIC[kind]):
+            ohms = number(values.get(keys[0], "0")) / (area * many) if keys else 0.0
+            if kind == "m" and keys:
                 squares = number(given.get("nrd" if k == 0 else "nrs", "1"))
                 sheet = number(values.get("rsh", "0")) * squares
                 ohms = (number(values[keys[0]]) if keys[0] in values else sheet) / many
             if ohms > 0.0:
-                found[k] = f"{name}#{keys[0]}", ohms
+                inner[k] = f"{name}#{keys[0]}", ohms
     except (ValueError, ZeroDivisionError) as error:
         raise CardError(f"{shown(name)}: {error}") from None
-    return found
+    if kind == "m" and not (type_name in ("nmos", "pmos") and values.get("level", "1") in LEVELS):
+        inner = {}
+    places = " ".join(f"{{{k}}}" for k in range(len(nodes)))
+    tail = " ".join(word for word in rest if word != "off" and not word.startswith("ic="))
+    pattern = f"{kind}~ {places} {model}{STRIPPED if inner else ''} {tail}"
+    return Element(name, pattern, tuple(nodes), (), None, len(nodes), inner)

@@ -16,13 +16,14 @@ from taction.netlist_gen.board.linear_models import with_parts
 from taction.netlist_gen.deck.elements import CardError, Element, element_of, shown, spelt_card
 from taction.netlist_gen.deck.expressions import OWN, affine
 from taction.netlist_gen.deck.foreign_lines import number
-from taction.spice_models.branches import CONTROLS, Branch, Source
+from taction.spice_models.branches import Branch, Source
 from taction.system.errors import Complaint, InputError
 
 _WAVE = re.compile(
     r"\b(pulse|pwl|sine?|sffm|exp|step|trnoise|trrandom)"
     r"\s*\(?((?:(?!\b(?:\w+ ?=|(?:[ad]c|distof[12])\b))[^()])*)\)?"
 )
+_SMALL = re.compile(r"\b(?:ac|distof[12])(?= |$)(?: +[-+.\d]\S*)*")  # with magnitude and phase
 REMARKS = {
     "sin": "a sine (sin, sffm) counts with its offset",
     "noise": "noise over time (trnoise, trrandom) does not count: its source has its DC value",
@@ -50,26 +51,19 @@ class Stimulus:
 def stimulus_of(text: str) -> Stimulus:
     """Return what a source does, from its card without name and nodes."""
     match = _WAVE.search(text)
-    plain = (text[: match.start()] + " " + text[match.end() :]) if match else text
-    words, dc, ac = re.sub(r"[=(),]", " ", plain).split(), None, False
-    delay, repeats, wave = 0.0, False, match[1] if match else ""
-    while words:
-        word = words.pop(0)
-        if word == "ac":
-            ac = True
-            _numbers(words)
-        elif word in ("distof1", "distof2"):
-            _numbers(words)
-        elif word == "dc":
-            dc = number(words.pop(0)) if words else 0.0
-        elif wave == "pwl" and words and word in ("r", "td"):
-            value = number(words.pop(0))
-            delay, repeats = (value, repeats) if word == "td" else (delay, value >= 0.0)
-        else:
-            dc = number(word)
+    plain = text if match is None else f"{text[: match.start()]} {text[match.end() :]}"
+    plain, wave = re.sub(r"[=(),]", " ", plain), match[1] if match else ""
+    ac, plain = " ac " in f" {plain} ", _SMALL.sub(" ", plain)
+    key = re.compile(rf"\b(dc{'|r|td' * (wave == 'pwl')})\b\s*(\S*)")
+    keyed = dict(key.findall(plain))
+    values = [number(word) for word in key.sub(" ", plain).split()]
+    if len(values) + ("dc" in keyed) > 1:
+        raise ValueError("two DC values")
+    dc = number(keyed["dc"] or "0") if "dc" in keyed else values[-1] if values else None
     if match is None:
         return Stimulus(dc or 0.0, dc or 0.0, ac=ac)
     given = [number(word) for word in re.split(r"[\s,]+", match[2].strip()) if word]
+    repeats = number(keyed.get("r", "-1")) >= 0.0
     if repeats or wave.startswith("tr"):  # ngspice rests at the first value, or at the mean
         rest = given[1] if repeats else given[4] if wave == "trrandom" and given[4:] else 0.0
         rest = rest if dc is None else dc
@@ -77,17 +71,12 @@ def stimulus_of(text: str) -> Stimulus:
     if wave == "pwl":
         changes = zip(given[::2], given[1::2], given[3::2], strict=False)
         at = next((t for t, one, other in changes if one != other), 0.0)
+        delay = number(keyed.get("td", "0"))
         return Stimulus(given[1], given[1::2][-1], at + delay, "pwl", ac)
     if wave in ("sin", "sine", "sffm"):
-        return Stimulus(given[0], given[0], delay, "sin", ac)
+        return Stimulus(given[0], given[0], 0.0, "sin", ac)
     at = given[2] if len(given) > 2 else 0.0
-    return Stimulus(given[0], given[1], at + delay, "exp" if wave == "exp" else "pulse", ac)
-
-
-def _numbers(words: list[str]) -> None:
-    """Take the numbers at the front of some words: magnitude and phase."""
-    while words and words[0] not in ("ac", "dc", "distof1", "distof2"):
-        number(words.pop(0))
+    return Stimulus(given[0], given[1], at, "exp" if wave == "exp" else "pulse", ac)
 
 
 KINDS = {
@@ -101,7 +90,14 @@ KINDS = {
     "h": ("transresistance", "ohm"),
 }
 """Letters of the parts that are knobs: what they are, and their unit."""
-IDLE = {"tc1", "tc2", "tc", "noisy"}  # without effect at 27 degrees C, or on poles
+SHAPES = {
+    **dict.fromkeys("rcl", (2, "two nodes and one number")),
+    "k": (2, "two coils and one number"),
+    **dict.fromkeys("eg", (4, "four nodes and one number; polynomials are not linear")),
+    **dict.fromkeys("fh", (3, "two nodes, a voltage source and one number")),
+}
+"""How many names stand before the number of a linear part, and what it has in words."""
+IDLE = {"tc1", "tc2", "tc", "noisy", "ic"}  # without effect at 27 degrees C, or on poles
 PASSIVE = ("r", "res", "c", "l")  # kinds of their models
 _PASSIVE = re.compile(r"\.model \S+ \w+ ?\(?([^()]*)\)?")
 _MODEL = re.compile(r"\.model (\S+) (\w+)")
@@ -112,7 +108,6 @@ SMALL_STEP = 1e-3  # V or A, of a source of a circuit that is linear about its o
 BIASED_STEP = 0.01  # of its DC value: the step of a source with AC, within the rails
 LEAST_FARADS = 1e-12  # scale of the charges of a deck without capacitors
 ABSENT = 1e-24  # F: at 1e12 ohm a pole beyond 10 GHz; vendors write 1e-30 for nothing
-CONTROLLED = "two nodes, a voltage source and one number"
 _FIELD = re.compile(r"[^\s=(),]+\s*=\s*[^\s=]+|[^\s=(),]+")
 _B = re.compile(r"(\S+) (\S+) ([vi]) ?= ?(.+)")
 _OUTPUT = re.compile(r"\bv\s*\(\s*([^\s,()]+)\s*\)")
@@ -176,23 +171,54 @@ def read_cards(lines: Iterable[str], *, measure: bool = False) -> Flat:
 
 
 def _read(flat: Flat, name: str, text: str) -> None:
-    match name[0]:
-        case "r" | "c" | "l":
-            _passive(flat, name, _without_model(name[0], text, flat.models))
-        case "k":
-            _coupling(flat, name, text)
-        case "v" | "i":
-            a, b, *rest = text.split(None, 2)
-            found = stimulus_of(rest[0] if rest else "")
-            part = Source(name[0].upper(), name[1:], a, b, found.after, before=found.before)
-            flat.add(part)
-            flat.stimuli[part.card] = found
-        case "e" | "f" | "g" | "h":
-            _controlled(flat, name, text)
-        case "b":
-            _expression(flat, name, text)
-        case letter:
-            raise ValueError(f"a device {letter.upper()!r} is not linear")
+    """Add the parts of a linear card."""
+    letter = name[0]
+    if letter in "vi":
+        a, b, *rest = text.split(None, 2)
+        found = stimulus_of(rest[0] if rest else "")
+        part = Source(letter.upper(), name[1:], a, b, found.after, before=found.before)
+        flat.add(part)
+        flat.stimuli[part.card] = found
+    elif letter == "b":
+        _expression(flat, name, text)
+    elif letter in SHAPES:
+        _part(flat, name, text)
+    else:
+        raise ValueError(f"a device {letter.upper()!r} is not linear")
+
+
+def _part(flat: Flat, name: str, text: str) -> None:
+    """Add R, C, L, K, E, F, G or H with one number."""
+    letter, (count, shape) = name[0], SHAPES[name[0]]
+    passive = letter in "rcl"
+    words = _FIELD.findall(_without_model(letter, text, flat.models) if passive else text)
+    plain = [word for word in words if "=" not in word]
+    keyed = dict(re.split(r"\s*=\s*", word, maxsplit=1) for word in words if "=" in word)
+    plain += [keyed.pop(letter)] if passive and letter in keyed else []
+    if len(plain) != count + 1:
+        raise ValueError(f"expected {shape}")
+    value, many = number(plain[-1]), number(keyed.pop("m", "1"))
+    if unknown := keyed.keys() - (IDLE if passive else set()):
+        raise ValueError(f"the field {min(unknown)!r} is not known; expected {shape}, or m= or ic=")
+    if not many > 0.0 or (value == 0.0 and letter in "rl"):
+        raise ValueError("a value of 0 is not accepted; leave the part out, or join its nodes")
+    value = value / many if letter in "rl" else value * many
+    ends, control, knob = plain[:2], tuple(plain[2:count]), passive or value != 0.0
+    if letter == "c" and abs(value) < ABSENT:
+        flat.absent.append(shown(name))
+        return
+    if letter == "l" and value < 0.0:
+        raise ValueError("an inductance above 0 is expected")
+    if letter == "k":
+        if not abs(value) <= 1.0:
+            raise ValueError("a coupling from -1 to 1 is expected")
+        ends, knob = [f"L{coil[1:]}" for coil in ends], abs(value) < 1.0  # no tolerance at 1
+    elif letter in "fh":
+        if control[0][0] != "v":
+            raise ValueError(f"{control[0]!r} is no voltage source")
+        control = (card_of(control[0]),)
+    flat.add(Branch(letter.upper(), name[1:], ends[0], ends[1], value, control), knob=knob)
+    flat.charged += [shown(name)] if letter in "cl" and number(keyed.get("ic", "0")) else []
 
 
 def _without_model(letter: str, text: str, models: Mapping[str, tuple[str, str]]) -> str:
@@ -209,72 +235,6 @@ def _without_model(letter: str, text: str, models: Mapping[str, tuple[str, str]]
         keys = " ".join(sorted(SCALES))
         raise ValueError(f"expected a value beside the model, and a model of {keys}")
     return " ".join(words)
-
-
-def _fields(text: str, least: int) -> tuple[list[str], dict[str, str]]:
-    """Return plain fields, at least so many, and ``key=value`` fields."""
-    words = _FIELD.findall(text)
-    plain = [word for word in words if "=" not in word]
-    keyed = dict(re.split(r"\s*=\s*", word, maxsplit=1) for word in words if "=" in word)
-    if len(plain) < least:
-        raise ValueError(f"{len(plain)} fields, at least {least} are needed")
-    return plain, keyed
-
-
-def _value(letter: str, text: str) -> tuple[str, str, float, dict[str, str]]:
-    """Return both nodes, the value and further keys of R, C or L."""
-    plain, keyed = _fields(text, 2)
-    given = keyed.pop(letter, None) or (plain[2] if len(plain) > 2 else "")
-    if len(plain) > 3 or not given:
-        raise ValueError("expected two nodes and one number")
-    value, many = number(given), number(keyed.pop("m", "1"))
-    if (value == 0.0 and letter != "c") or not many > 0.0:
-        raise ValueError("a value of 0 is not accepted; leave the part out, or join its nodes")
-    value = value / many if letter in "rl" else value * many
-    if unknown := keyed.keys() - IDLE - {"ic"}:
-        raise ValueError(f"the field {min(unknown)!r} is not known; expected a number, m= or ic=")
-    return plain[0], plain[1], value, keyed
-
-
-def _passive(flat: Flat, name: str, text: str) -> None:
-    """Read R, C or L."""
-    letter = name[0]
-    a, b, value, keyed = _value(letter, text)
-    if letter == "c" and abs(value) < ABSENT:
-        flat.absent.append(shown(name))
-        return
-    if letter == "l" and not value > 0.0:
-        raise ValueError("an inductance above 0 is expected")
-    is_charged = letter != "r" and number(keyed.get("ic", "0"))
-    flat.add(Branch(letter.upper(), name[1:], a, b, value), knob=True)
-    flat.charged += [shown(name)] if is_charged else []
-
-
-def _coupling(flat: Flat, name: str, text: str) -> None:
-    *coils, last = _fields(text, 3)[0]
-    value = number(last)
-    if not abs(value) <= 1.0:
-        raise ValueError("a coupling from -1 to 1 is expected")
-    if len(coils) != 2:
-        raise ValueError("expected two coils and one number")
-    one, other = (f"L{coil[1:]}" for coil in coils)
-    # an ideal one has no tolerance
-    flat.add(Branch("K", name[1:], one, other, value), knob=abs(value) < 1.0)
-
-
-def _controlled(flat: Flat, name: str, text: str) -> None:
-    letter = name[0].upper()
-    width = CONTROLS[letter]
-    plain, keyed = _fields(text, width + 3)
-    if len(plain) > width + 3 or keyed.keys() - {"m"}:
-        accepted = "four nodes and one number; polynomials are not linear"
-        raise ValueError(f"expected {accepted if width == 2 else CONTROLLED}")
-    a, b, *given, gain = plain
-    if width == 1 and given[0][0] != "v":
-        raise ValueError(f"{given[0]!r} is no voltage source")
-    value = number(gain) * number(keyed.get("m", "1"))
-    control = tuple(given) if width == 2 else (card_of(given[0]),)
-    flat.add(Branch(letter, name[1:], a, b, value, control), knob=value != 0.0)
 
 
 def _expression(flat: Flat, name: str, text: str) -> None:
@@ -360,12 +320,9 @@ def circuit_of(flat: Flat, name: str, outputs: Iterable[str]) -> Circuit:
 def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
     """Return the parts with a step to show: where no source changes, one that is switched on.
 
-    The sources with an ``ac`` value step at t = 0, and the others hold the circuit. They step from
-    0 to 1, or, where they have a DC value, by `BIASED_STEP` of it to this value: the circuit comes
-    to rest at its operating point and starts close to it. Without one of them all sources but
-    those at the supplies of op-amps are switched on.
-    A `small` signal is a step by `SMALL_STEP` of the sources with an ``ac`` value, else of the last
-    source: the others hold the circuit at its operating point.
+    The sources with an ``ac`` value step from 0 to 1, or by `BIASED_STEP` to the DC value that they
+    have; without one of them all are switched on. A `small` signal is a step by `SMALL_STEP` of
+    those with an ``ac`` value, else of the last source.
     """
     moving = [card for card, found in flat.stimuli.items() if found.moves]
     if moving:

@@ -25,8 +25,8 @@ from taction.netlist_gen.deck.foreign_lines import (
     MOST_FILES,
     MOST_LINES,
     Card,
-    beyond,
     called,
+    check_expanded,
     check_functions,
     file_of,
     logical_lines,
@@ -53,24 +53,6 @@ ANSWERS = {
     **dict.fromkeys((".tf", ".disto", ".four", ".sp", ".pss"), NOTHING),
 }
 SAME = {".measure": ".meas", ".fourier": ".four"}
-
-
-def unanswered(deck: ForeignDeck) -> Iterator[str]:
-    """Yield a sentence for each kind of card that is not answered as it stands."""
-    words = dict.fromkeys(SAME.get(card.word, card.word) for card in deck.left)
-    yield from (f"{word}: {ANSWERS[word]}" for word in words if word in ANSWERS)
-
-
-def with_first_steps(deck: ForeignDeck) -> ForeignDeck:
-    """Return a deck whose ``.step`` parameters without a ``.param`` have their first value."""
-    cards = list[Card]()
-    for card in deck.left:
-        match = STEP.match(card.text) if card.word == ".step" else None
-        if match and match[1] not in (*deck.parameters, *(c.text.split()[1] for c in cards)):
-            cards.append(card.with_text(f".param {match[1]} = {match[2]}"))
-    return replace(deck, cards=(*deck.cards, *cards)) if cards else deck
-
-
 KEPT = (
     *(".subckt", ".ends", ".model", ".param", ".func", ".global"),
     *(".if", ".elseif", ".else", ".endif"),
@@ -105,6 +87,10 @@ REFUSED = (
 )
 """What no card may hold, and the reason, with what was found."""
 _NODE = re.compile(r"\b[vi] ?\([^()=]*\)")  # may have the name of anything
+LINEAR = (
+    "accepted: R C L K V I E F G H B, devices D Q J M and switches S W with a .model, and"
+    " subcircuits X of them"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,35 +117,58 @@ class ForeignDeck:
                 found += re.findall(r"\b([a-z_][a-z0-9_]*) ?=(?!=)", card.text)
         return tuple(dict.fromkeys(found))
 
+    @property
+    def with_first_steps(self) -> ForeignDeck:
+        """The deck whose ``.step`` parameters without a ``.param`` have their first value."""
+        made = dict[str, Card]()
+        for card in self.left:
+            match = STEP.match(card.text)
+            if match and match[1] not in (*self.parameters, *made):
+                made[match[1]] = card.with_text(f".param {match[1]} = {match[2]}")
+        return replace(self, cards=(*self.cards, *made.values()))
 
-def unbraced_expression(deck: ForeignDeck) -> InputError | None:
-    """Return the error for the first value that is an expression without braces, None without one.
+    @property
+    def unanswered(self) -> Iterator[str]:
+        """A sentence for each kind of card that is not answered as it stands."""
+        words = dict.fromkeys(SAME.get(card.word, card.word) for card in self.left)
+        yield from (f"{word}: {ANSWERS[word]}" for word in words if word in ANSWERS)
 
-    ngspice takes some of them; of the others it says no more than ``unknown parameter (*)``.
-    """
-    for card in deck.cards:
-        nodes = NODES.get(card.word[0])
-        if nodes is None:
-            continue
-        values = "".join(card.text.split(None, nodes + 1)[nodes + 1 :])
-        if re.search(r"[-+*/]", _NUMBER.sub("#", _BRACES.sub("#", values))):
-            return card.refused("an expression stands in braces, such as 'R1 in out {2*1k}'")
-    return None
+    @property
+    def unbraced_expression(self) -> InputError | None:
+        """The error for the first value that is an expression without braces, None without one.
+
+        ngspice takes some of them; of the others it says no more than ``unknown parameter (*)``.
+        """
+        for card in self.cards:
+            if (nodes := NODES.get(card.word[0])) is not None:
+                values = "".join(card.text.split(None, nodes + 1)[nodes + 1 :])
+                if re.search(r"[-+*/]", _NUMBER.sub("#", _BRACES.sub("#", values))):
+                    text = "an expression stands in braces, such as 'R1 in out {2*1k}'"
+                    return card.refused(text)
+        return None
+
+    def check_size(self, called_one: str = "") -> None:
+        """Refuse a deck, or one subcircuit of it, too large with all subcircuits expanded."""
+        blocks, top = subcircuits(self.cards)
+        if called_one:
+            top = [self.cards[-1].with_text(f"x {called_one}")]
+        elif not any(card.text[0].isalpha() for card in top):
+            text = "has no part outside its subcircuits; expected a circuit, which may call them"
+            raise InputError(self.file, Complaint("deck", "", f"{text} (X)"))
+        check_expanded(blocks, top)
 
 
 def read_deck(file: str | Path) -> ForeignDeck:
-    r"""Read a deck and check every card; nothing in it runs.
+    """Read a deck and check every card; nothing in it runs.
 
-    InputError: the file, or one that it includes, cannot be read; a card is not accepted, with its
-      line.
+    InputError: a file cannot be read, or a card is not accepted, with its line.
     """
     path = Path(file)
     if path.suffix.lower() == ".asc":
         text = "a schematic of LTspice is no deck; expected its netlist: View, SPICE Netlist"
         raise InputError(path, Complaint("file", repr(path.name), text))
     reading = _DeckReading(path)
-    reading.file(path)
-    deck = reading.checked(reading.found)
+    deck = reading.checked(reading.file(path))
     if not any(not card.word.startswith(".") for card in deck.cards):
         text = "the deck has no parts; expected cards such as 'R1 in out 10k'"
         raise InputError(path, Complaint("file", repr(path.name), text))
@@ -173,8 +182,7 @@ def read_library(file: str | Path, name: str) -> ForeignDeck:
     """
     path = Path(file)
     reading = _DeckReading(path)
-    reading.file(path)
-    blocks, outside = subcircuits(reading.found, whole=True)
+    blocks, outside = subcircuits(reading.file(path), whole=True)
     top = (card for card in outside if card.word in (".model", ".param", ".func"))
     if name.lower() not in blocks:
         known = ", ".join(sorted(blocks)[:10]) or "none"
@@ -193,35 +201,29 @@ class _DeckReading:
 
     deck: Path
     found: list[Card] = field(default_factory=list)  # as they stand in the files
-    cards: list[Card] = field(default_factory=list)
-    left: list[Card] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     open: list[tuple[Path, str]] = field(default_factory=list)  # files and sections, being read
     known: set[tuple[Path, str]] = field(default_factory=set)  # files and sections that were read
     depth: int = 0  # of subcircuits
-    files: int = 0  # that are included
+    files: int = -1  # that are included
     lines: int = 0  # of all files
     bytes: int = 0
 
-    def file(self, path: Path, caller: Card | None = None, section: str = "") -> None:
+    def file(self, path: Path, caller: Card | None = None, section: str = "") -> list[Card]:
         """Read the deck, or the file or the section of a library that a card names."""
         real, text = _real(path), self._text(path)
         text = _section(path, text, section) if section else text
         lines = logical_lines(text, path, title=caller is None)
         self.lines += lines.count
+        self.files += 1
         self.remarks += lines.remarks
         if caller is not None:
-            self.files += 1
             if (real, section) in self.open:
                 raise caller.refused("files within one another: this one is being read")
-            for count, what, most in (
-                (len(self.open), "files within one another", DEEPEST_FILES),
-                (self.files, "files that are included", MOST_FILES),
-                (self.lines, "lines of the deck with its files", MOST_LINES),
-                (self.bytes, "bytes of the deck with its files", LARGEST),
-            ):
-                if count > most:
-                    raise caller.refused(beyond(count, what, most))
+            caller.limited(len(self.open), "files within one another", DEEPEST_FILES)
+            caller.limited(self.files, "files that are included", MOST_FILES)
+            caller.limited(self.lines, "lines of the deck with its files", MOST_LINES)
+            caller.limited(self.bytes, "bytes of the deck with its files", LARGEST)
         self.open.append((real, section))
         for card in itertools.takewhile(lambda card: card.word != ".end", lines.cards):
             if card.word in FILES and (named := file_of(card.text)):
@@ -229,16 +231,20 @@ class _DeckReading:
                 continue
             self.depth += (card.word == ".subckt") - (card.word == ".ends")
             self.found.append(card)
-            if len(self.found) > MOST_CARDS:
-                raise card.refused(beyond(len(self.found), "cards", MOST_CARDS))
+            card.limited(len(self.found), "cards", MOST_CARDS)
         self.open.pop()
+        return self.found
 
     def checked(self, found: Iterable[Card]) -> ForeignDeck:
         """Return the deck of some cards, each checked and in plain words."""
+        cards, left = list[Card](), list[Card]()
         for card in found:
-            self._take(card)
-        check_functions(self.cards)
-        return ForeignDeck(self.deck, tuple(self.cards), tuple(self.left), tuple(self.remarks))
+            if card.word in LEFT:
+                left.append(card)
+            else:
+                cards += self._written(card)
+        check_functions(cards)
+        return ForeignDeck(self.deck, tuple(cards), tuple(left), tuple(self.remarks))
 
     def _text(self, path: Path) -> str:
         """Return the text of a file: UTF-8, UTF-16 as LTspice writes, or Latin-1; u for micro."""
@@ -268,8 +274,7 @@ class _DeckReading:
             self.remarks.append(f"{last}: a library of LTspice, which is not read")
             return
         if not target.is_relative_to(folder):
-            text = f"{name!r} is outside the deck's folder and not read; copy it there"
-            raise card.refused(text)
+            raise card.refused(f"{name!r} is outside the deck's folder and not read; copy it there")
         if not _is_file(target):
             raise card.refused(f"the deck's folder has no file {name!r} ({folder.name}/)")
         if self.depth == 0 and (target, section) in self.known:
@@ -278,32 +283,29 @@ class _DeckReading:
         self.known |= {(target, section)} if self.depth == 0 else set()
         self.file(target, card, section)
 
-    def _take(self, card: Card) -> None:
-        word = card.word
-        if word in LEFT:
-            self.left.append(card)
-        elif word[1:].startswith(OWN):
+    def _written(self, card: Card) -> list[Card]:
+        """Return plain cards for one that is accepted."""
+        word, text = card.word, card.text
+        if word[1:].startswith(OWN):
             raise card.refused(f"names that begin with {word[0]}{OWN} are taken by taction")
-        elif word.startswith(".") and word not in KEPT:
+        if word.startswith(".") and word not in KEPT:
             accepted = " ".join((*KEPT, *FILES, *LEFT))
             raise card.refused(f"the card {word!r} is not accepted; accepted: {accepted}")
-        elif word[0] not in f".{LETTERS}":
+        if word[0] not in f".{LETTERS}":
             what = CODE_MODEL if word[0] == "a" else f"a device {word[0].upper()!r} is not accepted"
             raise card.refused(f"{what}; {LINEAR}")
-        else:
-            text = card.text
-            if reason := forbidden(text):
-                raise card.refused(reason)
-            for beginning, pattern, name in DROPPED:
-                if text.startswith(beginning) and pattern.search(text):
-                    text = pattern.sub("", text)
-                    named = text.split(maxsplit=2)[: 2 if word == ".model" else 1]
-                    self.remarks.append(f"{' '.join(named)}: {name} does not count")
-            try:
-                written = [made for each in plain_cards(text) for made in source_cards(each)]
-            except ValueError as error:
-                raise card.refused(str(error)) from None
-            self.cards += [card.with_text(each) for each in written]
+        if reason := forbidden(text):
+            raise card.refused(reason)
+        for beginning, pattern, name in DROPPED:
+            if text.startswith(beginning) and pattern.search(text):
+                text = pattern.sub("", text)
+                named = text.split(maxsplit=2)[: 2 if word == ".model" else 1]
+                self.remarks.append(f"{' '.join(named)}: {name} does not count")
+        try:
+            made = [one for each in plain_cards(text) for one in source_cards(each)]
+        except ValueError as error:
+            raise card.refused(str(error)) from None
+        return [card.with_text(each) for each in made]
 
 
 def forbidden(text: str) -> str:
@@ -312,12 +314,6 @@ def forbidden(text: str) -> str:
         if match := pattern.search(_NODE.sub("0", text)):
             return reason.format(match[1])
     return ""
-
-
-LINEAR = (
-    "accepted: R C L K V I E F G H B, devices D Q J M and switches S W with a .model, and"
-    " subcircuits X of them"
-)
 
 
 def _real(path: Path) -> Path:

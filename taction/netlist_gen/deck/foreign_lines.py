@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from taction.system.errors import Complaint, InputError
 
@@ -28,11 +29,8 @@ def number(text: str) -> float:
     match = _NUMBER.fullmatch(text)
     if match is None:
         raise ValueError(f"{text!r} is not a number")
-    value = float(match[1])
-    for suffix, scale in SUFFIXES.items():
-        if match[2].startswith(suffix):
-            value *= scale
-            break
+    scale = next((by for suffix, by in SUFFIXES.items() if match[2].startswith(suffix)), 1.0)
+    value = float(match[1]) * scale
     if not math.isfinite(value):
         raise ValueError(f"{text!r} is not finite")
     return value
@@ -55,8 +53,6 @@ CODE_MODEL = (
 WHOLE = "expected '.subckt NAME ports', its cards, and '.ends NAME'"
 _ENDS = re.compile(r"\.ends\*.*")  # of joined files: a comment without a line of its own
 _COMMENT = re.compile(r";|//|(?:^|(?<=\s))\$")
-
-
 FILES = (".include", ".inc", ".lib")
 _LEFT = """
     .title .options .option .opt .temp .tran .ac .op .dc .noise .tf .sens .pz .pss .sp .disto
@@ -91,21 +87,25 @@ class Card:
 
     def with_text(self, text: str) -> Card:
         """Return another card in its place."""
-        return Card(self.number, text, self.file)
+        return replace(self, text=text)
 
     def refused(self, reason: str) -> InputError:
         """Return the error for this card: why it is not accepted, or what is."""
         shown = repr(self.text[:80]) if self.text else ""
         return InputError(self.file, Complaint(f"line {self.number}", shown, reason))
 
+    def limited(self, count: int, what: str, most: int) -> None:
+        """Refuse this card where something is counted too often."""
+        if count > most:
+            raise self.refused(beyond(count, what, most))
 
-@dataclass(frozen=True, slots=True)
-class Lines:
+
+class Lines(NamedTuple):
     """The lines of a file."""
 
     count: int  # as they stand in it
     cards: list[Card]  # logical ones
-    remarks: tuple[str, ...]  # what is said of those that were left out
+    remarks: list[str]  # what is said of those that were left out
 
 
 def beyond(count: int, what: str, most: int) -> str:
@@ -114,23 +114,19 @@ def beyond(count: int, what: str, most: int) -> str:
 
 
 def logical_lines(text: str, file: str | Path = "netlist", *, title: bool = False) -> Lines:
-    r"""Return the logical lines of a file's text: no empty ones, and no commands.
+    """Return the logical lines of a file's text: no empty ones, and no commands.
 
     A card that names a file has its text as it stands, any other one is in lower case. The first
-    line may be a `title`. Refuse too many lines, what is too long, and a character that is not
-    accepted outside of comments.
+    line may be a `title`.
     """
     raw = text.split("\n")
-    if len(raw) > MOST_LINES:
-        raise Card(MOST_LINES + 1, "", file).refused(beyond(len(raw), "lines", MOST_LINES))
+    Card(MOST_LINES + 1, "", file).limited(len(raw), "lines", MOST_LINES)
     if title and not raw[0].lstrip().startswith((".", "*")):
         raw[0] = ""  # whatever it says
     found, commands, unusual = list[tuple[int, list[str]]](), 0, list[int]()
     inside = left = False
     for place, each in enumerate(raw, 1):
-        if len(each) > LONGEST:
-            reason = beyond(len(each), "characters in a line", LONGEST)
-            raise Card(place, "", file).refused(reason)
+        Card(place, "", file).limited(len(each), "characters in a line", LONGEST)
         # 0x1A ends a file of DOS; joined files have it between them.
         line = each.strip("\x1a").rstrip("\r").replace("\t", " ").strip(" ")
         word = line.split(" ", maxsplit=1)[0].lower()
@@ -154,8 +150,8 @@ def logical_lines(text: str, file: str | Path = "netlist", *, title: bool = Fals
             line = line[: comment.start()]
         if wrong := ALLOWED.sub("", line, count=1):
             code_model = f"; {CODE_MODEL}" if line.startswith("a") else ""
-            text = f"the character {wrong[0]!r} is not accepted{code_model}"
-            raise Card(place, "", file).refused(text)
+            reason = f"the character {wrong[0]!r} is not accepted{code_model}"
+            raise Card(place, "", file).refused(reason)
         line = " ".join(line.split())
         if line.startswith("+"):
             if not found:
@@ -163,21 +159,16 @@ def logical_lines(text: str, file: str | Path = "netlist", *, title: bool = Fals
             found[-1][1].append(line[1:].strip())
         elif line:
             found.append((place, [line]))
-    cards = [Card(begin, " ".join(parts), file) for begin, parts in found]
+    cards, name = [Card(begin, " ".join(parts), file) for begin, parts in found], Path(file).name
     for card in cards:
-        if len(card.text) > LONGEST:
-            what = "characters in a line with its continuations"
-            raise Card(card.number, "", file).refused(beyond(len(card.text), what, LONGEST))
-    return Lines(len(raw), cards, tuple(_remarks(Path(file).name, unusual, commands)))
-
-
-def _remarks(name: str, unusual: Sequence[int], commands: int) -> Iterator[str]:
+        what = "characters in a line with its continuations"
+        card.with_text("").limited(len(card.text), what, LONGEST)
+    remarks = [f"{name}: {commands} lines of commands (.control) do not run"] * bool(commands)
     if unusual:
         more = f" and {len(unusual) - 1} more" if len(unusual) > 1 else ""
-        place = f"{name}: line {unusual[0]}{more}"
-        yield f"{place}: begins with no letter, so that it is a comment, as in ngspice"
-    if commands:
-        yield f"{name}: {commands} lines of commands (.control) do not run"
+        why = "begins with no letter, so that it is a comment, as in ngspice"
+        remarks.insert(0, f"{name}: line {unusual[0]}{more}: {why}")
+    return Lines(len(raw), cards, remarks)
 
 
 def _braced(match: re.Match[str]) -> str:
@@ -227,33 +218,13 @@ def called(text: str) -> str:
     return words[-1] if words else ""
 
 
-def check_expanded(blocks: Mapping[str, Sequence[Card]], top: Sequence[Card]) -> None:
-    """Refuse a netlist that is too large with every subcircuit in the place of its calls."""
-
-    def calls(card: Card) -> list[str]:
-        return [called(card.text)] if card.text[0] == "x" else []
-
-    every = {name: [c for c in cards if c.text[0] != "."] for name, cards in blocks.items()}
-    _check_calls(every, [c for c in top if c.text[0] != "."], calls, "subcircuit")
-
-
-def check_functions(cards: Sequence[Card]) -> None:
-    """Refuse functions that call too many others; what their arguments add, ngspice refuses."""
-    found = [(card, _FUNC.fullmatch(card.text)) for card in cards]
-    made = {match[1]: [card.with_text(match[2])] for card, match in found if match}
-    rest = [card for card, match in found if not match] if made else []
-    _check_calls(made, rest, lambda card: _WORD.findall(card.text), "function")
-
-
-_FUNC = re.compile(r"\.func ([a-z_]\w*) ?\([^()]*\) ?=? ?(.*)")
-_WORD = re.compile(r"[a-z_]\w*")
-
-
-def _check_calls(
+def check_expanded(
     blocks: Mapping[str, Sequence[Card]],
     top: Sequence[Card],
-    calls: Callable[[Card], Sequence[str]],
-    what: str,
+    calls: Callable[[Card], Sequence[str]] = lambda card: (
+        [called(card.text)] * (card.text[0] == "x")
+    ),
+    what: str = "subcircuit",
 ) -> None:
     """Refuse the card with which there are too many, each block in the place of its calls."""
     sizes = dict[str, int]()
@@ -261,17 +232,28 @@ def _check_calls(
     def size(cards: Sequence[Card], callers: tuple[str, ...]) -> int:
         total = len(cards)
         for card in cards:
-            for name in filter(blocks.__contains__, calls(card)):
+            inner = calls(card) if calls else [called(card.text)] * (card.text[0] == "x")
+            for name in filter(blocks.__contains__, inner):
                 if name in callers:
                     raise card.refused(f"a {what} that calls itself")
-                if len(callers) == MOST_LEVELS:
-                    levels = f"levels of {what}s within one another"
-                    raise card.refused(beyond(MOST_LEVELS + 1, levels, MOST_LEVELS))
+                levels = f"levels of {what}s within one another"
+                card.limited(len(callers) + 1, levels, MOST_LEVELS)
                 if name not in sizes:
                     sizes[name] = size(blocks[name], (*callers, name))
                 total += sizes[name]
-            if total > MOST_CARDS:
-                raise card.refused(beyond(total, f"cards with every {what} expanded", MOST_CARDS))
+            card.limited(total, f"cards with every {what} expanded", MOST_CARDS)
         return total
 
     size(top, ())
+
+
+_FUNC = re.compile(r"\.func ([a-z_]\w*) ?\([^()]*\) ?=? ?(.*)")
+_WORD = re.compile(r"[a-z_]\w*")
+
+
+def check_functions(cards: Sequence[Card]) -> None:
+    """Refuse functions that call too many others; what their arguments add, ngspice refuses."""
+    found = [(card, _FUNC.fullmatch(card.text)) for card in cards]
+    made = {match[1]: [card.with_text(match[2])] for card, match in found if match}
+    rest = [card for card, match in found if not match] if made else []
+    check_expanded(made, rest, lambda card: _WORD.findall(card.text), "function")

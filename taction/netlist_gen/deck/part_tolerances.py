@@ -1,17 +1,6 @@
 """Tolerances of the parts of a deck, and of its ``.param`` cards, from a small TOML file.
 
-```toml
-resistor = "1%"          # every R outside of subcircuits; likewise capacitor, coil,
-                         # coupling (K), gain (E F G H)
-distribution = "uniform" # within the tolerance; by default normal: the tolerance is three sigma
-
-[parts]                  # by name, as `taction check` lists them; * and ? stand for any letters
-R1 = "0.1%"
-"x*.C1" = "30%"
-
-[params]                 # of a .param: all that depends on it moves together
-gain = "2%"
-```
+A kind counts outside of subcircuits; a name in ``[parts]``, with * and ? for any letters, anywhere.
 """
 
 from __future__ import annotations
@@ -63,22 +52,20 @@ def _share(value: object) -> float:
 Share = Annotated[float, BeforeValidator(_share)]
 
 
-class _Kinds(Model):
-    """Tolerances of all parts of a kind."""
+class _File(Model):
+    """The keys of a file."""
 
     resistor: Share | None = None
     capacitor: Share | None = None
     coil: Share | None = None
     coupling: Share | None = None
     gain: Share | None = None
-
-
-class _File(_Kinds):
-    """The keys of a file."""
-
     distribution: Literal["normal", "uniform"] = "normal"
     parts: dict[str, Share] = Field(default_factory=dict)
     params: dict[str, Share] = Field(default_factory=dict)
+
+
+KINDS = ("resistor", "capacitor", "coil", "coupling", "gain")
 
 
 def read_tolerances(
@@ -100,7 +87,7 @@ def read_tolerances(
         found = validated(_File, table, path)
     except InputError as error:
         wrong += error.complaints
-    kinds = {key: kind for key, kind in varying_parts(circuit) if kind in _Kinds.model_fields}
+    kinds = {key: kind for key, kind in varying_parts(circuit) if kind in KINDS}
     wrong += _unknown(table.get("parts"), "parts", {name.lower(): name for name in kinds})
     wrong += _unknown(table.get("params"), "params", {name: name for name in parameters})
     parts = {

@@ -15,23 +15,19 @@ from taction.netlist_gen.deck.foreign_deck import LETTERS, ForeignDeck, forbidde
 from taction.netlist_gen.deck.foreign_lines import (
     MOST_CARDS,
     Card,
-    beyond,
     called,
-    check_expanded,
     logical_lines,
     number,
     subcircuits,
 )
 from taction.netlist_gen.deck.ltspice import OPAMPS, missing_cards, opamp_cards, plain_name
 from taction.spice_models.imported import DEVICE, Subcircuit
-from taction.system.errors import Complaint, InputError
 
 NOT_LINEAR = re.compile(
     r"^(?:[dqjmswb]|[efgh].*(?:\bpoly\b|\bvalue\b|\btable\b|\bvol\b|\bcur\b|\{v))"
 )
-
-
-_SMOOTH = re.compile(r"\.model (\S+) ([vi])switch\b(.*)")
+# Switches of PSpice; those with thresholds are ngspice's own.
+_SMOOTH = re.compile(r"\.model (\S+) ([vi])switch\b(?!.*\b[vi][th] ?=)(.*)")
 _FIELD = re.compile(r"(\w+) ?= ?(\{[^{}]*\}|[^\s(),]+)")
 _RANGES = {
     "v": {"ron": "1", "roff": "1meg", "von": "1", "voff": "0"},
@@ -39,18 +35,6 @@ _RANGES = {
 }
 """Of PSpice's switches, by what controls them, with its values."""
 _GROUND = re.compile(r"(?<=[\s(,])gnd(?=[\s),]|$)(?! ?=)")
-Scope = tuple[str, ...]  # subcircuits, from the outermost one
-
-
-def check_size(deck: ForeignDeck, called_one: str = "") -> None:
-    """Refuse a deck, or one subcircuit of it, that is too large with all subcircuits expanded."""
-    blocks, top = subcircuits(deck.cards)
-    if not called_one and not any(card.text[0].isalpha() for card in top):
-        text = "has no part outside its subcircuits; expected a circuit, which may call them (X)"
-        raise InputError(deck.file, Complaint("deck", "", text))
-    if called_one:
-        top = [deck.cards[-1].with_text(f"x {called_one}")]
-    check_expanded(blocks, top)
 
 
 def is_plain(deck: ForeignDeck) -> bool:
@@ -61,61 +45,45 @@ def is_plain(deck: ForeignDeck) -> bool:
 def ready_lines(deck: ForeignDeck) -> Iterator[str]:
     """Yield the text for ngspice: no POLY, table or PSpice's switch; what it lacks before it."""
     yield from missing_cards(deck.lines)[0]
-    known = ltspice_opamps(deck)
+    known, scope = ltspice_opamps(deck), list[str]()
     for opamp in dict.fromkeys(known.values()):
         yield from opamp_cards(opamp)
-    switches = {
-        (scope, m[1]): m for scope, card in _scoped(deck) if (m := _smooth_model(card.text))
-    }
-    own = {scope for scope, card in _scoped(deck)
-           if card.word == ".subckt" and "gnd" in card.text.split()}  # fmt: skip
-    for scope, card in _scoped(deck):
-        inner = scope and scope not in own  # there PSpice has it as another node
-        text = _GROUND.sub("0", card.text) if inner else card.text
+    placed = list[tuple[tuple[str, ...], Card]]()  # with the subcircuits in which it stands
+    for card in deck.cards:
+        scope += [card.text.split()[1]] if card.word == ".subckt" else []
+        placed.append((tuple(scope), card))
+        del scope[len(scope) - (card.word == ".ends") :]
+    models = {(scope, m[1]): m for scope, card in placed if (m := _SMOOTH.match(card.text))}
+    own = {s for s, card in placed if card.word == ".subckt" and "gnd" in card.text.split()}
+    for scope, card in placed:
+        text = card.text
+        if scope and scope not in own:  # there PSpice has it as another node
+            text = _GROUND.sub("0", text)
         if card in known:
             place = rf"(?<=\s){re.escape(known[card])}(?=\s|$)"
             yield re.sub(place, plain_name(known[card]), text)
-        elif not _smooth_model(text):
+        elif not _SMOOTH.match(text):
+            if "{" in text:  # ngspice lacks the temperature
+                text = re.sub(r"\btemp(?:er)?\b(?! ?=)", "27", text)
+            places = ((scope[:k], text.split()[-1]) for k in range(len(scope), -1, -1))
+            model = next((m for place in places if (m := models.get(place))), None)
             try:
-                text = _smooth_switch(_at_27(text), scope, switches)
+                text = _smooth_switch(text, model) if model else text
                 yield without_calls(without_table(without_poly(text)))
             except ValueError as error:
                 raise card.refused(str(error)) from None
 
 
-def _scoped(deck: ForeignDeck) -> Iterator[tuple[Scope, Card]]:
-    """Yield the cards with the subcircuits in which they stand."""
-    scope: Scope = ()
-    for card in deck.cards:
-        if card.word == ".subckt":
-            scope = (*scope, card.text.split()[1])
-        yield scope, card
-        if card.word == ".ends":
-            scope = scope[:-1]
-
-
-def _smooth_model(text: str) -> re.Match[str] | None:
-    """Return the model of a switch of PSpice; one with thresholds is ngspice's own."""
-    match = _SMOOTH.match(text)
-    own = match and {"vt", "vh", "it", "ih"} & dict(_FIELD.findall(match[3])).keys()
-    return None if own else match
-
-
-def _smooth_switch(
-    text: str, scope: Scope, models: Mapping[tuple[Scope, str], re.Match[str]]
-) -> str:
+def _smooth_switch(text: str, model: re.Match[str]) -> str:
     """Return PSpice's switch as a resistance that changes smoothly with what controls it."""
     name, *words = text.split()
     if text[0] not in "sw" or len(words) != {"s": 5, "w": 4}[text[0]]:
         return text
-    places = (scope[:k] for k in range(len(scope), -1, -1))
-    match = next((m for place in places if (m := models.get((place, words[-1])))), None)
-    if match is None:
-        return text
-    kind, given = match[2], dict(_FIELD.findall(match[3]))
+    kind, given = model[2], dict(_FIELD.findall(model[3]))
     if unknown := given.keys() - _RANGES[kind].keys():
         raise ValueError(f"{min(unknown)} of a {kind}switch is not accepted")
-    ron, roff, on, off = (_plain_value(each) for each in (_RANGES[kind] | given).values())
+    every = (_RANGES[kind] | given).values()
+    ron, roff, on, off = (each if each[0] == "{" else repr(number(each)) for each in every)
     if on == off or any(each.startswith("-") or each == "0.0" for each in (ron, roff)):
         raise ValueError(f"a {kind}switch needs resistances above 0, and two ends that differ")
     control = f"v({words[2]},{words[3]})" if kind == "v" else f"i({words[2]})"
@@ -123,16 +91,6 @@ def _smooth_switch(
     place = f"max(min(({control}-0.5*({on}+{off}))/({on}-{off}),0.5),-0.5)"
     power = f"0.5*log({ron}*{roff})+log({ron}/{roff})*{place}*(1.5-2.0*{place}*{place})"
     return f"b{name} {words[0]} {words[1]} i=v({words[0]},{words[1]})*exp(-({power}))"
-
-
-def _plain_value(text: str) -> str:
-    """Return a number in plain digits, or an expression in its braces."""
-    return text if text.startswith("{") else repr(number(text))
-
-
-def _at_27(text: str) -> str:
-    """Return a card with 27 degrees C for ``temp`` in its expressions, which ngspice lacks."""
-    return re.sub(r"\btemp(?:er)?\b(?! ?=)", "27", text) if "{" in text else text
 
 
 def ltspice_opamps(deck: ForeignDeck) -> dict[Card, str]:
@@ -159,7 +117,7 @@ def vendor_subcircuit(file: str | Path, name: str) -> Subcircuit:
     Subcircuits get other names: ngspice does not find one whose name has a sign such as '/'.
     """
     deck, own = read_library(file, name), name.lower()
-    check_size(deck, own)
+    deck.check_size(own)
     heads = [line for line in deck.lines if line.startswith(".subckt ")]
     new = {head.split()[1]: f"m{k}" for k, head in enumerate(heads)}
     (head,) = [line for line in heads if line.split()[1] == own]
@@ -186,10 +144,7 @@ def flat_subcircuit(cards: Iterable[str], nodes: Sequence[str], name: str) -> Su
     own = [spelt_card(card) for card in cards]
     own = [card if card[0] in "dqjmsw" else _NUMBER.sub(_plain, card) for card in own]
     own = [c for c in own if c.startswith(".model ") or f".{DEVICE}." in c.split(maxsplit=1)[0]]
-    made = f"m_{re.sub(r'[^a-z0-9]', '_', name.lower())}"
-    return Subcircuit(
-        made, tuple(nodes), (f".subckt {made} {' '.join(nodes)}", *own, f".ends {made}")
-    )
+    return _subcircuit(f"m_{re.sub(r'[^a-z0-9]', '_', name.lower())}", nodes, own)
 
 
 def _plain(match: re.Match[str]) -> str:
@@ -201,10 +156,7 @@ def _plain(match: re.Match[str]) -> str:
 
 
 def stored_subcircuit(lines: Sequence[str], name: str, prefix: str) -> Subcircuit:
-    """Return the subcircuit of a file of ours, flat, with every card checked again.
-
-    Its name gets a `prefix`.
-    """
+    """Return the flat subcircuit of a file of ours, checked; its name gets a `prefix`."""
     found = logical_lines("\n".join(lines))
     cards = found.cards
     words = [card.text.split() for card in (*cards[:1], *cards[-1:])]
@@ -212,14 +164,15 @@ def stored_subcircuit(lines: Sequence[str], name: str, prefix: str) -> Subcircui
         raise Card(1, "", "netlist").refused(f"expected a whole subcircuit {name!r}")
     if found.remarks:
         raise cards[0].refused(found.remarks[0])
-    if len(cards) > MOST_CARDS:
-        raise cards[-1].refused(beyond(len(cards), "cards", MOST_CARDS))
+    cards[-1].limited(len(cards), "cards", MOST_CARDS)
     for card in cards[1:-1]:
         if card.word != ".model" and card.text[0] not in LETTERS.replace("x", ""):
             raise card.refused(f"the card {card.word!r} is not accepted; expected flat cards")
         if reason := forbidden(card.text):
             raise card.refused(reason)
-    made, ports = f"{prefix}_{name}", words[0][2:]
-    inner = (card.text for card in cards[1:-1])
-    text = (f".subckt {made} {' '.join(ports)}", *inner, f".ends {made}")
-    return Subcircuit(made, tuple(ports), text)
+    return _subcircuit(f"{prefix}_{name}", words[0][2:], (card.text for card in cards[1:-1]))
+
+
+def _subcircuit(name: str, ports: Sequence[str], cards: Iterable[str]) -> Subcircuit:
+    text = (f".subckt {name} {' '.join(ports)}", *cards, f".ends {name}")
+    return Subcircuit(name, tuple(ports), text)

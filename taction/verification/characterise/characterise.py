@@ -20,13 +20,7 @@ RAMP = (0.2, 0.5)  # of a large step: where its slope is measured
 
 @dataclass(frozen=True, slots=True)
 class OpAmpFigures(Result):
-    """An op-amp with its figures.
-
-    Attributes
-    ----------
-    origins : mapping of str to Origin
-        Where the figures come from; empty for an op-amp of another package.
-    """
+    """An op-amp with its figures, and where they come from; empty of another package."""
 
     VIEW = "taction.verification.report.views.opamp_view:view"
     DOCUMENT = "taction.verification.report.documents.plain:ShowDocument.of"
@@ -75,15 +69,11 @@ def open_loop(opamp: OpAmp) -> Bode:
     return Bode(frequency, response)
 
 
-def _reached(time: Floats, volts: Floats, level: float) -> float:
-    """Return the instant at which a rising voltage reaches a level for good, s.
-
-    At the start the input's capacitance may push the output beyond it.
-    """
-    k = 1 + int(np.flatnonzero(volts < level)[-1])
-    return float(np.interp(level, volts[k - 1 : k + 1], time[k - 1 : k + 1]))
-
-
 def slope(time: Floats, volts: Floats, low: float, high: float) -> float:
-    """Return the mean slope of a rising voltage between two levels, V/s."""
-    return (high - low) / (_reached(time, volts, high) - _reached(time, volts, low))
+    """Return the mean slope of a rising voltage between two levels, V/s, each reached for good."""
+    ends = [1 + int(np.flatnonzero(volts < level)[-1]) for level in (low, high)]
+    begin, end = (
+        float(np.interp(level, volts[k - 1 : k + 1], time[k - 1 : k + 1]))
+        for level, k in zip((low, high), ends, strict=True)
+    )
+    return (high - low) / (end - begin)

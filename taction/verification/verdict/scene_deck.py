@@ -14,8 +14,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.deck.circuit_checks import FILE_NAME
-from taction.netlist_gen.deck.deck import Deck, write_deck
+from taction.netlist_gen.deck.deck import FILE_NAME, Deck, write_deck
 from taction.netlist_gen.deck.dialects import DIALECTS, NATIVE
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene

@@ -89,7 +89,7 @@ def test_both_engines_have_one_rest_with_offset(write: Callable[..., Scene]) -> 
     board = LinearBoard(replace(synthesise(write()), currents=()))
     nodes = [output.node for output in board.circuit.outputs]
     deck = write_deck(board.circuit, OperatingPoint())
-    assert "j.xdevice.j1 xdevice.11 pin xdevice.10 xdevice:jx" in deck.text
+    assert "j.xdevice.j1 xdevice.11 inn xdevice.10 xdevice:jx" in deck.text
     with Simulation(deck, find_simulator(), timeout=60.0) as run:
         found = run.result().values[-1]
     np.testing.assert_allclose(found, [board.rest[node] for node in nodes], atol=1e-7)

@@ -81,7 +81,7 @@ class ImportDocument:
         "compensation [F] = model.compensation # capacitor between the two ports `comp`",
         *("figures = model.figures", "linear = model.linear"),
         "missing = model.missing # why there is no linear model",
-        "doubts = model.doubts # figures that op-amps do not have",
+        "doubts = model.doubts # why a figure was not measured",
     )
 
     file: str

@@ -1,19 +1,16 @@
 """Check a deck: what `taction check` says.
 
-A deck is read and linearised (`foreign_board`), measured (`measured_board`), asked (`questions`),
-compared with ngspice (`witnesses`) and judged (`board_checks`). Worst cases and the yield are those
-of `verification.studies.tolerance`.
-
-Two things an operating point of a deck that is not linear leaves open: latches, Schmitt triggers
-and current references have several, and ngspice may find the one that no board keeps; and a large
-step leaves the range in which the circuit is linear.
+A deck is read and linearised (`foreign_board`), measured (`measured_board`), asked and judged
+(`questions`), and compared with ngspice (`witnesses`). Two things an operating point leaves open:
+latches have several, and ngspice may find the one that no board keeps; and a large step leaves the
+range in which the circuit is linear.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Annotated
@@ -21,29 +18,32 @@ from typing import Annotated
 import numpy as np
 
 from taction.netlist_gen.deck.part_tolerances import DeckTolerances
-from taction.system.array_types import Floats
 from taction.system.documents import Hertz, Number, Rate, Volts
-from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.system.results import Result
 from taction.verification.characterise.operating_point import AT_ONCE, DeckPoint, read_volts
 from taction.verification.engines.ngspice.commands import RESULT, run_commands
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.studies.decks.board_checks import judge
 from taction.verification.studies.decks.board_sweep import (
     Sweep,
     SweptValue,
+    VariedDeck,
     sweep_deck,
-    varied_outcomes,
 )
 from taction.verification.studies.decks.foreign_board import ForeignBoard
 from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
 from taction.verification.studies.decks.part_influence import PartRow, influences, pole_vectors
-from taction.verification.studies.decks.questions import QUESTIONS, Wanted, units
+from taction.verification.studies.decks.questions import QUESTIONS, Wanted, judge, units
 from taction.verification.studies.decks.witnesses import compare_ac, stepping
-from taction.verification.studies.tolerance.corners import CornerStudy
-from taction.verification.studies.tolerance.montecarlo import YieldReport
+from taction.verification.studies.running.pool import HERE
+from taction.verification.studies.tolerance.corners import CornerStudy, worst_of
+from taction.verification.studies.tolerance.montecarlo import (
+    SampleCollection,
+    YieldReport,
+    run_samples,
+    summarise_samples,
+)
 from taction.verification.verdict.checks import Check, Outcome, overall
 
 Progress = Callable[[str], None]
@@ -176,9 +176,14 @@ def check_board(
             why.append(step_note(found, deck.point))
     progress("sweeps")
     sweeps = tuple(sweep_deck(deck, board, each, band) for each in over)
-    corners, yields = None, None
+    corners = yields = None
     if tolerances is not None:
-        corners, yields = varied_outcomes(found, deck, tolerances, asked, samples, progress)
+        varied, tally = VariedDeck.of(found, deck, tolerances, asked), SampleCollection(samples[0])
+        corners = worst_of(varied, HERE, progress)
+        varied.expand(varied.drawn(samples[1], number) for number in range(samples[0]))
+        for _ in run_samples(varied, range(samples[0]), samples[1], HERE, tally):
+            progress(f"yield: {len(tally.samples)} of {samples[0]} samples")
+        yields = summarise_samples(varied, tally.samples, samples[1])
     made = BoardCheck(
         **{each.name: getattr(found, each.name) for each in fields(found)},
         notes=tuple(filter(None, (*found.apart.sentences, *deck.notes, *why))),
@@ -192,9 +197,20 @@ def check_board(
     return made
 
 
-STARTS = 12
-REACHES = (0.05, 0.15, 0.4, 1.0, 10.0)  # of the range of all voltages, along the growing mode
-WIDER = 2.0  # times this range on either side: drawn voltages
+STARTS = 12  # along the growing mode, then drawn
+REACHES = (
+    0.05,
+    -0.05,
+    0.15,
+    -0.15,
+    0.4,
+    -0.4,
+    1.0,
+    -1.0,
+    10.0,
+    -10.0,
+)  # of the range of all voltages, along this mode
+WIDER = 2.0  # times the range of all voltages on either side: drawn ones
 SAME = 1e-3  # of this range, or of a voltage: a smaller distance is the same point
 SECONDS = 4.0  # of one start
 ALL_SECONDS = 8.0  # of all starts: no further one begins later
@@ -211,10 +227,7 @@ def _rest(point: DeckPoint, limits: str, cards: Iterable[str], *commands: str) -
 
 
 def points_note(found: MeasuredBoard, point: DeckPoint) -> str:
-    """Return how many operating points a deck with a growing real pole has; empty without one.
-
-    ngspice starts along the growing mode, both ways, and from voltages that are drawn.
-    """
+    """Return how many operating points ngspice finds from other starts; empty without need."""
     poles = found.poles
     growing = (poles.poles.imag == 0.0) & (poles.poles.real > poles.errors)
     if not np.any(growing):
@@ -222,17 +235,19 @@ def points_note(found: MeasuredBoard, point: DeckPoint) -> str:
     nodes = [name for name in found.board.descriptor.names if name in point.volts]
     here = np.array([point.volts[name] for name in nodes])
     span = float(np.ptp(here, axis=0)) or 1.0
+    low, high = here.min() - WIDER * span, here.max() + WIDER * span
+    drawn = np.random.default_rng(5).uniform(low, high, (STARTS - len(REACHES), len(here)))
+    mode = pole_vectors(found.board, complex(poles.poles[growing][0]))[0].real
+    mode = mode[[found.board.descriptor.place(name) for name in nodes]]
+    along = here + span * np.outer(REACHES, mode / np.abs(mode).max())
+    starts = np.vstack([along, drawn])
     known, tried, end = [here], 0, time.monotonic() + ALL_SECONDS
-    for start in _starts(found, complex(poles.poles[growing][0]), nodes, here, span):
-        if time.monotonic() > end:
-            break
-        tried += 1
-        cards = [f".nodeset v({n})={v!r}" for n, v in zip(nodes, start.tolist(), strict=True)]
+    while tried < STARTS and time.monotonic() < end:
+        start = zip(nodes, starts[tried].tolist(), strict=True)
+        cards, tried = [f".nodeset v({node})={volts!r}" for node, volts in start], tried + 1
         volts = _rest(point, "reltol=1e-6 abstol=1e-13 vntol=1e-10", cards, AT_ONCE)
-        if not volts:
-            continue
         there = np.array([volts.get(name, np.nan) for name in nodes])
-        if all(np.abs(there - each).max() > SAME * span for each in known):
+        if volts and all(np.abs(there - each).max() > SAME * span for each in known):
             known.append(there)
     if len(known) == 1:
         return f"from {tried} other starts ngspice finds no operating point but this unstable one"
@@ -244,24 +259,6 @@ def points_note(found: MeasuredBoard, point: DeckPoint) -> str:
         f"at least {len(known)} operating points: all that follows is of this one, which is"
         f" unstable, with v({shown}) = {own}; the others have {', '.join(others)}"
     )
-
-
-def _starts(
-    found: MeasuredBoard, pole: complex, nodes: list[str], here: Floats, span: float
-) -> Iterator[Floats]:
-    drawn, count = np.random.default_rng(5), 0
-    try:
-        right, _ = pole_vectors(found.board, pole)
-        places = [found.board.descriptor.place(name) for name in nodes]
-        mode = right[places].real / np.abs(right[places]).max()
-        for reach in REACHES:
-            yield here + reach * span * mode
-            yield here - reach * span * mode
-            count += 2
-    except EngineError:
-        pass
-    for _ in range(STARTS - count):
-        yield drawn.uniform(here.min() - WIDER * span, here.max() + WIDER * span, len(here))
 
 
 def step_note(found: MeasuredBoard, point: DeckPoint) -> str:

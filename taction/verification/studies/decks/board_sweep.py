@@ -30,7 +30,6 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.stability.edge_search import find_edges
 from taction.verification.stability.edges import Edge, Edges, Range
 from taction.verification.stability.families import Family
-from taction.verification.studies.decks.board_checks import judge, record_of
 from taction.verification.studies.decks.foreign_board import ForeignBoard
 from taction.verification.studies.decks.measured_board import (
     MeasuredBoard,
@@ -38,15 +37,7 @@ from taction.verification.studies.decks.measured_board import (
     measure_boards,
 )
 from taction.verification.studies.decks.part_influence import influences
-from taction.verification.studies.decks.questions import QUESTIONS, Wanted, units
-from taction.verification.studies.running.pool import HERE
-from taction.verification.studies.tolerance.corners import CornerStudy, worst_of
-from taction.verification.studies.tolerance.montecarlo import (
-    SampleCollection,
-    YieldReport,
-    run_samples,
-    summarise_samples,
-)
+from taction.verification.studies.decks.questions import QUESTIONS, Wanted, judge, record_of, units
 from taction.verification.studies.tolerance.varied_board import BoardSample, Quantity, Varied
 
 PARAM = "param"  # kind of a parameter
@@ -148,27 +139,6 @@ def _quantities(asked: Wanted) -> Iterator[Quantity]:
         yield Quantity("growth_rate", "1/s", at_most=0.0)
     if asked.margin:
         yield Quantity("margin", "ratio", -1.0, at_least=asked.limits.stability.margin)
-
-
-def varied_outcomes(
-    found: MeasuredBoard,
-    deck: ForeignBoard,
-    spread: DeckTolerances,
-    asked: Wanted,
-    samples: tuple[int, int],
-    progress: Callable[[str], None] = lambda stage: None,
-) -> tuple[CornerStudy, YieldReport]:
-    """Return the worst corners of a board within its tolerances, and the yield of its samples.
-
-    `samples` are how many boards are drawn, and from which seed.
-    """
-    count, seed = samples
-    board, tally = VariedDeck.of(found, deck, spread, asked), SampleCollection(count)
-    corners = worst_of(board, HERE, progress)
-    board.expand(board.drawn(seed, number) for number in range(count))
-    for _ in run_samples(board, range(count), seed, HERE, tally):
-        progress(f"yield: {len(tally.samples)} of {count} samples")
-    return corners, summarise_samples(board, tally.samples, seed)
 
 
 AROUND = 30.0  # range of a value without one

@@ -24,22 +24,10 @@ from taction.netlist_gen.deck.flat_cards import (
     read_cards,
     stepped,
 )
-from taction.netlist_gen.deck.foreign_deck import (
-    LINEAR,
-    ForeignDeck,
-    read_deck,
-    unanswered,
-    unbraced_expression,
-    with_first_steps,
-)
+from taction.netlist_gen.deck.foreign_deck import LINEAR, ForeignDeck, read_deck
 from taction.netlist_gen.deck.foreign_lines import number
 from taction.netlist_gen.deck.ltspice import missing_cards
-from taction.netlist_gen.deck.vendor_subcircuit import (
-    check_size,
-    is_plain,
-    ltspice_opamps,
-    ready_lines,
-)
+from taction.netlist_gen.deck.vendor_subcircuit import is_plain, ltspice_opamps, ready_lines
 from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
 from taction.system.processes import more_time
 from taction.verification.characterise.operating_point import (
@@ -77,10 +65,10 @@ class ForeignBoard:
     @property
     def at_rest(self) -> DeckPoint:
         """Where it rests; of a linear deck, which is the same everywhere, any point."""
-        nodes = list(self.flat.nodes)
-        return self.point or DeckPoint.of(
-            self._ready, self.lines, self.flat, nodes, _options(self.deck)
-        )
+        if self.point is not None:
+            return self.point
+        nodes, options = [*self.flat.nodes], _options(self.deck)
+        return DeckPoint.of(self._ready, self.lines, self.flat, nodes, options)
 
     @property
     def flat_text(self) -> str:
@@ -88,39 +76,49 @@ class ForeignBoard:
         cards = (_CHARGE.sub("", line) for line in self.lines)
         return "\n".join(["* flat cards of a deck", *cards, ".end", ""])
 
-    @cached_property
+    @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the ``.param`` cards that can be moved."""
         return self.deck.parameters
 
-    def at(self, changes: Sequence[Mapping[str, float]]) -> list[Circuit | InputError]:
-        """Return the circuit at some values of its ``.param`` cards; of a linear deck by one run.
+    @cached_property
+    def _ready(self) -> tuple[str, ...]:
+        return tuple(ready_lines(self.deck))
 
-        Where a value gives no circuit, its error is in the place; `InputError` where ngspice does
-        not expand the deck with one of them.
+    def at(self, changes: Sequence[Mapping[str, float]]) -> list[Circuit | InputError]:
+        """Return the circuit at some values of its ``.param`` cards, an error where there is none.
+
+        One that is not linear has a point of its own at each; others are expanded by one run.
+        `InputError`: ngspice does not expand the deck with one of them.
         """
+
+        def measured(changed: Mapping[str, float]) -> Flat:
+            lines = list(self._ready)
+            for k, line in enumerate(lines):
+                for name, value in changed.items() if line.startswith(".param") else ():
+                    own = rf"\b{re.escape(name)} ?=(?!=) ?(?:\{{[^{{}}]*\}}|\S+)"
+                    lines[k] = re.sub(own, f"{name}={value!r}", lines[k])
+            return _measured(find_point(lines, _options(self.deck), find_simulator()))[0]
+
+        def circuit(read: Callable[[], Flat]) -> Circuit | InputError:
+            try:
+                flat, _ = stepped(read(), small=self.point is not None)
+            except CardError as error:
+                return self._error(str(error))
+            nodes = [out.node for out in self.circuit.outputs]
+            return circuit_of(flat, self.circuit.name, nodes)
+
         if self.point is not None:
             with more_time(VALUE_SECONDS * len(changes)):
-                return [self._with(partial(self._measured_at, each)) for each in changes]
+                return [circuit(partial(measured, each)) for each in changes]
         try:
             every = expand(self._ready, find_simulator(), changes)
         except DidNotLoad as error:
-            text = f"with other values of its .param: {one_line(error)}"
-            raise InputError(self.deck.file, Complaint("deck", "", text)) from None
-        return [self._with(partial(read_cards, cards)) for cards in every]
+            raise self._error(f"with other values of its .param: {one_line(error)}") from None
+        return [circuit(partial(read_cards, cards)) for cards in every]
 
-    def _with(self, read: Callable[[], Flat]) -> Circuit | InputError:
-        """Return the circuit of other flat cards, or why there is none."""
-        try:
-            flat, _ = stepped(read(), small=self.point is not None)
-        except CardError as error:
-            return InputError(self.deck.file, Complaint("deck", "", str(error)))
-        return circuit_of(flat, self.circuit.name, [out.node for out in self.circuit.outputs])
-
-    def _measured_at(self, changed: Mapping[str, float]) -> Flat:
-        """Return the parts at other values of the ``.param`` cards, at an own point."""
-        lines = [_with_values(line, changed) for line in self._ready]
-        return _measured_flat(find_point(lines, _options(self.deck), find_simulator()))[0]
+    def _error(self, text: str) -> InputError:
+        return InputError(self.deck.file, Complaint("deck", "", text))
 
     def value_of(self, parameter: str) -> float | None:
         """Return the value of a ``.param``, as ngspice computes it; None if it is no number."""
@@ -132,21 +130,15 @@ class ForeignBoard:
         except (DidNotLoad, ValueError):
             return None
 
-    @cached_property
-    def _ready(self) -> tuple[str, ...]:
-        return tuple(ready_lines(self.deck))
-
 
 def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
-    """Read a deck as a board.
+    """Read a deck as a board with `outputs`, by default those that it shows, or usual names.
 
-    `outputs`: nodes of interest; by default those that the deck shows, else the usual names of
-      outputs.
     InputError: a card that is not accepted, with its line and what is; a node that is not there.
     SimulationError: ngspice is missing, or does not expand the deck.
     """
-    deck = with_first_steps(read_deck(file))
-    check_size(deck)
+    deck = read_deck(file).with_first_steps
+    deck.check_size()
     ready, point, small = tuple(ready_lines(deck)), None, ""
     try:
         if plain := is_plain(deck):
@@ -155,47 +147,38 @@ def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
             plain = not flat.elements
         if not plain:
             point = find_point(ready, _options(deck), find_simulator())
-            cards, (flat, small) = point.cards, _measured_flat(point)
+            cards, (flat, small) = point.cards, _measured(point)
             point = point if small else None
         flat, stimulus = stepped(flat, small=point is not None)
     except (CardError, DidNotLoad) as error:
-        refused = unbraced_expression(deck) if "unknown parameter" in str(error) else None
+        refused = deck.unbraced_expression if "unknown parameter" in str(error) else None
         said = one_line(error)
         whole = isinstance(error, DidNotLoad) or said.startswith("ngspice") or ACCEPTED in said
         accepted = "" if whole else f"; {LINEAR}"
         raise refused or InputError(deck.file, Complaint("deck", "", said + accepted)) from None
     nodes = outputs_of(flat, outputs, (card.text for card in deck.left))
-    if len(flat.nodes) > MOST_UNKNOWNS:
-        text = f"the deck has {len(flat.nodes)} nodes; up to {MOST_UNKNOWNS} are read"
-        raise InputError(deck.file, Complaint("deck", "", text))
-    if len(flat.knobs) > MOST_PARTS:
-        text = f"the deck has {len(flat.knobs)} parts; up to {MOST_PARTS} are read"
-        raise InputError(deck.file, Complaint("deck", "", text))
-    circuit = circuit_of(flat, deck.file.stem, nodes)
+    for count, what, most in (
+        (len(flat.nodes), "nodes", MOST_UNKNOWNS),
+        (len(flat.knobs), "parts", MOST_PARTS),
+    ):
+        if count > most:
+            text = f"the deck has {count} {what}; up to {most} are read"
+            raise InputError(deck.file, Complaint("deck", "", text))
     immediate = any(re.search(r"\buic\b", c.text) for c in deck.left if c.word == ".tran")
     immediate &= point is None  # the small signal begins where the circuit rests
     notes = (*([small] if small else ()), stimulus, *_notes(deck, flat, immediate))
     start: Start = "zero" if immediate else "rest"
+    circuit = circuit_of(flat, deck.file.stem, nodes)
     return ForeignBoard(deck, flat, circuit, start, notes, tuple(cards), point)
 
 
 def _options(deck: ForeignDeck) -> str:
     """Return the options of a deck that change its circuit."""
-    words = [f"{key}={value}" for card in deck.left if card.word.startswith(".opt")
-             for key, value in _OPTION.findall(card.text)]  # fmt: skip
-    return " ".join(words)
+    cards = (card.text for card in deck.left if card.word.startswith(".opt"))
+    return " ".join(f"{key}={value}" for card in cards for key, value in _OPTION.findall(card))
 
 
-def _with_values(line: str, changed: Mapping[str, float]) -> str:
-    """Return a card ``.param`` with other values."""
-    if line.startswith(".param"):
-        for name, value in changed.items():
-            own = rf"\b{re.escape(name)} ?=(?!=) ?(?:\{{[^{{}}]*\}}|\S+)"
-            line = re.sub(own, f"{name}={value!r}", line)
-    return line
-
-
-def _measured_flat(point: DeckPoint) -> tuple[Flat, str]:
+def _measured(point: DeckPoint) -> tuple[Flat, str]:
     """Return the linear parts of a deck at its operating point, and what was done."""
     flat, elements = point.flat, point.flat.elements
     if not elements:
@@ -217,10 +200,11 @@ def _measured_flat(point: DeckPoint) -> tuple[Flat, str]:
 
 
 def _notes(deck: ForeignDeck, flat: Flat, immediate: bool) -> Iterator[str]:
+    """Yield what a reader of a deck should know."""
     if immediate:
         yield "uic: the board starts with no charge"
     yield from deck.remarks
-    yield from unanswered(deck)
+    yield from deck.unanswered
     for name in dict.fromkeys(ltspice_opamps(deck).values()):
         yield (
             f"{name}: the linear part of LTspice's op-amp of this name, its gain, bandwidth and"
@@ -232,14 +216,16 @@ def _notes(deck: ForeignDeck, flat: Flat, immediate: bool) -> Iterator[str]:
         celsius = _TEMPERATURE.search(card.text)
         if celsius and celsius[1] != "27":
             yield f"{card.text}: does not count; every part is at 27 degrees C"
-        if card.word == ".step":
-            yield f"{card.text}: does not run; {_sweep_of(card.text)} does it"
-    times = {found.at for found in flat.stimuli.values() if found.moves}
-    if len(times) > 1:
+        if card.word == ".step":  # such as .step param C list 1p 2p
+            words = ("param", "lin", "dec", "oct", "temp")
+            name, *values = [w for w in card.text.split()[1:] if w not in words] or [""]
+            text = ",".join(values[1:]) if values[:1] == ["list"] else ":".join(values[:2])
+            over = f"--over {name}={text}" if len(values) > 1 else "--over"
+            yield f"{card.text}: does not run; {over} does it"
+    moving = [found for found in flat.stimuli.values() if found.moves]
+    if len({found.at for found in moving}) > 1:
         yield "the sources change at different times; all steps are taken at t = 0"
-    if any(
-        found.kind in ("pulse", "pwl", "exp") and found.moves for found in flat.stimuli.values()
-    ):
+    if any(found.kind in ("pulse", "pwl", "exp") for found in moving):
         yield "edges are steps: rise times and later edges of the sources do not count"
     kinds = {found.kind for found in flat.stimuli.values()}
     yield from (text for kind, text in REMARKS.items() if kind in kinds)
@@ -247,12 +233,3 @@ def _notes(deck: ForeignDeck, flat: Flat, immediate: bool) -> Iterator[str]:
         yield f"less than {ABSENT:g} F, so left out: {', '.join(flat.absent)}"
     if flat.charged or any(card.word == ".ic" for card in deck.left):
         yield "initial charges (ic=, .ic) do not count"
-
-
-def _sweep_of(text: str) -> str:
-    """Return the option that sweeps as a card ``.step`` does."""
-    words = [w for w in text.split()[1:] if w not in ("param", "lin", "dec", "oct", "temp")]
-    name, values = words[:1], words[1:]
-    if values[:1] == ["list"] and len(values) > 1:
-        return f"--over {name[0]}={','.join(values[1:])}"
-    return f"--over {name[0]}={':'.join(values[:2])}" if len(values) > 1 else "--over"

@@ -12,20 +12,18 @@ import numpy as np
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes
 from taction.system.documents import Hertz, Number, Rate
-from taction.system.errors import EngineError, TactionError
+from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import linear_matrices
 from taction.verification.stability.edge_search import find_edges
-from taction.verification.stability.edges import Edge, Edges
+from taction.verification.stability.edges import Edge
 from taction.verification.stability.families import Family
 from taction.verification.stability.margin import REACH, Margin
-from taction.verification.stability.poles import Poles, or_error
+from taction.verification.stability.poles import Poles
 
 MOST_MARGINS = 12  # parts whose margins are found unless a margin is checked
 MOST_UNKNOWNS = 150  # of a board with margins unless one is checked
-BESIDE = (1e-10, 1e-7, 1e-4, 1e-2)  # of the inverse iteration: relative distances from the pole
-ITERATIONS = 3
 MORE = 1.001  # of the largest factor: an edge at it is found with certainty
 MOVED = 1e-5  # relative change of a value for a sensitivity
 UNKNOWN = "not looked for"
@@ -34,22 +32,18 @@ LOST = 1e-9  # of the pole: a smaller rate is not known
 
 @dataclass(frozen=True, slots=True)
 class PartRow:
-    """A part: what it does to the rightmost pole, and where the board becomes unstable.
-
-    `real` is d Re p / d ln value, 1/s, `frequency` d f / d ln value, Hz; `below` and `above` are
-    the nearest values with a pole on the imaginary axis, None where there is none within a factor
-    of 100, or where `doubt` says that they are not known. Of a board that is not stable they are
-    the nearest values with which it is stable.
-    """
+    """A part: what it does to the rightmost pole, and where the board becomes unstable."""
 
     name: str
     value: Number
     unit: str
-    real: Rate
-    frequency: Hertz
+    real: Rate  # d Re p / d ln value
+    frequency: Hertz  # d f / d ln value
+    # The nearest values with a pole on the imaginary axis, within a factor of 100; of a board that
+    # is not stable those with which it is.
     below: Number = None
     above: Number = None
-    doubt: str = ""
+    doubt: str = ""  # why they are not known
 
 
 def sensitivities(
@@ -58,9 +52,8 @@ def sensitivities(
     """Return ``dp / d ln value`` of the rightmost pole p, 1/s, for every knob of parts.
 
     With ``(p M - K) v = 0`` and ``w (p M - K) = 0`` the pole moves by
-    ``w (dK - p dM) v / (w M v)``. The matrices are linear in capacitances, conductances and gains;
-    a central difference of `MOVED` errs by 1e-10 where they are not. `families` are the boards over
-    each knob. A rate that is lost in rounding beside the pole is zero.
+    ``w (dK - p dM) v / (w M v)``, where the matrices are not linear in the value by a central
+    difference. A rate that is lost in rounding beside the pole is zero.
     """
     if not len(found.poles) or board.descriptor.is_large:
         return {}
@@ -86,26 +79,15 @@ def sensitivities(
 
 
 def pole_vectors(board: LinearBoard, p: complex) -> tuple[Complexes, Complexes]:
-    """Return the right and the left null vector of ``p M - K``, by inverse iteration."""
+    """Return the right and the left null vector of ``p M - K``: of its least singular value."""
     dense = linear_matrices(board.descriptor, board.operating_point)
-    for beside in BESIDE:
-        X = (p * (1.0 + beside) + 1e-300) * dense.mass - dense.stiffness
-        rows = np.abs(X).max(axis=1)
-        rows[rows == 0.0] = 1.0
-        columns = np.abs(X / rows[:, None]).max(axis=0)
-        columns[columns == 0.0] = 1.0
-        try:
-            inverse = np.linalg.inv(X / rows[:, None] / columns)
-            break
-        except np.linalg.LinAlgError:  # a pole that is exact, or a double one
-            continue
-    else:
-        raise EngineError("the vectors of the rightmost pole are lost in rounding")
-    right = left = np.ones(len(X), dtype=np.complex128)
-    for _ in range(ITERATIONS):
-        right = inverse @ (right / np.abs(right).max())
-        left = (left / np.abs(left).max()) @ inverse
-    return right / np.abs(right).max() / columns, left / np.abs(left).max() / rows
+    X = p * dense.mass - dense.stiffness
+    rows = np.abs(X).max(axis=1, keepdims=True)
+    rows[rows == 0.0] = 1.0
+    columns = np.abs(X / rows).max(axis=0)
+    columns[columns == 0.0] = 1.0
+    U, _, V = np.linalg.svd(X / rows / columns)
+    return V[-1].conj() / columns, U[:, -1].conj() / rows[:, 0]
 
 
 def influences(
@@ -174,42 +156,30 @@ class _Nearest:
 
 
 def _nearest_of(families: Mapping[str, Family], found: Poles) -> dict[str, _Nearest]:
-    """Return the nearest edges of values that are not zero, by name; each keeps its sign."""
-    reach = REACH * MORE
-    looked = {
-        name: replace(family, board=partial(_at_factor, family), own=1.0)
-        for name, family in families.items()
-        if family.own
-    }
-    nearest = {name: _Nearest() for name, family in families.items() if not family.own}
-    for name, family in looked.items():
-        edges = or_error(lambda one: find_edges(one, 1.0 / reach, reach, found), family)
-        if isinstance(edges, EngineError):
-            nearest[name] = _Nearest(doubt=str(edges), sure=1.0)
-        elif isinstance(edges, TactionError):
-            raise edges
-        else:
-            nearest[name] = _nearest(edges, found.known_stable)
-    return nearest
-
-
-def _at_factor(family: Family, factor: float) -> LinearBoard:
-    return family.board(family.own * factor)
-
-
-def _nearest(edges: Edges, stable: bool) -> _Nearest:
-    """Return the edges nearest to the factor 1, and where a pole may reach the axis before them.
+    """Return the nearest edges of values that are not zero, by name; each keeps its sign.
 
     Of a board that is not stable they are the nearest ends of ranges in which it is.
     """
-    every = [edge for edge in edges.edges if stable or edge.changes_stability]
-    below = max((e for e in every if e.value < 1.0), key=lambda e: e.value, default=None)
-    above = min((e for e in every if e.value > 1.0), key=lambda e: e.value, default=None)
-    low, high = below.value if below else 0.0, above.value if above else math.inf
-    inside = [max(factor, 1.0 / factor) for factor in edges.near if low <= factor <= high]
-    if not inside:
-        return _Nearest(below, above)
-    return _Nearest(below, above, "a pole comes close to the axis", min(inside))
+    reach, stable = REACH * MORE, found.known_stable
+    nearest = dict.fromkeys(families, _Nearest())
+    for name, family in families.items():
+        if not family.own:
+            continue
+        board = partial(lambda each, factor: each.board(each.own * factor), family)
+        over = replace(family, board=board, own=1.0)
+        try:
+            edges = find_edges(over, 1.0 / reach, reach, found)
+        except EngineError as error:
+            nearest[name] = _Nearest(doubt=str(error), sure=1.0)
+            continue
+        every = [edge for edge in edges.edges if stable or edge.changes_stability]
+        below = max((e for e in every if e.value < 1.0), key=lambda e: e.value, default=None)
+        above = min((e for e in every if e.value > 1.0), key=lambda e: e.value, default=None)
+        low, high = below.value if below else 0.0, above.value if above else math.inf
+        near = [max(factor, 1.0 / factor) for factor in edges.near if low <= factor <= high]
+        doubt = "a pole comes close to the axis" if near else ""
+        nearest[name] = _Nearest(below, above, doubt, min(near, default=math.inf))
+    return nearest
 
 
 def _least(circuit: Circuit, nearest: Mapping[str, _Nearest]) -> Margin:

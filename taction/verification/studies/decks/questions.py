@@ -1,4 +1,4 @@
-"""What is asked of a deck: one table, from which every medium follows, and what a user wants of it.
+"""What is asked of a deck: one table, from which every medium follows, and how it is judged.
 
 An entry states what a number is called, its unit, how it is found, how it is asked for and what is
 good. ``--check``, ``--over``, the document, the terminal, the report, worst corners and the yield
@@ -8,22 +8,40 @@ read `QUESTIONS`. To add one is to add a file with a `Question`, and its entry.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from taction.netlist_gen.scene.check_keys import Checks
 from taction.netlist_gen.scene.mistakes import validated
+from taction.system.array_types import EPS
 from taction.system.errors import Complaint, InputError
-from taction.system.quantities import fraction, number, parse
+from taction.system.quantities import fraction, number, parse, show_rate
 from taction.system.reading_definitions import READINGS
 from taction.verification.readings.readings import Reading
-from taction.verification.studies.decks.measured_board import MeasuredBoard
-from taction.verification.verdict.checks import Check, at_most, undecided
-from taction.verification.verdict.record import finite
+from taction.verification.stability.margin import Margin
+from taction.verification.stability.poles import Poles
+from taction.verification.studies.decks.measured_board import LATCH, WANTED, MeasuredBoard
+from taction.verification.verdict import record
+from taction.verification.verdict.board import SteadyState
+from taction.verification.verdict.cause import cause
+from taction.verification.verdict.checks import (
+    Check,
+    Evidence,
+    Outcome,
+    at_most,
+    doubtful,
+    overall,
+    undecided,
+)
+from taction.verification.verdict.record import Figure, Record, finite
+from taction.verification.verdict.run import StepError
+from taction.verification.verdict.run_checks import run_checks
 
 SHARE = 1e-3  # default tolerance of an expected value
 LISTED = 20  # nodes in a message
@@ -298,3 +316,107 @@ def reference_values(
     tolerance = share_of(accept, "--accept") * largest - abs(volts) * found.error_bound
     every = zip(nodes, wanted.tolist(), strict=True)
     return tuple(Expected(node, value, tolerance) for node, value in every)
+
+
+def judge(
+    found: MeasuredBoard,
+    asked: Wanted,
+    margin: Margin | None = None,
+) -> Iterator[Check]:
+    """Yield the expected values, then the limits that were asked for."""
+    yield from (_at_rest(found, each) for each in asked.expected)
+    evidence = Evidence(
+        limits=asked.limits,
+        measurements=found.measurements,
+        error=StepError.of(found.measurements, 0.0),
+        steady=SteadyState.of(found.board, found.scales),
+        end=math.inf,
+        forever=True,
+        wanted=WANTED,
+        agreement=None,
+        poles=found.poles,
+        margin=margin if asked.margin else None,
+        reference_error=0.0,
+        reference_problem="",
+        noise=found.noise if asked.limits.noise is not None else None,
+    )
+    for check in run_checks(evidence):
+        if check.name == "stability" and evidence.growth:
+            check = replace(check, reason=f"{check.reason}; {found.remedy}")
+        if check.name in asked.names:
+            yield check
+    yield from (QUESTIONS[name].check(found, limit) for name, limit in asked.own.items())
+    if asked.oscillates:
+        yield _oscillates(found.poles)
+
+
+def _at_rest(found: MeasuredBoard, wanted: Expected) -> Check:
+    """Compare the equilibrium of a node with an expected value."""
+    name, place = f"v({wanted.node})", found.board.descriptor.place(wanted.node)
+    value = float(found.board.equilibrium.values[place])
+    error = max(float(found.board.rounding[place]), EPS * abs(value))
+    outcome, reason = at_most(abs(value - wanted.volts), error, wanted.tolerance), "equilibrium"
+    if not found.poles.known_stable:
+        reason = "the board is not stable: it does not come to rest there"
+        outcome = Outcome.FAIL if found.poles.known_unstable else Outcome.INCONCLUSIVE
+    return Check(name, outcome, value, error, wanted.volts, wanted.tolerance, "V", reason)
+
+
+def _oscillates(found: Poles) -> Check:
+    """Pass a board in which a complex pair grows, and no real pole; its value is the frequency."""
+
+    def check(outcome: Outcome, reason: str, pole: complex = 0.0, error: float = 0.0) -> Check:
+        value, bound = (abs(pole.imag) / math.tau, error / math.tau) if pole else (None, None)
+        return Check("oscillates", outcome, value, bound, None, None, "Hz", reason)
+
+    p, errors = found.poles, found.errors
+    growing, may_grow = p.real > errors, p.real >= -errors
+    pairs, real = np.abs(p.imag) > errors, p.imag == 0.0
+    if np.any(growing & real):
+        return check(Outcome.FAIL, f"runs away, a real pole grows: {LATCH}")
+    if np.any(may_grow & ~pairs) or (np.any(may_grow) and not np.any(growing)):
+        return check(Outcome.INCONCLUSIVE, doubtful(found))
+    if not np.any(growing):
+        return check(Outcome.FAIL, "every mode decays")
+    first = int(np.argmax(growing))
+    reason = f"grows with {show_rate(p.real[first])}; of its start, before anything limits it"
+    return check(Outcome.PASS, reason, complex(p[first]), float(errors[first]))
+
+
+def record_of(
+    found: MeasuredBoard,
+    checks: Iterable[Check] = (),
+    asked: Wanted | None = None,
+    margin: Margin | None = None,
+) -> Record:
+    """Return what is known of a board as a record; its outcome is that of the checks."""
+    judged, poles = tuple(checks), found.poles
+    decisive, lead = cause(judged), poles.rightmost if len(poles.poles) else None
+    bound, named = finite(poles.resolution), () if asked is None else asked.names
+    figures = {
+        each.name: record.FigureRule(each.unit, each.worst).figure(found)
+        if each.over or each.name in named
+        else Figure(None, each.unit)
+        for each in QUESTIONS.values()
+    }
+    rate, hertz = (None, None) if lead is None else (lead.real, abs(lead.imag) / math.tau)
+    figures |= {
+        "growth_rate": Figure(rate, "1/s", bound),
+        "frequency": Figure(hertz, "Hz", None if bound is None else bound / math.tau),
+        "step_amplitude": Figure(found.measurements.amplitude, "V", 2.0 * found.rest_error),
+        "margin": Figure(None if margin is None else margin.factor),
+    }
+    channels = found.measurements.channels
+    rests = [{"equilibrium": Figure(v, "V", found.rest_error)} for v in found.rest.tolist()]
+    return Record(
+        overall(judged).value if judged else Outcome.PASS.value,
+        "statespace",
+        "statespace",
+        None,
+        "" if decisive is None else decisive.text,
+        max((each.state for each in channels), key=record.STATES.index).value,
+        poles.stable,
+        *record.three(figures),
+        judged,
+        tuple(map(record.Channel.of, channels, rests)),
+    )

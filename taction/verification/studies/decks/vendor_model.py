@@ -1,18 +1,14 @@
-"""Characterise a vendor's netlist: what ngspice measures of it on test benches.
+"""Characterise a vendor's netlist: the figures of a data sheet, and a linear model.
 
 The bench holds the operating point of a follower with an open loop: the voltage of the inverting
-input is that of a node which follows the output with a time constant of 1e15 s. A coil of 1e12 H
-and a capacitor of 1e12 F would be the same, but the rounding of their admittances spoils the output
-of a large gain.
-
-Found are the figures of a data sheet, and a linear model that the state-space engine uses.
+input is that of a node which follows the output with a time constant of 1e15 s.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -92,38 +88,31 @@ class VendorBench:
     compensation: float = 0.0  # capacitor between the ports `comp`, F
     middle: float = 0.0  # of the supplies: the non-inverting input at rest, V
 
-    @property
-    def wired(self) -> tuple[str, ...]:
-        """The role of each port, with the node behind the probe of the inverting input."""
-        return tuple("pin" if role == "inn" else role for role in self.pins)
-
     def lines(self, step: str = "") -> list[str]:
-        """Return the cards, without those of an analysis.
-
-        With a `step`, the voltage at the non-inverting input over the time, the output has a load,
-        to the middle of the supplies. `DRIVEN` are the sources of small signals, which are off.
-        """
+        """Return the cards; with a `step` of the non-inverting input the output has a load."""
         return [
             *self.subcircuit.lines,
             f"Vcc vcc 0 dc {self.middle + self.supply!r}",
             f"Vee vee 0 dc {self.middle - self.supply!r}",
             f"Vmid mid 0 dc {self.middle!r}",
             f"Vinp {'far' if step else 'inp'} mid dc 0.0 ac 0.0 {step}".rstrip(),
-            instance(self.subcircuit, self.wired, self.compensation),
-            "Vinn inn pin dc 0.0",  # its current is that of the pin
+            instance(self.subcircuit, self.pins, self.compensation),
             *("Gslow 0 slow out 0 1e-6", "Rslow slow 0 1e6", "Cslow slow 0 1e9"),
             "Eservo inn drive slow 0 1.0",
             "Vdrive drive 0 dc 0.0 ac 0.0",
             "Iload 0 out dc 0.0 ac 0.0",
             *([f"Rload out mid {LOAD!r}", f"Rstep far inp {CLAMPED!r}"] if step else []),
-            *("Hof_inn of_inn 0 Vinn 1.0", "Hof_inp of_inp 0 Vinp -1.0", "Hof_vcc of_vcc 0 Vcc -1"),
+            *(
+                "Hof_inn of_inn 0 Vdrive -1.0",
+                "Hof_inp of_inp 0 Vinp -1.0",
+                "Hof_vcc of_vcc 0 Vcc -1",
+            ),
         ]
 
     def switched(self, volts: float, period: float, simulator: Simulator) -> tuple[Floats, Floats]:
-        """Return instants, s, and the output, V, that is driven to both of its ends.
+        """Return instants, s, and the output, V, for an input at +, -, + `volts` for a `period`, s.
 
-        The non-inverting input is at +`volts` for a `period` in s, at -`volts` for the next, and at
-        +`volts` for a third; all voltages from the middle of the supplies.
+        All voltages are from the middle of the supplies.
         """
         levels = (0.0, volts, -volts, volts)
         points = (
@@ -152,11 +141,9 @@ class Responses:
 
     frequencies: Floats  # (P,), Hz
     every: Complexes  # (3, 4, P): `PORTS` for 1 V or 1 A of each of `DRIVEN`
-    output: float  # at rest, V from the middle of the supplies, as `inverting`
-    inverting: float
-    into_inverting: float  # A, as the others
-    into_other: float
-    supply_current: float
+    # At rest: output and inverting input, V from the middle of the supplies, currents into the
+    # inverting input and the other one, and that of the supply, A.
+    rest: tuple[float, ...]
 
     @property
     def gain(self) -> Complexes:
@@ -174,13 +161,8 @@ def respond(bench: VendorBench, point: DeckPoint, simulator: Simulator) -> Respo
     """Return operating point and small signals of a bench at the `point` that was found of it."""
     commands = [*([AT_ONCE] if point.text else []), "save all", "op", f"write {RESULT}"]
     for source in DRIVEN:  # each from a new start, which the same point follows
-        commands += [
-            "set appendwrite",
-            "reset",
-            f"alter {source} acmag=1",
-            SWEEP,
-            f"write {RESULT}",
-        ]
+        commands += ["set appendwrite", "reset", f"alter {source} acmag=1", SWEEP]
+        commands.append(f"write {RESULT}")
     text = point.text or point.lines
     answers = run_commands(text, commands, simulator, mode=point.mode, seconds=TIMEOUT)
     if len(answers.plots) != 1 + len(DRIVEN):
@@ -192,12 +174,12 @@ def respond(bench: VendorBench, point: DeckPoint, simulator: Simulator) -> Respo
     every = np.array([[each[f"v({port})"] for port in PORTS] for each in driven])
     frequencies = driven[0]["frequency"].real  # as ngspice rounded them
     middle = np.array([bench.middle, bench.middle, 0.0, 0.0, 0.0])
-    return Responses(frequencies, every, *(volts - middle).tolist())
+    return Responses(frequencies, every, tuple((volts - middle).tolist()))
 
 
 GOOD = 1e-4  # largest relative difference from ngspice of a linear model that serves as a witness
 EVERY = 4  # of the measured frequencies: 10 a decade are compared
-BENCH = (*DRIVEN, "vinn", "vmid", "eservo", *SERVO, "hof_inn", "hof_inp", "hof_vcc")
+BENCH = (*DRIVEN, "vmid", "eservo", *SERVO, "hof_inn", "hof_inp", "hof_vcc")
 JUMP = 2.0  # of the gain between two neighbouring frequencies, 6 % apart: no op-amp
 CURRENT_FEEDBACK = (1e-4, 100.0)  # S of the inverting input, and ratio to the other one
 AT_REST = 0.1  # V: output of a follower at 0 V
@@ -210,15 +192,6 @@ ENDED = 0.01  # of the supply: an output that changes by less in a tenth of the 
 SLEWS = 0.8  # of `DRIVE`: with a larger range of its input stage an op-amp does not slew
 INPUT_HERTZ = 1e3  # where the capacitances of the inputs are read
 LEAST_SIEMENS, LEAST_FARADS = 1e-16, 1e-16  # of an input: less is rounding
-USUAL = {
-    "dc_gain": (1e3, 1e10, ""),
-    "unity_gain_bandwidth": (1e3, 1e10, "Hz"),
-    "phase_margin": (5.0, 100.0, "degrees"),
-    "offset_voltage": (0.0, 0.02, "V"),
-    "bias_current": (0.0, 1e-4, "A"),
-    "supply_current": (0.0, 0.1, "A"),
-}
-"""Figures of op-amps that are sold; others may be right, and are said."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,10 +213,9 @@ def import_opamp(
     compensation: float = 0.0,
     middle: float = 0.0,
 ) -> ImportedOpAmp:
-    """Read, check and characterise the subcircuit of a netlist, as `taction.import_model` does.
+    """Read, check and characterise a subcircuit, as `taction.import_model` does.
 
-    `compensation` is in F, `supply` and `middle` in V: the supply voltages are `middle` + and -
-    `supply`, and inputs and output are measured at `middle`.
+    Its supply voltages are `middle` + and - `supply`, its inputs and output at `middle`, V.
     """
     found = vendor_subcircuit(file, subcircuit)
     try:
@@ -256,7 +228,7 @@ def import_opamp(
     simulator, bench = find_simulator(), VendorBench(found, pins, supply, compensation, middle)
     try:
         cards = find_point(bench.lines(), "", simulator).cards
-        found = flat_subcircuit(cards, port_nodes(bench.wired), subcircuit)
+        found = flat_subcircuit(cards, port_nodes(pins), subcircuit)
         bench = replace(bench, subcircuit=found)
         point = find_point(bench.lines(), "", simulator, modes=("",))
     except CardError as error:
@@ -270,7 +242,6 @@ def import_opamp(
     except (CardError, EngineError, SimulationError) as error:
         said = re.sub(rf"\b{DEVICE}\.\w\.(?={DEVICE}\.)", "", one_line(error))
         linear, missing = None, f"no linear model: {said}"
-    doubts += _doubts(figures)
     stored = ImportedOpAmp(found, pins, supply, figures, linear, missing, compensation)
     return replace(stored, doubts=tuple(doubts), middle=middle)
 
@@ -295,8 +266,8 @@ def _no_opamp(measured: Responses, middle: float) -> str:
             f"the gain is {size[0]:.4g} at {f[0]:g} Hz and never crosses 1 up to {f[-1]:.2g} Hz:"
             " are the pins right, or does it need a compensation capacitor?"
         )
-    if abs(measured.output) > AT_REST:
-        output = middle + measured.output
+    if abs(measured.rest[0]) > AT_REST:
+        output = middle + measured.rest[0]
         return f"as a follower at {middle:g} V its output rests at {output:.3g} V"
     steps = np.abs(np.diff(np.log(size[: below[0] + 1])))
     if steps.max() > math.log(JUMP):
@@ -311,47 +282,40 @@ def _no_opamp(measured: Responses, middle: float) -> str:
 def _figures(
     measured: Responses, bench: VendorBench, simulator: Simulator
 ) -> tuple[Figures, list[str]]:
-    """Return the figures of a data sheet, and why one of them is missing."""
-    size, opened = np.abs(measured.gain), Bode(measured.frequencies, measured.gain)
-    unity, margin = opened.crossing()
-    common = abs(measured.every[1, 0, 0] / measured.gain[0] - 1.0)
+    """Return the figures of a data sheet, and why one of them is missing.
+
+    Both inputs are driven by sources, so the current into the one that is held goes between them.
+    """
+    f, size, opened = measured.frequencies, np.abs(measured.gain), measured.gain
+    unity, margin = Bode(f, opened).crossing()
+    _, inverting, into_inn, into_inp, supplied = measured.rest
+    common = abs(measured.every[1, 0, 0] / opened[0] - 1.0)
     slew_rate = swing = None
-    doubts: list[str] = []
+    doubts = list[str]()
     try:
         slew_rate, swing = _ends(bench, simulator, unity)
     except SimulationError as error:
         doubts.append(f"slew rate and swing are not known: {one_line(error)}")
+    own, _, across = measured.admittances
+    k, inputs = int(np.argmin(np.abs(f - INPUT_HERTZ))), dict[str, float | None]()
+    for name, admittance in (("differential", -across), ("common", own + across)):
+        siemens, farads = float(admittance[0].real), float(admittance[k].imag / (math.tau * f[k]))
+        inputs[f"{name}_resistance"] = 1.0 / siemens if siemens > LEAST_SIEMENS else None
+        inputs[f"{name}_capacitance"] = farads if farads > LEAST_FARADS else None
     return Figures(
         dc_gain=float(size[0]),
         unity_gain_bandwidth=unity,
         phase_margin=margin,
         output_resistance=float(abs(measured.every[2, 0, np.flatnonzero(size < 1.0)[0]])),
-        supply_current=max(measured.supply_current, 0.0),
-        offset_voltage=measured.inverting,
-        bias_current=0.5 * (measured.into_inverting + measured.into_other),
-        offset_current=measured.into_other - measured.into_inverting,
+        supply_current=max(supplied, 0.0),
+        offset_voltage=inverting,
+        bias_current=0.5 * (into_inn + into_inp),
+        offset_current=into_inp - into_inn,
         common_mode_rejection=-20.0 * math.log10(common) if common > COMMON_MODE else None,
         slew_rate=slew_rate,
         swing=swing,
-        **_inputs(measured),
+        **inputs,
     ), doubts
-
-
-def _inputs(measured: Responses) -> dict[str, float | None]:
-    """Return resistances and capacitances between the inputs, and of the smaller one to ground.
-
-    Both inputs are driven by sources, so the current into the one that is held goes between them.
-    """
-    own, _, across = measured.admittances
-    mutual, common = -across, own + across
-    k = int(np.argmin(np.abs(measured.frequencies - INPUT_HERTZ)))
-    found: dict[str, float | None] = {}
-    for name, admittance in (("differential", mutual), ("common", common)):
-        siemens = float(admittance[0].real)
-        farads = float(admittance[k].imag) / (2.0 * math.pi * float(measured.frequencies[k]))
-        found[f"{name}_resistance"] = 1.0 / siemens if siemens > LEAST_SIEMENS else None
-        found[f"{name}_capacitance"] = farads if farads > LEAST_FARADS else None
-    return found
 
 
 def _ends(
@@ -361,11 +325,10 @@ def _ends(
 
     None: the netlist has no such limit.
     """
-    supply = bench.supply
-    volts, period = min(DRIVE, 0.5 * supply), PERIODS / unity
-    most = SLEWS * volts * 2.0 * math.pi * unity
+    supply, most = bench.supply, SLEWS * math.tau * unity * min(DRIVE, 0.5 * bench.supply)
+    period = PERIODS / unity
     for _ in range(ATTEMPTS):
-        time, output = bench.switched(volts, period, simulator)
+        time, output = bench.switched(min(DRIVE, 0.5 * supply), period, simulator)
         if np.abs(output).max() > BEYOND * supply:  # the netlist does not know its supplies
             rate = slope(time, output, RAMP[0] * supply, RAMP[1] * supply)
             return (rate if rate < most else None), None
@@ -377,39 +340,31 @@ def _ends(
     swing = float(min(ends[0], -ends[1]))
     if not swing > 0.0:
         raise SimulationError("the output does not change its sign")
-    level = MIDDLE * swing
-    parts = [(time >= k * period) & (time <= (k + 1.0) * period) for k in (1.0, 2.0)]
-    fall, rise = (
-        slope(time[part], sign * output[part], -level, level)
-        for part, sign in zip(parts, (-1.0, 1.0), strict=True)
-    )
-    return (min(fall, rise) if min(fall, rise) < most else None), swing
+    rate = math.inf
+    for k, sign in ((1.0, -1.0), (2.0, 1.0)):  # it falls, and rises
+        part = (time >= k * period) & (time <= (k + 1.0) * period)
+        rate = min(rate, slope(time[part], sign * output[part], -MIDDLE * swing, MIDDLE * swing))
+    return (rate if rate < most else None), swing
 
 
 def _linear_model(point: DeckPoint, seen: Responses, simulator: Simulator) -> LinearModel:
-    """Return the linear circuit of an op-amp: its cards on the bench, each measured where it rests.
+    """Return the cards of an op-amp, each measured where it rests; `CardError` without a model.
 
-    ngspice's own small signal is the witness, at every port. Raises `CardError` where there is
-    none: an element is not of the form ``G + s C``, the netlist is unstable with its inputs held,
-    ngspice's small signal is another one.
+    ngspice's own small signal is the witness, at every port.
     """
     flat = linear_flat(point.flat, point.volts, point.options, simulator)
     if moving := [card for card, found in flat.stimuli.items() if found.moves]:
         raise CardError(f"{moving[0]} changes over time")
-    held = _with(flat, "eservo", value=0.0)  # both inputs; 1 GF of the servo hides other poles
-    held.parts = [part for part in held.parts if part.card.lower() != "cslow"]
-    found = poles(LinearBoard(circuit_of(held, "bench", (OUT,))))
+    held = replace(flat, parts=[part for part in flat.parts if part.card.lower() != "cslow"])
+    found = poles(_board(held, "eservo", value=0.0))  # 1 GF of the servo hides other poles
     if found.known_unstable:
         raise CardError(f"the netlist itself has a pole at {show_rate(found.rightmost.real)}")
     hertz, wanted = seen.frequencies[::EVERY], seen.every[:, :, ::EVERY]
     ours, least = np.empty_like(wanted), np.array([*PORTS.values()])[:, None]
     for k, name in enumerate(DRIVEN):
-        driven = _with(flat, name, value=1.0, before=0.0)
-        board = LinearBoard(circuit_of(driven, "bench", (OUT,)))
-        descriptor = board.descriptor
+        descriptor = _board(flat, name, value=1.0, before=0.0).descriptor
         places = [descriptor.place(port) for port in PORTS]
-        b = descriptor.switched[:, None]
-        ours[k] = small_signals(descriptor, b, hertz)[0][0][:, places].T
+        ours[k] = small_signals(descriptor, descriptor.switched[:, None], hertz)[0][0][:, places].T
     off = np.abs(ours - wanted) / np.maximum(np.abs(wanted), least)
     if not (worst := float(off.max())) <= GOOD:
         _, port, at = np.unravel_index(int(off.argmax()), off.shape)
@@ -417,34 +372,15 @@ def _linear_model(point: DeckPoint, seen: Responses, simulator: Simulator) -> Li
             f"it is {100.0 * worst:.2g} % from the small signal of ngspice, more than"
             f" {100.0 * GOOD:g} %, at {[*PORTS][int(port)]}, {hertz[int(at)]:.4g} Hz"
         )
-    return LinearModel(tuple(_parts(flat)), worst, (float(hertz[0]), float(hertz[-1])))
+    parts = tuple(  # the op-amp with its supplies: the bench without what drives it
+        Branch(part.letter, part.name, part.a, part.b, part.value, part.control)
+        for part in flat.parts
+        if part.card.lower() not in BENCH
+    )
+    return LinearModel(parts, worst, (float(hertz[0]), float(hertz[-1])))
 
 
-def _with(flat: Flat, card: str, **values: Any) -> Flat:
-    """Return flat cards with other values of one source."""
+def _board(flat: Flat, card: str, **values: Any) -> LinearBoard:
+    """Return the bench with other values of one source."""
     parts = [replace(p, **values) if p.card.lower() == card else p for p in flat.parts]
-    return replace(flat, parts=parts)
-
-
-def _parts(flat: Flat) -> Iterator[Branch]:
-    """Yield the parts of the op-amp with its supplies: the bench without what drives it."""
-
-    def port(node: str) -> str:
-        return "inn" if node == "pin" else node
-
-    for part in flat.parts:
-        if part.card.lower() not in BENCH:
-            a, b, *control = map(port, (part.a, part.b, *part.control))
-            yield Branch(part.letter, part.name, a, b, part.value, tuple(control))
-
-
-def _doubts(figures: Figures) -> list[str]:
-    """Return a sentence for every figure that no op-amp has that is sold."""
-    found = []
-    for name, (low, high, unit) in USUAL.items():
-        value = getattr(figures, name)
-        if not low <= abs(value) <= high or (name == "phase_margin" and value < low):
-            title = name.replace("_", " ")
-            between = f"{low:g} to {high:g} {unit}".rstrip()
-            found.append(f"the {title} is {value:.4g} {unit}".rstrip() + f", usual is {between}")
-    return found
+    return LinearBoard(circuit_of(replace(flat, parts=parts), "bench", (OUT,)))

@@ -25,9 +25,9 @@ from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.readings.measurements import measure as measure_record
 from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.studies.decks.board_checks import record_of
 from taction.verification.studies.decks.foreign_board import ForeignBoard, read_board
 from taction.verification.studies.decks.measured_board import Start, measure_board, step_response
+from taction.verification.studies.decks.questions import record_of
 from taction.verification.studies.regression.difference import (
     CHANNEL_FIGURES,
     FIGURES,
