@@ -211,8 +211,9 @@ def board_text(
     if matrix_file is not None:
         ends = (each for matrix in circuit.matrices for each in matrix.elements())
         pads = list(dict.fromkeys(node for _, _, *nodes, _ in ends for node in nodes))
-        others = (*circuit.outputs, *circuit.voltages)
-        nodes = [*circuit.signal_nodes, *circuit.constraint_nodes, *(each.node for each in others)]
+        nodes = [*circuit.signal_nodes, *circuit.constraint_nodes]
+        nodes += [out.node for out in circuit.outputs]
+        nodes += [source.node for source in circuit.voltages]
         ports = " ".join(dict.fromkeys([*pads, *nodes]))
         whole = [f".subckt amplifiers {ports}", *stages, *parts, ".ends amplifiers"]
         calls = [f"Xamplifiers {ports} amplifiers", " ".join(["Xmatrix", *pads, "matrix"])]

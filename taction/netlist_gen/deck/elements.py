@@ -167,8 +167,10 @@ def _device(card: str, models: Models) -> Element:
         many = number(given.get("m", "1"))
         area = number(given.get("area", "1")) if not plain or kind == "m" else plain[0]
         for k, keys in enumerate(OHMIC[kind]):
-            ohms = number(values.get(keys[0], "0")) / (area * many) if keys else 0.0
-            if kind == "m" and keys:
+            if not keys:
+                continue
+            ohms = number(values.get(keys[0], "0")) / (area * many)
+            if kind == "m":
                 squares = number(given.get("nrd" if k == 0 else "nrs", "1"))
                 sheet = number(values.get("rsh", "0")) * squares
                 ohms = (number(values[keys[0]]) if keys[0] in values else sheet) / many

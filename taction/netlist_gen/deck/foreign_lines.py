@@ -13,7 +13,6 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 from taction.system.errors import Complaint, InputError
 
@@ -100,7 +99,8 @@ class Card:
             raise self.refused(beyond(count, what, most))
 
 
-class Lines(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Lines:
     """The lines of a file."""
 
     count: int  # as they stand in it
@@ -232,7 +232,9 @@ def check_expanded(
     def size(cards: Sequence[Card], callers: tuple[str, ...]) -> int:
         total = len(cards)
         for card in cards:
-            inner = calls(card) if calls else [called(card.text)] * (card.text[0] == "x")
+            inner = (
+                calls(card) if calls is not None else [called(card.text)] * (card.text[0] == "x")
+            )
             for name in filter(blocks.__contains__, inner):
                 if name in callers:
                     raise card.refused(f"a {what} that calls itself")

@@ -45,14 +45,14 @@ def is_plain(deck: ForeignDeck) -> bool:
 def ready_lines(deck: ForeignDeck) -> Iterator[str]:
     """Yield the text for ngspice: no POLY, table or PSpice's switch; what it lacks before it."""
     yield from missing_cards(deck.lines)[0]
-    known, scope = ltspice_opamps(deck), list[str]()
+    known, inside = ltspice_opamps(deck), list[str]()
     for opamp in dict.fromkeys(known.values()):
         yield from opamp_cards(opamp)
     placed = list[tuple[tuple[str, ...], Card]]()  # with the subcircuits in which it stands
     for card in deck.cards:
-        scope += [card.text.split()[1]] if card.word == ".subckt" else []
-        placed.append((tuple(scope), card))
-        del scope[len(scope) - (card.word == ".ends") :]
+        inside += [card.text.split()[1]] if card.word == ".subckt" else []
+        placed.append((tuple(inside), card))
+        del inside[len(inside) - (card.word == ".ends") :]
     models = {(scope, m[1]): m for scope, card in placed if (m := _SMOOTH.match(card.text))}
     own = {s for s, card in placed if card.word == ".subckt" and "gnd" in card.text.split()}
     for scope, card in placed:
