@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import taction
-from taction.cli import command as running
+from taction.cli import command as cli
 from taction.cli import main as program
 from taction.cli.command import Command, CommandParameter, Job, load, sentences, signature
 from taction.system.errors import Complaint
@@ -86,7 +86,7 @@ def stated(name: str, parameter: CommandParameter) -> inspect.Parameter | None:
 @pytest.mark.parametrize("name", CALLS)
 def test_an_option_is_a_keyword_with_its_default_or_shows_the_result(name: str) -> None:
     command = entry(name)
-    made = {p.name: p for p in running.made(name, command).params}
+    made = {p.name: p for p in cli.made(name, command).params}
     shown = {output.name for output in command.outputs} | {"junit"}
     for parameter in command.every:
         known = stated(name, parameter)
@@ -101,7 +101,7 @@ def test_an_option_is_a_keyword_with_its_default_or_shows_the_result(name: str) 
 @pytest.mark.parametrize("name", CALLS)
 def test_every_option_has_the_sentence_of_the_docstring(name: str) -> None:
     command = entry(name)
-    made = {p.name: p for p in running.made(name, command).params}
+    made = {p.name: p for p in cli.made(name, command).params}
     for parameter in command.every:
         if parameter.flags:
             text = made[parameter.name].to_info_dict()["help"]
@@ -136,7 +136,7 @@ class Ended:
     ],
 )
 def test_the_exit_status_of_a_result(values: dict[str, Any], status: int) -> None:
-    assert running.status_of(Ended(**values)) == status
+    assert cli.status_of(Ended(**values)) == status
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, name: str, error: BaseException) -> None:
@@ -148,7 +148,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, name: str, error: BaseException) ->
         raise error
 
     monkeypatch.setattr(taction, function, ends)
-    monkeypatch.setattr(running, "signature", lambda asked: real if asked == function else {})
+    monkeypatch.setattr(cli, "signature", lambda asked: real if asked == function else {})
 
 
 @pytest.mark.usefixtures("folder")
@@ -194,7 +194,7 @@ def test_what_is_finished_is_shown_after_ctrl_c(monkeypatch: pytest.MonkeyPatch)
 
     whole = run(*words)
     monkeypatch.setattr(taction, name, interrupted)
-    monkeypatch.setattr(running, "signature", lambda asked: inspect.signature(real).parameters)
+    monkeypatch.setattr(cli, "signature", lambda asked: inspect.signature(real).parameters)
     result = run(*words)
     assert result.exit_code == 130
     assert len(result.stdout.splitlines()) == len(whole.stdout.splitlines())

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from taction.system import processes as own_folders
+from taction.system import processes
 from taction.system.processes import (
     clear_abandoned,
     make_own_folder,
@@ -78,7 +78,7 @@ def test_a_folder_that_another_process_clears_before_the_lock_is_made_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: list[str] = []
-    make = own_folders.tempfile.mkdtemp
+    make = processes.tempfile.mkdtemp
 
     def cleared(**where: str) -> str:
         made.append(make(**where))
@@ -86,7 +86,7 @@ def test_a_folder_that_another_process_clears_before_the_lock_is_made_again(
             Path(made[0]).rmdir()
         return made[-1]
 
-    monkeypatch.setattr(own_folders.tempfile, "mkdtemp", cleared)
+    monkeypatch.setattr(processes.tempfile, "mkdtemp", cleared)
     assert str(make_own_folder(tmp_path)) == made[1] != made[0]
 
 
