@@ -78,7 +78,7 @@ def processes(folder: Path, parent: int) -> Iterator[Process]:
                     "ngspice": home in environment,
                     "parent": pid == parent,
                     "tracker": b"resource_tracker" in words,
-                    "worker": b"spawn_main" in words,
+                    "worker": b"import serve" in words,
                 }
                 kind = next((name for name, found in kinds.items() if found), "helper")
                 yield Process(pid, fields[19], kind)

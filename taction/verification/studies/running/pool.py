@@ -168,14 +168,11 @@ class Worker:
         if self._ended:  # by another thread while the process started
             self._stop()
             raise WorkerDiedError("the process was ended")
-        try:
-            if self._pipe.poll(START_UP):
-                self._pipe.recv()
-                return self._pipe
-        except (EOFError, OSError):
-            pass
-        self._stop()
-        raise NotStartedError(f"a second Python process gave no answer within {START_UP:g} s")
+        if not self._pipe.poll(START_UP):
+            self._stop()
+            raise NotStartedError(f"a second Python process gave no answer within {START_UP:g} s")
+        self._pipe.recv()
+        return self._pipe
 
     def _stop(self) -> None:
         """End the process; its `finally` clauses run first and end its simulator."""
