@@ -23,6 +23,7 @@ from taction.verification.stability.poles import Poles, count_unstable, poles
 
 REACH = 100.0  # the largest factor
 KEPT = 8  # kinds of boards whose edges are kept
+DIGITS = 9  # of a margin: edges that boards share differ beyond them by where they were found
 WIDER = 3.0  # times: by so much the edges that are kept go beyond the values seen
 CLOSE = 1e-6  # relative distance behind `REACH` up to which edges are searched
 AROUND = 30.0  # stable values: from the board's own value / 30 to its value * 30
@@ -191,7 +192,8 @@ class MarginSearch:
         if not ahead:
             return Margin(factor, 0.0, f"no crossing up to {self._last}", doubt)
         first = ahead[factor]
-        bound = first.bound / first.value
+        bound = max(first.bound / first.value, 10.0 ** (1 - DIGITS))
+        factor = float(f"{factor:.{DIGITS}g}")  # the same whichever board found the edges
         return Margin(
             factor, bound * factor, self._words(factor), doubt or self._contradicted(first, edges)
         )

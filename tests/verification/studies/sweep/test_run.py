@@ -17,6 +17,7 @@ from taction.system.errors import (
     SimulationError,
     SimulatorNotFound,
 )
+from taction.verification.stability import margin
 from taction.verification.studies.running.pool import WorkerDiedError, Workers
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.sweep.plan import (
@@ -28,6 +29,7 @@ from taction.verification.studies.sweep.result import records
 from taction.verification.verdict import verify as module_of_verdicts
 from taction.verification.verdict.verify import verify
 from tests.support.making import NEAR_IDEAL, make_scene, write_matrix_scene
+from tests.support.paths import SCENES
 from tests.support.studying import IDEAL
 
 DAMPED = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0.0, "opamp": NEAR_IDEAL}
@@ -46,6 +48,20 @@ def scene(**tables: Any) -> Scene:
 def plan(*over: str, engine: str = "statespace") -> Plan:
     asked = scene()
     return Plan(asked, parse_axes(asked, over), engine)
+
+
+def test_a_point_is_the_same_whatever_was_computed_before(
+    tmp_path: Path, workers: Workers, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Boards that differ in C alone share their edges; who found them must not show."""
+    found = []
+    board = load_scene(SCENES / "tuned-breadboard.toml")
+    for number, values in enumerate(("230p", "500p,230p", "110p,230p")):
+        monkeypatch.setattr(margin, "_SHARED", {})
+        asked = Plan(board, parse_axes(board, f"C={values}"), "statespace")
+        found.append(run(asked, tmp_path / f"{number}", workers)[1][-1] | {"seconds": None})
+    assert found[0]["margin"] < 100.0
+    assert found[0] == found[1] == found[2]
 
 
 def run(asked: Plan, path: Path, workers: Workers, **more: Any) -> tuple[SweepCounts, list[Any]]:
