@@ -181,7 +181,7 @@ class Design(fields.Model):
     antilog: AntilogChoice = entry(AntilogChoice(), "exponential amplifiers: how they are built")
     opamp: OpAmpChoice = OpAmpChoice()
     supply: fields.SupplyVolts = entry(15.0, "both supply voltages of the op-amps, as '±15V'")
-    temperature: Annotated[str, fields.TemperatureRange()] | None = optional(
+    temperature: fields.TwoTemperatures | None = optional(
         "at which the board must work; drift from 25 degrees C counts in steady_state"
     )
     supply_tolerance: Annotated[fields.Real, Field(ge=0, lt=1)] = entry(

@@ -12,6 +12,8 @@ from pydantic import (
     ConfigDict,
     Field,
     GetJsonSchemaHandler,
+    PlainValidator,
+    WithJsonSchema,
     model_validator,
 )
 from pydantic_core import CoreSchema, core_schema
@@ -90,43 +92,23 @@ RANGE = re.compile(r"\s*([-+]?\d+(?:\.\d+)?)\s*\.\.\s*([-+]?\d+(?:\.\d+)?)\s*(?:
 COLDEST, HOTTEST = -55.0, 125.0  # degrees C, of parts
 
 
-@dataclass(frozen=True, slots=True)
-class TemperatureRange(Checked):
-    """Annotation of two temperatures of a board, as ``"0..70degC"``."""
-
-    def check(self, value: object) -> str:
-        """Return the text as it is written; ValueError has the accepted values."""
-        match = RANGE.fullmatch(value) if isinstance(value, str) else None
-        ends = tuple(map(float, match.groups())) if match else ()
-        if not ends or not COLDEST <= ends[0] <= ends[1] <= HOTTEST:
-            text = f"between {COLDEST:g} and {HOTTEST:g} degrees C"
-            raise ValueError(f"expected two temperatures, such as '0..70degC', {text}")
-        return str(value)
-
-    def described(self) -> dict[str, Any]:
-        """Return the schema of the written values."""
-        return {"type": "string", "description": "two temperatures, such as '0..70degC'"}
+def _temperatures(value: object) -> str:
+    match = RANGE.fullmatch(value) if isinstance(value, str) else None
+    ends = tuple(map(float, match.groups())) if match else ()
+    if not ends or not COLDEST <= ends[0] <= ends[1] <= HOTTEST:
+        text = f"between {COLDEST:g} and {HOTTEST:g} degrees C"
+        raise ValueError(f"expected two temperatures, such as '0..70degC', {text}")
+    return str(value)
 
 
-@dataclass(frozen=True, slots=True)
-class Rule(Checked):
-    """Annotation of a positive number, or the name of a rule that finds the number."""
-
-    names: tuple[str, ...]
-
-    def check(self, value: object) -> float | str:
-        """Return the number or the name; ValueError has the accepted values."""
-        if isinstance(value, str) and value in self.names:
-            return value
-        if isinstance(value, int | float) and value is not True and SMALL <= value <= LARGE:
-            return float(value)
-        known = ", ".join(repr(name) for name in self.names)
-        numbers = f"a number between {SMALL:g} and {LARGE:g}"
-        raise ValueError(f"expected {numbers}, or one of the rules {known}")
-
-    def described(self) -> dict[str, Any]:
-        """Return the schema of the written values."""
-        return {"anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"enum": list(self.names)}]}
+def _lambda(value: object) -> float | str:
+    if isinstance(value, str) and value in RULES:
+        return value
+    if isinstance(value, int | float) and value is not True and SMALL <= value <= LARGE:
+        return float(value)
+    known = ", ".join(map(repr, RULES))
+    numbers = f"a number between {SMALL:g} and {LARGE:g}"
+    raise ValueError(f"expected {numbers}, or one of the rules {known}")
 
 
 def in_range(value: float) -> float:
@@ -160,8 +142,16 @@ Hertz = Annotated[float, Unit("Hz")]
 HertzOrZero = Annotated[float, Unit("Hz", zero=True)]
 Seconds = Annotated[float, Unit("s")]
 SecondsOrAuto = Annotated[Literal["auto"] | float, Unit("s", word="auto")]
+RULES = ("discrepancy", "gcv", "l-curve", "quasi-optimality", "mse")  # that find lambda
 LambdaOrRule = Annotated[
-    float | str, Rule(("discrepancy", "gcv", "l-curve", "quasi-optimality", "mse"))
+    float | str,
+    PlainValidator(_lambda),
+    WithJsonSchema({"anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"enum": [*RULES]}]}),
+]
+TwoTemperatures = Annotated[
+    str,
+    PlainValidator(_temperatures),
+    WithJsonSchema({"type": "string", "description": "two temperatures, such as '0..70degC'"}),
 ]
 
 
