@@ -12,7 +12,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.design import Design
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, own_figures
 from taction.system.array_types import Floats
 
 DIGITS = 3  # of a value without a series
@@ -215,14 +215,9 @@ def packages(circuit: Circuit) -> Iterator[Package]:
             yield Package(f"U{number}", held, size - len(held))
 
 
-def changed_figures(scene: Scene) -> list[str]:
-    """Return the keys of figures that the scene's op-amps have in the place of their part's."""
-    return sorted(scene.design.opamp.model_fields_set - {"base", "file", "level", "input_errors"})
-
-
 def _not_listed(circuit: Circuit, scene: Scene) -> Iterator[str]:
     choice = scene.design.opamp
-    if changed := changed_figures(scene):
+    if changed := sorted(own_figures(choice)):
         yield f"op-amps with the scene's {', '.join(changed)}, which {choice.base} does not have"
     if not any(model.supply_current for model in circuit.models.values()):
         yield "the supply current of the op-amps: set design.opamp.supply_current"

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 from taction.netlist_gen.board import parts as boards
-from taction.netlist_gen.board.bill_of_materials import changed_figures, packages, tolerance_of
+from taction.netlist_gen.board.bill_of_materials import packages, tolerance_of
 from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.netlist_gen.kicad import symbols
 from taction.netlist_gen.kicad.symbols import Symbol, SymbolPart
 from taction.netlist_gen.scene.open_tables import OPAMPS
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, own_figures
 from taction.system.quantities import percent, show
 
 INNER = re.compile(r"(_\d+)(_[a-z]+)$")
@@ -161,7 +161,7 @@ class BoardParts:
             choice = self.scene.design.opamp
             name = (choice.file or choice.base).rpartition("/")[2].partition(".")[0].upper()
             preset = "" if choice.file else choice.base
-            changed = bool(changed_figures(self.scene))
+            changed = bool(own_figures(choice))
         usual = preset in symbols.USUAL_PINS and count == OPAMPS[preset].channels_per_package
         symbol = symbols.opamp(ODD.sub("_", name), count, usual=usual)
         if changed or preset in ("", "ideal"):
