@@ -329,7 +329,9 @@ def _with_capacitance(
     own = trials.at({path: scene.design.capacitance})
     if accept(own):
         return scene
-    search = search_key(trials, path, accept=accept)
+    rest = own.reading("steady_state") or 0.0
+    off = accept is is_good and rest > scene.checks.steady_state.tolerance  # no C moves the rest
+    search = None if off else search_key(trials, path, accept=accept)
     if search is None or not search.found:
         notes.append(f"{NO_C}: {own.refused or own.reason}")
         return None

@@ -48,6 +48,10 @@ NOTHING = Tolerances(
 """Of a board whose parts have their nominal values."""
 
 
+_LAST: dict[tuple[object, ...], InputSpread] = {}
+"""Of the last board: those of a study that differ in capacitances alone have one spread."""
+
+
 @dataclass(frozen=True, eq=False)
 class InputSpread:
     """The outputs at rest of boards whose op-amps, or parts, differ."""
@@ -81,7 +85,12 @@ class InputSpread:
         if not board.circuit.is_small_signal:
             small = {name: model.small_signal for name, model in models.items()}
             board = LinearBoard(replace(board.circuit, models=small))
-        sensitivity, outputs = RestSensitivity.of(board), outputs_at_rest(board)
+        outputs, parts_of = outputs_at_rest(board), (*board.circuit.outputs, *board.circuit.opamps)
+        plain = not (resistors or devices or at_rest or board.descriptor.is_large)
+        alike = board.descriptor.at_rest, outputs.tobytes(), parts_of, tuple(models.values())
+        if plain and alike in _LAST:
+            return _LAST[alike]
+        sensitivity = RestSensitivity.of(board)
         normal = [*_deviations(board.circuit, sensitivity, resistors, devices)]
         count, uniform = len(outputs), tolerances.distribution == "uniform" and bool(at_rest)
 
@@ -122,7 +131,11 @@ class InputSpread:
         names = [f"{each.part}.{each.kind}".removesuffix(f".{DRIFT}") for each in normal]
         names += [part.name for part in at_rest]
         largest = names[int(np.argmax(np.abs(every[:, worst])))]
-        return replace(found, curvature=curvature, largest=largest, moved=moved, changes=changes)
+        found = replace(found, curvature=curvature, largest=largest, moved=moved, changes=changes)
+        if plain:
+            _LAST.clear()
+            _LAST[alike] = found
+        return found
 
     @functools.cached_property
     def sigma(self) -> Floats:
