@@ -22,27 +22,13 @@ AnyScene: TypeAlias = "str | Path | Scene"
 Settings: TypeAlias = "Sequence[str] | Mapping[str, Any]"
 
 
-@overload
 def simulate(
     scene: AnyScene,
     *,
-    engine: str | None = ...,
-    strains: None = ...,
-    output: str | Path | None = ...,
-    progress: Progress = ...,
-) -> MeasuredTransient: ...
-@overload
-def simulate(
-    scene: AnyScene, *, engine: str | None = ..., strains: ArrayLike, progress: Progress = ...
-) -> list[MeasuredTransient]: ...
-def simulate(
-    scene: str | Path | Scene,
-    *,
     engine: str | None = None,
-    strains: ArrayLike | None = None,
     output: str | Path | None = None,
     progress: Progress = lambda stage: None,
-) -> MeasuredTransient | list[MeasuredTransient]:
+) -> MeasuredTransient:
     """Run the transient of SCENE and measure the waveforms, without any check.
 
     Parameters
@@ -51,24 +37,20 @@ def simulate(
         The board.
     engine : {"auto", "ngspice", "statespace"}, optional
         Engine in the place of the scene's own.
-    strains : array_like (K, M), optional
-        Simulate for each row instead of the scene's strain.
     output : path, optional
         File for the waveforms: .csv, .parquet or .raw.
-
-        Not with `strains`.
     progress : callable, optional
         Receives the name of each stage.
 
     Returns
     -------
-    MeasuredTransient or list of MeasuredTransient
-        `waveforms` and `measurements`; with `strains`: one record per row.
+    MeasuredTransient
+        `waveforms` and `measurements`.
 
     Raises
     ------
     InputError
-        The scene, the strains or the file cannot be used.
+        The scene or the file cannot be used.
     NoVerdictError
         The engine gave no result.
 
@@ -81,19 +63,11 @@ def simulate(
     >>> len(record.waveforms["v_4"]) == len(record.waveforms.time)
     True
     """
-    from taction.netlist_gen.scene.inverse_problem import with_strains
-    from taction.system.errors import Complaint, InputError
     from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.report.output_checks import check_export, export
     from taction.verification.verdict.run import record_transient
 
     scene = read_scene(scene, engine)
-    if strains is not None:
-        if output is not None:
-            text = "one file holds one transient; leave out output, or strains"
-            raise InputError("output", Complaint("FILE", repr(str(output)), text))
-        problems = with_strains(scene, strains)
-        return [record_transient(scene, progress, problem=problem) for problem in problems]
     if output is not None:
         check_export(str(output))
     record = record_transient(scene, progress)
@@ -122,7 +96,7 @@ def verify(
     progress: Progress = ...,
 ) -> list[Verdict]: ...
 def verify(
-    scene: str | Path | Scene,
+    scene: AnyScene,
     *,
     engine: str | None = None,
     settings: Settings = (),

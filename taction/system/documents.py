@@ -30,20 +30,11 @@ import math
 import re
 import sys
 import types
+import typing
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import PurePath
-from typing import (
-    Annotated,
-    Any,
-    Literal,
-    TypeVar,
-    Union,
-    cast,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 from taction.system.errors import Complaint, InputError, SimulationError, listed
 from taction.system.foreign_files import shortened, visible
@@ -159,7 +150,7 @@ def _hint(kind: Any, name: str) -> Any:
 
 @cache
 def _hints(of: Any) -> dict[str, Any]:
-    return get_type_hints(of, include_extras=True)
+    return typing.get_type_hints(of, include_extras=True)
 
 
 def _returned(function: Any) -> Any:
@@ -258,7 +249,7 @@ def read(kind: type[T], data: Any) -> T:
 
     ValueError: a field is missing or has another type; the text begins with its place.
     """
-    return cast(T, _read(kind, data, ""))
+    return typing.cast(T, _read(kind, data, ""))
 
 
 def _read(kind: Any, data: Any, place: str) -> Any:

@@ -98,11 +98,10 @@ def test_many_strains_give_what_each_gives_alone(amplifier: str) -> None:
         assert solution.error_bound == alone.error_bound
 
 
-def test_verify_and_simulate_take_many_strains_in_order() -> None:
+def test_verify_takes_many_strains_in_order() -> None:
     made = scene(engine="statespace")
     verdicts = taction.verify(made, strains=STRAINS)
-    records = taction.simulate(made, strains=STRAINS)
-    for strain, verdict, record in zip(STRAINS, verdicts, records, strict=True):
+    for strain, verdict in zip(STRAINS, verdicts, strict=True):
         alone = taction.verify(
             taction.Scene.from_arrays(
                 T, strain, engine="statespace", capacitance="1nF", gain="1Mohm", lam=0.5
@@ -110,8 +109,6 @@ def test_verify_and_simulate_take_many_strains_in_order() -> None:
         )
         assert verdict.outcome is alone.outcome
         assert verdict.u.tolist() == alone.u.tolist()
-        finals = [channel.final for channel in record.measurements.channels]
-        assert finals == [channel.final for channel in verdict.measurements.channels]
 
 
 @pytest.mark.parametrize(

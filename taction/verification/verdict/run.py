@@ -19,7 +19,6 @@ import numpy as np
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.check_keys import AGREE
-from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.documents import HIDDEN
@@ -479,15 +478,10 @@ class MeasuredTransient(Result):
         return f"{type(self).__name__}({self.circuit.name!r}, {self.waveforms!r}, {state})"
 
 
-def record_transient(
-    scene: Scene,
-    progress: Progress = lambda stage: None,
-    *,
-    problem: InverseProblem | None = None,
-) -> MeasuredTransient:
-    """Simulate the transient of `scene`, or of another `problem`; measure it without its error."""
+def record_transient(scene: Scene, progress: Progress = lambda stage: None) -> MeasuredTransient:
+    """Simulate the transient of `scene`, and measure it without its error."""
     clock = Clock(progress)
-    board = build(scene, clock, problem=problem)
+    board = build(scene, clock)
     clock.begin("simulation")
     waveforms = begin(board)().filled
     clock.begin("measures")
