@@ -17,7 +17,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -190,7 +190,6 @@ SAME = 1e-12  # of two gains with opposite signs: they are one of a difference
 LEAST_OHMS = 1e-6
 NAMED = 4  # elements in a message
 Reads = list[tuple[str, float]]  # vectors of a copy, with their signs
-Table = Mapping[str, complex]  # values by vector
 Control = tuple[str, ...]
 
 
@@ -202,111 +201,97 @@ def linear_flat(flat: Flat, volts: Mapping[str, float], options: str, simulator:
     """
     if not flat.elements:
         return flat
-    bench, parts = _Bench(flat, {GROUND: 0.0, **volts}), [*flat.parts]
+    bench = [_Measured(f"b{k}", each, volts) for k, each in enumerate(flat.elements)]
     commands = ["save all", "op", f"write {RESULT}", "set appendwrite"]
     for hertz in FREQUENCIES:
         commands += [f"ac lin 1 {hertz!r} {hertz!r}", f"write {RESULT}"]
-    answers = run_commands([*bench.cards, f".options {TIGHT} {options}"], commands, simulator)
+    cards = [card for each in bench for card in each.cards]
+    cards = [*model_cards(flat.models, flat.elements), *cards, f".options {TIGHT} {options}"]
+    answers = run_commands(cards, commands, simulator)
     if len(answers.plots) != 1 + len(FREQUENCIES):
         raise CardError(f"ngspice does not measure the elements alone: {answers.complaint}")
     tables = [dict(zip(names, values[-1], strict=True)) for names, values in answers.plots]
-    wrong = list[str]()
-    for element, copies in zip(flat.elements, bench.reads, strict=True):
-        found, text = bench.fitted(element, [_matrix(copies, table) for table in tables])
-        parts += found.parts()
-        wrong += [f"{shown(element.name)}: {text}"] if text else []
+    parts, wrong = [*flat.parts], list[str]()
+    for each in bench:
+        text = each.fit(tables, flat.models)
+        wrong += [f"{shown(each.element.name)}: {text}"] if text else []
+        parts += each.parts()
     if wrong:
         more = f"; and {len(wrong) - NAMED} more" if len(wrong) > NAMED else ""
         raise CardError("; ".join(wrong[:NAMED]) + more)
     return replace(flat, parts=parts)
 
 
-class _Bench:
-    """The cards of the bench, and what is read of each copy: vectors with their signs."""
+class _Measured:
+    """An element on the bench, a copy for each node or current that is excited; then its parts."""
 
-    def __init__(self, flat: Flat, volts: Mapping[str, float]) -> None:
-        self.models, self.volts = flat.models, volts
-        self.cards = list(model_cards(flat.models, flat.elements))
-        self.reads = [self._copies(f"b{k}", each) for k, each in enumerate(flat.elements)]
+    G: Floats  # conductances (rows read, columns held), or gains
+    C: Floats  # capacitances, or rates of gains
+    rest: Floats  # what is read at rest: currents, A, or voltages, V
 
-    def _copies(self, tag: str, element: Element) -> list[Reads]:
-        """Put a copy on the bench for each node or current that is excited."""
-        count = max(len(element.held) + len(element.currents), 1)
-        return [self._copy(f"{tag}_{j}", element, j) for j in range(count)]
+    def __init__(self, tag: str, element: Element, volts: Mapping[str, float]) -> None:
+        asked = [*element.held, *(f"{name}#branch" for name in element.currents)]
+        known = {GROUND: 0.0, **volts}
+        if missing := [name for name in asked if name not in known]:
+            name = shown(element.name)
+            raise CardError(f"{name}: ngspice has no voltage or current {missing[0]!r} at rest")
+        self.element, self.held = element, np.array([known[name] for name in asked])  # V and A
+        self.ohms = {i: value for i, (_, value) in element.inner.items()}  # before terminals
+        if 1 in self.ohms and (siemens := volts.get(f"{element.name}[gx]", 0.0)):
+            self.ohms[1] = 1.0 / siemens  # of a base (with RBM) as at rest
+        self.ohms = {i: max(value, LEAST_OHMS) for i, value in self.ohms.items()}
+        # of a transistor, from its base, before the resistance, to its collector, F
+        self.outer = volts.get(f"{element.name}[cbx]", 0.0) if 1 in self.ohms else 0.0
+        self.cards = list[str]()
+        self.reads = [self._copy(f"{tag}_{j}", j) for j in range(max(len(asked), 1))]
 
-    def _held(self, element: Element) -> list[float]:
-        try:
-            nodes = [self.volts[node] for node in element.held]
-            return [*nodes, *(self.volts[f"{name}#branch"] for name in element.currents)]
-        except KeyError as error:
-            text = f"{shown(element.name)}: ngspice has no voltage or current {error} at rest"
-            raise CardError(text) from None
-
-    def _ohms(self, element: Element, i: int) -> float:
-        """Return the resistance before a terminal; that of a base (with RBM) is as at rest."""
-        siemens = self.volts.get(f"{element.name}[gx]", 0.0) if i == 1 else 0.0
-        return max(1.0 / siemens if siemens else element.inner[i][1], LEAST_OHMS)
-
-    def _copy(self, tag: str, element: Element, excited: int) -> Reads:
+    def _copy(self, tag: str, excited: int) -> Reads:
         """Put a copy on the bench, with one of what it depends on excited."""
-        rest, count = self._held(element), len(element.held)
+        element, rest, count = self.element, self.held.tolist(), len(self.element.held)
         nodes = [f"n{tag}_{i}" for i in range(count)]
         names = {f"i{j}": f"v{tag}_c{j}" for j in range(len(element.currents))}
-        names |= {f"o{j}": f"o{tag}_{j}" for j in range(2)}
+        names |= {"o0": f"o{tag}_0", "o1": f"o{tag}_1"}
         names |= {f"{i}": node for i, node in enumerate(nodes)}
         card = re.sub(r"\{(\w+)\}", lambda match: names[match[1]], element.pattern)
         self.cards.append(card.replace("~", tag, 1))
         for i, node in enumerate(nodes):
             outer = node
-            if i in element.inner:
+            if i in self.ohms:
                 outer = f"x{tag}_{i}"
-                self.cards.append(f"rh{tag}_{i} {outer} {node} {self._ohms(element, i)!r}")
+                self.cards.append(f"rh{tag}_{i} {outer} {node} {self.ohms[i]!r}")
             self.cards.append(f"vh{tag}_{i} {outer} 0 dc {rest[i]!r} ac {int(i == excited)}")
         for j in range(len(element.currents)):
-            self.cards.append(f"v{tag}_c{j} k{tag}_{j} 0 dc 0")
             driven = int(count + j == excited)
+            self.cards.append(f"v{tag}_c{j} k{tag}_{j} 0 dc 0")
             self.cards.append(f"ih{tag}_{j} 0 k{tag}_{j} dc {rest[count + j]!r} ac {driven}")
         reads = [(f"i(vh{tag}_{i})", -1.0) for i in range(element.terminals)]
         if element.inner:
             reads += [(f"v({node})", 1.0) for node in nodes[: element.terminals]]
         if element.out:
-            kind = element.out[0]
             self.cards.append(f"vz{tag} o{tag}_1 0 dc 0")
-            if kind == "i":
-                self.cards.append(f"vo{tag} o{tag}_0 0 dc 0")
-            reads.append((f"i(vo{tag})", -1.0) if kind == "i" else (f"v(o{tag}_0)", 1.0))
+            is_current = element.out[0] == "i"
+            self.cards += [f"vo{tag} o{tag}_0 0 dc 0"] if is_current else []
+            reads.append((f"i(vo{tag})", -1.0) if is_current else (f"v(o{tag}_0)", 1.0))
         return reads
 
-    def fitted(self, element: Element, tables: Sequence[Complexes]) -> tuple[_Measured, str]:
-        """Return an element with ``G + s C``, and why it is not of this form, or nothing."""
-        n, held = element.terminals, np.array(self._held(element))
-        point, *found = tables
-        rest = point[:, 0].real
+    def fit(self, tables: Sequence[Mapping[str, complex]], models: Models) -> str:
+        """Find its ``G + s C``; return why it is not of this form, or nothing."""
+        element, n = self.element, self.element.terminals
+        point, *found = (  # what is read (rows) of each copy (columns)
+            np.array([[table[name] * sign for name, sign in reads] for reads in self.reads]).T
+            for table in tables
+        )
+        self.rest = point[:, 0].real
         if element.inner:  # currents and voltages of the inner nodes
-            held[:n], rest = rest[n:], rest[:n]
+            self.held[:n], self.rest = self.rest[n:], self.rest[:n]
             found = [each[:n] @ np.linalg.inv(each[n:]) for each in found]
-        G, C, wrong = _fit(np.array(found))
-        wrong = wrong or _wrong_state(element, G, held, self.models)
-        if not wrong and element.out and element.out[0] == "v" and np.any(C):
+        self.G, self.C, wrong = _fit(np.array(found))
+        wrong = wrong or _wrong_state(element, self.G, self.held, models)
+        if not wrong and element.out and element.out[0] == "v" and np.any(self.C):
             wrong = "its voltage depends on the rate of a change"
-        if not wrong and np.any(C[:, len(element.held) :]) and element.currents:
+        if not wrong and element.currents and np.any(self.C[:, len(element.held) :]):
             wrong = "it depends on the rate of a current"
-        ohms = {i: self._ohms(element, i) for i in element.inner}
-        outer = self.volts.get(f"{element.name}[cbx]", 0.0) if 1 in element.inner else 0.0
-        return _Measured(element, G, C, rest, held, ohms, outer), wrong
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Measured:
-    """An element with its small signal between its ports."""
-
-    element: Element
-    G: Floats  # conductances (rows read, columns held), or gains
-    C: Floats  # capacitances, or rates of gains
-    rest: Floats  # what is read at rest: currents, A, or voltages, V
-    held: Floats  # what is held at rest, V and A
-    ohms: Mapping[int, float]  # of the resistances before terminals
-    outer: float  # of a transistor, from its base, before the resistance, to its collector, F
+        return wrong
 
     def parts(self) -> Iterator[Branch]:
         """Yield the linear parts that stand for it."""
@@ -319,25 +304,25 @@ class _Measured:
             yield Branch("C", f"{name}#x", element.held[1], ports[0], self.outer)
         end, volts = ports[-1] if n else GROUND, self.held.copy()
         volts[:n] -= volts[n - 1] if n else 0.0
-        controls: list[Control] = [(port, end) for port in ports]
-        controls += [(node, GROUND) for node in element.held[n:]]
-        charging = [*controls]
-        controls += [(card_of(source),) for source in element.currents]
+        charging: list[Control] = [(port, end) for port in ports]
+        charging += [(node, GROUND) for node in element.held[n:]]
+        controls = [*charging, *((card_of(source),) for source in element.currents)]
         rows = [(f"{name}#{i}", "i", port, end) for i, port in enumerate(ports[:-1])]
         rows += [(name, *element.out)] if element.out else []
         for i, (card, kind, a, b) in enumerate(rows):
             constant = float(self.rest[i] - self.G[i] @ volts)
             if a != b or kind == "v":
                 yield from sum_parts(card, kind, (a, b), _terms(self.G[i], controls), constant)
-        every = self._charges(ports, charging) if n else self._rates(rows[0][2:], charging)
+        every: Iterable[Branch] = (
+            self._charges(ports, charging)
+            if n
+            else (
+                Branch("Y", f"{name}#q{j}", *rows[0][2:], float(self.C[0, j]), control)
+                for j, control in enumerate(charging)
+            )
+        )
         least = SMALL * float(np.abs(self.C).max(initial=0.0))
         yield from (part for part in every if abs(part.value) > least and part.a != part.b)
-
-    def _rates(self, ends: tuple[str, str], controls: Sequence[Control]) -> Iterator[Branch]:
-        """Yield the charges of a current that an expression gives."""
-        for j, control in enumerate(controls):
-            card = f"{self.element.name}#q{j}"
-            yield Branch("Y", card, *ends, float(self.C[0, j]), control)
 
     def _charges(self, ports: Sequence[str], controls: Sequence[Control]) -> Iterator[Branch]:
         """Yield the capacitances of a device, from the last of its terminals that have any.
@@ -400,11 +385,6 @@ def _wrong_state(element: Element, G: Floats, held: Floats, models: Models) -> s
         return ""
     state = "closed below" if closed else "open above"
     return f"ngspice leaves it {state} its threshold; expected a resistor of its state"
-
-
-def _matrix(copies: Sequence[Reads], table: Table) -> Complexes:
-    """Return what is read (rows) of each copy (columns)."""
-    return np.array([[table[name] * sign for name, sign in reads] for reads in copies]).T
 
 
 def _fit(responses: Complexes) -> tuple[Floats, Floats, str]:
