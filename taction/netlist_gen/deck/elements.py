@@ -1,7 +1,6 @@
 """Flat cards that are measured alone: transistors, diodes, switches, and any other expression.
 
-An `Element` is a card with places for what is held on a bench: the nodes and currents that it
-depends on. Every card that `flat_cards` reads as linear stays a part.
+An `Element` is a card with places for the nodes and currents that are held on a bench.
 """
 
 from __future__ import annotations

@@ -1,15 +1,13 @@
 """The operating point of a deck as it is, and what is not linear in it, each measured alone there.
 
-ngspice expands the deck and finds a first point as it does by itself, then a tight one from there.
-The text of the second run is kept: whoever asks ngspice about the point sends the same text, so
-that ngspice repeats this point to the last bit. It has a source of current into every node, which
-`studies.decks.witnesses` drives.
+ngspice finds a first point as it does by itself, then a tight one from there. The text of the
+second run is kept: whoever asks ngspice about the point sends the same text, so that ngspice
+repeats this point to the last bit. It has a source of current into every node for the witness.
 
-Elements are measured on one bench, held at rest: each becomes its ``G + s C`` as linear parts. One
-copy stands there for each node or current that is excited. A device is measured without its ohmic
-resistances, which are parts of their own; that they are in series the witness sees. The parts of
-an element have constant currents or voltages that make it rest where it rests; those of a device
-count from its last terminal, so that one between floating nodes stays floating.
+Elements are measured on one bench, held at rest: each becomes its ``G + s C`` as linear parts with
+constants that make it rest where it rests. A device is measured without its ohmic resistances,
+which are parts of their own; that they are in series the witness sees. Voltages of a device count
+from its last terminal, so that one between floating nodes stays floating.
 """
 
 from __future__ import annotations
@@ -169,17 +167,11 @@ def read_volts(answers: Answers) -> dict[str, float]:
     """
     for names, values in reversed(answers.plots):
         if any(name.startswith("v(") for name in names):
-            return dict(zip(map(_plain, names), values[-1].real.tolist(), strict=True))
+            inner = [re.sub(r"^v\((.*)\)$", r"\1", name.lower()) for name in names]
+            inner = [re.sub(r"^i\(([^@].*)\)$", r"\1#branch", name) for name in inner]
+            plain = [re.sub(r"^i\((.*)\)$", r"\1", name).removeprefix("@") for name in inner]
+            return dict(zip(plain, values[-1].real.tolist(), strict=True))
     return {}
-
-
-def _plain(name: str) -> str:
-    """Return the name of a vector as a node, ``name#branch`` or ``name[key]``."""
-    inner = name.lower()
-    if inner.startswith(("v(", "i(")) and inner.endswith(")"):
-        branch = "#branch" if inner.startswith("i(") and "@" not in inner else ""
-        inner = inner[2:-1] + branch
-    return inner.removeprefix("@")
 
 
 FREQUENCIES = (1e3, 1e6, 1e9)  # Hz

@@ -1,10 +1,6 @@
 """A board without a scene whose parts vary: over one value, in samples and in worst corners.
 
-Corners and Monte Carlo are those of scenes (`verification.studies.tolerance`). The outputs at rest
-are compared with those of the nominal board.
-
-Over one value every crossing of stability is found. The values are those of a part or of a
-``.param``: ``NAME=LOW:HIGH:POINTS``.
+Corners and Monte Carlo are those of scenes; outputs at rest are compared with the nominal ones.
 """
 
 from __future__ import annotations
@@ -120,10 +116,7 @@ class VariedDeck(Varied):
 
 
 def _quantities(asked: Wanted) -> Iterator[Quantity]:
-    """Yield the questions with their limits, how far a board rests from the nominal one, and poles.
-
-    Poles: the growth rate, and the margin where it is asked for.
-    """
+    """Yield the questions with their limits, the distance from the nominal rest, and poles."""
     for question in QUESTIONS.values():
         if question.over or question.name in asked.names:
             limits = asked.tables.get(question.name) and getattr(asked.limits, question.name)
@@ -263,10 +256,7 @@ class Sweep:
 
 
 def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweptValue, band: float) -> Sweep:
-    """Find every crossing over one value, and the readings at each of the values.
-
-    `board` is that of the deck, `band` that of the settling time.
-    """
+    """Find every crossing over one value, and the readings at each of the values."""
     values = swept.values
     family = Family.of(board, swept.knob) if swept.knob else Family.over(_over(deck, swept))
     at = cache(family.board)  # a scan and the readings share boards

@@ -1,8 +1,7 @@
 """A deck of another hand as a `Circuit`: expanded by ngspice, what is not linear measured alone.
 
-A deck with transistors, clamps or op-amps of vendors is linear about its operating point, which
-ngspice finds for the deck as it is; each such element is measured there (`operating_point`), and
-becomes parts without knobs.
+Transistors, clamps or op-amps of vendors are linear about the operating point, at which each is
+measured (`operating_point`); they become parts without knobs.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """A board without a scene as the state-space engine sees it: poles, readings, noise, its record.
 
-What is missing is a reference solution, so the outputs are compared with their own equilibrium. A
-check, a sweep, a comparison and the samples of a yield all measure their boards here.
+Without a reference solution the outputs are compared with their own equilibrium.
 """
 
 from __future__ import annotations
