@@ -17,7 +17,7 @@ import numpy as np
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.deck.elements import CardError
-from taction.netlist_gen.deck.flat_cards import Flat, circuit_of
+from taction.netlist_gen.deck.flat_cards import circuit_of
 from taction.netlist_gen.deck.vendor_subcircuit import flat_subcircuit, vendor_subcircuit
 from taction.spice_models.branches import Branch
 from taction.spice_models.imported import (
@@ -57,13 +57,13 @@ from taction.verification.engines.ngspice.executable import Simulator, find_simu
 from taction.verification.engines.ngspice.process import simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.poles import poles
-from taction.verification.studies.decks.witnesses import small_signals
+from taction.verification.studies.decks.witnesses import LIMIT, compare_ac
 
 OUT = "out"
 DRIVEN = ("vdrive", "vinp", "iload")  # inverting input, other input, output
 SERVO = ("gslow", "rslow", "cslow")
-PORTS = {OUT: 1e-3, "inn": 1e-3, "of_inn": 1e-9, "of_inp": 1e-9}
-"""What is read, and what a smaller value counts as: V, and A into the inputs for 1 V."""
+PORTS = (OUT, "inn", "of_inn", "of_inp")
+"""What is read: V, and A into the inputs."""
 SWITCHED = (
     ".options reltol=1e-4",
     ".options reltol=1e-3 gmin=1e-9",
@@ -178,7 +178,6 @@ def respond(bench: VendorBench, point: DeckPoint, simulator: Simulator) -> Respo
 
 
 GOOD = 1e-4  # largest relative difference from ngspice of a linear model that serves as a witness
-EVERY = 4  # of the measured frequencies: 10 a decade are compared
 BENCH = (*DRIVEN, "vmid", "eservo", *SERVO, "hof_inn", "hof_inp", "hof_vcc")
 JUMP = 2.0  # of the gain between two neighbouring frequencies, 6 % apart: no op-amp
 CURRENT_FEEDBACK = (1e-4, 100.0)  # S of the inverting input, and ratio to the other one
@@ -238,7 +237,7 @@ def import_opamp(
         raise InputError(file, Complaint("--pins", "", reason))
     figures, doubts = _figures(seen, bench, simulator)
     try:
-        linear, missing = _linear_model(point, seen, simulator), ""
+        linear, missing = _linear_model(point, seen.frequencies, simulator), ""
     except (CardError, EngineError, SimulationError) as error:
         said = re.sub(rf"\b{DEVICE}\.\w\.(?={DEVICE}\.)", "", one_line(error))
         linear, missing = None, f"no linear model: {said}"
@@ -347,40 +346,25 @@ def _ends(
     return (rate if rate < most else None), swing
 
 
-def _linear_model(point: DeckPoint, seen: Responses, simulator: Simulator) -> LinearModel:
-    """Return the cards of an op-amp, each measured where it rests; `CardError` without a model.
-
-    ngspice's own small signal is the witness, at every port.
-    """
+def _linear_model(point: DeckPoint, f: Floats, simulator: Simulator) -> LinearModel:
+    """Return the cards of an op-amp, each measured where it rests; `CardError` without a model."""
     flat = linear_flat(point.flat, point.volts, point.options, simulator)
     if moving := [card for card, found in flat.stimuli.items() if found.moves]:
         raise CardError(f"{moving[0]} changes over time")
-    held = replace(flat, parts=[part for part in flat.parts if part.card.lower() != "cslow"])
-    found = poles(_board(held, "eservo", value=0.0))  # 1 GF of the servo hides other poles
+    held = [  # both inputs; 1 GF of the servo hides other poles
+        replace(part, value=0.0) if part.card.lower() == "eservo" else part
+        for part in flat.parts
+        if part.card.lower() != "cslow"
+    ]
+    found = poles(LinearBoard(circuit_of(replace(flat, parts=held), "bench", (OUT,))))
     if found.known_unstable:
         raise CardError(f"the netlist itself has a pole at {show_rate(found.rightmost.real)}")
-    hertz, wanted = seen.frequencies[::EVERY], seen.every[:, :, ::EVERY]
-    ours, least = np.empty_like(wanted), np.array([*PORTS.values()])[:, None]
-    for k, name in enumerate(DRIVEN):
-        descriptor = _board(flat, name, value=1.0, before=0.0).descriptor
-        places = [descriptor.place(port) for port in PORTS]
-        ours[k] = small_signals(descriptor, descriptor.switched[:, None], hertz)[0][0][:, places].T
-    off = np.abs(ours - wanted) / np.maximum(np.abs(wanted), least)
-    if not (worst := float(off.max())) <= GOOD:
-        _, port, at = np.unravel_index(int(off.argmax()), off.shape)
-        raise CardError(
-            f"it is {100.0 * worst:.2g} % from the small signal of ngspice, more than"
-            f" {100.0 * GOOD:g} %, at {[*PORTS][int(port)]}, {hertz[int(at)]:.4g} Hz"
-        )
+    check = compare_ac(point, LinearBoard(circuit_of(flat, "bench", (OUT,))), found.poles)
+    if check.value is None or not check.value <= GOOD:
+        raise CardError(f"it differs from the small signal of ngspice: {check.reason}")
     parts = tuple(  # the op-amp with its supplies: the bench without what drives it
         Branch(part.letter, part.name, part.a, part.b, part.value, part.control)
         for part in flat.parts
         if part.card.lower() not in BENCH
     )
-    return LinearModel(parts, worst, (float(hertz[0]), float(hertz[-1])))
-
-
-def _board(flat: Flat, card: str, **values: Any) -> LinearBoard:
-    """Return the bench with other values of one source."""
-    parts = [replace(p, **values) if p.card.lower() == card else p for p in flat.parts]
-    return LinearBoard(circuit_of(replace(flat, parts=parts), "bench", (OUT,)))
+    return LinearModel(parts, max(check.value, LIMIT), (float(f[0]), float(f[-1])))
