@@ -33,7 +33,7 @@ from taction.verification.engines.ngspice.commands import (
     listed_cards,
     run_commands,
 )
-from taction.verification.engines.ngspice.executable import Simulator
+from taction.verification.engines.ngspice.executable import Simulator, find_simulator
 
 TIGHT = "reltol=1e-9 abstol=1e-15 vntol=1e-12"
 AT_ONCE = "optran 1 1 1 0 0 0"  # no transient to the operating point
@@ -48,6 +48,7 @@ TRIED = (
 """Tolerances of ngspice in the order in which they are tried; in the end with its other solver."""
 OWN = "a transient"  # limits of a point that ngspice finds in no other way
 TRIED_SECONDS = 4.0
+SECONDS = 60.0  # of small signals
 PROBE = "taction_probe"
 MODES = ("psa", "")  # PSpice's ways first; what they break is read in ngspice's own
 
@@ -99,6 +100,25 @@ class DeckPoint:
         """Cards that make ngspice start at this point."""
         return [f".nodeset v({node})={self.volts[node]!r}" for node in self.weights]
 
+    def small_signals(
+        self, driven: Sequence[Mapping[str, float]], sweeps: Sequence[str], option: str = ""
+    ) -> tuple[list[dict[str, Complexes]], str]:
+        """Return ngspice's ``.ac`` by vectors for all sets of sources and sweeps, or why not."""
+        excited = [card.split()[0] for card in self.cards if card[0] in "vi" and " ac" in card]
+        commands = [*([AT_ONCE] if self.text else []), "save all"]
+        for each, sweep in itertools.product(driven, sweeps):
+            # each from a new start: else rounding makes another point
+            commands += ["reset", *(f"alter {n} acmag=0" for n in excited if n not in each)]
+            for name, size in each.items():
+                commands += [f"alter {name} acmag={size!r}", f"alter {name} acphase=0"]
+            commands += [sweep, f"write {RESULT}", "set appendwrite"]
+        text = (*(self.text or self.lines), option)
+        answers = run_commands(text, commands, find_simulator(), mode=self.mode, seconds=SECONDS)
+        if len(answers.plots) != len(driven) * len(sweeps):
+            return [], answers.complaint
+        plots = answers.plots
+        return [dict(zip(map(str.lower, n), v.T, strict=True)) for n, v in plots], ""
+
     @property
     def probed(self) -> Iterator[str]:
         """The lines, a source, which is off, and the currents into all nodes that it controls."""
@@ -129,7 +149,7 @@ def find_point(
     nodes = [name for name in volts if name in words]
     linear = DeckPoint.of(lines, cards, flat, nodes, options, mode)
     if not flat.elements:
-        return linear
+        return replace(linear, volts=volts)
     if not volts:
         raise CardError(f"ngspice finds no operating point: {first.complaint}")
     return _tight(replace(linear, volts=volts, limits=OWN, text=()), simulator)

@@ -47,12 +47,10 @@ from taction.system.quantities import show_rate
 from taction.system.results import Result
 from taction.verification.characterise.characterise import RAMP, Bode, slope
 from taction.verification.characterise.operating_point import (
-    AT_ONCE,
     DeckPoint,
     find_point,
     linear_flat,
 )
-from taction.verification.engines.ngspice.commands import RESULT, run_commands
 from taction.verification.engines.ngspice.executable import Simulator, find_simulator
 from taction.verification.engines.ngspice.process import simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -157,20 +155,13 @@ class Responses:
         return of_inn, self.every[1, 3], of_inp
 
 
-def respond(bench: VendorBench, point: DeckPoint, simulator: Simulator) -> Responses:
+def respond(bench: VendorBench, point: DeckPoint) -> Responses:
     """Return operating point and small signals of a bench at the `point` that was found of it."""
-    commands = [*([AT_ONCE] if point.text else []), "save all", "op", f"write {RESULT}"]
-    for source in DRIVEN:  # each from a new start, which the same point follows
-        commands += ["set appendwrite", "reset", f"alter {source} acmag=1", SWEEP]
-        commands.append(f"write {RESULT}")
-    text = point.text or point.lines
-    answers = run_commands(text, commands, simulator, mode=point.mode, seconds=TIMEOUT)
-    if len(answers.plots) != 1 + len(DRIVEN):
-        raise SimulationError(f"ngspice does not simulate the model: {answers.complaint}")
-    rest, *driven = (
-        dict(zip(map(str.lower, names), values.T, strict=True)) for names, values in answers.plots
-    )
-    volts = [float(rest[f"v({node})"][-1].real) for node in (*PORTS, "of_vcc")]
+    each_driven = [{source: 1.0} for source in DRIVEN]
+    driven, said = point.small_signals(each_driven, [SWEEP])
+    if not driven:
+        raise SimulationError(f"ngspice does not simulate the model: {said}")
+    volts = [point.volts[node] for node in (*PORTS, "of_vcc")]
     every = np.array([[each[f"v({port})"] for port in PORTS] for each in driven])
     frequencies = driven[0]["frequency"].real  # as ngspice rounded them
     middle = np.array([bench.middle, bench.middle, 0.0, 0.0, 0.0])
@@ -232,7 +223,7 @@ def import_opamp(
         point = find_point(bench.lines(), "", simulator, modes=("",))
     except CardError as error:
         raise InputError(file, Complaint("netlist", "", str(error))) from None
-    seen = respond(bench, point, simulator)
+    seen = respond(bench, point)
     if reason := _no_opamp(seen, middle):
         raise InputError(file, Complaint("--pins", "", reason))
     figures, doubts = _figures(seen, bench, simulator)

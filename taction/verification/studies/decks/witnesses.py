@@ -10,16 +10,14 @@ holds rests within 1 uV of them, and a junction there has a slope that is known 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
 import numpy as np
 
 from taction.spice_models.branches import Source
 from taction.system.array_types import EPS, Complexes, Floats
-from taction.verification.characterise.operating_point import AT_ONCE, PROBE, DeckPoint
-from taction.verification.engines.ngspice.commands import RESULT, run_commands
-from taction.verification.engines.ngspice.executable import Simulator, find_simulator
+from taction.verification.characterise.operating_point import PROBE, DeckPoint
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.verdict.checks import Check, Outcome, at_most
@@ -42,7 +40,7 @@ def compare_ac(point: DeckPoint, board: LinearBoard, poles: Complexes) -> Check:
     known = board.descriptor.names[: board.descriptor.node_count]
     nodes = [name for name in point.weights if name in known]
     steps = {name: source.step for name, source in stepping(board).items()}
-    ask = partial(_theirs, point, nodes, steps, poles, find_simulator())
+    ask = partial(_theirs, point, nodes, steps, poles)
     hertz, theirs, said = ask()
     if not len(hertz):
         text = f"ngspice's .ac was not compared: {said}"
@@ -81,31 +79,21 @@ def stepping(board: LinearBoard) -> dict[str, Source]:
 def _theirs(
     point: DeckPoint,
     nodes: Sequence[str],
-    steps: dict[str, float],
+    steps: Mapping[str, float],
     poles: Complexes,
-    simulator: Simulator,
     option: str = "",
 ) -> tuple[Floats, Complexes, str]:
     """Return frequencies, both responses (2, F, N), and what ngspice said."""
-    nothing = np.zeros(0), np.zeros((2, 0, 0), complex)
-    excited = [card.split()[0] for card in point.cards if card[0] in "vi" and " ac" in card]
-    sweeps, commands = list(_sweeps(poles)), [AT_ONCE, "save all"]
-    for driven in (steps, {f"v{PROBE}": 1.0}):
-        for sweep in sweeps:  # each from a new start: else rounding makes another point
-            commands += ["reset", *(f"alter {n} acmag=0" for n in excited if n not in driven)]
-            for name, size in driven.items():
-                commands += [f"alter {name} acmag={size!r}", f"alter {name} acphase=0"]
-            commands += [sweep, f"write {RESULT}", "set appendwrite"]
-    answers = run_commands((*point.text, option), commands, simulator, mode=point.mode)
-    if len(answers.plots) != 2 * len(sweeps):
-        return *nothing, answers.complaint
-    names = [name.lower() for name in answers.plots[0][0]]
-    if missing := [node for node in nodes if f"v({node})" not in names]:
-        return *nothing, f"it has no voltage of {missing[0]}"
-    columns = [0, *(names.index(f"v({node})") for node in nodes)]
-    tables = [values[:, columns] for _, values in answers.plots]
-    both = [np.concatenate(tables[: len(sweeps)]), np.concatenate(tables[len(sweeps) :])]
-    return both[0][:, 0].real, np.array(both)[:, :, 1:], ""
+    sweeps, driven = list(_sweeps(poles)), (steps, {f"v{PROBE}": 1.0})
+    tables, said = point.small_signals(driven, sweeps, option)
+    if missing := [node for node in nodes if tables and f"v({node})" not in tables[0]]:
+        tables, said = [], f"it has no voltage of {missing[0]}"
+    if not tables:
+        return np.zeros(0), np.zeros((2, 0, 0), complex), said
+    halves = tables[: len(sweeps)], tables[len(sweeps) :]
+    both = [[np.array([table[f"v({n})"] for n in nodes]) for table in half] for half in halves]
+    hertz = np.concatenate([table["frequency"].real for table in halves[0]])
+    return hertz, np.array([np.concatenate(half, axis=1).T for half in both]), ""
 
 
 def _ours(
@@ -121,7 +109,7 @@ def _ours(
     np.add.at(b[:, 1], balances[free], np.array([point.weights[node] for node in nodes])[free])
     found, unknown, lowest = small_signals(descriptor, b, hertz)
     slopes = np.zeros(len(nodes))
-    if point.volts:
+    if point.flat.elements:
         ohms = free * np.abs(lowest[places, np.where(free, balances, 0)])
         slopes = point.unresolved * ohms / THERMAL
     found = found[:, :, places]
