@@ -100,7 +100,13 @@ def read_tolerances(
         parts |= dict.fromkeys(hits, share)
     parts = {name: share for name, share in parts.items() if share > 0.0}
     params = {key.lower(): share for key, share in found.params.items() if share > 0.0}
-    wrong += _tight_couplings(circuit, parts)
+    for branch in circuit.branches:
+        share = parts.get(branch.label, 0.0)
+        if branch.letter == "K" and share > 0.0 and abs(branch.value) * (1.0 + share) >= 1.0:
+            most = 100.0 * (1.0 / abs(branch.value) - 1.0)
+            text = f"reaches 1 within its tolerance; expected less than {most:.2g} %"
+            given = f"{branch.value:g} ± {100.0 * share:g} %"
+            wrong.append(Complaint(branch.label, given, text))
     if wrong:
         raise InputError(path, *wrong)
     if not (parts or params):
@@ -118,13 +124,3 @@ def _unknown(named: Any, table: str, known: Mapping[str, str]) -> Iterator[Compl
             near = difflib.get_close_matches(key.lower(), known, n=1, cutoff=0.0)
             more = f"; the nearest is {known[near[0]]!r}" if near else "; it has none"
             yield Complaint(f"{table}.{key}", "", f"no {what} of the deck has this name{more}")
-
-
-def _tight_couplings(circuit: Circuit, parts: Mapping[str, float]) -> Iterator[Complaint]:
-    """Yield couplings that reach 1 within their tolerance."""
-    for branch in circuit.branches:
-        share = parts.get(branch.label, 0.0)
-        if branch.letter == "K" and share > 0.0 and abs(branch.value) * (1.0 + share) >= 1.0:
-            most = 100.0 * (1.0 / abs(branch.value) - 1.0)
-            text = f"reaches 1 within its tolerance; expected less than {most:.2g} %"
-            yield Complaint(branch.label, f"{branch.value:g} ± {100.0 * share:g} %", text)

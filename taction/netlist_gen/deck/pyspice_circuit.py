@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -25,7 +26,11 @@ def pyspice_circuit(text: str, files: Mapping[str, str]) -> Circuit:
     from PySpice.Spice.Netlist import Circuit, SubCircuit
 
     circuit = Circuit("taction board")
-    lines = iter(list(_included(text.split("\n"), files)))
+    included = (
+        files[line.split()[1]].split("\n") if line.startswith(".include ") else [line]
+        for line in text.split("\n")
+    )
+    lines = chain.from_iterable(included)
     for line in lines:
         words = line.split()
         if not words or line.startswith("*"):
@@ -46,15 +51,6 @@ def pyspice_circuit(text: str, files: Mapping[str, str]) -> Circuit:
         elif words[0] not in _ANALYSES:
             circuit.raw_spice += line + "\n"
     return circuit
-
-
-def _included(lines: Iterable[str], files: Mapping[str, str]) -> Iterator[str]:
-    """Yield `lines` with the lines of an included file in the place of its card."""
-    for line in lines:
-        if line.startswith(".include "):
-            yield from files[line.split()[1]].split("\n")
-        else:
-            yield line
 
 
 def _add_parts(netlist: Netlist, lines: Iterable[str]) -> None:

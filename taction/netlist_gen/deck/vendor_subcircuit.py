@@ -6,7 +6,8 @@ ngspice expands the bench; what is kept are the flat cards of its listing, in ng
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from taction.netlist_gen.deck.elements import spelt_card
@@ -123,36 +124,32 @@ def vendor_subcircuit(file: str | Path, name: str) -> Subcircuit:
     (head,) = [line for line in heads if line.split()[1] == own]
     words = re.sub(r" ?= ?", "=", head).split()[2:]
     ports = tuple(word for word in words if "=" not in word and word != "params:")
-    return Subcircuit(new[own], ports, tuple(_renamed(ready_lines(deck), new)))
-
-
-def _renamed(lines: Iterable[str], new: Mapping[str, str]) -> Iterator[str]:
-    """Yield cards with other names of the subcircuits."""
-    for text in lines:
-        words = re.sub(r" ?= ?", "=", text).split()
-        old = called(text) if text[0] == "x" else "".join(words[1:2])
-        if old in new and (text[0] == "x" or words[0] in (".subckt", ".ends")):
-            place = max(k for k, word in enumerate(words) if word == old) if text[0] == "x" else 1
-            words[place] = new[old]
-            yield " ".join(words)
-        else:
-            yield text
+    lines = list[str]()
+    for text in ready_lines(deck):
+        words, is_call = re.sub(r" ?= ?", "=", text).split(), text[0] == "x"
+        old = called(text) if is_call else "".join(words[1:2])
+        if old in new and (is_call or words[0] in (".subckt", ".ends")):
+            words[max(k for k, word in enumerate(words) if word == old) if is_call else 1] = new[
+                old
+            ]
+            text = " ".join(words)
+        lines.append(text)
+    return Subcircuit(new[own], ports, tuple(lines))
 
 
 def flat_subcircuit(cards: Iterable[str], nodes: Sequence[str], name: str) -> Subcircuit:
     """Return the subcircuit of a bench, its ports at `nodes`, from the cards of its listing."""
+
+    def plain(match: re.Match[str]) -> str:
+        """Return a number in plain digits; a name as it is."""
+        with suppress(ValueError):
+            return repr(number(match[0])) if set(match[0]) & set(".e") else match[0]
+        return match[0]
+
     own = [spelt_card(card) for card in cards]
-    own = [card if card[0] in "dqjmsw" else _NUMBER.sub(_plain, card) for card in own]
+    own = [card if card[0] in "dqjmsw" else _NUMBER.sub(plain, card) for card in own]
     own = [c for c in own if c.startswith(".model ") or f".{DEVICE}." in c.split(maxsplit=1)[0]]
     return _subcircuit(f"m_{re.sub(r'[^a-z0-9]', '_', name.lower())}", nodes, own)
-
-
-def _plain(match: re.Match[str]) -> str:
-    """Return a number in plain digits; a name as it is."""
-    try:
-        return repr(number(match[0])) if set(match[0]) & set(".e") else match[0]
-    except ValueError:
-        return match[0]
 
 
 def stored_subcircuit(lines: Sequence[str], name: str, prefix: str) -> Subcircuit:

@@ -118,17 +118,13 @@ def influences(
     if every and not found.known_stable:
         margin = Margin(0.0, 0.0, "the board is not stable")
     elif every and not len(found.poles):
-        doubt = "" if _is_passive(c) else "a source with gain may have another sign of its feedback"
+        gains = c.opamps or any(part.control for part in c.branches)
+        active = gains or any(part.ohms <= 0.0 for part in c.resistors)
+        doubt = "a source with gain may have another sign of its feedback" * bool(active)
         margin = Margin(REACH, 0.0, "no part makes a pole", doubt)
     elif every:
         margin = _least(c, nearest)
     return margin, tuple(rows)
-
-
-def _is_passive(circuit: Circuit) -> bool:
-    """Whether no source has a gain, and no resistor a negative value."""
-    gains = any(part.control for part in circuit.branches)
-    return not (gains or circuit.opamps or any(part.ohms <= 0.0 for part in circuit.resistors))
 
 
 @dataclass(frozen=True, slots=True)
