@@ -47,6 +47,7 @@ COMMANDS = {
     "stress": ("studies", "Run stiff and extreme scenes whose results are known."),
     "accuracy": ("studies", "Compare error and run time of engines and methods."),
     "reproduce": ("studies", "Test the paper, claim by claim and figure by figure."),
+    "demo": ("studies", "Tell the paper's story on three boards; no file is needed."),
     "models": ("boards", "List the op-amp presets, or import a vendor's model."),
     "mcp": ("boards", "Serve verify, check, onset and more to a program, by MCP."),
     "new": ("boards", "Write a scene file with comments."),
@@ -69,8 +70,6 @@ FAMILIES = {
 EVERY = {**FAMILIES, **COMMANDS}
 RENAMED = {"parts": "models", "waveforms": "simulate"}
 WITHDRAWN = {
-    "demo": "It was withdrawn: 'taction new board.toml' and 'taction verify board.toml' show a"
-    " board, 'taction reproduce --quick' what the paper says.",
     "refine": "It was withdrawn: simulate the board again with the residual as its strain;"
     " 'Refinement' in docs/closed-loop.md has the theory.",
     "check --linearise": "Leave it out: whatever is not linear is measured at the operating point.",
@@ -97,10 +96,11 @@ SECTIONS = {
     "Start": ("new", "verify", "netlist", "explore"),
     "Design": ("design", "onset", "sweep", "yield", "build", "export"),
     "Check": ("check", "regress", "diff", "solve", "reproduce"),
-    "": ("parts", "self", "mcp"),
+    "": ("parts", "self", "demo", "mcp"),
 }
 """The listed commands by their heading; the last ones have none."""
 FIRST_STEPS = """\
+taction demo                  the paper's story on three boards; needs no file
 taction new board.toml        write a scene with comments
 taction verify board.toml     simulate the board and judge it
 taction explore board.toml    move C, gain and more and watch the board

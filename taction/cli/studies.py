@@ -201,3 +201,8 @@ REPRODUCE = Command(
     ends="Exit status: 1 if a verdict differs from the verdict that taction has on record, 3 if a"
     " claim could not be tested.",
 )
+DEMO = Command(
+    outputs=(picture("the outputs of the three boards"),),
+    files=lambda found, call: [found.file] if found.file else [],
+    ends="Exit status: 0 if the boards behave as told.",
+)

@@ -94,7 +94,6 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("design", "choose", "ok.toml", "--noise", "-1mV"): ("--noise", "'-1mV'", "above zero"),
     ("onset", "ok.toml", "--over", "opamp"): ("--over", "'opamp'", "opamp=A,B,C"),
     ("onset", "ok.toml", "--over", "C=-1pF:1nF"): ("--over", "must be above zero", ":lin"),
-    ("demo",): ("No such command 'demo'", "withdrawn", "taction new board.toml"),
     ("design", "refine", "ok.toml"): ("No such command 'refine'", "withdrawn", "closed-loop.md"),
     ("yield", "montecarlo", "ok.toml", "-n", "abc"): ("'--samples'", "'abc'", "a whole number"),
     ("build", "ok.toml", "-o", "."): ("-o", "'T.csv'", "a new or empty folder"),
@@ -128,6 +127,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("self", "stress", "--only", "loop"): ("--only", "'loop'", "did you mean 'loops'?"),
     ("mcp", "none"): ("none", "No such file", "a folder with scene files"),
     ("mcp", "ok.toml"): ("ok.toml", "expected a folder"),
+    ("demo", "-o", "a.txt"): ("-o", "'a.txt'", ".html"),
     ("teach",): ("No such command 'teach'", "one of new, verify"),
     ("netlist", "ok.toml", "more"): ("extra argument (more)", "Expected no further word"),
 }  # fmt: skip

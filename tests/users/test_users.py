@@ -92,10 +92,13 @@ USERS = {
     ),
     "student": (
         Step("taction"),
-        Step("taction new board.toml"),
         Step(
-            "taction verify board.toml",
-            (BUILT, r"a smaller lambda regularises less, .* noise"),
+            "taction demo",
+            (
+                BUILT,
+                r"a smaller lambda regularises less, .* noise",
+                r"Your own board: taction new board\.toml",
+            ),
         ),
     ),
     "SPICE user": (

@@ -1,16 +1,20 @@
-"""What taction shows of itself: the paper claim by claim, and the stress cases."""
+"""What taction shows of itself: the paper claim by claim, the stress cases, the demonstration."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from taction.system.charts import Outcome
+from taction.verification.evidence.demonstration import Demonstration, DemonstrationStep
 from taction.verification.evidence.paper.findings import ClaimOutcome, Finding
 from taction.verification.evidence.paper.reproduce import Reproduction
 from taction.verification.evidence.stress.run_cases import CaseJudgement, CaseRun, StressReport
 from taction.verification.report.blocks import Notes, Page, Section, Table
 from taction.verification.report.texts import Cell, Column, fields, outcome_cell, shown_by
+from taction.verification.report.views.answer_view import answer_text, decisive_text
 from taction.verification.report.views.origin_view import origin_section
+from taction.verification.report.views.waveforms_view import outputs_chart, stress_chart
 
 SOURCE = (
     "Y. C. Pati, P. S. Krishnaprasad and M. C. Peckerar, Neural network solutions to problems in"
@@ -135,3 +139,51 @@ def _results(runs: Iterable[CaseRun]) -> Table:
         **fields("time = seconds s 2"),
     }
     return Table.of("Results", runs, columns)
+
+
+TITLE = "Seven sensors, one board"
+NEXT = (
+    "Your own board: taction new board.toml, then taction verify board.toml --report board.html,"
+    " then taction explore board.toml."
+)
+
+
+STEPS: dict[str, Column] = {
+    **fields("board = title; outcome = verdict.outcome outcome"),
+    "because": lambda step: decisive_text(step.verdict.checks, step.verdict.outcome.value),
+}
+
+
+def demonstration_view(found: Demonstration) -> Page:
+    """Return the page of the demonstration."""
+    told = "as told" if found.outcome == "pass" else "NOT as told"
+    steps = [part for number, step in enumerate(found.steps, 1) for part in _sections(number, step)]
+    return Page(
+        title=TITLE,
+        command="taction demo",
+        outcome=found.outcome if found.outcome == "fail" else "pass",
+        summary=f"Three boards, {told}, in {found.seconds:.0f} s.",
+        sections=(
+            *steps,
+            Section("Next", NEXT, media="terminal page"),
+            origin_section(None),
+        ),
+    )
+
+
+def _sections(number: int, step: DemonstrationStep) -> tuple[Section, Section]:
+    """Return the sentences and checks of a board, and its outputs; of the first also the answer."""
+    verdict, title, first = step.verdict, f"{number}. {step.title}", number == 1
+    answer = answer_text(verdict.answer) if first else ""
+    shown = (outputs_chart, stress_chart)[: 1 + first]
+    told, charts = (
+        (step.text, answer, Table.of("", (step,), STEPS)),
+        lambda: [
+            replace(chart, title=f"{number}. {step.title}. {chart.title}")
+            for chart in (f(verdict) for f in shown)
+        ],
+    )
+    return (
+        Section(title, told, media="terminal page"),
+        Section(f"{title}: outputs", charts, media="page picture"),
+    )
