@@ -216,6 +216,7 @@ def check(
     outputs: str | Iterable[str] = (),
     checks: str | Iterable[str] = (),
     expect: str | Iterable[str] = (),
+    linearise: bool = False,
     over: str | Iterable[str] = (),
     matrix: str | Path | None = None,
     strain: str | Path | None = None,
@@ -248,6 +249,8 @@ def check(
         stable, oscillates. A circuit has to be stable unless it has to oscillate.
     expect : str or iterable of str
         Expected voltage at rest: v(out)=1.25@0.1%.
+    linearise : bool
+        Without effect: whatever is not linear is always measured at the operating point.
     over : str or iterable of str
         Part or .param to change: C1=1p:1n, gain=2:4:50, or a part alone. Every crossing of
         stability is found, and the readings at every value.

@@ -134,7 +134,7 @@ SWEEP = Command(
     outputs=(
         output(
             "export",
-            "Write a table (.csv).",
+            "Write a table (.csv, .parquet) or grid (.nc).",
             "verification.studies.sweep.result:export_sweep",
             check="verification.studies.sweep.result:check_sweep_export",
         ),

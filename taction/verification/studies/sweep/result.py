@@ -34,7 +34,10 @@ from taction.verification.verdict.record import FIGURES, Record
 
 TEXT_COLUMNS = ("outcome", "failure", "state", "simulator", "reason")
 OUTCOMES = ("pass", "fail", "inconclusive", "error")
-OTHERS = {".parquet": "to_pandas().to_parquet(FILE)", ".nc": "to_xarray().to_netcdf(FILE)"}
+PACKAGES = {  # by ending: the package and how to install it
+    ".parquet": ("pyarrow", "Parquet needs pyarrow: pip install 'taction[data,parquet]'"),
+    ".nc": ("xarray", "netCDF needs xarray: pip install 'taction[data]'"),
+}
 UNITS = {"step": "1", "": "1"}  # the unit of a plain number in the conventions of netCDF
 
 
@@ -336,16 +339,21 @@ def dataset(result: SweepResult) -> Any:
 
 def check_sweep_export(path: str) -> None:
     """Refuse a file that could not be written, before any work is done."""
-    if (ending := Path(path).suffix.lower()) in OTHERS:
-        text = f"expected a .csv file; in Python {OTHERS[ending]} writes the other"
-        raise InputError("--export", Complaint("FILE", repr(path), text))
-    check_file(path, "--export", (".csv",), {})
+    check_file(path, "--export", (".csv", *PACKAGES), PACKAGES)
 
 
 def export_sweep(result: SweepResult, path: str) -> None:
-    """Write every point of a sweep to `path`, a row each."""
+    """Write every point of a sweep to `path`, a row each; of netCDF it is the grid."""
     check_sweep_export(path)
-    with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(_columns(result.plan))
-        writer.writerows(row.values() for row in _rows(result))
+    with replacing(path) as temporary:
+        match Path(path).suffix.lower():
+            case ".nc":
+                result.to_xarray().to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
+            case ".parquet":
+                choices = [axis.name for axis in result.plan.axes if axis.key.kind == "choice"]
+                result.to_pandas().astype(dict.fromkeys(choices, str)).to_parquet(temporary)
+            case _:
+                with temporary.open("w", encoding="utf-8", newline="") as file:
+                    writer = csv.writer(file)
+                    writer.writerow(_columns(result.plan))
+                    writer.writerows(row.values() for row in _rows(result))

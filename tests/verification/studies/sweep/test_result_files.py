@@ -102,6 +102,17 @@ def test_a_grid_has_named_axes_and_units(folder: Path) -> None:
     data.to_netcdf(folder / "a.nc", engine="scipy")
 
 
+def test_other_formats_hold_the_same_numbers(folder: Path) -> None:
+    pandas, xarray = pytest.importorskip("pandas"), pytest.importorskip("xarray")
+    taction(*OVER, "--export", "a.parquet")
+    table = pandas.read_parquet(folder / "a.parquet")
+    points = json.loads(taction(*OVER, "--export", "a.nc", "--json").stdout)["points"]
+    assert table["settling_time"].tolist() == [point["settling_time"] for point in points]
+    assert table["stable"].tolist() == [True] * 6
+    with xarray.open_dataset(folder / "a.nc", engine="scipy") as data:
+        assert data.settling_time.values.ravel().tolist() == table["settling_time"].tolist()
+
+
 def test_zipped_axes_share_a_dimension(folder: Path) -> None:
     data = grid(folder, "C=50p,100p gain=100k,50k", "lambda=0.1,1")
     assert dict(data.sizes) == {"C": 2, "lambda": 2}
@@ -111,8 +122,7 @@ def test_zipped_axes_share_a_dimension(folder: Path) -> None:
 
 def test_what_cannot_be_written_is_refused_before_any_work(folder: Path) -> None:
     for words, says in (
-        (("--export", "a.xls"), "ends in .csv"),
-        (("--export", "a.nc"), "to_xarray().to_netcdf(FILE)"),
+        (("--export", "a.xls"), ".csv, .parquet, .nc"),
         (("--export", "missing/a.csv"), "folder does not exist"),
         (("--plot", "a.gif"), ".png, .svg, .pdf"),
         (
