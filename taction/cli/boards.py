@@ -21,6 +21,7 @@ from taction.cli.command import (
     REPORT,
     Call,
     Command,
+    CommandParameter,
     Job,
     NumberRange,
     argument,
@@ -236,6 +237,10 @@ def _announce(call: Call) -> None:
     call.arguments["announce"] = announce
 
 
+def _output(text: str) -> CommandParameter:
+    return replace(OUTPUT, attributes={**OUTPUT.attributes, "help": text})
+
+
 DIFF = Command(
     outputs=(picture("the outputs of both over each other"), REPORT),
     parameters=(argument("first", metavar="A"), argument("second", metavar="B")),
@@ -247,7 +252,7 @@ NETLIST = Command(
     after=_netlist_remarks,
     files=lambda found, call: found.written,
     parameters=(
-        replace(OUTPUT, attributes={**OUTPUT.attributes, "help": "Deck file; by default stdout."}),
+        _output("Deck file; by default stdout."),
         option("dialect", type=click.Choice(DIALECTS), show_default=True),
     ),
 )
@@ -280,13 +285,25 @@ EXPLORE = Command(
 )
 
 
+def _new_file(call: Call) -> None:
+    """Take the file from FILE or -o; by default the function knows its name."""
+    from taction.system.errors import Complaint, InputError
+
+    file, output = call.options["file"], call.options["output"]
+    if file is not None and output is not None:
+        raise InputError("-o", Complaint("FILE", repr(output), "give FILE or -o, not both"))
+    call.arguments["file"] = file or output
+    if call.arguments["file"] is None:
+        del call.arguments["file"]
+
+
 def _new_files(found: NewScene, call: Call) -> list[str]:
     if found.fresh is not None:
         return list(found.written)
     return [f"{found.file}; `taction verify {found.file}` verifies it"]
 
 
-NEW_MATRIX = Job(function="new", schema="new-matrix", files=_new_files)
+NEW_MATRIX = Job(function="new", schema="new-matrix", before=_new_file, files=_new_files)
 NEW_SCHEMA = Job(
     function="scene_schema", document=dict, text=lambda found: print_json(found, ""), schema=None
 )
@@ -301,10 +318,12 @@ def _new_job(options: Mapping[str, Any]) -> Job | None:
 NEW = Command(
     document=lambda found: {"file": found.file},
     text=_nothing,
+    before=_new_file,
     files=_new_files,
     other=_new_job,
     parameters=(
         argument("file", metavar="[FILE]", type=FILE, required=False, reads=False, writes=True),
+        _output("The same as FILE."),
         option("schema", is_flag=True, help="Print the JSON schema of scene files instead."),
         option("noise", metavar="SIGMA"),
         option("lam", "--lambda", type=NumberRange(0, min_open=True)),

@@ -80,8 +80,6 @@ WITHDRAWN = {
     " sweep' and 'taction yield montecarlo' run many boards.",
     "sweep --retry": "The same command computes points without a verdict again.",
     "kicad --channel": "Leave it out: the project has a sheet for each channel.",
-    "new -o": "'taction new FILE' names the file.",
-    "new --output": "'taction new FILE' names the file.",
     "new --from": "'taction design scale SCENE -o FILE' scales the design of a scene.",
     "reproduce -o": "'--report FILE' writes the claims and the pictures as a page.",
     "reproduce --output": "'--report FILE' writes the claims and the pictures as a page.",

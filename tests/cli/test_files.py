@@ -56,6 +56,7 @@ LINES: tuple[tuple[str, tuple[str, ...], dict[str, str]], ...] = (
     ("models show", ("ua741",), {"--plot": "x.svg"}),
     ("models import", ("v.cir", *PINS.split()), {"-o": "x.json"}),
     ("new", (), {"FILE": "x.toml"}),
+    ("new", (), {"-o": "x.toml"}),
 )
 SLOW = ("accuracy", "choose", "tune", "onset", "demo", "stress", "reproduce")  # write as others do
 SINGLE = [
