@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 import taction
 from taction.cli.command import (
@@ -151,9 +152,16 @@ def _annotate_error(error: taction.TactionError, call: Call) -> None:
 
 
 def _several(options: Mapping[str, Any]) -> Job | None:
-    """Return the job of several scenes; None for one scene."""
+    """Return the job of several scenes, or that of --solve; None for one scene."""
     scenes = options["scenes"]
     alone = len(scenes) == 1 and not Path(scenes[0]).is_dir() and not options["exclude"]
+    if options["solution"]:
+        if not alone:
+            raise click.UsageError("--solve is for one scene")
+        source = click.get_current_context().get_parameter_source("engine")
+        if source is not ParameterSource.DEFAULT:
+            raise click.UsageError("--solve simulates no board: leave out --engine")
+        return SOLUTION
     if alone and options["junit"] is None:
         return None
     if options["settings"]:
@@ -169,6 +177,22 @@ VERIFY_FILES = Job(
     schema="verify-files",
     after=lambda found, call: _annotate(found.documents, call),
     lacks="shows one board; give one scene file, without --exclude and --junit",
+)
+
+
+def _of_the_scene(call: Call) -> None:
+    from taction.netlist_gen.scene.axes import with_settings
+    from taction.netlist_gen.scene.loading import load_scene
+
+    scene, settings = call.options["scenes"][0], call.options["settings"]
+    call.arguments["scene"] = with_settings(load_scene(scene), settings) if settings else scene
+
+
+SOLUTION = Job(
+    function="solve",
+    schema="solve",
+    before=_of_the_scene,
+    lacks="shows a verdict; --solve has none",
 )
 VERIFY = Command(
     work=verify_scene,
@@ -188,6 +212,12 @@ VERIFY = Command(
     parameters=(
         argument("scenes", metavar="SCENE...", nargs=-1, required=True),
         option("margins", is_flag=True, of="verify_files"),
+        option(
+            "solution",
+            "--solve",
+            is_flag=True,
+            help="Print the numerical solution with its certificate, without any circuit.",
+        ),
         option("exclude", multiple=True, metavar="PATTERN", of="verify_files"),
         JUNIT,
         ANNOTATE,

@@ -85,14 +85,13 @@ WITHDRAWN = {
     "reproduce --output": "'--report FILE' writes the claims and the pictures as a page.",
     "stress --junit": "The exit status and '--json' say what is wrong.",
     "stress --page": "'--report FILE' writes a page.",
-    "verify --solve": "'taction solve SCENE' prints the numerical solution.",
     "sweep --keep-waveforms": "Write the waveforms of a board with 'taction export waveforms'.",
 }
 """What to do in the place of a command that is no more, or of one of its options."""
 SECTIONS = {
     "Start": ("new", "verify", "netlist", "explore"),
     "Design": ("design", "onset", "sweep", "yield", "build", "export"),
-    "Check": ("check", "regress", "diff", "solve", "reproduce"),
+    "Check": ("check", "regress", "diff", "reproduce"),
     "": ("parts", "self", "demo", "mcp"),
 }
 """The listed commands by their heading; the last ones have none."""

@@ -21,7 +21,7 @@ from tests.support.running import taction as run
 NAMES = {"models show": "opamp", "models import": "import_model"}  # `models` has no other two
 # Of the command alone: how the result is shown, and where the files stand.
 SHOWN = {
-    "verify": {"scenes", "annotate", "verbose"},
+    "verify": {"scenes", "annotate", "verbose", "solution"},
     "regress": {"annotate"},
     "new": {"output", "schema"},
 }

@@ -29,12 +29,15 @@ def test_old_names_print_what_the_new_ones_print() -> None:
     listed = {name for names in SECTIONS.values() for name in names}
     shown = {f"{family} {name}": name for family, (names, _) in FAMILIES.items() for name in names}
     reached = listed | set(shown.values())
-    assert {RENAMED.get(name, name) for name in reached} >= set(COMMANDS)
+    options = {"solve": "verify --solve"}
+    assert {RENAMED.get(name, name) for name in reached} | set(options) >= set(COMMANDS)
     for new, short in [*shown.items(), *((name, name) for name in RENAMED if name in listed)]:
         old = RENAMED.get(short, short)
         a, b = (taction(*words.split(), "--help").stdout for words in (new, old))
         assert a.replace(f"taction {new}", f"taction {old}") == b
-    assert sum(map(len, SECTIONS.values())) < 20
+    assert (
+        sum(map(len, SECTIONS.values())) <= 18
+    )  # sixteen, and `check` and `mcp`, which came later
 
 
 def complete(shell: str, *words: str) -> str:

@@ -65,7 +65,7 @@ USERS = {
     ),
     "researcher": (
         NEW,
-        Step("taction solve board.toml"),
+        Step("taction verify --solve board.toml"),
         Step(
             "taction onset board.toml --over C --no-confirm",
             (r"Stable for C: [\d.]+ pF to 3 nF\.",),
