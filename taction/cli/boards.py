@@ -333,7 +333,28 @@ def _new_files(found: NewScene, call: Call) -> list[str]:
     return [f"{found.file}; `taction verify {found.file}` verifies it"]
 
 
+def _rescaled(call: Call) -> None:
+    """Take the file as for a new scene, and the op-amp of the scene where none is asked for."""
+    from taction.netlist_gen.scene.open_tables import refuse_unknown
+    from taction.verification.design.fresh_scene import refuse_existing
+
+    _new_file(call)
+    file = call.arguments.pop("file", "scene.toml")
+    refuse_existing(Path(file), force=call.options["force"])
+    call.arguments["output"] = file
+    if click.get_current_context().get_parameter_source("opamp") is ParameterSource.DEFAULT:
+        del call.arguments["opamp"]
+    else:
+        refuse_unknown(call.arguments["opamp"], "--opamp")
+
+
 NEW_MATRIX = Job(function="new", schema="new-matrix", before=_new_file, files=_new_files)
+NEW_SCALED = Job(
+    function="scale",
+    schema="scale",
+    before=_rescaled,
+    files=lambda found, call: [call.arguments["output"]],
+)
 NEW_SCHEMA = Job(
     function="scene_schema", document=dict, text=lambda found: print_json(found, ""), schema=None
 )
@@ -342,6 +363,13 @@ NEW_SCHEMA = Job(
 def _new_job(options: Mapping[str, Any]) -> Job | None:
     if options["schema"]:
         return NEW_SCHEMA
+    if options["scene"] is not None:
+        for name in ("matrix", "strain", "noise", "lambda", "prune"):
+            if options["lam" if name == "lambda" else name] is not None:
+                raise click.UsageError(f"--from has the problem of its scene; leave out --{name}")
+        return NEW_SCALED
+    if click.get_current_context().get_parameter_source("share") is not ParameterSource.DEFAULT:
+        raise click.UsageError("--share needs --from")
     return None if options["matrix"] is None else NEW_MATRIX
 
 
@@ -355,6 +383,15 @@ NEW = Command(
         argument("file", metavar="[FILE]", type=FILE, required=False, reads=False, writes=True),
         _output("The same as FILE."),
         option("schema", is_flag=True, help="Print the JSON schema of scene files instead."),
+        option(
+            "scene",
+            "--from",
+            metavar="SCENE",
+            reads=True,
+            help="A scene for the problem of SCENE, with G0, U0, s and R that use the swing of its"
+            " op-amps and that can be bought; lambda stays. The state-space engine verifies it.",
+        ),
+        OPTIONS["share"],
         option("noise", metavar="SIGMA"),
         option("lam", "--lambda", type=NumberRange(0, min_open=True)),
         option("prune", type=NumberRange(0, 1, max_open=True)),

@@ -58,7 +58,7 @@ COMMANDS = {
 All of these names work; `SECTIONS` are those that --help lists.
 """
 FAMILIES = {
-    "design": (("tune", "choose", "scale"), "Search for a better board: tune, choose, scale."),
+    "design": (("tune", "choose"), "Search for a better board: tune, choose."),
     "yield": (("montecarlo", "corners"), "See what tolerances of parts do: montecarlo, corners."),
     "export": (
         ("bom", "kicad", "waveforms"),
@@ -80,7 +80,6 @@ WITHDRAWN = {
     " sweep' and 'taction yield montecarlo' run many boards.",
     "sweep --retry": "The same command computes points without a verdict again.",
     "kicad --channel": "Leave it out: the project has a sheet for each channel.",
-    "new --from": "'taction design scale SCENE -o FILE' scales the design of a scene.",
     "reproduce -o": "'--report FILE' writes the claims and the pictures as a page.",
     "reproduce --output": "'--report FILE' writes the claims and the pictures as a page.",
     "stress --junit": "The exit status and '--json' say what is wrong.",

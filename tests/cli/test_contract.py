@@ -23,7 +23,7 @@ NAMES = {"models show": "opamp", "models import": "import_model"}  # `models` ha
 SHOWN = {
     "verify": {"scenes", "annotate", "verbose", "solution"},
     "regress": {"annotate"},
-    "new": {"output", "schema"},
+    "new": {"output", "schema", "scene"},
 }
 # Words with which a command ends with 0; those that are not named have their line of `LINES`.
 WORDS = {

@@ -75,8 +75,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     (*GOOD, "--opamp", "TL074"): ("'TL074'", "did you mean 'tl074'?"),
     (*GOOD, "--supply", "12/-12"): ("12/-12", "'±15V'"),
     (*GOOD, "--noise", "10"): ("--noise", "SIGMA = 10", "the strain shows --noise"),
-    ("new", "y.toml", "--from", "ok.toml"): ("No such option '--from'", "design scale SCENE"),
-    ("design", "scale", "none.toml"): ("none.toml", "No such file", "`taction new` writes one"),
+    ("new", "y.toml", "--from", "none.toml"): ("none.toml", "No such file", "a scene file"),
     (*GOOD, "--lambda", "-1"): ("'--lambda'", "-1.0", "x>0"),
     ("new", "y.toml", "--matrix", "eps.csv", "--strain", "T.csv", "--any-part"):
         ("T.csv", "shape 5 x 4", "are matrix and strain swapped?"),

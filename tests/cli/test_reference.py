@@ -29,7 +29,7 @@ def test_old_names_print_what_the_new_ones_print() -> None:
     listed = {name for names in SECTIONS.values() for name in names}
     shown = {f"{family} {name}": name for family, (names, _) in FAMILIES.items() for name in names}
     reached = listed | set(shown.values())
-    options = {"solve": "verify --solve"}
+    options = {"solve": "verify --solve", "scale": "new --from"}
     assert {RENAMED.get(name, name) for name in reached} | set(options) >= set(COMMANDS)
     for new, short in [*shown.items(), *((name, name) for name in RENAMED if name in listed)]:
         old = RENAMED.get(short, short)

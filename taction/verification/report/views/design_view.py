@@ -133,7 +133,7 @@ def scaling_view(result: Scaled) -> Page:
     scaling = result.scaling
     return Page(
         title=scaling.scene.name,
-        command="taction design scale",
+        command="taction new --from",
         outcome=result.verdict.outcome.value,
         sections=(Section("Scalings", tuple(_lines(result)), media="terminal page notebook"),),
         foot=("verified by the state-space engine",),
