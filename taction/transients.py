@@ -411,7 +411,7 @@ def explore(
     Raises
     ------
     InputError
-        The scene cannot be used, NiceGUI is missing (``taction[explore]``), or the port is taken.
+        The scene cannot be used, a package is missing (``taction[explore]``), or the port is taken.
 
     Examples
     --------

@@ -48,7 +48,7 @@ def test_the_document_has_the_address(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     find = importlib.util.find_spec
     monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name, *more: None if name == "nicegui" else find(name)
+        importlib.util, "find_spec", lambda name, *more: None if name == "starlette" else find(name)
     )
     result = run("explore", str(write_fast(tmp_path / "a.toml")), "--no-browser")
     assert result.exit_code == 2

@@ -1,4 +1,4 @@
-"""The page of the explorer on the loopback interface, by NiceGUI, and who may read it.
+"""The page of the explorer on the loopback interface, and who may read it.
 
 The server listens on the loopback interface, which every user of the machine reaches, and with a
 name that resolves to it (DNS rebinding) every page of the web does. So each request needs the token
@@ -16,11 +16,11 @@ import importlib.util
 import json
 import os
 import secrets
-import signal
 import socket
 import sys
 import webbrowser
-from collections.abc import Awaitable, Callable, MutableMapping
+from collections.abc import AsyncIterator, Awaitable, Callable, MutableMapping
+from contextlib import asynccontextmanager
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,11 +40,10 @@ if TYPE_CHECKING:
 HOST = "127.0.0.1"
 REFUSED = "403: open the address that `taction explore` printed\n"
 POLICY = (
-    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self'"
-    " 'unsafe-inline'; img-src 'self' data:; font-src 'self' data:; connect-src 'self'"
-    " ws://{host}; object-src 'none'; base-uri 'none'; frame-ancestors 'none'; form-action 'none'"
+    "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; connect-src"
+    " 'self' ws://{host}; object-src 'none'; base-uri 'none'; frame-ancestors 'none';"
+    " form-action 'none'"
 )
-"""NiceGUI compiles its templates in the page, which needs the two words in quotes."""
 
 Message = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[Message]]
@@ -104,24 +103,18 @@ def _with_policy(send: Send, host: str) -> Send:
     return sending
 
 
-PACKAGES = {"nicegui": "NiceGUI", "plotly": "Plotly"}
+PACKAGES = ("jinja2", "plotly", "starlette", "uvicorn", "websockets")
 REMEDY = "the explorer needs {}: pip install 'taction[explore]'"
 PAGE = Path(__file__).parent / "page"
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
+AGAIN = 0.02  # s between two looks whether the server listens
 RUNNING = "ngspice is running; the page stays usable"
 WITHOUT = "ended without a result for these values"
-AGAIN = 0.02  # s between two looks whether the server listens
-HEAD = (
-    '<link rel="stylesheet" href="/taction/explorer.css">'
-    '<script src="/plotly/plotly.min.js"></script>'
-    '<script src="/report/charts.js"></script>'
-    '<script type="module" src="/taction/explorer.js"></script>'
-)
 
 
 def check_explorer() -> None:
     """Refuse with InputError an exploration without its packages, before any work is done."""
-    missing = [name for key, name in PACKAGES.items() if importlib.util.find_spec(key) is None]
+    missing = [name for name in PACKAGES if importlib.util.find_spec(name) is None]
     if missing:
         raise InputError("explore", Complaint("", "", REMEDY.format(" and ".join(missing))))
 
@@ -148,22 +141,22 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
 
     `port` is 0 for any free one; `show` opens a browser where there is a display; `announce` takes
     the address once the page can be opened. InputError or SolverError: the scene cannot be used,
-    NiceGUI is missing, or the port is taken.
+    a package is missing, or the port is taken.
     """
     check_explorer()
     start = Start.of(scene)
     port, token = free_port(port), secrets.token_urlsafe(32)
     address = f"http://{HOST}:{port}/?token={token}"
-    os.environ.setdefault("NICEGUI_STORAGE_PATH", os.devnull)  # nothing is stored
     import uvicorn
-    from nicegui import app, ui
+    from starlette.applications import Starlette
+    from starlette.responses import HTMLResponse
+    from starlette.routing import Mount, Route, WebSocketRoute
+    from starlette.staticfiles import StaticFiles
 
-    jobs: list[ExplorerJob] = []
-    waiting: list[asyncio.Task[None]] = []
+    jobs = ExplorerJob(), ExplorerJob()
 
-    async def begin() -> None:
-        jobs.extend((ExplorerJob(), ExplorerJob()))
-        waiting.append(asyncio.create_task(open_to_all()))
+    async def page(request: object) -> HTMLResponse:
+        return HTMLResponse(_templates().get_template("explorer.html").render(start_part(start)))
 
     async def open_to_all() -> None:
         while not await asyncio.to_thread(_is_open, port):
@@ -174,34 +167,20 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
         await jobs[0].warm_up()
         gc.freeze()  # a collection that visits all imported modules takes longer than a move
 
-    def end() -> None:
+    @asynccontextmanager
+    async def serving(app: object) -> AsyncIterator[None]:
+        opening = asyncio.create_task(open_to_all())
+        yield
+        opening.cancel()
         for job in jobs:
             job.stop()
 
-    app.on_startup(begin)
-    app.on_shutdown(end)
-    app.add_static_files("/taction", str(PAGE))
-    app.add_static_files("/plotly", str(files("plotly") / "package_data"))
-    app.add_static_files("/report", str(PAGE_FILES))
-    ui.page("/", title=f"taction explore {scene.name}")(lambda: _open_page(start, jobs))
-    app.add_middleware(Guard, token=token, port=port)
-    hangup = getattr(signal, "SIGHUP", None)  # unknown on some systems
-    if hangup is not None and signal.getsignal(hangup) is not signal.SIG_IGN:
-        known = uvicorn.server.HANDLED_SIGNALS
-        uvicorn.server.HANDLED_SIGNALS = (*dict.fromkeys((*known, hangup)),)
-    ui.run(
-        host=HOST,
-        port=port,
-        binding_refresh_interval=None,  # nothing on the page is bound
-        reload=False,
-        show=False,
-        show_welcome_message=False,
-        favicon="〰",
-        language="en-US",
-        gzip_middleware_factory=None,
-        uvicorn_logging_level="error",
-        timeout_graceful_shutdown=1,
-    )
+    places = {"/taction": PAGE, "/plotly": files("plotly") / "package_data", "/report": PAGE_FILES}
+    mounts = (Mount(path, StaticFiles(directory=str(place))) for path, place in places.items())
+    talk = WebSocketRoute("/talk", lambda socket: _talk(socket, start, jobs))
+    routes = [Route("/", page), talk, *mounts]
+    app = Guard(Starlette(routes=routes, lifespan=serving), token, port)
+    uvicorn.run(app, host=HOST, port=port, log_level="error", timeout_graceful_shutdown=1)
 
 
 def _is_open(port: int) -> bool:
@@ -210,31 +189,30 @@ def _is_open(port: int) -> bool:
         return probe.connect_ex((HOST, port)) == 0
 
 
-def _open_page(start: Start, jobs: list[ExplorerJob]) -> None:
-    """Build the page of one browser tab."""
-    from nicegui import ui
+async def _talk(socket: Any, start: Start, jobs: tuple[ExplorerJob, ExplorerJob]) -> None:
+    """Answer the page of one browser tab until it is closed."""
+    told = asyncio.Queue[Part]()
+    session = Session(start, told.put_nowait, *jobs)
 
-    client = ui.context.client
+    async def tell() -> None:
+        while True:
+            await socket.send_text(json.dumps(markup_of(await told.get()), allow_nan=False))
 
-    def send(part: Part) -> None:
-        if client.has_socket_connection:
-            told = json.dumps(markup_of(part), allow_nan=False)
-            client.run_javascript(f"window.taction?.({told})")
-
-    session = Session(start, send, jobs[0], jobs[1])
-    ui.add_head_html(HEAD)
-    page = _templates().get_template("explorer.html").render(start_part(start))
-    ui.html(page, sanitize=False)
-
-    ui.on("taction-ready", lambda: session.move({}))
-    ui.on(
-        "taction-move",
-        lambda event: session.move(event.args if isinstance(event.args, dict) else {}),
-    )
-    ui.on("taction-window", lambda event: session.show(str(event.args)))
-    ui.on("taction-simulate", session.simulate)
-    ui.on("taction-cancel", session.cancel)
-    ui.on("taction-save", lambda event: session.save(str(event.args)))
+    await socket.accept()
+    telling = asyncio.create_task(tell())
+    actions: dict[str, Callable[[Any], None]] = {
+        "move": session.move,
+        "window": lambda name: session.show(str(name)),
+        "simulate": lambda _: session.simulate(),
+        "cancel": lambda _: session.cancel(),
+        "save": lambda name: session.save(str(name)),
+    }
+    try:
+        async for kind, given in socket.iter_json():
+            actions[kind](given)
+    finally:
+        telling.cancel()
+        session.close()
 
 
 @functools.cache

@@ -108,14 +108,13 @@ class Session:
         try:
             self.settings = self._taken(wanted)
         except (InputError, ValueError) as error:
-            wrong = list(wanted.get("texts", ())) if isinstance(wanted.get("texts"), dict) else []
+            typed = wanted.get("texts") if isinstance(wanted, Mapping) else None
+            wrong = list(typed) if isinstance(typed, dict) else []
             shown = parts.settings_part(self.start, self.settings)
             self._tell(mistake=readable(str(error)), wrong=wrong, **shown)
             return
         self._number += 1
-        self.cancel()
-        if self.work is not None:
-            self.work.cancel()
+        self.close()
         self.work = asyncio.create_task(self._follow(self.settings))
 
     def _taken(self, wanted: Mapping[str, Any]) -> Settings:
@@ -238,6 +237,12 @@ class Session:
         """End the run of ngspice of this page, if there is one."""
         if self.simulation is not None:
             self.simulation.cancel()
+
+    def close(self) -> None:
+        """End what is still to be found."""
+        self.cancel()
+        if self.work is not None:
+            self.work.cancel()
 
     def save(self, name: str) -> None:
         """Write the present values to a new file."""

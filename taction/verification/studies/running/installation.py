@@ -18,7 +18,7 @@ EXTRAS = (
     ("matplotlib", "--plot", "pip install 'taction[plot]'"),
     ("jinja2", "--report", "pip install 'taction[report]'"),
     ("plotly", "--report", "pip install 'taction[report]'"),
-    ("nicegui", "explore", "pip install 'taction[explore]'"),
+    ("starlette", "explore", "pip install 'taction[explore]'"),
     ("pyarrow", "waveforms and sweeps as Parquet", "pip install 'taction[parquet]'"),
     ("xarray", "sweeps as netCDF", "pip install 'taction[data]'"),
     ("spicelib", "diff with raw files in text or of LTspice", "pip install 'taction[raw]'"),

@@ -16,7 +16,7 @@ const ask = (change) => {
 const flush = () => {
   if (!state.pending) return;
   if (state.waiting && performance.now() - state.sent < GIVE_UP) return;
-  emitEvent("taction-move", state.pending);
+  send("move", state.pending);
   Object.assign(state, { pending: null, waiting: true, sent: performance.now() });
 };
 // Whether the page waits for the verdict: that of earlier values is hidden.
@@ -112,25 +112,25 @@ const wire = () => {
   windows.forEach((button) => button.addEventListener("click", () => {
     windows.forEach((each) => each.setAttribute("aria-pressed", each === button));
     state.window = button.dataset.window;
-    emitEvent("taction-window", state.window);
+    send("window", state.window);
   }));
   get("opamp").addEventListener("change", () => ask({ opamp: get("opamp").value }));
   get("reset").addEventListener("click", () => ask({ reset: true }));
   get("hand").addEventListener("submit", (event) => event.preventDefault());
-  get("simulate").addEventListener("click", () => emitEvent("taction-simulate"));
-  get("cancel").addEventListener("click", () => emitEvent("taction-cancel"));
-  get("save").addEventListener("submit", (event) => { event.preventDefault(); emitEvent("taction-save", get("save-name").value); });
+  get("simulate").addEventListener("click", () => send("simulate"));
+  get("cancel").addEventListener("click", () => send("cancel"));
+  get("save").addEventListener("submit", (event) => { event.preventDefault(); send("save", get("save-name").value); });
   tactionCharts.follow(() => draw({}, true));
 };
 
-// Begin once NiceGUI has put the page into the document and has a socket.
-const begin = () => {
-  if (!get("explorer") || !window.did_handshake) { setTimeout(begin, 20); return; }
+const socket = new WebSocket(`ws://${location.host}/talk`);
+const send = (kind, given = {}) => socket.send(JSON.stringify([kind, given]));
+socket.addEventListener("message", (event) => show(JSON.parse(event.data)));
+socket.addEventListener("close", () => { get("verdict-text").textContent = "the explorer has ended"; outdated(false); });
+socket.addEventListener("open", () => {
   wire();
   draw({}, true);
-  window.taction = show;
   outdated(true);
-  emitEvent("taction-ready");
+  send("move");
   document.documentElement.dataset.ready = "true";
-};
-begin();
+});
