@@ -20,7 +20,7 @@ import socket
 import sys
 import webbrowser
 from collections.abc import AsyncIterator, Awaitable, Callable, MutableMapping
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -107,7 +107,6 @@ PACKAGES = ("jinja2", "plotly", "starlette", "uvicorn", "websockets")
 REMEDY = "the explorer needs {}: pip install 'taction[explore]'"
 PAGE = Path(__file__).parent / "page"
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
-AGAIN = 0.02  # s between two looks whether the server listens
 RUNNING = "ngspice is running; the page stays usable"
 WITHOUT = "ended without a result for these values"
 
@@ -119,16 +118,13 @@ def check_explorer() -> None:
         raise InputError("explore", Complaint("", "", REMEDY.format(" and ".join(missing))))
 
 
-def free_port(wanted: int) -> int:
-    """Return `wanted`, or any free port for 0; InputError where another program has the port."""
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((HOST, wanted))
-        except OSError as error:
-            text = f"{error.strerror}; expected a free port, or no --port for any"
-            raise InputError("--port", Complaint("PORT", repr(wanted), text)) from None
-        return int(probe.getsockname()[1])
+def bound(wanted: int) -> socket.socket:
+    """Return a socket that listens on a port, or on any free one for 0; InputError: it is taken."""
+    try:
+        return socket.create_server((HOST, wanted))
+    except OSError as error:
+        text = f"{error.strerror}; expected a free port, or no --port for any"
+        raise InputError("--port", Complaint("PORT", repr(wanted), text)) from None
 
 
 def has_display() -> bool:
@@ -145,7 +141,8 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
     """
     check_explorer()
     start = Start.of(scene)
-    port, token = free_port(port), secrets.token_urlsafe(32)
+    listening, token = bound(port), secrets.token_urlsafe(32)
+    port = listening.getsockname()[1]
     address = f"http://{HOST}:{port}/?token={token}"
     import uvicorn
     from starlette.applications import Starlette
@@ -159,9 +156,7 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
         return HTMLResponse(_templates().get_template("explorer.html").render(start_part(start)))
 
     async def open_to_all() -> None:
-        while not await asyncio.to_thread(_is_open, port):
-            await asyncio.sleep(AGAIN)
-        announce(address)
+        announce(address)  # a browser that is faster than the server waits
         if show and has_display():
             await asyncio.to_thread(webbrowser.open, address)
         await jobs[0].warm_up()
@@ -180,13 +175,9 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
     talk = WebSocketRoute("/talk", lambda socket: _talk(socket, start, jobs))
     routes = [Route("/", page), talk, *mounts]
     app = Guard(Starlette(routes=routes, lifespan=serving), token, port)
-    uvicorn.run(app, host=HOST, port=port, log_level="error", timeout_graceful_shutdown=1)
-
-
-def _is_open(port: int) -> bool:
-    """Whether the server, which starts after its start-up functions, accepts connections."""
-    with socket.socket() as probe:
-        return probe.connect_ex((HOST, port)) == 0
+    server = uvicorn.Server(uvicorn.Config(app, log_level="error", timeout_graceful_shutdown=1))
+    with listening, suppress(KeyboardInterrupt):
+        server.run(sockets=[listening])
 
 
 async def _talk(socket: Any, start: Start, jobs: tuple[ExplorerJob, ExplorerJob]) -> None:

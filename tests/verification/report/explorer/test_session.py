@@ -189,7 +189,7 @@ def test_a_port_that_is_taken_is_refused() -> None:
         taken.bind((server.HOST, 0))
         taken.listen()
         with pytest.raises(InputError, match="--port"):
-            server.free_port(taken.getsockname()[1])
+            server.bound(taken.getsockname()[1])
 
 
 def test_a_page_ends_no_run_of_another_page() -> None:
