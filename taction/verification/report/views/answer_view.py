@@ -20,9 +20,8 @@ from taction.verification.verdict.verify import Verdict
 def answer_text(answer: AnswerError) -> str:
     """Return in a sentence how far the board is from the answer, and the answer from the truth.
 
-    The board is measured as its check is, in shares of the step. The sentence is empty for a board
-    that does not come to rest at the answer, and where the answer cannot be trusted. "Within"
-    rounds up.
+    The board is measured in shares of the step, rounded up. The sentence is empty for a board that
+    does not come to rest at the answer, and where the answer cannot be trusted.
     """
     if answer.board is None or not answer.unit:
         return ""
@@ -123,12 +122,10 @@ def decisive_text(checks: Sequence[Check], outcome: str) -> str:
     """Return what decides the outcome of a verdict in a sentence."""
     found = [*causes(checks)]
     if not found:
-        nearest = nearest_bar(checks)
-        near = (
-            "" if nearest is None else f"; {nearest.name} is nearest to its limit ({nearest.used})"
-        )
-        every = f"All {len(checks)} checks pass" if len(checks) > 1 else "The check passes"
-        return f"{every}{near}."
+        text = f"All {len(checks)} checks pass" if len(checks) > 1 else "The check passes"
+        if (nearest := nearest_bar(checks)) is not None:
+            text += f"; {nearest.name} is nearest to its limit ({nearest.used})"
+        return f"{text}."
     first, *others = found
     text = readable(first.text)
     if first.follows and outcome == Outcome.FAIL.value:
@@ -168,6 +165,8 @@ def check_bar(check: Check, smallest: float | None = None) -> Bar:
     side = f"{figure(centre, unit)} ±" if centre else side
     band = band_text(check)
     shown = with_error(value, check.uncertainty, unit)
+    small = unit == "step" and limit is not None and 0.0 < limit < LEAST_SHARE  # it has a number
+    words = f"{limit:g} of the step" if small else figure(limit, unit)
     if value is None and check.outcome is Outcome.PASS:  # the reason says what limits the board
         limit, shown = None, readable(check.reason.partition("; ")[0])
     return Bar(
@@ -176,15 +175,9 @@ def check_bar(check: Check, smallest: float | None = None) -> Bar:
         share=share,
         doubt=doubt,
         value=shown,
-        limit="" if limit is None else f"{side} {_limit(limit, unit)}",
+        limit="" if limit is None else f"{side} {words}",
         reason=readable(check.reason.replace("to ±", "within ±")),
     )
-
-
-def _limit(limit: float, unit: str) -> str:
-    """Return a limit as text: one below a millionth of the step keeps its number."""
-    small = unit == "step" and 0.0 < limit < LEAST_SHARE
-    return f"{limit:g} of the step" if small else figure(limit, unit)
 
 
 def _share(

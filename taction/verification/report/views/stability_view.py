@@ -320,25 +320,21 @@ def _charts(onset: Onset) -> Iterator[Content]:
     x = charts.Axis(name, onset.axis.key.unit, scale, (ends[0], ends[1]))
     ground, hover = tuple(_on_values(onset)), tuple(_value(onset, each) for each in value.tolist())
     reach = min(max(3.0 * float(np.median(np.abs(damping))), 1e-3), MAX_DAMPING)
-    zero = charts.Limit(0.0, "y", line="solid")
-    yield charts.Chart(
-        "Damping over the value",
-        x,
-        charts.Axis("damping ratio (below 0: grows)", limits=(-reach, reach)),
-        (*ground, zero, *mode_marks(value, damping, real, hover, 4.0)),
-        f"The damping ratio of every ringing mode over {name}. {LOOKS}",
-    )
     edges = [each.crossing for each in onset.findings]
     at, rings = np.array([(c.value, c.frequency) for c in edges if c.frequency]).reshape(-1, 2).T
     wide = float(hertz.max()) > 5.0 * float(hertz.min())
+    zero = charts.Limit(0.0, "y", line="solid")
     crossing = charts.Curve(at, rings, "crossing", "ink", "", "circle-open", size=8.0, label="")
-    yield charts.Chart(
-        "Frequency over the value",
-        x,
-        charts.Axis("ringing frequency", "Hz", "log" if wide else "linear"),
-        (*ground, *mode_marks(value, hertz, real, hover, 4.0), crossing),
-        f"The frequency of every ringing mode over {name}. {LOOKS}",
-    )
+    ratio = charts.Axis("damping ratio (below 0: grows)", limits=(-reach, reach))
+    frequency = charts.Axis("ringing frequency", "Hz", "log" if wide else "linear")
+    for what, y, values, first, last in (
+        ("damping ratio", ratio, damping, (zero,), ()),
+        ("frequency", frequency, hertz, (), (crossing,)),
+    ):
+        drawn = (*ground, *first, *mode_marks(value, values, real, hover, 4.0), *last)
+        title = f"{what.partition(' ')[0].capitalize()} over the value"
+        summary = f"The {what} of every ringing mode over {name}. {LOOKS}"
+        yield charts.Chart(title, x, y, drawn, summary)
     marks = list[charts.Mark]()
     parts = np.array_split(np.unique(value), PARTS)
     for part, look in zip(parts, charts.spread_colours(PARTS), strict=True):
