@@ -227,6 +227,7 @@ def check(
     samples: int = 300,
     seed: int = 1,
     ngspice: bool = True,
+    transient: bool = False,
     output: str | Path | None = None,
     progress: Progress = lambda stage: None,
 ) -> BoardCheck:
@@ -246,7 +247,7 @@ def check(
     checks : str or iterable of str
         Limit of a reading: settling=1ms@1%, rise=10us, overshoot=5%, undershoot=5%, noise=1mV,
         margin=2 (factor by which the value of any part may change; no gain or phase margin),
-        stable, oscillates. A circuit has to be stable unless it has to oscillate.
+        stable, oscillates, agree=1e-3. A circuit has to be stable unless it has to oscillate.
     expect : str or iterable of str
         Expected voltage at rest: v(out)=1.25@0.1%.
     linearise : bool
@@ -274,6 +275,8 @@ def check(
         Seed of these boards.
     ngspice : bool
         Compare with ngspice's own small signal (.ac) of the deck.
+    transient : bool
+        Compare the step response of a linear deck with ngspice's transient, too.
     output : path, optional
         Write the flat cards of the deck, as ngspice expands it, into this file.
     progress : callable, optional
@@ -336,6 +339,7 @@ def check(
         board,
         asked,
         ngspice=ngspice,
+        transient=transient,
         over=swept,
         tolerances=spread,
         samples=(samples, seed),

@@ -149,6 +149,7 @@ def check_board(
     asked: Wanted,
     *,
     ngspice: bool = True,
+    transient: bool = False,
     over: Iterable[SweptValue] = (),
     tolerances: DeckTolerances | None = None,
     samples: tuple[int, int] = (300, 1),
@@ -170,6 +171,11 @@ def check_board(
     if ngspice:
         every = np.append(found.poles.poles, found.apart.hidden)
         checks.append(compare_ac(deck.at_rest, board, every))
+    if transient or "engines_agree" in asked.names:
+        from taction.verification.studies.decks.transient_witness import compare_transient
+
+        limit = asked.limits.engines_agree.tolerance
+        checks.append(compare_transient(found, deck, limit, ngspice=ngspice))
     if ngspice and deck.point is not None:
         why.append(points_note(found, deck.point))
         if any(each.moves for each in deck.flat.stimuli.values()):

@@ -244,9 +244,11 @@ def _check_of(text: str) -> tuple[str, dict[str, Any]]:
             raise _refused(word, repr(value), "expected no value")
         return (OSCILLATES if word == OSCILLATES else "stability"), {}
     if word in ("agree", "engines_agree"):
-        raise _refused(word, repr(value), "is gone: every check compares with ngspice (ac_agrees)")
+        return "engines_agree", {"tolerance": share_of(value)}
     known = ", ".join(f"{each.asked}={each.example}" for each in QUESTIONS.values())
-    raise _refused("check", repr(word), f"expected {known}, margin=2, stable or {OSCILLATES}")
+    raise _refused(
+        "check", repr(word), f"expected {known}, margin=2, agree=1e-3, stable or {OSCILLATES}"
+    )
 
 
 def _expected(text: str) -> Expected:

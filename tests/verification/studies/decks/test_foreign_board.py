@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -66,6 +67,27 @@ def test_ngspice_has_the_same_small_signal(name: str, read: Read) -> None:
     assert check.outcome.value == "pass", check.reason
     assert check.value is not None
     assert check.value < 1e-6
+
+
+@pytest.mark.parametrize("name", ["sallen-key-low-pass", "howland", "wien", "ring", "transformer"])
+def test_ngspice_has_the_same_transient(name: str, read: Read) -> None:
+    found = check_board(read(DECKS[name]), wanted(), transient=True)
+    (check,) = (each for each in found.checks if each.name == "engines_agree")
+    assert check.outcome.value == "pass", check.reason
+    assert check.value is not None
+    assert check.value + check.uncertainty <= 1e-3
+
+
+def test_a_transient_of_another_circuit_fails(read: Read) -> None:
+    """The same cards with a capacitor of 1.1 times the value for ngspice."""
+    board = read(DECKS["sallen-key-low-pass"])
+    place = next(k for k, line in enumerate(board.lines) if line.startswith("c"))
+    changed = board.lines[place].replace("2.2n", "2.42n")
+    assert changed != board.lines[place]
+    lines = (*board.lines[:place], changed, *board.lines[place + 1 :])
+    found = check_board(replace(board, lines=lines), wanted(), transient=True)
+    (check,) = (each for each in found.checks if each.name == "engines_agree")
+    assert check.outcome.value == "fail"
 
 
 def crossing(board: ForeignBoard, name: str, low: float, high: float) -> tuple[float, float]:
