@@ -135,8 +135,9 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
         return _opamp(drawn(model, errors), cell.name, faster, gain)
 
     own = _with_own_models(circuit, varied_opamp)
+    programmed = tuple(_programmed(each, deviations) for each in circuit.matrices)
     return replace(
-        with_resistors_at(with_devices_at(own, deviations), scale, hot_r),
+        with_resistors_at(replace(own, matrices=programmed), scale, hot_r),
         temperature=circuit.temperature + kelvin,
         capacitors=tuple(
             replace(part, farads=part.farads * scale.get(part.label, 1.0) * hot_c)
@@ -157,18 +158,12 @@ def _branch(part: Branch, factor: float) -> Branch:
     return replace(part, value=value)
 
 
-def with_devices_at(circuit: Circuit, deviations: Mapping[str, float]) -> Circuit:
-    """Return `circuit` with programmed devices, off by so many of `MOST` standard deviations.
-
-    A positive deviation is a larger resistance. Deviations of exactly one are the corners of a
-    study, at which no cell is stuck. What is programmed varies no more.
-    """
-    return replace(
-        circuit, matrices=tuple(_programmed(each, deviations) for each in circuit.matrices)
-    )
-
-
 def _programmed(matrix: ResistorMatrix, deviations: Mapping[str, float]) -> ResistorMatrix:
+    """Return a matrix with devices off by so many of `MOST` standard deviations, larger in ohms.
+
+    Deviations of exactly one are the corners of a study, at which no cell is stuck. What is
+    programmed varies no more.
+    """
     if matrix.device is None:
         return matrix
     off = np.zeros(matrix.ohms.shape)

@@ -10,33 +10,26 @@ from taction.system.quantities import show
 from taction.system.reading_definitions import EXCURSIONS
 
 PARTS = {"opamp", "gain", "unit_conductance"}
+DEFAULT_PARTS = (
+    "design.opamp, gain and unit_conductance are not given: the paper's board with a uA741, which"
+    " its input errors move by more than most limits; `taction new --matrix T.csv --strain eps.csv`"
+    " writes parts that work"
+)
 USUAL = (1e-14, 1e-4)  # F: from a fraction of a stray capacitance to the largest film capacitors
 SHARES = ("resistor", "capacitor", "stray", "opamp_gbw", "opamp_gain")
 
 
 def questions(scene: Scene) -> tuple[str, ...]:
     """Return what may be a slip in a scene: in the way it is written, and in its values."""
-    found = (*scene.written_questions, *value_questions(scene), *_no_parts(scene))
-    return (*found, *_no_effect(scene))
-
-
-def _no_effect(scene: Scene) -> Iterator[str]:
-    """Yield the keys of the design that the topology does not read."""
     from taction.netlist_gen.topologies.frame.topology import topology_of  # it loads numpy
 
     design, topology = scene.design, topology_of(scene)
-    for key in sorted(topology.unused & design.model_fields_set):
-        yield f"design.{key} has no effect with topology = {topology.name!r}"
-
-
-def _no_parts(scene: Scene) -> Iterator[str]:
-    """Yield a hint where all parts are defaults: those of the paper's board, with a uA741."""
-    if not PARTS & scene.design.model_fields_set:
-        yield (
-            "design.opamp, gain and unit_conductance are not given: the paper's board with a"
-            " uA741, which its input errors move by more than most limits; `taction new --matrix"
-            " T.csv --strain eps.csv` writes parts that work"
-        )
+    found = [*scene.written_questions, *value_questions(scene)]
+    if not PARTS & design.model_fields_set:
+        found.append(DEFAULT_PARTS)
+    unused = sorted(topology.unused & design.model_fields_set)
+    found += [f"design.{key} has no effect with topology = {topology.name!r}" for key in unused]
+    return tuple(found)
 
 
 def value_questions(scene: Scene) -> Iterator[str]:

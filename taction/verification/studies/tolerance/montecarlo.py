@@ -253,13 +253,10 @@ class SampleCollection:
         while not self.enough and (following := self._waiting.pop(len(self.samples), None)):
             self.samples.append(following)
             self.passed += following.outcome == "pass"
-            self.enough = len(self.samples) >= self.limit or self._narrow()
-
-    def _narrow(self) -> bool:
-        if self.width is None or len(self.samples) < MIN_SAMPLES:
-            return False
-        low, high = interval(self.passed, len(self.samples))
-        return 0.5 * (high - low) <= self.width
+            self.enough = (count := len(self.samples)) >= self.limit
+            if self.width is not None and count >= MIN_SAMPLES:
+                low, high = interval(self.passed, count)
+                self.enough |= 0.5 * (high - low) <= self.width
 
 
 def run_samples(

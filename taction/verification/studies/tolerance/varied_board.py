@@ -214,12 +214,11 @@ class VariedBoard(Varied):
 
     def measured(self, number: int, z: Floats) -> BoardSample:
         """Return the sample with deviations `z`; errors as `verify`."""
-        return sample_of(self.verdict(z), number)
-
-    def verdict(self, z: Floats) -> Verdict:
-        """Return the verdict of the board with deviations `z`; errors as `verify`."""
-        return verify(self.scene, problem=self.problem, circuit=self.at(z), ideal=self.ideal,
-                      full_margin=self.full_margin)  # fmt: skip
+        verdict = verify(self.scene, problem=self.problem, circuit=self.at(z), ideal=self.ideal,
+                         full_margin=self.full_margin)  # fmt: skip
+        errors, record = signed_errors(verdict), Record.of(verdict, channels=False)
+        known = errors if all(map(math.isfinite, errors)) else ()
+        return BoardSample(number, record.without_run_time(), known)
 
 
 def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
@@ -289,11 +288,3 @@ def verify_sample(
     verdict = verify(study.scene, problem=study.problem, circuit=study.at(z), ideal=study.ideal)
     deviations = {p.name: float(v) for p, v in zip(study.varied, z, strict=True)}
     return VerifiedSample(verdict, evaluate(study, sample, z), seed, deviations)
-
-
-def sample_of(verdict: Verdict, number: int) -> BoardSample:
-    """Return the sample with the figures of a verdict."""
-    errors = signed_errors(verdict)
-    known = errors if all(map(math.isfinite, errors)) else ()
-    record = Record.of(verdict, channels=False).without_run_time()
-    return BoardSample(number, record, known)
