@@ -28,7 +28,8 @@ FIGURES = {
 
 def built(matrix: ResistorMatrix, scene: Scene, device: Device | None) -> ResistorMatrix:
     """Return a matrix with the wires and devices of its scene, and with what compensates wires."""
-    wires, ohms = wires_of(scene), matrix.ohms
+    asked, ohms = scene.wires, matrix.ohms
+    wires = None if asked.ideal else Wires(**asked.model_dump(exclude={"compensate"}))
     if wires is not None and scene.wires.compensate:
         siemens = np.where(matrix.negative, -1.0, 1.0) / ohms
         ohms = as_ohms(np.abs(compensated(siemens, wires, by_column=matrix.by_column)))
@@ -43,12 +44,6 @@ def built(matrix: ResistorMatrix, scene: Scene, device: Device | None) -> Resist
 def as_programmed(ohms: Floats, device: Device | None) -> Floats:
     """Return resistances as devices have them, set to their levels and at their age."""
     return ohms if device is None else as_ohms(device.drifted(device.settable(1.0 / ohms)))
-
-
-def wires_of(scene: Scene) -> Wires | None:
-    """Return the wires of a scene; None for ideal ones."""
-    asked = scene.wires
-    return None if asked.ideal else Wires(**asked.model_dump(exclude={"compensate"}))
 
 
 def device_of(scene: Scene) -> Device | None:

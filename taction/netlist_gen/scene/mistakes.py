@@ -199,8 +199,9 @@ def _complaints(
         if missing:
             yield Complaint(key, "", f"required; {beside[keys[-1]].description}")
         elif kind == "extra_forbidden":
-            known = list(beside)
-            yield Complaint(key, quoted_value(item["input"]), unknown_key(key, known))
+            hint = nearest_question(keys[-1], list(beside))
+            text = WITHDRAWN.get(key, f"unknown key; {hint}known here: {listed(beside)}")
+            yield Complaint(key, quoted_value(item["input"]), text)
         elif kind == "union_tag_invalid":
             tag = str(context["tag"])
             known = [name.strip("' ") for name in context["expected_tags"].split(",")]
@@ -244,10 +245,9 @@ def _pick(annotation: Any, kind: object) -> type[BaseModel] | None:
 
 def design_mistakes(data: Mapping[str, Any]) -> Iterator[Complaint]:
     """Yield the contradictions of the design, also if a model stops at other mistakes."""
-    design = data.get("design")
-    if isinstance(design, Mapping):
-        for key, reason in contradictions(design):
-            yield Complaint(f"design.{key}", quoted_value(design[key]), reason)
+    design = _table(data.get("design"))
+    for key, reason in contradictions(design):
+        yield Complaint(f"design.{key}", quoted_value(design[key]), reason)
     yield from _no_such_channel(data)
 
 
@@ -309,14 +309,6 @@ WITHDRAWN = {
     for table in ("devices", "wires")
 }
 """What to do in the place of a key that is no more, by its path."""
-
-
-def unknown_key(path: str, known: Sequence[str]) -> str:
-    """Return what is wrong with a key that no table has, and what would be accepted."""
-    if path in WITHDRAWN:
-        return WITHDRAWN[path]
-    key = path.rpartition(".")[2]
-    return f"unknown key; {nearest_question(key, known)}known here: {listed(known)}"
 
 
 def quoted_value(value: object) -> str:

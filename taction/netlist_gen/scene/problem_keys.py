@@ -148,7 +148,6 @@ class Noise(fields.Model):
 
 
 def _cylinder_by_default(value: object) -> object:
-    """Add the default kind to a load without a kind."""
     return {"kind": "cylinder", **value} if isinstance(value, dict) else value
 
 
