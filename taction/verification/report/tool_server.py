@@ -172,25 +172,22 @@ def _property(parameter: Mapping[str, Any]) -> dict[str, Any]:
 
 def _words(name: str, command: Mapping[str, Any], given: Mapping[str, Any]) -> Iterator[str]:
     """Yield the words of a command line with the arguments of a tool."""
+
+    def values(parameter: Mapping[str, Any]) -> list[Any]:
+        value = given.get(parameter["name"])
+        return value if isinstance(value, list) else [] if value is None else [value]
+
     yield from (*TOOLS[name][0].split(), "--json")
     for option in command["options"]:
-        for value in _listed(given.get(option["name"])):
-            flag = next(each for each in option["flags"] if each.startswith("--"))
-            against = (each for each in option["flags"] if each.startswith("--no-"))
+        flags = [flag for flag in option["flags"] if flag.startswith("--")]
+        for value in values(option):
             if not option["is_flag"]:
-                yield f"{flag}={value}"
-            elif value:
-                yield flag
+                yield f"{flags[0]}={value}"
             else:
-                yield from against
+                yield from flags[:1] if value else (f for f in flags if f.startswith("--no-"))
     yield "--"
     for argument in command["arguments"]:
-        yield from map(str, _listed(given.get(argument["name"])))
-
-
-def _listed(value: Any) -> list[Any]:
-    """Return a value as a list; None has no values."""
-    return value if isinstance(value, list) else [] if value is None else [value]
+        yield from map(str, values(argument))
 
 
 async def _run(

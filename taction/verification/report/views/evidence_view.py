@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from taction.system.charts import Outcome
+from taction.system.charts import Chart, Outcome
 from taction.verification.evidence.demonstration import Demonstration, DemonstrationStep
 from taction.verification.evidence.paper.findings import ClaimOutcome, Finding
 from taction.verification.evidence.paper.reproduce import Reproduction
@@ -176,13 +176,12 @@ def _sections(number: int, step: DemonstrationStep) -> tuple[Section, Section]:
     verdict, title, first = step.verdict, f"{number}. {step.title}", number == 1
     answer = answer_text(verdict.answer) if first else ""
     shown = (outputs_chart, stress_chart)[: 1 + first]
-    told, charts = (
-        (step.text, answer, Table.of("", (step,), STEPS)),
-        lambda: [
-            replace(chart, title=f"{number}. {step.title}. {chart.title}")
-            for chart in (f(verdict) for f in shown)
-        ],
-    )
+    told = (step.text, answer, Table.of("", (step,), STEPS))
+
+    def charts() -> Iterator[Chart]:
+        for made in (each(verdict) for each in shown):
+            yield replace(made, title=f"{title}. {made.title}")
+
     return (
         Section(title, told, media="terminal page"),
         Section(f"{title}: outputs", charts, media="page picture"),
