@@ -27,11 +27,7 @@ from taction.verification.stability.edge_search import find_edges
 from taction.verification.stability.edges import Edge, Edges, Range
 from taction.verification.stability.families import Family
 from taction.verification.studies.decks.foreign_board import ForeignBoard
-from taction.verification.studies.decks.measured_board import (
-    MeasuredBoard,
-    measure_board,
-    measure_boards,
-)
+from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
 from taction.verification.studies.decks.part_influence import influences
 from taction.verification.studies.decks.questions import QUESTIONS, Wanted, judge, record_of, units
 from taction.verification.studies.tolerance.varied_board import BoardSample, Quantity, Varied
@@ -262,9 +258,9 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweptValue, band: 
     at = cache(family.board)  # a scan and the readings share boards
     family = replace(family, board=at)
 
-    def made(value: float) -> LinearBoard | Exception:
+    def measured(value: float) -> MeasuredBoard | Exception:
         try:
-            return LinearBoard.of(at(value))
+            return measure_board(LinearBoard.of(at(value)), deck.initial, band)
         except (EngineError, InputError) as error:
             return error
 
@@ -274,9 +270,9 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweptValue, band: 
         edges = find_edges(family, min(values), max(values), values=values)
     else:
         edges = family.scan(values, logarithmic=swept.logarithmic)
-    measured = tuple(measure_boards(map(made, values), deck.initial, band))
-    points = tuple(map(PointRow.of, values, measured))
-    return Sweep(swept.name, swept.unit, swept.own, edges, points, measured)
+    boards = tuple(map(measured, values))
+    points = tuple(map(PointRow.of, values, boards))
+    return Sweep(swept.name, swept.unit, swept.own, edges, points, boards)
 
 
 def _over(deck: ForeignBoard, swept: SweptValue) -> Callable[[float], Circuit]:

@@ -6,7 +6,7 @@ Without a reference solution the outputs are compared with their own equilibrium
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -16,7 +16,7 @@ import numpy as np
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.check_keys import LOWEST
 from taction.system.array_types import Floats
-from taction.system.errors import EngineError, InputError
+from taction.system.errors import EngineError
 from taction.system.reading_definitions import READINGS
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
@@ -138,34 +138,14 @@ def measure_board(
     if found.known_stable and (doubt := latching(board.circuit)):
         found = replace(found, doubt=doubt)
     step, before = step_response(board, initial, band), ends(board, initial)[0]
-    if not found.known_stable or apart.beyond:
-        measured = _without_rest(step, found)
-    elif step.start is not None and np.array_equal(step.start, before):
-        measured = step.measured()
-    else:  # outputs that return to their start only settle
-        measured = step.measured()
+    rests = found.known_stable and not apart.beyond
+    measured = step.measured() if rests else _without_rest(step, found)
+    if rests and not np.array_equal(np.asarray(step.start), before):  # they only settle
         channels = [replace(channel, rise_reason=NO_RISE) for channel in measured.channels]
         measured = replace(measured, channels=tuple(channels))
         measured = _without(measured, ("rise_time", "overshoot", "undershoot"))
     rest, error = step.target, step.target_error
     return MeasuredBoard(board, initial, found, measured, before, rest, error, apart, lowest)
-
-
-def measure_boards(
-    boards: Iterable[LinearBoard | Exception],
-    initial: Start,
-    band: float,
-    lowest: float | None = None,
-) -> Iterator[MeasuredBoard | Exception]:
-    """Yield measured boards, with the error of each one that cannot be measured in its place."""
-    for board in boards:
-        try:
-            if isinstance(board, Exception):
-                yield board
-            else:
-                yield measure_board(board, initial, band, lowest)
-        except (EngineError, InputError) as error:
-            yield error
 
 
 def step_response(board: LinearBoard, initial: Start, band: float) -> ExactResponse:
