@@ -18,7 +18,6 @@ import numpy as np
 from taction.spice_models.branches import Source
 from taction.system.array_types import EPS, Complexes, Floats
 from taction.verification.characterise.operating_point import PROBE, DeckPoint
-from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.verdict.checks import Check, Outcome, at_most
 
@@ -99,7 +98,7 @@ def _theirs(
 def _ours(
     point: DeckPoint, board: LinearBoard, nodes: Sequence[str], hertz: Floats
 ) -> tuple[Complexes, Floats]:
-    """Return both responses, (2, F, N), and what is not known of them."""
+    """Return both responses, (2, F, N), and what is not known of them; infinite of a singular A."""
     descriptor = board.descriptor
     places = np.array([descriptor.place(node) for node in nodes], int)
     balances = descriptor.balance_rows[places]
@@ -107,27 +106,16 @@ def _ours(
     b = np.zeros((descriptor.size, 2))
     b[:, 0] = descriptor.switched
     np.add.at(b[:, 1], balances[free], np.array([point.weights[node] for node in nodes])[free])
-    found, unknown, lowest = small_signals(descriptor, b, hertz)
+    M, K = descriptor.dense.mass, descriptor.dense.stiffness
+    solved = [_solved(s * M - K, b) for s in 2j * math.pi * hertz]
+    found, unknown = (
+        np.array([each[k][places] for each in solved]).transpose(2, 0, 1) for k in (0, 1)
+    )
     slopes = np.zeros(len(nodes))
     if point.flat.elements:
-        ohms = free * np.abs(lowest[places, np.where(free, balances, 0)])
+        ohms = free * np.abs(solved[0][2][places, np.where(free, balances, 0)])
         slopes = point.unresolved * ohms / THERMAL
-    found = found[:, :, places]
-    return found, unknown[:, :, places] + np.abs(found) * slopes
-
-
-def small_signals(
-    descriptor: Descriptor, b: Floats, hertz: Floats
-) -> tuple[Complexes, Floats, Complexes]:
-    """Return the responses of the unknowns to each column of b, (B, F, size).
-
-    They are infinite where A is singular. With them: how far they change where every value has an
-    error of `ROUNDING`, and the inverse at the first frequency.
-    """
-    M, K = descriptor.dense.mass, descriptor.dense.stiffness
-    found = [_solved(s * M - K, b) for s in 2j * math.pi * hertz]
-    values, errors = (np.array([each[k] for each in found]) for k in (0, 1))
-    return values.transpose(2, 0, 1), errors.transpose(2, 0, 1), found[0][2]
+    return found, np.abs(unknown) + np.abs(found) * slopes
 
 
 def _solved(A: Complexes, b: Floats) -> tuple[Complexes, Floats, Complexes]:
