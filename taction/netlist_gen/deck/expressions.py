@@ -374,15 +374,18 @@ def _states(name: str, ends: tuple[str, str], is_voltage: bool, ratio: _Ratio) -
             for k, state in enumerate(states)
             if k in below
         ]
+    a, b = ("0", f"{node}_y") if is_voltage else ends
+    through = f"({above[order]}/{below[order]})" if order in above else "0"
+    for k, state in enumerate(states):
+        shown = [f"{above[k]}/{below[first]}*({w})**{k}"] if k in above else []
+        shown += [f"-{through}*{scaled[k]}"] if k in below and order in above else []
+        currents += [(a, b, state, "".join(shown))] if shown else []
+    currents += [(a, b, source, through)] if order in above else []
+    if is_voltage:
+        currents.append((b, "0", b, "1"))
+        cards.append(f"e{own}_y {ends[0]} {ends[1]} {b} 0 1")
     cards += [
         f"g{own}_{k} {one} {other} {control} 0 {{{factor}}}"
         for k, (one, other, control, factor) in enumerate(currents)
     ]
-    through = f"({above[order]}/{below[order]})" if order in above else ""
-    terms = [f"{{{through}}}*v({source})"] if through else []
-    for k, state in enumerate(states):
-        shown = [f"{above[k]}/{below[first]}*({w})**{k}"] if k in above else []
-        shown += [f"-{through}*{scaled[k]}"] if k in below and through else []
-        terms += [f"{{{''.join(shown)}}}*v({state})"] if shown else []
-    kind = "v" if is_voltage else "i"
-    return [*cards, f"b{own}_y {' '.join(ends)} {kind}={'+'.join(terms) or '0'}"]
+    return cards
