@@ -18,11 +18,9 @@ OHMIC = {
     "j": (("rd",), (), ("rs",)),
     "m": (("rd", "rsh"), (), ("rs", "rsh")),
 }
-"""Parameters of a model that are resistances in series with its terminals, by terminal.
-
-Of a MOS transistor they are those of the levels 1 to 3: all else of it is measured as it is.
-"""
-LEVELS = ("1", "2", "3")
+"""Parameters of a model that are resistances in series with its terminals, by terminal."""
+SHEET = (("rsh",), (), ("rsh",))  # those of a MOS transistor of another level than `LEVELS`
+LEVELS = (None, "1", "2", "3")
 STRIPPED = "__inner"  # ends the name of a model without them
 LEAST_TERMINALS = {"d": 2, "q": 3, "j": 3, "m": 3}
 _VOLTAGE = re.compile(r"(?<![\w.#])v ?\( ?([^,() ]+) ?(?:, ?([^,() ]+) ?)?\)")
@@ -81,12 +79,17 @@ def model_cards(models: Models, elements: Iterable[Element]) -> Iterator[str]:
                 raise CardError(f"{name}: {error}") from None
             card = re.sub(r"(?<=[\s(])xcjc ?= ?[^\s(),]+", " ", card)
             card = re.sub(r"(?<=[\s(])cjc ?= ?[^\s(),]+", f"cjc={inner!r}", card)
-        keys = "|".join(key for each in OHMIC[_KINDS.get(kind, "m")] for key in each)
+        keys = "|".join(key for each in _ohmic(_KINDS.get(kind, "m"), values) for key in each)
         card = re.sub(rf"(?<=[\s(])(?:{keys}) ?= ?[^\s(),]+", " ", card)
         yield re.sub(r"^\.model \S+", f".model {name}{STRIPPED}", card)
 
 
 _KINDS = {"npn": "q", "pnp": "q", "d": "d", "njf": "j", "pjf": "j"}
+
+
+def _ohmic(kind: str, values: Mapping[str, str]) -> tuple[tuple[str, ...], ...]:
+    """Return the parameters of a model that are resistances in series, by terminal."""
+    return SHEET if kind == "m" and values.get("level") not in LEVELS else OHMIC[kind]
 
 
 def spelt_card(card: str) -> str:
@@ -165,20 +168,19 @@ def _device(card: str, models: Models) -> Element:
         plain = [number(word) for word in rest if "=" not in word and word != "off"]
         many = number(given.get("m", "1"))
         area = number(given.get("area", "1")) if not plain or kind == "m" else plain[0]
-        for k, keys in enumerate(OHMIC[kind]):
-            if not keys:
+        for k, keys in enumerate(_ohmic(kind, values)):
+            if not keys or type_name.startswith("vdmos"):
                 continue
             ohms = number(values.get(keys[0], "0")) / (area * many)
             if kind == "m":
                 squares = number(given.get("nrd" if k == 0 else "nrs", "1"))
                 sheet = number(values.get("rsh", "0")) * squares
-                ohms = (number(values[keys[0]]) if keys[0] in values else sheet) / many
+                own = keys[0] in values and keys[0] != "rsh"
+                ohms = (number(values[keys[0]]) if own else sheet) / many
             if ohms > 0.0:
-                inner[k] = f"{name}#{keys[0]}", ohms
+                inner[k] = f"{name}#r{k}", ohms
     except (ValueError, ZeroDivisionError) as error:
         raise CardError(f"{shown(name)}: {error}") from None
-    if kind == "m" and not (type_name in ("nmos", "pmos") and values.get("level", "1") in LEVELS):
-        inner = {}
     places = " ".join(f"{{{k}}}" for k in range(len(nodes)))
     tail = " ".join(word for word in rest if word != "off" and not word.startswith("ic="))
     pattern = f"{kind}~ {places} {model}{STRIPPED if inner else ''} {tail}"

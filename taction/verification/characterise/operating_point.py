@@ -296,7 +296,10 @@ class _Measured:
         self.rest = point[:, 0].real
         if element.inner:  # currents and voltages of the inner nodes
             self.held[:n], self.rest = self.rest[n:], self.rest[:n]
-            found = [each[:n] @ np.linalg.inv(each[n:]) for each in found]
+            try:
+                found = [each[:n] @ np.linalg.inv(each[n:]) for each in found]
+            except np.linalg.LinAlgError:
+                found = [np.full(each[:n].shape, np.nan) for each in found]
         self.G, self.C, wrong = _fit(np.array(found))
         wrong = wrong or _wrong_state(element, self.G, self.held, models)
         if not wrong and element.out and element.out[0] == "v" and np.any(self.C):

@@ -145,6 +145,28 @@ Re e 0 100
     assert found.outputs[0].figures["settling_time"] is not None
 
 
+MOS = """.model nm nmos(level={} {})
+Vdd vdd 0 1.8
+Vin in 0 dc 0.8 ac 1
+M1 d in 0 0 nm w=20u l=0.5u nrd=2 nrs=3
+Rd vdd d 1k
+Cl d 0 1p"""
+
+
+@pytest.mark.parametrize("level", [2, 8, 14])
+@pytest.mark.parametrize("ohmic", ["rsh=10", "rd=5 rs=5"])
+def test_levels_of_mos_have_the_resistances_that_they_know(
+    level: int, ohmic: str, tmp_path: Path
+) -> None:
+    """BSIM knows no rd and rs."""
+    assert agrees(checked(tmp_path, MOS.format(level, ohmic), outputs="d"))
+
+
+def test_a_device_without_a_finite_small_signal_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no finite small signal"):
+        checked(tmp_path, MOS.format(4, "rsh=10"), outputs="d")
+
+
 LOOP = """.model jx pjf(beta=300u vto=-1 is=2.5p)
 .model dx d(is=8e-16)
 Vp 3 0 15
