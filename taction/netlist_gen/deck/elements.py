@@ -19,7 +19,7 @@ OHMIC = {
     "m": (("rd", "rsh"), (), ("rs", "rsh")),
 }
 """Parameters of a model that are resistances in series with its terminals, by terminal."""
-SHEET = (("rsh",), (), ("rsh",))  # those of a MOS transistor of another level than `LEVELS`
+SHEET = (("rsh",), (), ("rsh",))  # of a MOS transistor of another level than `LEVELS`
 LEVELS = (None, "1", "2", "3")
 STRIPPED = "__inner"  # ends the name of a model without them
 LEAST_TERMINALS = {"d": 2, "q": 3, "j": 3, "m": 3}
@@ -89,7 +89,9 @@ _KINDS = {"npn": "q", "pnp": "q", "d": "d", "njf": "j", "pjf": "j"}
 
 def _ohmic(kind: str, values: Mapping[str, str]) -> tuple[tuple[str, ...], ...]:
     """Return the parameters of a model that are resistances in series, by terminal."""
-    return SHEET if kind == "m" and values.get("level") not in LEVELS else OHMIC[kind]
+    if kind in "mq" and values.get("level") not in LEVELS:
+        return SHEET if kind == "m" else ((), (), ())
+    return OHMIC[kind]
 
 
 def spelt_card(card: str) -> str:
