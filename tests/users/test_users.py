@@ -126,7 +126,7 @@ FILES = {
     "SPICE user": ("ldo.cir", "wienosc.cir"),
 }
 """What each has in the folder at the start, from `CASES`."""
-MOST = {"designer": 4, "researcher": 4, "CI engineer": 6, "student": 3, "SPICE user": 5}
+MOST = {"designer": 4, "researcher": 4, "CI engineer": 6, "student": 2, "SPICE user": 5}
 
 
 def typed(command: str, folder: Path, size: tuple[int, int], **variables: str) -> Session:

@@ -135,7 +135,7 @@ def test_the_scene_passes_at_once(
     tmp_path: Path, problem: tuple[Matrix, Matrix], opamp: str
 ) -> None:
     file = tmp_path / "board.toml"
-    found = new(*write(tmp_path, *problem), "--opamp", opamp, str(file), "--json")
+    found = new(*write(tmp_path, *problem), "--opamp", opamp, "-o", str(file), "--json")
     assert found.exit_code == 0, found.stderr
     assert json.loads(found.stdout)["outcome"] == "pass"
     verdict = verify(load_scene(file).with_engine("statespace"))
@@ -148,14 +148,14 @@ def test_bias_currents_that_leave_no_answer_are_refused(
 ) -> None:
     """Of a uA741 up to 500 nA: with the least conductances that its outputs drive, 19 %."""
     monkeypatch.setattr(module, "WORST", 0.1)
-    found = new(*write(tmp_path, *problem), "--opamp", "ua741", str(tmp_path / "board.toml"))
+    found = new(*write(tmp_path, *problem), "--opamp", "ua741", "-o", str(tmp_path / "board.toml"))
     assert found.exit_code == 2
     assert "expected an op-amp with smaller errors" in found.stderr
 
 
 def test_ngspice_verifies_it(tmp_path: Path, problem: tuple[Matrix, Matrix], ngspice: str) -> None:
     file = tmp_path / "board.toml"
-    assert new(*write(tmp_path, *problem), "--noise", str(SIGMA), str(file)).exit_code == 0
+    assert new(*write(tmp_path, *problem), "--noise", str(SIGMA), "-o", str(file)).exit_code == 0
     verdict = verify(load_scene(file))
     assert verdict.waveforms.engine.startswith("ngspice")
     assert verdict.outcome.value == "pass"
