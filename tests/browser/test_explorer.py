@@ -260,11 +260,12 @@ def test_axe_finds_nothing_serious(
     assert found == []
 
 
-def test_ctrl_c_ends_it_cleanly(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("name", "status"), [("SIGINT", 0), ("SIGHUP", 129)])
+def test_a_signal_ends_it_cleanly(tmp_path: Path, name: str, status: int) -> None:
     server = started(Path(shutil.copy(SCENES / "paper-breadboard.toml", tmp_path)))
     assert server.address.startswith("http://127.0.0.1:")
-    server.process.send_signal(signal.SIGINT)
+    server.process.send_signal(getattr(signal, name))
     _, errors = server.process.communicate(timeout=30)
-    assert server.process.returncode == 0
+    assert server.process.returncode == status
     assert "Traceback" not in errors
     assert [path.name for path in tmp_path.iterdir()] == ["paper-breadboard.toml"]

@@ -16,6 +16,7 @@ import importlib.util
 import json
 import os
 import secrets
+import signal
 import socket
 import sys
 import webbrowser
@@ -175,6 +176,10 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
     talk = WebSocketRoute("/talk", lambda socket: _talk(socket, start, jobs))
     routes = [Route("/", page), talk, *mounts]
     app = Guard(Starlette(routes=routes, lifespan=serving), token, port)
+    hangup = getattr(signal, "SIGHUP", None)  # unknown on some systems
+    if hangup is not None and signal.getsignal(hangup) is not signal.SIG_IGN:
+        known = uvicorn.server.HANDLED_SIGNALS
+        uvicorn.server.HANDLED_SIGNALS = (*dict.fromkeys((*known, hangup)),)
     server = uvicorn.Server(uvicorn.Config(app, log_level="error", timeout_graceful_shutdown=1))
     with listening, suppress(KeyboardInterrupt):
         server.run(sockets=[listening])
