@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 import taction
+from taction.system import documents
 from taction.verification.readings.readings import Reading
+from taction.verification.report.documents import document_catalogue
 from taction.verification.studies.decks.measured_board import MeasuredBoard
 from taction.verification.studies.decks.questions import QUESTIONS, Question
 from tests.support.running import taction as command
@@ -23,12 +26,18 @@ def rests(found: MeasuredBoard) -> list[Reading]:
 
 
 @pytest.fixture
-def deck(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def deck(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A deck, while there is one more question; documents are made anew before and after."""
+    caches = (documents.parts_of, documents._hints, document_catalogue.units)
     asked = Question("level", "V", "level at rest", "the least level", rests, large=True)
     monkeypatch.setitem(QUESTIONS, "level", asked)
     place = tmp_path / "divider.cir"
     place.write_text(DIVIDER)
-    return place
+    for cache in caches:
+        cache.cache_clear()
+    yield place
+    for cache in caches:
+        cache.cache_clear()
 
 
 @pytest.mark.parametrize(("limit", "status"), [("2.9V", 0), ("3.1V", 1), ("3.0V", 3)])
