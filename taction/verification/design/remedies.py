@@ -34,9 +34,8 @@ from taction.verification.design.trials import (
     search_key,
     search_pair,
 )
-from taction.verification.stability.edge_search import find_edges
 from taction.verification.stability.edges import Edges
-from taction.verification.stability.families import Family, unrounded
+from taction.verification.stability.families import Family, find_edges, unrounded
 from taction.verification.verdict.cause import following
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import ERROR

@@ -1,15 +1,19 @@
-"""Boards that differ in one number.
+"""Boards that differ in one number, and every edge of stability among them.
 
 Where the number only scales equal parts, and the equilibrium stays, the loci of these parts find
-every edge of stability from one board (`loci`). Otherwise, and where poles do not confirm the edges
-(`edge_search`), poles at samples of the number find them (`scan`).
+every edge from one board (`loci`). They follow from the modes of one board, so poles many decades
+apart can blind them. Poles of the boards at the ends of the range, between its edges, and beside
+each edge, have bounds of their own: a count that differs from what the edges say is a crossing that
+the loci missed. Then, and without loci, poles at samples of the number find the edges (`scan`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+import math
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -23,14 +27,24 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.stability.edges import Edges, Scan
+from taction.verification.stability.edges import Edges, Sample, Scan
 from taction.verification.stability.loci import LociSearch
-from taction.verification.stability.poles import Poles, brief_poles, or_error, poles
+from taction.verification.stability.poles import (
+    Poles,
+    brief_poles,
+    count_unstable,
+    or_error,
+    poles,
+)
 from taction.verification.stability.port_response import PortResponse
-from taction.verification.stability.scan import scan
+from taction.verification.stability.scan import sampled, scan
 
 Parts = tuple[Capacitor | Resistor, ...]
-BESIDE = (1e-9, 1e-6)  # relative distances of samples from an edge that the loci show
+PER_DECADE = 20  # values of the first grid of a scan
+PRECISE = 1e-6  # largest relative bound of a pole of a board whose loci are trusted
+BESIDE = (1e-6, 1e-3)  # relative distances of what confirms an edge: the first to do
+SCANNED = (1e-9, 1e-6)  # relative distances of samples of a scan from an edge that the loci show
+WIDE = 30.0  # largest ratio of neighbouring samples that confirm edges
 APART, SAME = 1.01, 1e-9  # of two boards that are compared: ratio of their values, and tolerance
 
 
@@ -140,7 +154,7 @@ class Family:
         except EngineError:
             return []
         places = [*(edge.value for edge in found.edges), *found.near]
-        sides = (0.0, *(by for distance in BESIDE for by in (-distance, distance)))
+        sides = (0.0, *(by for distance in SCANNED for by in (-distance, distance)))
         return [v for at in places for by in sides if low < (v := at * (1.0 + by)) < high]
 
     def shares(self, low: float, high: float) -> tuple[float, float]:
@@ -151,6 +165,93 @@ class Family:
     def at_values(self, found: Edges) -> Edges:
         """Return edges over the share of the parts of `ports` as edges over the number."""
         return found.mapped(lambda share: float(self.own * share ** (1.0 / self.power)))
+
+
+def find_edges(
+    family: Family,
+    low: float,
+    high: float,
+    found: Poles | None = None,
+    values: Sequence[float] = (),
+    *,
+    nearest: bool = False,
+) -> Edges:
+    """Find every edge of a family from `low` to `high` (above zero), by its loci or by a scan.
+
+    `found`: poles at the family's `own` value, if they have been computed before.
+    `values`: the edges agree with the poles at these, too.
+    `nearest`: the board at `own`, one of the two ends, is stable, and only the edge next to it need
+      be found and confirmed.
+    InputError, EngineError: no board, no equilibrium, no state-space form, or a pole at `own` is on
+      the axis.
+    """
+    if (ports := family.ports) is not None:
+        own = found or poles(ports.board)
+        known = own.complete or own.stable  # else the poles are too few to be counted
+        count = own.unstable_count if known else count_unstable(ports.board)
+        traced = family.at_values(LociSearch(ports, *family.shares(low, high), count).edges())
+        if ports.board.descriptor.is_large and not nearest:
+            return traced  # the poles of a large board cost seconds
+        if (edges := _confirmed(family, own, traced, values, nearest=nearest)) is not None:
+            return edges
+    points = 2 + math.ceil(PER_DECADE * math.log10(high / low))
+    grid = [low, *np.geomspace(low, high, points)[1:-1].tolist(), high]
+    return family.scan([*grid, *values], start=family.own if nearest else None)
+
+
+def _confirmed(
+    family: Family, own: Poles, found: Edges, values: Iterable[float], *, nearest: bool
+) -> Edges | None:
+    """Return edges that the loci show with their bounds; None where poles do not confirm them.
+
+    `own` are the poles at the family's own value. A sample of which rounding hides the side of a
+    pole is a near value. Where every pole is known well, near edges and ends need no samples
+    between them.
+    """
+    low, high = found.low, found.high
+    if nearest and found.edges:
+        first = found.edges[0 if family.own == low else -1].value
+        low, high = (low, first) if family.own == low else (first, high)
+    inside = [edge.value for edge in found.edges if low <= edge.value <= high]
+    samples = dict[float, Sample]()
+
+    def agrees(value: float) -> bool | None:
+        if value not in samples:
+            answer = or_error(lambda at: brief_poles(family.board(at)), value)
+            samples[value] = sampled(value, answer)
+        return samples[value].agrees(found.unstable_at(value))
+
+    precise = own.complete and np.all(own.errors <= PRECISE * np.abs(own.poles))
+    every = {low, high, *values, *(at for at in found.near if low <= at <= high)} - {family.own}
+    for ends in pairwise(sorted({low, *inside, high})):
+        every.update(_between(*ends, first=1.0 if precise else 0.5))
+    apart = {v for v in every if all(abs(v / at - 1.0) > BESIDE[-1] for at in inside)}
+    near = [value for value in sorted(apart) if agrees(value) is None]
+    if any(agrees(value) is False for value in apart):
+        return None
+    bounds = dict[float, float]()
+    for at in inside:
+        for by in BESIDE:
+            sides = [agrees(at * (1.0 + d)) for d in (-by, by)]
+            if False in sides:
+                return None
+            if all(sides):
+                bounds[at] = by * at
+                break
+        else:
+            return None
+    edges = (replace(edge, bound=bounds.get(edge.value, math.inf)) for edge in found.edges)
+    return replace(found, edges=tuple(edges), near=tuple(near))
+
+
+def _between(low: float, high: float, first: float) -> Iterator[float]:
+    """Yield values between two edges, or ends of a range, that are at most `WIDE` apart.
+
+    The `first` step is a half, so that there is at least one value, or a whole one.
+    """
+    count = math.ceil(math.log(high / low) / math.log(WIDE))
+    steps = (k + first for k in range(count) if k + first < count)
+    return (low * (high / low) ** (step / count) for step in steps)
 
 
 def scaled_parts(circuit: Circuit, knobs: Sequence[Knob]) -> list[Parts]:

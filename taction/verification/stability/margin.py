@@ -16,9 +16,8 @@ from taction.netlist_gen.board.circuit import Circuit, Knob
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.stability.edge_search import find_edges
 from taction.verification.stability.edges import Edge, Edges, Scan
-from taction.verification.stability.families import Family, all_but_a_knob
+from taction.verification.stability.families import Family, all_but_a_knob, find_edges
 from taction.verification.stability.poles import Poles, count_unstable, poles
 
 REACH = 100.0  # the largest factor

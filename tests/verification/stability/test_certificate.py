@@ -11,9 +11,9 @@ import taction
 from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
-from taction.verification.stability.instant_feedback import latching
 from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import poles
+from taction.verification.stability.shown_poles import latching
 from taction.verification.studies.decks.board_sweep import Sweep, SweptValue, sweep_deck
 from taction.verification.studies.decks.foreign_board import read_board
 from taction.verification.studies.decks.part_influence import influences

@@ -19,7 +19,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.stability import edge_search as module
+from taction.verification.stability import families as module
 from taction.verification.stability import margin as margin_module
 from taction.verification.stability import scan as scans
 from taction.verification.stability.edges import Edges, Scan

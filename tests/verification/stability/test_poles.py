@@ -15,9 +15,8 @@ from taction.system.array_types import EPS
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.stability.instant_feedback import latching
 from taction.verification.stability.poles import brief_poles, count_unstable, poles
-from taction.verification.stability.shown_poles import BAND, told_apart
+from taction.verification.stability.shown_poles import BAND, latching, told_apart
 from tests.support.boards import lags, paper_board, single_mode
 from tests.support.poles import rounded_poles
 from tests.support.readings import Samples, rise_time

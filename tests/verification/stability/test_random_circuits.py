@@ -15,8 +15,7 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.pole_count import finite_poles
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
-from taction.verification.stability.edge_search import find_edges
-from taction.verification.stability.families import Family
+from taction.verification.stability.families import Family, find_edges
 from taction.verification.stability.poles import Poles, brief_poles, poles
 from taction.verification.studies.decks.part_influence import sensitivities
 from tests.support.nodal_analysis import Pencil, exact_poles

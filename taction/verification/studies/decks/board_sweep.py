@@ -23,9 +23,8 @@ from taction.system.documents import Hertz, Number, Rate
 from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.quantities import UNITS
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.stability.edge_search import find_edges
 from taction.verification.stability.edges import Edge, Edges, Range
-from taction.verification.stability.families import Family
+from taction.verification.stability.families import Family, find_edges
 from taction.verification.studies.decks.foreign_board import ForeignBoard
 from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
 from taction.verification.studies.decks.part_influence import influences

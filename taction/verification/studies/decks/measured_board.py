@@ -27,9 +27,8 @@ from taction.verification.readings.exact_trace import ExactTrace
 from taction.verification.readings.measurements import Measurements, channel_measure, summary
 from taction.verification.readings.readings import unread
 from taction.verification.readings.settling import ChannelState, Settlement
-from taction.verification.stability.instant_feedback import latching
 from taction.verification.stability.poles import Poles, poles
-from taction.verification.stability.shown_poles import PolesApart, told_apart
+from taction.verification.stability.shown_poles import PolesApart, latching, told_apart
 from taction.verification.verdict.output_noise import OutputNoise
 
 WANTED = 1e-4  # error of ngspice's transient, in step amplitudes

@@ -16,9 +16,8 @@ from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import linear_matrices
-from taction.verification.stability.edge_search import find_edges
 from taction.verification.stability.edges import Edge
-from taction.verification.stability.families import Family
+from taction.verification.stability.families import Family, find_edges
 from taction.verification.stability.margin import REACH, Margin
 from taction.verification.stability.poles import Poles
 
