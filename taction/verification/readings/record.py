@@ -30,17 +30,9 @@ Curve = Callable[[Floats, Indices], Floats]
 
 
 def lagrange(time: Floats, y: Floats, at: Floats, points: int) -> Floats:
-    """Interpolate by the polynomial through the nearest points.
+    """Interpolate samples y (P, K) at instants (Q,), s, by the polynomial through nearest points.
 
-    `time` (P,): strictly increasing, s; P is at least `points`.
-    `y` (P, K): samples.
-    `at` (Q,): instants inside the record, s.
-    `points`: points in the stencil, even: 2 is the chord, 4 the cubic.
-
-    Returns
-    -------
-    ndarray (Q, K)
-        Values at `at`.
+    So many `points`, an even number, at most P: 2 are the chord, 4 the cubic.
     """
     first = time.searchsorted(at, side="right") - points // 2
     first = np.minimum(np.maximum(first, 0), time.size - points)

@@ -74,18 +74,12 @@ class Drift:
         np.cumsum(means * widths, 1, out=self._area[:, 1:])
 
     def heading(self, n: int, period: float) -> tuple[float, float]:
-        """Extrapolate the error of channel `n`.
+        """Return the limit of the error of channel `n`, and the ratio of its last two changes.
 
         The means of the last three stretches, each a tenth of the record in whole ringing periods,
         form a geometric series for an exponential approach (Aitken's extrapolation), continued
         for one more record at most, and for one stretch if a ringing period is longer than a
-        stretch.
-
-        Returns
-        -------
-        limit, ratio : float
-            Limit of the error, and the ratio of the last two changes between stretches; the ratio
-            is 0 for a constant error and for alternating changes.
+        stretch. The ratio is 0 for a constant error and for alternating changes.
         """
         width = self._stretch
         furthest = 10.0 if width >= period else 1.0

@@ -88,16 +88,8 @@ def lambda_times_resistance(
     linear amplifiers and Ve for all others; ``lambda = mu / weight``, with the weight of eq (8) or
     (21) as corrected. The synthesis of the board has a formula of its own for the same product.
 
-    Parameters
-    ----------
-    amplifier : str
-        A key of `REGULARISERS`.
-    s : float
-        Gain of the constraint plane, ohm.
-    G0 : float
-        Unit conductance, S.
-    U0, Ve : float
-        Unit voltage and slope of the amplifier, V.
+    `s`: gain of the constraint plane, ohm; `G0`: unit conductance, S.
+    `U0`, `Ve`: unit voltage and slope of the amplifier, V.
     """
     volts = 1.0 if amplifier == "linear" else Ve / U0
     return volts / REGULARISERS[amplifier].weight / G0 / G0 / s
@@ -152,15 +144,11 @@ TOLERANCE = 1e-10
 def ideal_linear(network: IdealNetwork, v0: Floats, rest: Solution | None = None) -> Response:
     """Return the exact response of linear amplifiers in modal form.
 
-    `network`: with linear amplifiers.
+    It is ``v(t) = v_inf + sum_i V_i exp(-(1 + sigma_i^2/mu) t/(R C)) V_i . (v0 - v_inf)``.
+
     `v0` (N,): signal-node voltages at time 0, V.
     `rest`: solution of the network's problem, if the caller has it already.
     ValueError: the amplifiers are not linear, or the network has no capacitors.
-
-    Returns
-    -------
-    Response
-        ``v(t) = v_inf + sum_i V_i exp(-(1 + sigma_i^2/mu) t/(R C)) V_i . (v0 - v_inf)``.
     """
     if network.amplifier != "linear":
         raise ValueError(f"modes are for linear amplifiers, not {network.amplifier}")
@@ -222,16 +210,12 @@ def ideal_transient(
 ) -> Response | None:
     """Integrate the ideal network with any amplifier by Radau.
 
-    `network`: the network.
+    None where a value overflows, or the network is too stiff for double precision.
+
     `v0` (N,): signal-node voltages at time 0, V.
     `stop`: end time, s; by default long enough for the slowest mode to decay by 1e-8.
     `rest`: solution of the network's problem, if the caller has it already.
     SolverError: the steady state cannot be computed.
-
-    Returns
-    -------
-    Response or None
-        None where a value overflows, or the network is too stiff for double precision.
     """
     from scipy.integrate import solve_ivp
 

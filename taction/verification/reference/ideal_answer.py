@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -23,10 +22,8 @@ from taction.verification.reference.dynamics import (
     ideal_transient,
     lambda_times_resistance,
 )
-from taction.verification.reference.problem import Problem, Solution
+from taction.verification.reference.problem import Solution
 from taction.verification.reference.regularisers import REGULARISERS
-
-CACHED_SOLUTIONS = 64  # the points of a grid with one lambda share one solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +127,7 @@ def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
 
     SolverError: the solver can return no answer.
     """
-    initial, solution = initial_voltages(scene, network), _solve_cached(network)
+    initial, solution = initial_voltages(scene, network), network.rest
     gain = REGULARISERS[network.amplifier].g
     start, target = network.U0 * gain(initial / network.unit), solution.u * network.U0
     amplitude = float(np.abs(target - start).max()) or 1.0
@@ -144,17 +141,3 @@ def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
         initial=initial,
         problem=solution.reason,
     )
-
-
-def _solve_cached(network: IdealNetwork) -> Solution:
-    problem = network.problem
-    content = problem.T.shape, problem.T.tobytes(), problem.eps.tobytes()
-    kind = problem.lam, problem.regulariser, problem.bias, problem.ridge_share
-    return _solve_content(*content, network.solver, *kind)
-
-
-@functools.lru_cache(maxsize=CACHED_SOLUTIONS)
-def _solve_content(
-    shape: tuple[int, ...], T: bytes, eps: bytes, solver: Callable[[Problem], Solution], *kind: Any
-) -> Solution:
-    return solver(Problem(np.frombuffer(T).reshape(shape), np.frombuffer(eps), *kind))

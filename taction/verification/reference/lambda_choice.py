@@ -129,28 +129,12 @@ def choose(
     variance: float = 0.0,
     truth: Floats | None = None,
 ) -> LambdaChoice:
-    """Choose lam for a problem by a rule.
+    """Choose the lam of least score on a grid of three values a decade, refined by Brent's method.
 
-    Parameters
-    ----------
-    problem : Problem
-        The lam of the problem is ignored.
-    rule : str
-        A key of `RULES`.
-    variance : float
-        Of the noise in one entry of eps, for ``discrepancy``.
-    truth : ndarray (N,), optional
-        The u that belongs to eps, for ``mse``.
-
-    Returns
-    -------
-    LambdaChoice
-        The lam of least score on a grid of three values a decade, refined by Brent's method.
-
-    Raises
-    ------
-    InputError
-        An unknown rule, an input that the rule needs is missing, or T is zero.
+    `problem`: its lam is ignored.
+    `variance`: of the noise in one entry of eps, for ``discrepancy``.
+    `truth` (N,): the u that belongs to eps, for ``mse``.
+    InputError: an unknown rule, an input that the rule needs is missing, or T is zero.
     """
     if text := missing(rule, variance, truth):
         raise InputError("choice of lambda", Complaint("rule", rule, text))

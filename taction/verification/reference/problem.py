@@ -36,10 +36,7 @@ def _freeze(instance: object, *keys: str) -> None:
 class Problem:
     """Minimise ``|T u - eps|^2 + lam * Omega(u)`` over u; dimensionless.
 
-    Raises
-    ------
-    InputError
-        Every wrong value at once.
+    InputError: every wrong value at once.
     """
 
     T: Floats  # (M, N): finite

@@ -20,15 +20,7 @@ def solve(problem: Problem) -> Solution:
     precision can tell only for condition numbers up to about 1e13. Where T is rank-deficient and
     lam = 0, u is the shortest minimiser and not trusted.
 
-    Returns
-    -------
-    Solution
-        Accurate only if ``trusted``; otherwise ``reason`` says why not.
-
-    Raises
-    ------
-    SolverError
-        The solver can return no answer.
+    SolverError: the solver can return no answer.
     """
     return solve_each(problem, (problem.eps,))[0]
 

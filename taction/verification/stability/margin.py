@@ -10,7 +10,6 @@ import math
 from collections.abc import Hashable
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
 
 from taction.netlist_gen.board.circuit import Circuit, Knob
 from taction.system.errors import EngineError
@@ -97,53 +96,30 @@ def find_margin(
     Costs the edges (`find_edges`), and the poles of two or three boards. Linear boards that differ
     only in the knob have the same edges: the second one finds them for those that follow.
     """
-    search = MarginSearch(LinearBoard.of(circuit), name, reach, found)
-    if (unknown := search.unknown) is not None:
-        return unknown
+    board = LinearBoard.of(circuit)
+    name = name or first_knob(board.circuit)
+    if not name:
+        return Margin(1.0, 0.0, "no margin is known", "no key of this topology has a margin")
+    found = poles(board) if found is None else found
+    if found.known_unstable:
+        return Margin(0.0, 0.0, "the board is unstable")
+    if not found.known_stable:
+        text = "the board itself may be stable or unstable"
+        return Margin(0.0, 0.0, text, text)
+    way = _Way(board, board.circuit.knob(name), reach)
     try:
-        return search.margin(search.edges())
+        return way.margin(way.edges(found))
     except EngineError as error:
         return Margin(1.0, 0.0, "no margin is known", str(error))
 
 
-@dataclass(frozen=True, eq=False)
-class MarginSearch:
-    """What `find_margin` gets: the way of a knob from the board to where it becomes unstable."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Way:
+    """The way of a knob from a stable board to where it becomes unstable."""
 
     board: LinearBoard
-    name: str = ""
-    reach: float = REACH
-    found: Poles | None = None
-
-    @cached_property
-    def knob(self) -> Knob:
-        """The knob."""
-        return self.board.circuit.knob(self.name or first_knob(self.board.circuit))
-
-    @cached_property
-    def poles(self) -> Poles:
-        """The poles of the board."""
-        return poles(self.board) if self.found is None else self.found
-
-    @property
-    def unknown(self) -> Margin | None:
-        """The margin without a search; None for a stable board with such a knob."""
-        if not (self.name or first_knob(self.board.circuit)):
-            return Margin(1.0, 0.0, "no margin is known", "no key of this topology has a margin")
-        if self.poles.known_stable:
-            return None
-        if self.poles.certain:
-            return Margin(0.0, 0.0, "the board is unstable")
-        text = "the board itself may be stable or unstable"
-        return Margin(0.0, 0.0, text, text)
-
-    @cached_property
-    def alike(self) -> Hashable:
-        """What boards have in common that differ only in the knob; None of a nonlinear board."""
-        if not self.board.circuit.is_linear:
-            return None
-        rest, numbers = all_but_a_knob(self.board.circuit, self.knob)
-        return rest, numbers.tobytes(), self.reach
+    knob: Knob
+    reach: float
 
     @property
     def own(self) -> float:
@@ -163,23 +139,30 @@ class MarginSearch:
         """Return the factor of a value of the knob."""
         return value / self.own if self.upwards else self.own / value
 
-    def edges(self) -> Edges:
-        """Return edges with the first one on the way of the knob; errors as `find_edges`."""
+    def edges(self, found: Poles) -> Edges:
+        """Return edges with the first one on the way of the knob; errors as `find_edges`.
+
+        Linear boards that differ in nothing but the knob share theirs.
+        """
         # an edge at the largest factor is found, too
         low, high = sorted((self.own, self.value(self.reach * (1.0 + 2.0 * CLOSE))))
-        key, family = self.alike, Family.of(self.board, self.knob)
+        family = Family.of(self.board, self.knob)
+        key: Hashable = None
+        if self.board.circuit.is_linear:
+            rest, numbers = all_but_a_knob(self.board.circuit, self.knob)
+            key = rest, numbers.tobytes(), self.reach
         least, most, shared = _SHARED.pop(key, (low, high, None))
         if not least <= low <= high <= most:
             least, most = min(least, low) / WIDER, max(most, high) * WIDER
             with suppress(EngineError):
-                shared = find_edges(family, least, most, self.poles)
+                shared = find_edges(family, least, most, found)
             if shared is None or shared.near or isinstance(shared, Scan):
                 least, most, shared = 0.0, math.inf, None  # each board finds its own
         if key is not None:
             while len(_SHARED) >= KEPT:
                 _SHARED.pop(next(iter(_SHARED)), None)
             _SHARED[key] = least, most, shared
-        return shared or find_edges(family, low, high, self.poles, nearest=True)
+        return shared or find_edges(family, low, high, found, nearest=True)
 
     def margin(self, edges: Edges) -> Margin:
         """Return the factor of the first edge, and what leaves a doubt before it."""
@@ -189,7 +172,9 @@ class MarginSearch:
         near = sorted(by for at in edges.near if 1.0 < (by := self.factor(at)) <= factor)
         doubt = f"at the factor {near[0]:.6g} {self._unknown(near[0])}" if near else ""
         if not ahead:
-            return Margin(factor, 0.0, f"no crossing up to {self._last}", doubt)
+            times = f"{self.reach:g} times {self.knob.words}"
+            end = times if self.upwards else f"{self.knob.words}/{self.reach:g}"
+            return Margin(factor, 0.0, f"no crossing up to {end}", doubt)
         first = ahead[factor]
         bound = max(first.bound / first.value, 10.0 ** (1 - DIGITS))
         factor = float(f"{factor:.{DIGITS}g}")  # the same whichever board found the edges
@@ -221,12 +206,6 @@ class MarginSearch:
             if wound != counted and (edges.complete or bool(wound) != bool(counted)):
                 return f"{where} {counted} poles are unstable and the winding number is {wound}"
         return ""
-
-    @property
-    def _last(self) -> str:
-        if self.upwards:
-            return f"{self.reach:g} times {self.knob.words}"
-        return f"{self.knob.words}/{self.reach:g}"
 
     def _words(self, factor: float) -> str:
         moves = "grow" if self.upwards else "shrink"
