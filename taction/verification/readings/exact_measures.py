@@ -84,15 +84,7 @@ class ExactResponse:
         return ExactTrace(self.solution, self.signs, self.target, error, detail, level)
 
     def measured(self) -> Measurements:
-        """Measure the step response.
-
-        EngineError: see `solution`.
-
-        Notes
-        -----
-        Costs `exact_solution`, and the solution at 13 points per period of each mode while it is
-        the fastest.
-        """
+        """Measure the step response; EngineError as `solution`."""
         nothing_lost = np.zeros(len(self.target), dtype=np.bool_)
         readings = read(self.trace, self.step, self.tolerance, nothing_lost)
         amplitude, modes = self.step.amplitude, _modes(self.solution, self.step.amplitude)

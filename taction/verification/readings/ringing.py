@@ -253,16 +253,15 @@ def _stretch(total: Floats) -> tuple[int, str]:
     return int(np.flatnonzero(total >= _FADED * total.max())[-1]) + 1, ""
 
 
-def find_ringing(time: Floats, signals: Floats, period: float | None = None) -> RecordRinging:
+def find_ringing(time: Floats, signals: Floats) -> RecordRinging:
     """Find the strongest ringing of a record.
 
     The fitted stretch ends at a quarter of the amplitude at which the ringing saturates or its
     growth slows, or where the ringing has decayed to 1 % of its largest amplitude, or with the
     record.
 
-    `time` (P,): strictly increasing, s; need not be uniform; P at least 8.
+    `time` (P,): strictly increasing, s; P at least 8.
     `signals` (P, K): finite; one unit for all channels.
-    `period`: where the ringing is looked for, s, in the place of the strongest line.
 
     Examples
     --------
@@ -271,7 +270,7 @@ def find_ringing(time: Floats, signals: Floats, period: float | None = None) -> 
     >>> round(2.0 * np.pi * found.mode.frequency, 3), round(found.mode.growth_rate, 3)
     (200.0, -1.0)
     """
-    period = period or _dominant_period(time, signals)
+    period = _dominant_period(time, signals)
     if period is None:
         return RecordRinging.none(time, signals.shape[1])
     pole, width = 2j * np.pi / period, 2.0 * period

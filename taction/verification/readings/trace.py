@@ -65,10 +65,6 @@ class CubicCells(NamedTuple):
         ends = np.maximum(left, right)
         return np.where(height > ends, at, right >= left), np.maximum(height, ends)
 
-    def chosen(self, some: Ints) -> CubicCells:
-        """Return some of the cells of one dimension."""
-        return CubicCells(*(each[some] for each in self))
-
 
 class Asked(NamedTuple):
     """Levels, V, that ``e`` (side 0) or ``-e`` (1) of channels may exceed, (Q,).

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
 
@@ -82,22 +82,6 @@ class Edges:
             edges.append(Edge(value, frequency, count, count + by, off * value))
             count += by
         return cls(*ends, tuple(edges), tuple(near), lowest)
-
-    def mapped(self, to: Callable[[float], float]) -> Edges:
-        """Return the same edges over another value, a monotonic function of this one."""
-        low, high, near = to(self.low), to(self.high), tuple(map(to, self.near))
-
-        def bound(edge: Edge) -> float:
-            if not edge.bound < edge.value:
-                return math.inf
-            sides = (edge.value - edge.bound, edge.value + edge.bound)
-            return max(abs(to(side) - to(edge.value)) for side in sides)
-
-        edges = tuple(replace(e, value=to(e.value), bound=bound(e)) for e in self.edges)
-        if low <= high:
-            return Edges(low, high, edges, near, self.lowest)
-        edges = tuple(replace(edge, below=edge.above, above=edge.below) for edge in edges[::-1])
-        return Edges(high, low, edges, near, self._last)
 
     def unstable_at(self, value: float) -> int:
         """Count the unstable poles at a value between two edges."""

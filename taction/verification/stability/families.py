@@ -150,21 +150,13 @@ class Family:
         if self.ports is None:
             return []
         try:
-            found = self.at_values(LociSearch(self.ports, *self.shares(low, high)).edges())
+            search = LociSearch(self.ports, low, high, own=self.own, power=self.power)
+            found = search.edges()
         except EngineError:
             return []
         places = [*(edge.value for edge in found.edges), *found.near]
         sides = (0.0, *(by for distance in SCANNED for by in (-distance, distance)))
         return [v for at in places for by in sides if low < (v := at * (1.0 + by)) < high]
-
-    def shares(self, low: float, high: float) -> tuple[float, float]:
-        """Return the shares of the parts of `ports` between two values, the smaller one first."""
-        first, last = sorted(float((value / self.own) ** self.power) for value in (low, high))
-        return first, last
-
-    def at_values(self, found: Edges) -> Edges:
-        """Return edges over the share of the parts of `ports` as edges over the number."""
-        return found.mapped(lambda share: float(self.own * share ** (1.0 / self.power)))
 
 
 def find_edges(
@@ -189,7 +181,7 @@ def find_edges(
         own = found or poles(ports.board)
         known = own.complete or own.stable  # else the poles are too few to be counted
         count = own.unstable_count if known else count_unstable(ports.board)
-        traced = family.at_values(LociSearch(ports, *family.shares(low, high), count).edges())
+        traced = LociSearch(ports, low, high, count, family.own, family.power).edges()
         if ports.board.descriptor.is_large and not nearest:
             return traced  # the poles of a large board cost seconds
         if (edges := _confirmed(family, own, traced, values, nearest=nearest)) is not None:

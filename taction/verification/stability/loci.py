@@ -46,35 +46,36 @@ Crossing = tuple[float, float, int]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LociSearch:
-    """A search for every share from `low` (above 0) to `high` with a pole on the imaginary axis.
+    """A search for every value from `low` (above 0) to `high` with a pole on the imaginary axis.
 
-    The board of `ports` itself, with the share 1, has none, and `unstable` poles right of it; its
-    linearisation does not depend on the shares.
+    The board of `ports` itself, with the value `own` and the share 1, has none, and `unstable`
+    poles right of it; its linearisation does not depend on the shares.
     """
 
     ports: PortResponse
     low: float
     high: float = 1.0
     unstable: int = 0
+    own: float = 1.0
+    power: float = 1.0  # of the value, to which the shares are proportional
 
     def edges(self) -> Edges:
-        """Find every share at which the board has a pole on the axis.
+        """Find every value at which the board has a pole on the axis.
 
-        At the shares `Edges.near` a locus comes close to the axis without crossing: their poles
+        At the values `Edges.near` a locus comes close to the axis without crossing: their poles
         must tell.
 
         EngineError: no equilibrium or no state-space form, or a pole of the board is on the axis.
-
-        Notes
-        -----
-        Costs one dense eigenproblem, of the size of the number of parts, at some 100 frequencies
-        (seven channels: 5 ms); for a large board, one structured factorisation at each of them.
         """
-        omega = _frequencies(self.ports.poles.tobytes(), self.low, self.high)
-        trace = _Trace(self.ports, math.log(self.low), math.log(self.high))
+        first, last = sorted((end / self.own) ** self.power for end in (self.low, self.high))
+        omega = _frequencies(self.ports.poles.tobytes(), first, last)
+        trace = _Trace(self.ports, math.log(first), math.log(last))
         trace.run(omega)
-        ends, known = (self.low, self.high), (1.0, self.unstable)
-        return Edges.counted(ends, trace.crossings, trace.nearest(), known, STRAIGHT)
+        back, sign = 1.0 / self.power, 1 if self.power > 0.0 else -1
+        changes = [(self.own * share**back, f, sign * by) for share, f, by in trace.crossings]
+        near = [self.own * share**back for share in trace.nearest()]
+        known, off = (self.own, self.unstable), STRAIGHT * abs(back)
+        return Edges.counted((self.low, self.high), changes, near, known, off)
 
 
 @lru_cache(maxsize=4)

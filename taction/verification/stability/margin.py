@@ -90,11 +90,6 @@ def find_margin(
     `reach`: the largest factor of interest.
     `found`: poles of the board, if they have been computed before.
     EngineError: as `taction.verification.stability.poles.poles`.
-
-    Notes
-    -----
-    Costs the edges (`find_edges`), and the poles of two or three boards. Linear boards that differ
-    only in the knob have the same edges: the second one finds them for those that follow.
     """
     board = LinearBoard.of(circuit)
     name = name or first_knob(board.circuit)
@@ -142,7 +137,7 @@ class _Way:
     def edges(self, found: Poles) -> Edges:
         """Return edges with the first one on the way of the knob; errors as `find_edges`.
 
-        Linear boards that differ in nothing but the knob share theirs.
+        Linear boards that differ in nothing but the knob share theirs: the second one finds them.
         """
         # an edge at the largest factor is found, too
         low, high = sorted((self.own, self.value(self.reach * (1.0 + 2.0 * CLOSE))))

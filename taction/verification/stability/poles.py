@@ -83,13 +83,9 @@ class Poles:
 def poles(circuit: Circuit | LinearBoard) -> Poles:
     """Find the poles of a board at its equilibrium with the strain applied.
 
-    EngineError: no state-space form, or no equilibrium.
+    Of a large board Arnoldi's method finds only the rightmost ones.
 
-    Notes
-    -----
-    The cost is that of the modes, about 30 n³ flops (n = 91: 5 ms; 2 ms for a board with mirror
-    symmetry). For a large board Arnoldi's method computes only the rightmost poles (500 channels:
-    2 s).
+    EngineError: no state-space form, or no equilibrium.
     """
     board = LinearBoard.of(circuit)
     if board.descriptor.is_large:
@@ -152,11 +148,6 @@ def count_unstable(circuit: Circuit | LinearBoard) -> int:
     A cross-check of `poles`: the two share only the equations of the board.
 
     EngineError: a pole lies on the axis to working precision, or the board has no equilibrium.
-
-    Notes
-    -----
-    See `verification.engines.statespace.linearised.rightmost_poles.count_right` (N = 7: 0.15 s,
-    N = 128: 2.5 s).
     """
     return count_right(LinearBoard.of(circuit).structure)
 

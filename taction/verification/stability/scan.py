@@ -43,22 +43,14 @@ def scan(
 ) -> Scan:
     """Find every edge between the least and the largest of `values`.
 
-    If the poles are incomplete, as those of a large board, only crossings of the rightmost pole are
-    listed.
+    Of incomplete poles, as those of a large board, only crossings of the rightmost one are listed.
 
-    `values`: the first grid; above zero if `logarithmic`.
-    `read`: returns the poles at a value.
-    `logarithmic`: whether to interpolate and halve in the logarithm of the value.
+    `logarithmic`: whether to interpolate and halve in the logarithm of the value, which is above 0.
     `fine`: whether to look between the values, too. If not, only the edges at which the board
-      becomes stable or unstable are found, and a range narrower than the steps of `values` may be
-      missed.
+      becomes stable or unstable are found, and ranges between two values may be missed.
     `start`: the least or the largest of `values`, of a stable board, if only the edge next to it is
       wanted: the scan goes no further than the first value of a board that is certainly unstable.
     InputError, EngineError: no value gives poles. If only some values fail, see `Sample.failure`.
-
-    Notes
-    -----
-    Costs the poles of one board per grid point, and about twenty per crossing.
 
     Examples
     --------
