@@ -22,7 +22,7 @@ from taction.verification.engines.statespace.linearised.time_scales import RINGS
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
 from taction.verification.readings.exact_trace import ExactTrace
 from taction.verification.readings.measurements import (
-    NO_STEP,
+    STILL,
     Measurements,
     channel_measure,
     strongest,
@@ -97,9 +97,6 @@ class ExactResponse:
             channel = channel_measure(n, float(end), self.step, readings, settlement, mode, SHORT)
             channels.append(channel)
         return summary(amplitude, self.band, modes, channels)
-
-
-STILL = Settlement(ChannelState.SETTLED, None, NO_STEP)
 
 
 def _settlement(off: float, tolerance: float, bound: float, reading: Reading | None) -> Settlement:

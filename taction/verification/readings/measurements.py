@@ -21,6 +21,7 @@ from taction.verification.readings.ringing import ChannelRinging, Mode, RecordRi
 from taction.verification.readings.settling import ChannelState, Drift, Settlement, prove
 
 NO_STEP = "no channel has a step (target equals start): a band in % of it has no width"
+STILL = Settlement(ChannelState.SETTLED, None, NO_STEP)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +60,8 @@ class ChannelMeasure:
     @property
     def overshoot(self) -> float:
         """Overshoot, fraction of A."""
-        return _value(self.readings["overshoot"])
-
-    @property
-    def undershoot(self) -> float:
-        """Undershoot, fraction of A."""
-        return _value(self.readings["undershoot"])
+        found = self.readings["overshoot"]
+        return found.value if found else 0.0
 
     @property
     def fragile(self) -> dict[str, Reading]:
@@ -172,11 +169,6 @@ def _of_network(name: str, channels: Sequence[ChannelMeasure]) -> Reading | None
     return largest(known) if known and len(known) == len(counted) else None
 
 
-def _value(reading: Reading | None) -> float:
-    """Return the value of an excursion, which every channel has."""
-    return 0.0 if reading is None else reading.value
-
-
 def describe_states(measurements: Measurements) -> str:
     """Name the channels that have not settled, with the frequency and growth rate of ringing."""
     groups: dict[ChannelState, list[ChannelMeasure]] = {}
@@ -262,11 +254,12 @@ def measure(
         between = None if curve is None else (lambda t, n: curve(t, n) - target[n])
         trace = RecordTrace(time, errors, error, ends, between)
         readings, ringing = read(trace, step, band * scale, lost), find_ringing(time, u)
+    drift, modes = Drift(time, errors), () if ringing.mode is None else (ringing.mode,)
     record = _Record(
-        u, final, step, lost, cut, band * scale, scale, Drift(time, errors), readings, ringing
+        u, final, step, lost, cut, band * scale, scale, drift, readings, ringing, modes
     )
     channels = [_channel(record, n) for n in range(target.size)]
-    return summary(step.amplitude, band, record.modes, channels)
+    return summary(step.amplitude, band, modes, channels)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -283,16 +276,7 @@ class _Record:
     drift: Drift  # of the distances from the targets
     readings: Readings
     ringing: RecordRinging
-
-    @property
-    def is_read(self) -> bool:
-        """Whether it has enough points to read a time."""
-        return len(self.u) >= FEWEST_POINTS
-
-    @property
-    def modes(self) -> tuple[Mode, ...]:
-        """The mode that was fitted, if there is one."""
-        return () if self.ringing.mode is None else (self.ringing.mode,)
+    modes: tuple[Mode, ...]  # the mode that was fitted, if there is one
 
 
 def _check(time: Floats, u: Floats, target: Floats, band: float) -> None:
@@ -314,19 +298,14 @@ def _settlement(record: _Record, n: int, ring: ChannelRinging) -> Settlement:
     if record.lost[n]:
         reason = f"the channel left its physical range: {record.cut}"
         return Settlement(ChannelState.DIVERGED, None, reason)
-    if not record.is_read:
-        return Settlement(ChannelState.NOT_SETTLED, None, record.cut)
-    settling_time = record.readings["settling_time"][n]
-    settlement = prove(record.drift, n, settling_time, record.tolerance, record.scale, ring)
-    if settlement.state is not ChannelState.SETTLED:
-        return settlement
-    if record.cut:
-        return Settlement(ChannelState.NOT_SETTLED, None, record.cut)
-    return (
-        settlement
-        if record.step.amplitude
-        else replace(settlement, settling_time=None, reason=NO_STEP)
-    )
+    if len(record.u) >= FEWEST_POINTS:
+        settling_time = record.readings["settling_time"][n]
+        found = prove(record.drift, n, settling_time, record.tolerance, record.scale, ring)
+        if found.state is not ChannelState.SETTLED:
+            return found
+        if not record.cut:
+            return found if record.step.amplitude else STILL
+    return Settlement(ChannelState.NOT_SETTLED, None, record.cut)
 
 
 def _channel(record: _Record, n: int) -> ChannelMeasure:
@@ -335,7 +314,7 @@ def _channel(record: _Record, n: int) -> ChannelMeasure:
     mode = strongest(record.modes, n, step.amplitude)
     settlement = _settlement(record, n, record.ringing.of(n))
     size, short = float(step.sizes[n]), record.cut
-    if record.is_read and size:
+    if len(record.u) >= FEWEST_POINTS and size:
         reached = 1 + float((record.drift.errors[n] / size).max())
         short = f"the channel reaches {reached:.1%} of its step: simulate longer"
     final = float(record.final[n])

@@ -112,14 +112,11 @@ def missing(rule: str, variance: float, truth: Floats | None) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LambdaChoice:
-    """A chosen lam, which is ``solution.lam``, with the grid that was searched."""
+    """A chosen lam, which is ``solution.lam``."""
 
-    rule: str  # a key of `RULES`
     solution: Solution
     score: float  # at the chosen lam
     at_edge: bool  # the best score is at an end of the range: the rule finds no optimum
-    lams: Floats  # the grid (P,)
-    scores: Floats  # on the grid (P,)
 
 
 def choose(
@@ -166,7 +163,7 @@ def choose(
         key=itemgetter(1),
     )
     solution = solve(replace(problem, lam=float(10.0**exponent)))
-    return LambdaChoice(rule, solution, least, at_edge, 10.0**grid, scores)
+    return LambdaChoice(solution, least, at_edge)
 
 
 def _lowest(scores: Floats, local_minimum: bool) -> int:

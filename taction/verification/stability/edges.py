@@ -142,9 +142,8 @@ class Sample:
     def agrees(self, unstable: int) -> bool | None:
         """Tell whether so many poles are unstable; None where rounding hides it."""
         if self.certain:
-            same = self.unstable == unstable
-            return same if self.complete else bool(self.unstable) == bool(unstable)
-        real = self.poles.real[: self.known]
+            return self.unstable == (unstable if self.complete else min(unstable, 1))
+        real = self.poles.real
         least, most = int(np.sum(real > self.errors)), int(np.sum(real >= -self.errors))
         open_ = bool(self.failure) or not self.complete or least <= unstable <= most
         return None if open_ else False

@@ -14,6 +14,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
+from operator import attrgetter
 
 import numpy as np
 
@@ -69,28 +70,19 @@ class Family:
     @classmethod
     def of_each(cls, board: LinearBoard, knobs: Sequence[Knob]) -> list[Family]:
         """Return the boards that differ from `board` in a knob, for each of some knobs."""
-        circuit, laws = board.circuit, list[str]()
-        ports = dict[str, PortResponse | None]()
-        scaled = scaled_parts(circuit, knobs)
-        for knob, parts in zip(knobs, scaled, strict=True):
-            if _is_reactive(parts) or (parts and not circuit.has_nonlinear_amplifiers):
-                ports[knob.name] = PortResponse.of_parts(board, parts)
+        circuit, families = board.circuit, list[Family]()
+        for knob, parts in zip(knobs, scaled_parts(circuit, knobs), strict=True):
+            reactive = bool(parts) and isinstance(parts[0], Capacitor)  # it moves no equilibrium
+            ports: PortResponse | None = None
+            if reactive or (parts and not circuit.has_nonlinear_amplifiers):
+                ports = PortResponse.of_parts(board, parts)
             elif not parts and circuit.is_linear and not circuit.scales_arrays(knob):
-                laws.append(knob.name)
-        ports |= zip(laws, PortResponse.of_laws(board, laws), strict=True)
-        return [
-            cls._of(board, knob, parts, ports.get(knob.name))
-            for knob, parts in zip(knobs, scaled, strict=True)
-        ]
-
-    @classmethod
-    def _of(
-        cls, board: LinearBoard, knob: Knob, parts: Parts, ports: PortResponse | None
-    ) -> Family:
-        point = board.operating_point if _is_reactive(parts) else None  # it moves no equilibrium
-        moved = partial(_moved, board.circuit, knob.name, point)
-        power = -knob.power if parts and not _is_reactive(parts) else knob.power
-        return cls(moved, board.circuit.value(knob.name), ports, power)
+                ports = PortResponse.of_law(board, knob.name)
+            point = board.operating_point if reactive else None
+            moved = partial(_moved, circuit, knob.name, point)
+            power = -knob.power if parts and not reactive else knob.power
+            families.append(cls(moved, circuit.value(knob.name), ports, power))
+        return families
 
     @classmethod
     def over(
@@ -260,10 +252,6 @@ def scaled_parts(circuit: Circuit, knobs: Sequence[Knob]) -> list[Parts]:
     return found
 
 
-def _is_reactive(parts: Sequence[Capacitor | Resistor]) -> bool:
-    return bool(parts) and isinstance(parts[0], Capacitor)
-
-
 def _moved(circuit: Circuit, name: str, point: Equilibrium | None, value: float) -> LinearBoard:
     return LinearBoard(circuit.turned(name, value), point=point)
 
@@ -296,22 +284,15 @@ def all_but_a_knob(circuit: Circuit, knob: Knob) -> tuple[Hashable, Floats]:
     ]
     numbers = [value / scale if part.card in names else value for part, value in parts]
     arrays = [m.ohms.ravel() / (scale if m.name in names else 1.0) for m in circuit.matrices]
-    matrices = [
-        (
-            m.negative.tobytes(),
-            m.by_column,
-            m.plus,
-            m.minus,
-            m.sinks,
-            m.wires and m.wires.resistances,
-        )
-        for m in circuit.matrices
-    ]
+    fixed = attrgetter("by_column", "plus", "minus", "sinks")
+    matrices = tuple(
+        (m.negative.tobytes(), *fixed(m), m.wires and m.wires.resistances) for m in circuit.matrices
+    )
     rest = (
         knob.name,
         tuple(circuit.models.items()),
         circuit.opamps,
-        tuple(matrices),
+        matrices,
         tuple((part.card, part.a, part.b) for part, _ in parts),
         tuple(replace(part, value=1.0) for part in circuit.branches),
         tuple(source.node for source in circuit.voltages),

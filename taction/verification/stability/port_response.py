@@ -58,26 +58,19 @@ class PortResponse:
         return cls(board, isinstance(parts[0], Capacitor), columns, rows[:-1])
 
     @classmethod
-    def of_laws(cls, board: LinearBoard, knobs: Sequence[str]) -> list[PortResponse | None]:
-        """Return the response of each of some gains and coils, by the name of its knob.
+    def of_law(cls, board: LinearBoard, knob: str) -> PortResponse | None:
+        """Return the response of a gain or a coil; None if it is no ``value u v^T`` of a matrix.
 
-        Its value may stand in the matrices as ``value u v^T``; None if it does not.
-
-        EngineError: a board has no equations.
+        EngineError: the board has no equations.
         """
-        circuit = board.circuit
-        found = list[PortResponse | None]()
-        for knob in knobs:
-            doubled = circuit.turned(knob, 2.0 * circuit.value(knob))
-            own, moved = board.descriptor.dense, stamp(doubled).dense
-            reactive = not np.array_equal(moved.mass, own.mass)
-            change = moved.mass - own.mass if reactive else own.stiffness - moved.stiffness
-            i, j = np.unravel_index(int(np.abs(change).argmax()), change.shape)
-            rows, columns = change[:, [j]], change[[i]].T / (change[i, j] or 1.0)
-            alone = np.allclose(rows @ columns.T, change, rtol=1e-12, atol=0.0)
-            known = bool(change[i, j]) and alone
-            found.append(cls(board, reactive, columns, rows) if known else None)
-        return found
+        doubled = board.circuit.turned(knob, 2.0 * board.circuit.value(knob))
+        own, moved = board.descriptor.dense, stamp(doubled).dense
+        reactive = not np.array_equal(moved.mass, own.mass)
+        change = moved.mass - own.mass if reactive else own.stiffness - moved.stiffness
+        i, j = np.unravel_index(int(np.abs(change).argmax()), change.shape)
+        rows, columns = change[:, [j]], change[[i]].T / (change[i, j] or 1.0)
+        alone = np.allclose(rows @ columns.T, change, rtol=1e-12, atol=0.0)
+        return cls(board, reactive, columns, rows) if change[i, j] and alone else None
 
     @property
     def count(self) -> int:
@@ -96,15 +89,13 @@ class PortResponse:
         EngineError: the board has a pole there.
         """
         s = np.asarray(1j * omega, np.complex128)
-        found = [self._weighted(part.at(s), s) for part in self._parts]
+        weights = s[:, None, None] if self.reactive else np.ones(1)
+        found = [np.asarray(part.at(s) * weights) for part in self._parts]
         if not found:
             found = [np.stack([self.exact(each) for each in s.tolist()])]
         if not all(np.isfinite(each).all() for each in found):
             raise EngineError("a pole of the board is on the imaginary axis")
         return found
-
-    def _weighted(self, impedance: Complexes, s: Complexes) -> Complexes:
-        return np.asarray(impedance * s[:, None, None]) if self.reactive else impedance
 
     def exact(self, s: complex) -> Complexes:
         """Return the matrix at s, 1/s, by a solve of the whole equations, shape (K, K).
