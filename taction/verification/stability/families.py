@@ -34,7 +34,6 @@ from taction.verification.stability.poles import (
     Poles,
     brief_poles,
     count_unstable,
-    or_error,
     poles,
 )
 from taction.verification.stability.port_response import PortResponse
@@ -115,6 +114,10 @@ class Family:
         """Return the poles at a value."""
         return poles(self.board(value))
 
+    def brief_poles(self, value: float) -> Poles:
+        """Return the poles at a value by eigenvalues, where these leave no side open."""
+        return brief_poles(self.board(value))
+
     def scan(
         self,
         values: Sequence[float],
@@ -125,13 +128,12 @@ class Family:
     ) -> Scan:
         """Find every edge among `values`, with the poles at samples; see `scan`.
 
-        With samples beside the edges of the loci no edge is too narrow to be found. The poles are
-        those of `brief_poles`: eigenvalues where these leave no side open.
+        With samples beside the edges of the loci no edge is too narrow to be found.
         """
         beside = self._beside_edges(min(values), max(values)) if logarithmic else []
         return scan(
             [*values, *beside],
-            partial(or_error, lambda value: brief_poles(self.board(value))),
+            self.brief_poles,
             logarithmic=logarithmic,
             fine=fine,
             start=start,
@@ -201,8 +203,7 @@ def _confirmed(
 
     def agrees(value: float) -> bool | None:
         if value not in samples:
-            answer = or_error(lambda at: brief_poles(family.board(at)), value)
-            samples[value] = sampled(value, answer)
+            samples[value] = sampled(family.brief_poles, value)
         return samples[value].agrees(found.unstable_at(value))
 
     precise = own.complete and np.all(own.errors <= PRECISE * np.abs(own.poles))

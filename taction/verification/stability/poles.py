@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats
-from taction.system.errors import TactionError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.rightmost_poles import (
     SEARCHED,
@@ -122,18 +119,6 @@ def brief_poles(circuit: Circuit | LinearBoard) -> Poles:
             if least == most:
                 return found
     return poles(board)
-
-
-Wanted = TypeVar("Wanted")
-Found = TypeVar("Found")
-
-
-def or_error(job: Callable[[Wanted], Found], of: Wanted) -> Found | TactionError:
-    """Return what a job finds, or why it finds nothing."""
-    try:
-        return job(of)
-    except TactionError as error:
-        return error
 
 
 def _of_modes(board: LinearBoard) -> Poles:

@@ -29,13 +29,13 @@ NARROW = 1e-6  # relative width below which rounding can decide the side of the 
 BESIDE_CHORD = 0.02  # of a bracket's width: samples beside its zero by interpolation
 SAME_FREQUENCY = 1e-3  # relative difference of frequencies that count as equal
 
-Answer = Poles | TactionError  # the poles at a value, or why there are none
+Read = Callable[[float], Poles]  # returns the poles at a value, or raises a `TactionError`
 Triple = tuple[Sample, Sample, Sample]
 
 
 def scan(
     values: Sequence[float],
-    read: Callable[[float], Answer],
+    read: Read,
     *,
     logarithmic: bool = True,
     fine: bool = True,
@@ -77,22 +77,19 @@ def scan(
 class _Search:
     """A scan in progress: samples in increasing order of the value."""
 
-    read: Callable[[float], Answer]
+    read: Read
     logarithmic: bool
     fine: bool
     samples: list[Sample] = field(default_factory=list)
 
     def begin(self, values: Sequence[float], start: float | None) -> None:
         """Take the samples of the first grid; raise an error if none of them has poles."""
-        errors = list[TactionError]()
         for value in sorted({float(value) for value in values}, reverse=start == max(values)):
-            found = self._insert(math.log(value) if self.logarithmic else value, value)
-            if isinstance(found, TactionError):
-                errors.append(found)
-            elif start and any(each.certain and each.unstable for each in self.samples):
+            self._insert(math.log(value) if self.logarithmic else value, value)
+            if start and any(each.certain and each.unstable for each in self.samples):
                 break
-        if len(errors) == len(self.samples):
-            raise errors[0]
+        if all(sample.failure for sample in self.samples):
+            self.read(self.samples[0].value)  # it raises the error
 
     def take(self, places: Iterable[float]) -> bool:
         """Take samples at places; return whether there are new ones."""
@@ -101,12 +98,9 @@ class _Search:
             self._insert(place, math.exp(place) if self.logarithmic else place)
         return bool(new)
 
-    def _insert(self, place: float, value: float) -> Answer:
-        """Insert the sample at a value; return its poles, or why there are none."""
-        found = self.read(value)
-        sample = sampled(value, found, place)
-        insort(self.samples, sample, key=lambda each: each.place)
-        return found
+    def _insert(self, place: float, value: float) -> None:
+        """Insert the sample at a value."""
+        insort(self.samples, sampled(self.read, value, place), key=lambda each: each.place)
 
     def refine(self) -> None:
         """Halve steps until interpolation shows that poles stay on their side of the axis."""
@@ -170,10 +164,12 @@ class _Search:
         return [Edge(value, w / math.tau, a.unstable, b.unstable, bound) for w in frequencies]
 
 
-def sampled(value: float, found: Answer, place: float = math.nan) -> Sample:
+def sampled(read: Read, value: float, place: float = math.nan) -> Sample:
     """Return the sample of the poles at a value, or of why there are none."""
-    if isinstance(found, TactionError):
-        return Sample(place, value, np.zeros(0, complex), failure=str(found))
+    try:
+        found = read(value)
+    except TactionError as error:
+        return Sample(place, value, np.zeros(0, complex), failure=str(error))
     return Sample(place, value, found.poles, found.errors, found.complete)
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -21,14 +20,14 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability import families as module
 from taction.verification.stability import margin as margin_module
-from taction.verification.stability import scan as scans
 from taction.verification.stability.edges import Edges, Scan
 from taction.verification.stability.loci import LociSearch
 from taction.verification.stability.margin import (
     Margin,
     find_margin,
 )
-from taction.verification.stability.poles import Poles, or_error, poles, summarise
+from taction.verification.stability.poles import Poles, poles, summarise
+from taction.verification.stability.scan import scan
 from taction.verification.studies.onset.onset import onset
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run_checks import run_checks
@@ -159,12 +158,6 @@ def test_poles_find_a_window_that_the_loci_miss(monkeypatch: pytest.MonkeyPatch)
 
 
 GRID = np.geomspace(0.1, 10.0, 31).tolist()
-Law = Callable[[float], Poles]
-
-
-def scan(read: Law, values: Sequence[float], **how: Any) -> Scan:
-    """Scan poles, or errors, of a law."""
-    return scans.scan(values, lambda value: or_error(read, value), **how)
 
 
 def poles_of(*laws: Callable[[float], complex]) -> Callable[[float], Poles]:
@@ -190,7 +183,7 @@ def places(found: Scan) -> list[float]:
 
 def test_both_ends_of_a_window_far_narrower_than_the_grid_are_found() -> None:
     for half in (1e-2, 1e-3):
-        found = scan(poles_of(lambda x, h=half: h**2 - (x - 0.123) ** 2 + 2j), GRID)  # type: ignore[misc]
+        found = scan(GRID, poles_of(lambda x, h=half: h**2 - (x - 0.123) ** 2 + 2j))  # type: ignore[misc]
         assert places(found) == pytest.approx([0.123 - half, 0.123 + half], rel=1e-6)
         assert [c.unstable_above for c in found.edges] == [True, False]
         assert [(c.below, c.above) for c in found.edges] == [(0, 2), (2, 0)]
@@ -211,36 +204,36 @@ def test_from_a_stable_end_nothing_is_read_far_behind_the_first_edge(start: floa
         return inner(value)
 
     sign = 1.0 if start > 1.0 else -1.0
-    found = scan(read, GRID, start=start)
+    found = scan(GRID, read, start=start)
     assert places(found) == pytest.approx([sign], rel=1e-6)
     reach = np.log(GRID[1] / GRID[0])
     assert all(sign * np.log(value) >= 1.0 - reach for value in seen)
-    whole = scan(inner, GRID)
+    whole = scan(GRID, inner)
     assert len(whole.edges) == 4
     assert found.edges[0].value in [pytest.approx(edge.value, rel=1e-7) for edge in whole.edges]
 
 
 def test_a_stable_gap_inside_an_unstable_range_is_found() -> None:
-    found = scan(poles_of(lambda x: (x + 0.4) ** 2 - 1e-6 + 1j), GRID)
+    found = scan(GRID, poles_of(lambda x: (x + 0.4) ** 2 - 1e-6 + 1j))
     assert places(found) == pytest.approx([-0.401, -0.399], rel=1e-6)
     assert found.stable_ranges == (tuple(c.value for c in found.edges),)
 
 
 def test_a_mode_that_comes_near_and_turns_back_does_not_cross() -> None:
-    found = scan(poles_of(lambda x: -1e-9 - (x - 0.123) ** 2 + 2j), GRID)
+    found = scan(GRID, poles_of(lambda x: -1e-9 - (x - 0.123) ** 2 + 2j))
     assert found.edges == ()
     assert found.stable_ranges == ((0.1, 10.0),)
 
 
 def test_crossings_within_one_grid_interval_are_told_apart() -> None:
     found = scan(
+        GRID,
         poles_of(
             lambda x: x - 0.01 + 1j,
             lambda x: x - 0.0101 + 2j,
             lambda x: 0.02 - x,
             lambda x: x - 0.03,
         ),
-        GRID,
     )
     assert places(found) == pytest.approx([0.01, 0.0101, 0.02, 0.03], rel=1e-6)
     assert [c.unstable_above for c in found.edges] == [True, True, False, True]
@@ -252,8 +245,8 @@ def test_crossings_within_one_grid_interval_are_told_apart() -> None:
 
 def test_a_linear_scan_reaches_zero() -> None:
     found = scan(
-        lambda v: rounded_poles(np.array([0.3 - v, -5.0], dtype=complex)),
         [0.0, 0.5, 1.0],
+        lambda v: rounded_poles(np.array([0.3 - v, -5.0], dtype=complex)),
         logarithmic=False,
     )
     assert found.edges[0].value == pytest.approx(0.3, rel=1e-8)
@@ -266,16 +259,16 @@ def test_values_without_poles_are_kept_with_their_reason() -> None:
             raise EngineError("no equilibrium")
         return pair(np.log(value) + 1j)
 
-    found = scan(read, GRID)
+    found = scan(GRID, read)
     assert places(found) == pytest.approx([0.0], abs=1e-8)
     assert {s.failure for s in found.samples if s.value > 2.0} == {"no equilibrium"}
     with pytest.raises(EngineError, match="no equilibrium"):
-        scan(read, [3.0, 4.0])
+        scan([3.0, 4.0], read)
 
 
 def test_of_incomplete_poles_only_the_rightmost_one_counts() -> None:
     laws = poles_of(lambda x: x - 0.3 + 1j, lambda x: x - 0.4 + 2j, lambda x: x - 0.5)
-    found = scan(lambda v: summarise(laws(v).poles[:3], complete=False), GRID)
+    found = scan(GRID, lambda v: summarise(laws(v).poles[:3], complete=False))
     assert places(found) == pytest.approx([0.3], rel=1e-6)
     assert not found.complete
     assert (found.edges[0].below, found.edges[0].above) == (0, 1)
@@ -285,7 +278,7 @@ def test_of_incomplete_poles_only_the_rightmost_one_counts() -> None:
 def test_a_window_hidden_behind_a_slower_mode_is_found() -> None:
     """Only between two samples the mode lies right of the mode that is the rightmost at both."""
     window = poles_of(lambda x: 1e-4 - (x - 0.123) ** 2 + 2j, lambda x: -1e-4)
-    found = scan(window, GRID)
+    found = scan(GRID, window)
     assert places(found) == pytest.approx([0.113, 0.133], rel=1e-6)
     assert [(c.below, c.above) for c in found.edges] == [(0, 2), (2, 0)]
 
@@ -300,7 +293,7 @@ def test_a_pole_on_the_axis_to_within_rounding_is_no_crossing_and_no_stable_rang
         drift = 0.0 if value < 1.0 else 1.0 - value
         return rounded_poles(np.array([noise + drift, -1e6], dtype=complex))
 
-    found = scan(read, GRID)
+    found = scan(GRID, read)
     assert found.edges == ()
     ((low, high),) = found.stable_ranges
     assert low == pytest.approx(1.0, abs=0.1)
