@@ -291,13 +291,6 @@ def solve_least_squares(problem: Problem, strains: Iterable[Floats]) -> list[Sol
 
     SolverError: the search does not end, a decomposition does not converge, or T is too small for
       lambda.
-
-    Examples
-    --------
-    >>> T, eps = np.eye(2), np.array([3.0, 0.4])
-    >>> lasso = Problem(T, eps, 1.0, "deadzone", ridge_share=0.0)
-    >>> solve_least_squares(lasso, [eps])[0].u.tolist()
-    [2.5, 0.0]
     """
     start = time.perf_counter()
     base = ScaledProblem.of(problem)

@@ -39,12 +39,6 @@ def solve_square(problem: Problem) -> Solution:
     """Solve ``T u = eps``; lambda of `problem` is 0, and T is square.
 
     SolverError: T is not square, or its singular values cannot be computed.
-
-    Examples
-    --------
-    >>> found = solve_square(Problem([[2.0, 1.0], [1.0, 3.0]], [3.0, 4.0], 0.0))
-    >>> found.u.round(12).tolist(), found.trusted
-    ([1.0, 1.0], True)
     """
     rows, columns = problem.T.shape
     if rows != columns:

@@ -63,13 +63,6 @@ def stable_values(
     `name`: of the knob; by default the one whose margin a scene limits.
     `found`: poles of the board, if they have been computed before.
     EngineError: as `find_edges` and `poles`.
-
-    Examples
-    --------
-    >>> import taction
-    >>> board = taction.synthesise(taction.load_scene("scenes/paper-breadboard.toml"))
-    >>> [[f"{farads:.4g}" for farads in pair] for pair in stable_values(board).stable_ranges]
-    [['9.023e-12', '3e-10']]
     """
     board = LinearBoard.of(circuit)
     family = Family.of(board, board.circuit.knob(name or first_knob(board.circuit)))

@@ -98,16 +98,6 @@ def brief_poles(circuit: Circuit | LinearBoard) -> Poles:
     this leaves open which pole is the rightmost, or on which side of the axis one is, and for a
     large board, the poles are those of `poles`. Bounds of other poles that are (nearly) defective
     need the modes: so a count needs a second witness, such as a winding number.
-
-    Examples
-    --------
-    >>> import taction
-    >>> board = taction.synthesise(taction.load_scene("scenes/paper-breadboard.toml"))
-    >>> found = [brief_poles(board.turned("C", farads)) for farads in (8e-12, 10e-12)]
-    >>> [each.unstable_count for each in found]
-    [4, 0]
-    >>> f"{found[1].rightmost.real:.6g} 1/s", bool(found[1].resolution < 1e-6)
-    ('-1123.46 1/s', True)
     """
     board = LinearBoard.of(circuit)
     if not board.descriptor.is_large:

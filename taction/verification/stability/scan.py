@@ -51,14 +51,6 @@ def scan(
     `start`: the least or the largest of `values`, of a stable board, if only the edge next to it is
       wanted: the scan goes no further than the first value of a board that is certainly unstable.
     InputError, EngineError: no value gives poles. If only some values fail, see `Sample.failure`.
-
-    Examples
-    --------
-    >>> from taction.verification.stability.poles import summarise
-    >>> def read(value):
-    ...     return summarise(np.array([value - 3 + 0j, -9.0]), complete=True)
-    >>> [f"{edge.value:.6f}" for edge in scan([1.0, 5.0], read).edges]
-    ['3.000000']
     """
     search = _Search(read, logarithmic, fine)
     search.begin(values, start)

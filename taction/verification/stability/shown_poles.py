@@ -153,15 +153,6 @@ def latching(circuit: Circuit) -> str:
     With `STRAY` at every node and `DELAY` in every voltage source with gain a positive loop gain
     above 1 has a growing real pole. Growing pairs of this circuit say nothing: there the values of
     both matter.
-
-    Examples
-    --------
-    >>> from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
-    >>> for gain in ("-1e6", "1e6"):
-    ...     cards = ["v1 in 0 1", "r1 in n 1k", "r2 n out 10k", f"e1 out 0 n 0 {gain}"]
-    ...     print(bool(latching(circuit_of(read_cards(cards), "inverter", ["out"]))))
-    False
-    True
     """
     if not _acts_at_once(circuit):
         return ""
