@@ -18,7 +18,7 @@ from taction.system.reading_definitions import FAINT, READINGS, SETTLING_BAND, S
 from taction.verification.readings.readings import Reading, Readings, Step, largest, read, unread
 from taction.verification.readings.record import FEWEST_POINTS, Curve, RecordTrace, Rest
 from taction.verification.readings.ringing import ChannelRinging, Mode, RecordRinging, find_ringing
-from taction.verification.readings.settling import ChannelState, Drift, Settlement, prove
+from taction.verification.readings.settling import ChannelState, Settlement, prove
 
 NO_STEP = "no channel has a step (target equals start): a band in % of it has no width"
 STILL = Settlement(ChannelState.SETTLED, None, NO_STEP)
@@ -260,10 +260,9 @@ def measure(
         between = None if curve is None else (lambda t, n: curve(t, n) - target[n])
         trace = RecordTrace(time, errors, error, ends, between)
         readings, ringing = read(trace, step, band * scale, lost), find_ringing(time, u)
-    drift, modes = Drift(time, errors), () if ringing.mode is None else (ringing.mode,)
-    record = _Record(
-        u, final, step, lost, cut, band * scale, scale, drift, readings, ringing, modes
-    )
+    modes = () if ringing.mode is None else (ringing.mode,)
+    settling = (time, errors, band * scale, scale)
+    record = _Record(u, final, step, lost, cut, *settling, readings, ringing, modes)
     channels = [_channel(record, n) for n in range(target.size)]
     return summary(step.amplitude, band, modes, channels)
 
@@ -277,9 +276,10 @@ class _Record:
     step: Step
     lost: Bools  # channels that left their physical range (N,)
     cut: str  # why the record cannot prove that a channel settled; empty for a whole record
+    time: Floats  # (P,), s
+    errors: Floats  # distances from the targets (N, P)
     tolerance: float  # half width of the settling band, in the unit of u
     scale: float  # the step amplitude; without a step the largest excursion of any channel
-    drift: Drift  # of the distances from the targets
     readings: Readings
     ringing: RecordRinging
     modes: tuple[Mode, ...]  # the mode that was fitted, if there is one
@@ -305,8 +305,8 @@ def _settlement(record: _Record, n: int, ring: ChannelRinging) -> Settlement:
         reason = f"the channel left its physical range: {record.cut}"
         return Settlement(ChannelState.DIVERGED, None, reason)
     if len(record.u) >= FEWEST_POINTS:
-        settling_time = record.readings["settling_time"][n]
-        found = prove(record.drift, n, settling_time, record.tolerance, record.scale, ring)
+        at, limits = record.readings["settling_time"][n], (record.tolerance, record.scale)
+        found = prove(record.time, record.errors[n], at, *limits, ring)
         if found.state is not ChannelState.SETTLED:
             return found
         if not record.cut:
@@ -321,7 +321,7 @@ def _channel(record: _Record, n: int) -> ChannelMeasure:
     settlement = _settlement(record, n, record.ringing.of(n))
     size, short = float(step.sizes[n]), record.cut
     if len(record.u) >= FEWEST_POINTS and size:
-        reached = 1 + float((record.drift.errors[n] / size).max())
+        reached = 1 + float((record.errors[n] / size).max())
         short = f"the channel reaches {reached:.1%} of its step: simulate longer"
     final = float(record.final[n])
     measured = channel_measure(n, final, step, record.readings, settlement, mode, short)
@@ -332,7 +332,7 @@ def _channel(record: _Record, n: int) -> ChannelMeasure:
 
 def _limit_cycle_frequency(record: _Record, n: int) -> float | None:
     """Return the frequency of channel `n`'s limit cycle, Hz, from the last fifth of the record."""
-    time = record.drift.time
+    time = record.time
     first = int(np.searchsorted(time, time[0] + 0.8 * np.ptp(time)))
     found = find_ringing(time[first:], record.u[first:, n : n + 1])
     if found.mode is not None:

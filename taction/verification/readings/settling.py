@@ -58,42 +58,29 @@ class Settlement:
     reason: str
 
 
-class Drift:
-    """Extrapolation of the channels beyond the end of a record.
+def _heading(time: Floats, error: Floats, period: float) -> tuple[float, float]:
+    """Return the limit of an error (P,) beyond the record, and the ratio of its last two changes.
 
-    `errors` (N, P) are finite distances to the targets at the instants `time` (P,), s.
+    The means of the last three stretches, each a tenth of the record in whole ringing periods, form
+    a geometric series for an exponential approach (Aitken's extrapolation), continued for one more
+    record at most, and for one stretch if a ringing period is longer than a stretch. The ratio is 0
+    for a constant error and for alternating changes.
     """
-
-    def __init__(self, time: Floats, errors: Floats) -> None:
-        self.time, self.errors = time, errors
-        self._stretch = 0.1 * float(np.ptp(time)) if time.size else 0.0
-        first = max(int(np.searchsorted(time, time[-1:].sum() - 3 * self._stretch)) - 1, 0)
-        self._marked, last = time[first:], errors[:, first:]
-        means, widths = last[:, 1:] + last[:, :-1], 0.5 * np.diff(self._marked)
-        self._area = np.zeros_like(last)
-        np.cumsum(means * widths, 1, out=self._area[:, 1:])
-
-    def heading(self, n: int, period: float) -> tuple[float, float]:
-        """Return the limit of the error of channel `n`, and the ratio of its last two changes.
-
-        The means of the last three stretches, each a tenth of the record in whole ringing periods,
-        form a geometric series for an exponential approach (Aitken's extrapolation), continued
-        for one more record at most, and for one stretch if a ringing period is longer than a
-        stretch. The ratio is 0 for a constant error and for alternating changes.
-        """
-        width = self._stretch
-        furthest = 10.0 if width >= period else 1.0
-        if 0 < period <= width:
-            width = period * int(width / period)
-        ends = self._marked[-1] - width * _ENDS
-        a, b, c, d = np.interp(ends, self._marked, self._area[n]).tolist()
-        first, second, third = (b - a) / width, (c - b) / width, (d - c) / width
-        before, last = second - first, third - second
-        if before * last <= 0:
-            return third, 0.0
-        ratio = last / before
-        stretches = min(ratio / (1 - ratio), furthest) if ratio < 1 else furthest
-        return third + last * stretches, ratio
+    width = 0.1 * float(np.ptp(time))
+    start = max(int(np.searchsorted(time, time[-1] - 3 * width)) - 1, 0)
+    marked, end = time[start:], error[start:]
+    area = np.append(0.0, np.cumsum((end[1:] + end[:-1]) * (0.5 * np.diff(marked))))
+    furthest = 10.0 if width >= period else 1.0
+    if 0 < period <= width:
+        width = period * int(width / period)
+    a, b, c, d = np.interp(marked[-1] - width * _ENDS, marked, area).tolist()
+    first, second, third = (b - a) / width, (c - b) / width, (d - c) / width
+    before, last = second - first, third - second
+    if before * last <= 0:
+        return third, 0.0
+    ratio = last / before
+    stretches = min(ratio / (1 - ratio), furthest) if ratio < 1 else furthest
+    return third + last * stretches, ratio
 
 
 def _swing(time: Floats, error: Floats, quiet: float) -> float:
@@ -159,17 +146,21 @@ def sustained(
 
 
 def prove(
-    drift: Drift, n: int, found: Reading | None, tolerance: float, step: float, ring: ChannelRinging
+    time: Floats,
+    error: Floats,
+    found: Reading | None,
+    tolerance: float,
+    step: float,
+    ring: ChannelRinging,
 ) -> Settlement:
-    """Tell whether channel `n` settled, and why not.
+    """Tell whether a channel settled, and why not.
 
-    `drift`: of the record, of at least 8 points.
+    `time`, `error` (P,): instants, s, and finite distances to the target; P is at least 8.
     `found`: when it was last outside its band; None if it ends outside.
     `tolerance`: half width of the settling band, in the unit of `error`.
     `step`: the network's step amplitude, in the same unit.
     `ring`: the channel's ringing.
     """
-    time, error = drift.time, drift.errors[n]
     state = sustained(time, error, tolerance, ring)
     if state is ChannelState.UNDECIDED:
         return Settlement(state, None, _either(ring, found))
@@ -178,7 +169,7 @@ def prove(
         return Settlement(state, None, f"it oscillates {how}: it never settles")
     left, period = _left(ring, float(time[-1]))
     period = period or _swing(time, error, _QUIET * tolerance)
-    limit, ratio = drift.heading(n, period)
+    limit, ratio = _heading(time, error, period)
     if found is None:
         return _outside(float(error[-1]), tolerance, step, ring.mode, left, limit, ratio)
     if abs(limit) > tolerance and left < tolerance:

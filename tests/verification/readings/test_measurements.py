@@ -12,7 +12,7 @@ from taction.verification.readings.measurements import measure
 from taction.verification.readings.readings import Reading, rise_times
 from taction.verification.readings.record import RecordTrace
 from taction.verification.readings.ringing import ChannelRinging, Mode
-from taction.verification.readings.settling import ChannelState, Drift, prove, sustained
+from taction.verification.readings.settling import ChannelState, prove, sustained
 
 ONE = np.ones(1)
 
@@ -292,7 +292,7 @@ def test_ringing_persists_by_what_it_loses_over_the_record(growth, sigma, state)
 def test_an_undecided_ringing_states_both_readings():
     time = np.linspace(0.0, 1.0, 2000)
     error = 0.1 * np.sin(2 * np.pi * 100 * time)
-    judged = prove(Drift(time, error[None]), 0, Reading(0.2, 0.0), 0.5, 1.0, ringing(-1.0, 0.6))
+    judged = prove(time, error, Reading(0.2, 0.0), 0.5, 1.0, ringing(-1.0, 0.6))
     assert judged.state is ChannelState.UNDECIDED
     assert judged.settling_time is None
     assert "if it decays, the settling time is 0.2 s" in judged.reason
