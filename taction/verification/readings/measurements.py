@@ -17,7 +17,7 @@ from taction.system.quantities import show, show_rate
 from taction.system.reading_definitions import FAINT, READINGS, SETTLING_BAND, SMALL_STEP
 from taction.verification.readings.readings import Reading, Readings, Step, largest, read, unread
 from taction.verification.readings.record import FEWEST_POINTS, Curve, RecordTrace, Rest
-from taction.verification.readings.ringing import ChannelRinging, Mode, RecordRinging, find_ringing
+from taction.verification.readings.ringing import Mode, RecordRinging, find_ringing
 from taction.verification.readings.settling import ChannelState, Settlement, prove
 
 NO_STEP = "no channel has a step (target equals start): a band in % of it has no width"
@@ -242,12 +242,7 @@ def measure(
     _check(time, u, target, band)
     start = u[0] if start is None else start
     step = Step(np.where(np.isfinite(start), start, target), target)
-    limit = np.finfo(np.float64).max if bound is None else bound
-    sound, lost = time.size, np.zeros(target.size, dtype=np.bool_)
-    if not (u.max() <= limit and u.min() >= -limit):  # also where a sample is not a number
-        wrong = ~(np.abs(u) <= limit)
-        sound = int(wrong.any(axis=1).argmax())
-        lost = wrong[sound]
+    sound, lost = _sound(u, np.finfo(np.float64).max if bound is None else bound)
     cut = _cut(time, sound, lost, expected_stop)
     final = u[sound - 1] if sound else step.start
     time, u = time[:sound], u[:sound]
@@ -261,28 +256,43 @@ def measure(
         trace = RecordTrace(time, errors, error, ends, between)
         readings, ringing = read(trace, step, band * scale, lost), find_ringing(time, u)
     modes = () if ringing.mode is None else (ringing.mode,)
-    settling = (time, errors, band * scale, scale)
-    record = _Record(u, final, step, lost, cut, *settling, readings, ringing, modes)
-    channels = [_channel(record, n) for n in range(target.size)]
-    return summary(step.amplitude, band, modes, channels)
+    cut_short = Settlement(ChannelState.NOT_SETTLED, None, cut)
+
+    def settlement(n: int) -> Settlement:
+        """Return the state of channel `n`, also for a record that is cut or has no step."""
+        if lost[n]:
+            reason = f"the channel left its physical range: {cut}"
+            return Settlement(ChannelState.DIVERGED, None, reason)
+        if sound < FEWEST_POINTS:
+            return cut_short
+        at = readings["settling_time"][n]
+        found = prove(time, errors[n], at, band * scale, scale, ringing.of(n))
+        if found.state is not ChannelState.SETTLED:
+            return found
+        return cut_short if cut else found if step.amplitude else STILL
+
+    def channel(n: int) -> ChannelMeasure:
+        """Measure channel `n`."""
+        found, mode, short = settlement(n), strongest(modes, n, step.amplitude), cut
+        if sound >= FEWEST_POINTS and step.sizes[n]:
+            reached = 1 + float((errors[n] / step.sizes[n]).max())
+            short = f"the channel reaches {reached:.1%} of its step: simulate longer"
+        measured = channel_measure(n, float(final[n]), step, readings, found, mode, short)
+        if found.state is ChannelState.CLIPPED:
+            frequency = _limit_cycle_frequency(time, u[:, n : n + 1], ringing.period)
+            return replace(measured, frequency=frequency)
+        return measured
+
+    return summary(step.amplitude, band, modes, [channel(n) for n in range(target.size)])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Record:
-    """A record before any channel leaves its physical range, and what its channels share."""
-
-    u: Floats  # (P, N)
-    final: Floats  # last values (N,)
-    step: Step
-    lost: Bools  # channels that left their physical range (N,)
-    cut: str  # why the record cannot prove that a channel settled; empty for a whole record
-    time: Floats  # (P,), s
-    errors: Floats  # distances from the targets (N, P)
-    tolerance: float  # half width of the settling band, in the unit of u
-    scale: float  # the step amplitude; without a step the largest excursion of any channel
-    readings: Readings
-    ringing: RecordRinging
-    modes: tuple[Mode, ...]  # the mode that was fitted, if there is one
+def _sound(u: Floats, limit: float) -> tuple[int, Bools]:
+    """Return how many points (P, N) are within a limit, and which channels then leave it, (N,)."""
+    if u.max() <= limit and u.min() >= -limit:  # not where a sample is not a number
+        return len(u), np.zeros(u.shape[1], dtype=np.bool_)
+    wrong = ~(np.abs(u) <= limit)
+    sound = int(wrong.any(axis=1).argmax())
+    return sound, wrong[sound]
 
 
 def _check(time: Floats, u: Floats, target: Floats, band: float) -> None:
@@ -299,42 +309,10 @@ def _check(time: Floats, u: Floats, target: Floats, band: float) -> None:
             raise ValueError(text)
 
 
-def _settlement(record: _Record, n: int, ring: ChannelRinging) -> Settlement:
-    """Return the state of channel `n`, also for a record that is cut or has no step."""
-    if record.lost[n]:
-        reason = f"the channel left its physical range: {record.cut}"
-        return Settlement(ChannelState.DIVERGED, None, reason)
-    if len(record.u) >= FEWEST_POINTS:
-        at, limits = record.readings["settling_time"][n], (record.tolerance, record.scale)
-        found = prove(record.time, record.errors[n], at, *limits, ring)
-        if found.state is not ChannelState.SETTLED:
-            return found
-        if not record.cut:
-            return found if record.step.amplitude else STILL
-    return Settlement(ChannelState.NOT_SETTLED, None, record.cut)
-
-
-def _channel(record: _Record, n: int) -> ChannelMeasure:
-    """Measure channel `n`."""
-    step = record.step
-    mode = strongest(record.modes, n, step.amplitude)
-    settlement = _settlement(record, n, record.ringing.of(n))
-    size, short = float(step.sizes[n]), record.cut
-    if len(record.u) >= FEWEST_POINTS and size:
-        reached = 1 + float((record.errors[n] / size).max())
-        short = f"the channel reaches {reached:.1%} of its step: simulate longer"
-    final = float(record.final[n])
-    measured = channel_measure(n, final, step, record.readings, settlement, mode, short)
-    if settlement.state is ChannelState.CLIPPED:
-        return replace(measured, frequency=_limit_cycle_frequency(record, n))
-    return measured
-
-
-def _limit_cycle_frequency(record: _Record, n: int) -> float | None:
-    """Return the frequency of channel `n`'s limit cycle, Hz, from the last fifth of the record."""
-    time = record.time
+def _limit_cycle_frequency(time: Floats, u: Floats, period: float | None) -> float | None:
+    """Return the frequency of a channel's limit cycle, Hz, from the last fifth of its record."""
     first = int(np.searchsorted(time, time[0] + 0.8 * np.ptp(time)))
-    found = find_ringing(time[first:], record.u[first:, n : n + 1])
+    found = find_ringing(time[first:], u[first:])
     if found.mode is not None:
         return found.mode.frequency
-    return 1 / record.ringing.period if record.ringing.period else None
+    return 1 / period if period else None
