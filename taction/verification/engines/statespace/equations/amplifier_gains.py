@@ -95,11 +95,6 @@ def straight(breaks: tuple[float, ...], slopes: tuple[float, ...]) -> Gain:
 
     `breaks`: where pieces meet, increasing; at a break the slope is that of the piece to the right.
     `slopes`: slopes of the pieces from left to right, at least 0.
-
-    Examples
-    --------
-    >>> straight((-1.0, 1.0), (1.0, 0.0, 1.0)).value(np.array([-3.0, 0.5, 2.0])).tolist()
-    [-2.0, 0.0, 1.0]
     """
     at, rise = np.array(breaks), np.array(slopes)
     heights = np.concatenate([[0.0], np.cumsum(rise[1:-1] * np.diff(at))])

@@ -18,10 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from taction.system.array_types import EPS, Bools, Floats, Ints
+from taction.system.array_types import Bools, Floats, Ints
 
 _NUMBERED = re.compile(r"^([^\d\n]*)(\d*)(.*)$", re.MULTILINE)
-ROUNDING = 64 * EPS  # relative error of Newton's method in a slope
 
 
 def numbered_kinds(names: tuple[str, ...]) -> list[Ints]:
@@ -35,32 +34,13 @@ def numbered_kinds(names: tuple[str, ...]) -> list[Ints]:
     return [np.array([place for _, place in sorted(kind)]) for kind in kinds.values()]
 
 
-def proposed_image(names: tuple[str, ...]) -> Ints:
-    """Return the place of each unknown's mirror image by name: ``v_7`` for ``v_1``, for example."""
-    image = np.arange(len(names))
-    for kind in numbered_kinds(names):
-        image[kind] = kind[::-1]
-    return image
-
-
 @functools.lru_cache(maxsize=16)
 def proposed_mirror(names: tuple[str, ...]) -> Ints | None:
-    """Return the places of all images by name; None if each unknown is its own image."""
-    image = proposed_image(names)
-    return None if np.array_equal(image, np.arange(len(image))) else image
-
-
-def evened(values: Floats, places: Ints, image: Ints | None) -> Floats:
-    """Return values at `places`, averaged over images if they differ only by rounding."""
-    if image is None:
-        return values
-    position = np.full(len(image), -1)
-    position[places] = np.arange(len(places))
-    inside = position[image[places]]
-    if np.any(inside < 0):
-        return values
-    mean = 0.5 * (values + values[inside])
-    return mean if np.all(np.abs(values - mean) <= ROUNDING * np.abs(mean)) else values
+    """Return the place of each unknown's image by name: ``v_7`` for ``v_1``; None of no image."""
+    image, own = np.arange(len(names)), np.arange(len(names))
+    for kind in numbered_kinds(names):
+        image[kind] = kind[::-1]
+    return None if np.array_equal(image, own) else image
 
 
 def exchange_bases(image: Ints) -> tuple[Floats, Floats]:

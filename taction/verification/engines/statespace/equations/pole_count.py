@@ -25,8 +25,6 @@ def finite_poles(descriptor: Descriptor, slopes: Floats) -> int:
 
     EngineError: ``det(s M - K)`` is zero for every s: voltages or currents that nothing determines.
 
-    Notes
-    -----
     ``N = (s0 M - K)^-1 M`` has the eigenvalue ``1 / (s0 - s)`` for every pole s, and zero for the
     others: the poles are as many as the rank of a high power of N.
     """
@@ -46,15 +44,7 @@ def finite_poles(descriptor: Descriptor, slopes: Floats) -> int:
 
 
 def residues(values: Floats) -> Ints:
-    """Return finite doubles modulo the prime.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> half, minus = residues(np.array([0.5, -3.0])).tolist()
-    >>> 2 * half % PRIME, minus - PRIME
-    (1, -3)
-    """
+    """Return finite doubles modulo the prime: of 0.5 what gives 1 times 2."""
     mantissa, exponent = np.frexp(values)
     whole = np.ldexp(mantissa, DIGITS).astype(np.int64) % PRIME
     kinds, place = np.unique(exponent, return_inverse=True)

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -31,7 +31,6 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.descriptor import (
     Coupling,
     Descriptor,
-    Devices,
     Triplets,
 )
 from taction.verification.engines.statespace.equations.mirror_symmetry import proposed_mirror
@@ -44,48 +43,48 @@ def coarsen(descriptor: Descriptor, channels: int = CHANNELS) -> Descriptor:
 
     The result has a subset of the names; a small board is returned unchanged.
     """
+    from scipy import sparse
+
     kept, gain = _choose(descriptor, channels)
     if kept.all():
         return descriptor
-    place = np.full(descriptor.size, -1)
-    place[kept] = np.arange(kept.sum())
+    basis = sparse.eye_array(descriptor.size, format="csr")[:, np.flatnonzero(kept)]
     names = tuple(name for name, keep in zip(descriptor.names, kept.tolist(), strict=True) if keep)
-    devices = descriptor.devices
-    used = kept[devices.input] & kept[devices.output]
+    return projected(descriptor, basis, names, gain)
+
+
+def projected(
+    descriptor: Descriptor, basis: Any, names: tuple[str, ...], gain: float = 1.0
+) -> Descriptor:
+    """Return the equations between the columns of a sparse basis, with couplings times `gain`.
+
+    Amplifiers stay between unknowns that are columns of the basis.
+    """
+    back, size = basis.T.tocsr(), len(names)
+    M, K = (
+        np.asarray((back @ _sparse(each, descriptor.size) @ basis).toarray())
+        for each in (descriptor.mass, descriptor.local)
+    )
+    for part in descriptor.couplings:
+        sinks, drivers, G = basis[part.sinks], basis[part.drivers], gain * part.conductance
+        K += sinks.T @ (G @ drivers.toarray())
+        K += drivers.T @ ((G * part.loaded).T @ sinks.toarray())
+    rows, columns = (index.ravel() for index in np.indices((size, size)))
+    inside, devices = abs(basis).sum(axis=1) > 0.0, descriptor.devices
+    devices = devices.part(inside[devices.input] & inside[devices.output])
+    ends = (basis[each].argmax(axis=1) for each in (devices.input, devices.output))
     return Descriptor(
         names=names,
-        node_count=int(kept[: descriptor.node_count].sum()),
-        mass=_restrict(descriptor.mass, kept, place),
-        local=_restrict(descriptor.local, kept, place),
-        couplings=tuple(_thin(part, kept, place, gain) for part in descriptor.couplings),
-        switched=descriptor.switched[kept],
-        constant=descriptor.constant[kept],
-        determined=descriptor.determined[kept],
-        devices=Devices(
-            tuple(kind for kind, kept in zip(devices.kinds, used.tolist(), strict=True) if kept),
-            place[devices.input[used]],
-            place[devices.output[used]],
-            devices.u_scale[used],
-            devices.v_scale[used],
-        ),
+        node_count=min(int(inside[: descriptor.node_count].sum()), size),
+        mass=Triplets(rows, columns, M.ravel()),
+        local=Triplets(rows, columns, K.ravel()),
+        couplings=(),
+        switched=back @ descriptor.switched,
+        constant=back @ descriptor.constant,
+        determined=np.asarray(abs(back) @ descriptor.determined > 0.0),
+        devices=replace(devices, **dict(zip(("input", "output"), ends, strict=True))),
         places={name: k for k, name in enumerate(names)},
         mirror=proposed_mirror(names),
-    )
-
-
-def _restrict(triplets: Triplets, kept: Bools, place: Ints) -> Triplets:
-    both = kept[triplets.rows] & kept[triplets.columns]
-    rows, columns = place[triplets.rows[both]], place[triplets.columns[both]]
-    return Triplets(rows, columns, triplets.values[both])
-
-
-def _thin(part: Coupling, kept: Bools, place: Ints, gain: float) -> Coupling:
-    sinks, drivers = kept[part.sinks], kept[part.drivers]
-    return Coupling(
-        place[part.sinks[sinks]],
-        place[part.drivers[drivers]],
-        gain * part.conductance[np.ix_(sinks, drivers)],
-        part.loaded[drivers],
     )
 
 

@@ -42,12 +42,8 @@ def solve_loop(H: Floats, a: Floats, gain: Gain, *, near: bool = False) -> tuple
 
     `H` (m, m): dimensionless DC feedback.
     `a` (m,): inputs without feedback.
+    Return y (m,), and the Newton steps taken.
     EngineError: the steps do not converge.
-
-    Returns
-    -------
-    tuple of ndarray (m,) and int
-        y, and the Newton steps taken.
     """
     h = np.maximum(np.diag(H), 1e-12 * np.abs(H).max(initial=1e-300))
     y, steps, done = _newton(H, h, a, gain, a, near)
@@ -152,10 +148,6 @@ def solve_equilibrium(
 
     EngineError: the input of an amplifier is beyond the range of floats, or the residual is above
       `CERTIFICATE`; a wrong equilibrium is never returned.
-
-    Notes
-    -----
-    Costs one dense factorisation of size m per Newton step.
     """
     drive, (solve, columns) = descriptor.drive(sources_on=sources_on), response
     z = solve(-drive)

@@ -142,12 +142,6 @@ class LinearBoard:
         return LinearBoard(self.circuit, coarsen(self.descriptor))
 
 
-def parts_of(board: LinearBoard) -> int:
-    """Return the number of parts without those of the matrices: about that of the unknowns."""
-    circuit = board.circuit
-    return len(circuit.opamps) + len(circuit.resistors) + len(circuit.capacitors)
-
-
 Initial = Literal["zero", "rest"]
 
 

@@ -32,22 +32,16 @@ STEPS = 2  # inputs before those that change with time
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pencil:
-    """Equations ``M y' = K y + b u``, ``z = basis y``, ``y = left z``.
+    """Equations ``M y' = K y + b u``, ``z = basis y``, ``y = left z``."""
 
-    Attributes
-    ----------
-    M, K, b : ndarray (k, k), (k, k) and (k, inputs)
-    basis, left : ndarray (size, k) and (k, size)
-    """
-
-    M: Floats
-    K: Floats
-    b: Floats
+    M: Floats  # (k, k)
+    K: Floats  # (k, k)
+    b: Floats  # (k, inputs)
     # `mass`, `pull`: (k, k): sizes of the terms of M and K, to which their rounding is relative.
     mass: Floats
     pull: Floats
-    basis: Floats
-    left: Floats
+    basis: Floats  # (size, k)
+    left: Floats  # (k, size)
 
     @property
     def charges(self) -> Floats:

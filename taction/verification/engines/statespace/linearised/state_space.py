@@ -22,7 +22,6 @@ from taction.verification.engines.statespace.equations.descriptor import Descrip
 from taction.verification.engines.statespace.equations.mirror_symmetry import (
     DenseMatrix,
     block_diagonal,
-    evened,
 )
 from taction.verification.engines.statespace.equations.pole_count import finite_poles
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
@@ -39,18 +38,9 @@ LOST = "rounding leaves nothing of the circuit's poles: parts cancel to the last
 
 @dataclass(frozen=True, eq=False)
 class StateSpace:
-    """A board as ``x' = A x + B [on, 1]``, ``z = C x + D [on, 1]``.
-
-    Attributes
-    ----------
-    A, B : ndarray (n, n) and (n, 2)
-        1/s, and V/s.
-    C, D : ndarray (size, n) and (size, 2)
-        Every node voltage and op-amp state, V.
-    """
+    """A board as ``x' = A x + B [on, 1]``, ``z = C x + D [on, 1]``: A in 1/s, B in V/s."""
 
     descriptor: Descriptor
-    states: tuple[str, ...]  # names of x
     # Those of the states, which are solved by themselves: one, or two of a board that is its own
     # mirror image, which costs a quarter.
     blocks: tuple[Reduced, ...]
@@ -59,7 +49,14 @@ class StateSpace:
     @property
     def n(self) -> int:
         """Number of states."""
-        return len(self.states)
+        return sum(len(block.A) for block in self.blocks)
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the unknowns that x are, or of the first of two images; none of combinations."""
+        places = [block.places for block in self.blocks if block.places is not None]
+        found = tuple(self.nodes[k] for each in places for k in each.tolist())
+        return found if len(places) == len(self.blocks) else ()
 
     @property
     def nodes(self) -> tuple[str, ...]:
@@ -75,11 +72,6 @@ class StateSpace:
     def has_modes(self) -> bool:
         """Whether the modes have been computed."""
         return "modes" in vars(self)
-
-    @property
-    def is_nodal(self) -> bool:
-        """Whether the states are unknowns, or sums and differences of two images."""
-        return all(block.places is not None for block in self.blocks)
 
     @functools.cached_property
     def A(self) -> Floats:  # noqa: N802 - as every textbook has it
@@ -147,7 +139,7 @@ def linear_matrices(descriptor: Descriptor, point: Equilibrium | None) -> DenseM
     if point is None:
         return descriptor.dense
     devices, K = descriptor.devices, descriptor.dense.stiffness.copy()
-    K[devices.output, devices.input] += evened(point.slopes, devices.output, descriptor.mirror)
+    K[devices.output, devices.input] += point.slopes
     return descriptor.dense.with_stiffness(K)
 
 
@@ -173,15 +165,16 @@ def _state_space(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> State
 
     A topology's board is known to have the states that its design gives it.
     """
-    found = None
+    blocks, whole = list[Reduced](), replace(board, image=None)
     if board.image is not None:
         with contextlib.suppress(EngineError):  # the message must name unknowns of the whole board
-            found = _of_halves(descriptor, board, b)
-    found = found or _of_whole(descriptor, board, b)
-    if not descriptor.has_branches or all(block.decided for block in found.blocks):
+            blocks = _reduced(descriptor, board, b)
+    doubt = descriptor.has_branches and not all(block.decided for block in blocks)
+    if doubt or not (blocks and all(len(part.A) and part.places is not None for part in blocks)):
+        blocks = _reduced(descriptor, whole, b)
+    found = StateSpace(descriptor, tuple(blocks))
+    if not descriptor.has_branches or all(block.decided for block in blocks):
         return found
-    if len(found.blocks) > 1:
-        found = _of_whole(descriptor, board, b)
     count = finite_poles(descriptor, _slopes(descriptor, board))
     if count > found.n:
         found = replace(found, lost=count - found.n)
@@ -201,31 +194,6 @@ def _slopes(descriptor: Descriptor, board: DenseMatrix) -> Floats:
     devices = descriptor.devices
     change = board.stiffness - descriptor.dense.stiffness
     return np.asarray(change[devices.output, devices.input])
-
-
-def _of_halves(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> StateSpace | None:
-    """Return the state space by the even and the odd part; None if they are not those of pairs."""
-    even, odd = _reduced(descriptor, board, b)
-    if even.places is None or odd.places is None or board.image is None:
-        return None
-    pairs, names = len(odd.A), descriptor.names
-    if not (pairs and np.array_equal(even.places[:pairs], odd.places)):
-        return None
-    first = [names[place] for place in even.places.tolist()]
-    second = [names[place] for place in board.image[even.places].tolist()]
-    states = [a if a == b else f"{a}+{b}" for a, b in zip(first, second, strict=True)]
-    states += [f"{a}-{b}" for a, b in zip(first[:pairs], second, strict=False)]
-    return StateSpace(descriptor, tuple(states), (even, odd))
-
-
-def _of_whole(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> StateSpace:
-    """Return the state space by all equations at once."""
-    (found,) = _reduced(descriptor, replace(board, image=None), b)
-    if found.places is None:
-        states = tuple(f"charge{k + 1}" for k in range(len(found.A)))
-    else:
-        states = tuple(descriptor.names[place] for place in found.places.tolist())
-    return StateSpace(descriptor, states, (found,))
 
 
 def _reduced(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> list[Reduced]:

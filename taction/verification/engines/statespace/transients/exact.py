@@ -6,7 +6,6 @@ exponentials, those of a group exponentials times powers of the time.
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.system.array_types import EPS, Complexes, Floats, Ints
+from taction.system.array_types import EPS, Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.block_modes import Group
 from taction.verification.engines.statespace.linearised.linear_board import (
@@ -38,24 +37,10 @@ class ModalFlow:
 
     For output rows C (K, n) and the deviation (size,) of all unknowns; `doubt` (K, n) is what the
     rows may miss of each mode. Modes are left out whose shares are negligible or within their
-    rounding, and at each instant those that have decayed.
-
-    Attributes
-    ----------
-    poles : ndarray (m,)
-        p, 1/s, one of each conjugate pair.
-    powers : ndarray of int (m,)
-        k; a term with a power follows that with the power below.
-    scales : ndarray (m,)
-        s, 1/s; 0 where the pole has no powers.
-    rates : ndarray (m,)
-        1/s, the largest first: no term exceeds its share times ``exp(rate t)``.
-    speeds : ndarray (m,)
-        Largest relative change of each term, 1/s.
-    share : ndarray (m, K)
-        Share of each term in each output, twice that for pairs.
-    errors, error : ndarray (K,), float
-        The largest of the `bounds` of each output, and of all.
+    rounding, and at each instant those that have decayed. Of the terms (m,), of which a pair has
+    one, `poles` are p, `powers` k, `scales` s (0 without powers), `rates` and `speeds` bound growth
+    and relative change, 1/s, the largest rate first, and `share` (m, K) is that in each output. A
+    term with a power follows that with the power below. `errors` (K,) are the largest `bounds`.
     """
 
     def __init__(
@@ -143,14 +128,6 @@ class ModalFlow:
                 values[part] = basis.real @ some.real - basis.imag @ some.imag
         return values
 
-    def columns(self, chosen: Ints) -> ModalFlow:
-        """Return the flow of some outputs."""
-        found = copy.copy(self)
-        for name in ("share", "_lag", "_vague"):
-            setattr(found, name, getattr(self, name)[:, chosen])
-        found._omitted, found.errors = self._omitted[chosen], self.errors[chosen]
-        return found
-
     @property
     def bound_terms(self) -> tuple[Floats, Floats, Floats, Floats]:
         """Rates r (m,), lags l and errors v (m, K), and o (K,): ``sum (l t + v) exp(r t) + o``."""
@@ -180,40 +157,19 @@ def is_exact(board: LinearBoard) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Exact:
-    """Node voltages of a linear board as functions of time, t >= 0.
-
-    Attributes
-    ----------
-    start, final : ndarray (K,)
-        Just after the strain step, and at the equilibrium (reached or not), V.
-    poles : ndarray (n,)
-        1/s, rightmost first.
-    rest_error : ndarray (K,)
-        Bound on the rounding error of `final`, V.
-    """
+    """Node voltages of a linear board as functions of time, t >= 0."""
 
     nodes: tuple[str, ...]
-    start: Floats
-    final: Floats
-    poles: Complexes
-    rest_error: Floats
+    start: Floats  # just after the strain step, V, (K,)
+    final: Floats  # at the equilibrium, reached or not, V, (K,)
+    poles: Complexes  # 1/s, rightmost first, (n,)
+    rest_error: Floats  # bound on the rounding error of `final`, V, (K,)
     flow: ModalFlow
 
     @property
     def error(self) -> float:
         """Bound on the rounding error of any node at any time, V, to first order."""
         return self.flow.error + float(self.rest_error.max(initial=0.0))
-
-    def columns(self, chosen: Ints) -> Exact:
-        """Return the solution of some nodes."""
-        return replace(
-            self,
-            nodes=tuple(self.nodes[k] for k in chosen.tolist()),
-            start=self.start[chosen],
-            final=self.final[chosen],
-            rest_error=self.rest_error[chosen],
-            flow=self.flow.columns(chosen),
-        )
 
     def bounds(self, times: Floats) -> Floats:
         """Return bounds on the rounding error at `times` (P,), V, to first order; shape (P, K)."""
@@ -240,10 +196,6 @@ def exact_solution(
     `linearised`: whether a board with behavioural amplifiers may stand for its linearisation.
     EngineError: the board is not linear, or has no equilibrium or no state space, or rounding hides
       the solution.
-
-    Notes
-    -----
-    Costs one dense eigenproblem (25 n³ flops), and n multiplications for each node and instant.
     """
     board = LinearBoard.of(circuit)
     if not (board.circuit.is_linear or linearised):
@@ -273,12 +225,7 @@ def combinations(
     `nodes`: nodes, or states of op-amps by their names in the descriptor.
     `volts`, `rates` (K, n): weights of the voltages (1/V) and of their time derivatives (s/V). The
       start is just after the strain step, so jumps at that instant have no derivative.
-    EngineError: as `exact_solution`.
-
-    Returns
-    -------
-    Exact
-        Its "nodes" are the numbers of the combinations.
+    EngineError: as `exact_solution`. The "nodes" of the solution are the combinations' numbers.
     """
     found = _solve(board, nodes, initial, None, volts, rates)
     return replace(found, nodes=tuple(map(str, range(len(volts)))))

@@ -35,16 +35,11 @@ def is_basis(modes: Modes) -> bool:
 class StateBoard:
     """A board by its states: ``x' = A x + B + E a``, ``y = C x + D + H a``.
 
-    y are the inputs of the amplifiers, then other watched nodes. `core` are the four matrices, and
-    `constant` the other terms of x', of the board with `slopes` in the place of its amplifiers.
-
-    `space`: its states, with the outputs of the amplifiers as inputs.
-    `nodes`: the other watched nodes.
-    `slopes` (m,): of the amplifiers, V/V.
-    `draw`: if not 0, every coefficient is moved by this draw of the relative `rounding`. A slow
-      mode beside fast ones has few digits in A: a second run by the same matrices has the same
-      errors, one by these shows them.
-    `rounding`: see `draw`.
+    y are the inputs of the amplifiers, then other watched `nodes`. `core` are the four matrices,
+    and `constant` the other terms of x', of the board with `slopes` (m,), V/V, in the place of its
+    amplifiers. A `draw` that is not 0 moves every coefficient by the relative `rounding`: a slow
+    mode beside fast ones has few digits in A, and a second run by the same matrices the same
+    errors.
     """
 
     def __init__(
@@ -108,12 +103,9 @@ def _stages(systems: Complexes) -> Floats:
 
 
 class ModalBoard:
-    """A board by its modes, and its prepared step.
+    """A board at its slopes at rest by its modes, if these are a basis, and its prepared step.
 
     The voltages of a mode are at most 1 V, so that its coordinate is about its share in volts.
-
-    `board`: the board at its slopes at rest.
-    `modes`: of the same board; None where they are no basis.
     """
 
     factorisations = 1

@@ -30,13 +30,9 @@ from taction.netlist_gen.analysis import Transient
 from taction.system.array_types import Floats, Indices, Ints
 from taction.system.errors import EngineError
 from taction.system.waveforms import Cost, Waveforms
-from taction.verification.engines.statespace.equations.descriptor import (
-    Descriptor,
-    Devices,
-    Triplets,
-)
+from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.equations.mirror_symmetry import numbered_kinds
-from taction.verification.engines.statespace.equations.structured_solve import units
+from taction.verification.engines.statespace.equations.structured_solve import projected, units
 from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     initial_unknowns,
@@ -85,41 +81,6 @@ def _sides(descriptor: Descriptor) -> Iterator[list[Ints]]:
     yield from sides.values()
 
 
-def _projected(descriptor: Descriptor, patterns: Any) -> Descriptor:
-    """Return the equations between patterns."""
-    from scipy import sparse
-
-    size, back = descriptor.size, patterns.T.tocsr()
-
-    def between(triplets: Triplets) -> Floats:
-        where = (triplets.rows, triplets.columns)
-        matrix = sparse.csr_array((triplets.values, where), shape=(size, size))
-        return np.asarray((back @ matrix @ patterns).toarray())
-
-    M, K = between(descriptor.mass), between(descriptor.local)
-    for part in descriptor.couplings:
-        sinks, drivers = patterns[part.sinks], patterns[part.drivers]
-        K += sinks.T @ (part.conductance @ drivers.toarray())
-        K += drivers.T @ ((part.conductance * part.loaded).T @ sinks.toarray())
-    reduced = patterns.shape[1]
-    rows, columns = (index.ravel() for index in np.indices((reduced, reduced)))
-    names = tuple(f"pattern{k + 1}" for k in range(reduced))
-    nothing = np.zeros(0, dtype=np.int64)
-    return Descriptor(
-        names=names,
-        node_count=reduced,
-        mass=Triplets(rows, columns, M.ravel()),
-        local=Triplets(rows, columns, K.ravel()),
-        couplings=(),
-        switched=back @ descriptor.switched,
-        constant=back @ descriptor.constant,
-        determined=np.asarray(abs(back) @ descriptor.determined > 0.0),
-        devices=Devices((), nothing, nothing, np.zeros(0), np.zeros(0)),
-        places={name: k for k, name in enumerate(names)},
-        mirror=None,
-    )
-
-
 METHOD = "exact, by patterns"
 SHOWN = 1e-7  # step amplitudes: a mode of the coarse board that sets the fastest rate
 SETTLED = 1e12  # times the fastest rate of the coarse board: a rate at which nothing has moved
@@ -148,7 +109,9 @@ class Patterns:
         """
         descriptor, patterns = board.descriptor, _patterns(board.descriptor, vectors, least)
         try:
-            space = LinearBoard(board.circuit, _projected(descriptor, patterns)).state_space
+            names = tuple(f"pattern{k + 1}" for k in range(patterns.shape[1]))
+            equations = projected(descriptor, patterns, names)
+            space = LinearBoard(board.circuit, equations).state_space
         except EngineError:
             return None
         if space.n > STATES or np.any(space.modes.poles.real >= 0.0):

@@ -32,35 +32,15 @@ def simulate(
 ) -> Waveforms:
     """Simulate a transient: by `exact` if the board is linear and small, else by `stepped`.
 
-    A large linear board is simulated by `reduced_transient`, if that reaches the tolerance.
+    A large linear board is simulated by `reduced_transient`, if that reaches the tolerance. Of the
+    analysis, `max_step` only sets the spacing of the points, and `method` is not used. The record
+    of a board that leaves the range of floats ends before.
 
-    Parameters
-    ----------
-    circuit : Circuit or LinearBoard
-        The board.
-    analysis : Transient
-        `max_step` only sets the spacing of the points; `method` is not used.
-    nodes : iterable of str, optional
-        By default the outputs' nodes.
-    times : ndarray (P,), optional
-        Requested instants, strictly increasing, s; by default uniform from 0 to `stop`.
-    tolerance : float, optional
-        Of one step in `stepped`, of the outputs in `reduced_transient`; by default theirs.
-    beside : tuple of str
-        Nodes that the curve of a record by `stepped` has, too.
-    resolved : bool
-        Whether a record by `stepped` has the points of its solution, up to the last of `times`.
-
-    Returns
-    -------
-    Waveforms
-        The record of a board that leaves the range of floats ends before (with given `times`, an
-        `EngineError` is raised).
-
-    Raises
-    ------
-    EngineError
-        As `exact.exact_solution` and `stepped.simulate`.
+    `nodes`: by default the outputs' nodes.
+    `times` (P,): requested instants, strictly increasing, s; by default uniform from 0 to `stop`.
+    `tolerance`: of one step in `stepped`, of the outputs in `reduced_transient`.
+    `beside`, `resolved`: see `stepped.simulate`.
+    EngineError: as `exact_solution` and `stepped.simulate`; the record ends before given `times`.
     """
     board = LinearBoard.of(circuit)
     if not board.circuit.is_linear or board.descriptor.is_large:
@@ -78,12 +58,8 @@ def simulate(
             board, analysis, nodes=nodes, times=times, beside=beside, resolved=resolved, **given
         )
     began = clock.perf_counter()
-    solution = exact_solution(
-        board,
-        initial=analysis.initial,
-        voltages=analysis.voltages,
-        nodes=nodes,
-    )
+    initial, voltages = analysis.initial, analysis.voltages
+    solution = exact_solution(board, initial=initial, voltages=voltages, nodes=nodes)
     instants = record_times(analysis, analysis.stop) if times is None else times
     values, flags = solution.at(instants), tuple[str, ...]()
     overflow = np.flatnonzero(~np.isfinite(values).all(axis=1))

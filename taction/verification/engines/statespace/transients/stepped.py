@@ -250,8 +250,7 @@ def _modal(
     inner = np.array([kind in OPAMP_KINDS for kind in devices.kinds], dtype=np.bool_)
     finest = task.tolerance * float(devices.v_scale[~inner].min(initial=np.inf))
     modes = board.state_space.modes.refined
-    known = is_basis(modes) and board.open_loop.is_nodal
-    known = known and board.open_loop.states == board.state_space.states
+    known = is_basis(modes) and () != board.open_loop.states == board.state_space.states
     if known and finest >= EPS * largest:
         return ModalBoard(equations, modes), least
     return ModalBoard(_equations(task, reported, least), None), least

@@ -69,14 +69,8 @@ class Amplifiers:
 class StraightPieces:
     """The straight pieces of amplifiers (m,), dimensionless; any other has one endless piece.
 
-    Attributes
-    ----------
-    broken : ndarray (m,)
-        Which amplifiers consist of straight pieces.
-    edges, rise, offset : ndarray (m, S + 1), (m, S), (m, S)
-        Where pieces begin and end; g is ``rise y + offset`` on each.
-    steepest : ndarray (m,)
-        The largest rise of each.
+    Those of `broken` have pieces between `edges` (m, S + 1), where g is ``rise y + offset``, (m, S)
+    each; `steepest` (m,) is the largest rise.
     """
 
     def __init__(self, kinds: Sequence[str]) -> None:
@@ -131,11 +125,6 @@ def first_passage(excess: Floats) -> float:
 
     `excess` (Q, s + 1) are their Legendre coefficients. Between two neighbouring roots a polynomial
     keeps its sign, so no passage is missed, also two in one step.
-
-    Examples
-    --------
-    >>> round(first_passage(np.array([[1e6, 2e6, 0.0]])), 6)  # -1e6 + 4e6 t
-    0.25
     """
     found = 1.0
     for row in excess[excess[:, 0] + np.abs(excess[:, 1:]).sum(axis=1) > 0.0]:

@@ -12,7 +12,7 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import EPS, Complexes, Floats
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.linearised.rightmost_poles import LeadPole, lead_pole
+from taction.verification.engines.statespace.linearised.rightmost_poles import Found, lead_pole
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
 from taction.verification.engines.statespace.transients.exact import ModalFlow, exact_solution
 from tests.support.boards import lags, paper_board, single_mode
@@ -149,7 +149,7 @@ def test_a_chain_of_lags_is_one_block(count: int, pole: complex, spread: float) 
     assert modes.alone.sum() < n or spread == 1e-3
 
 
-def found(space: StateSpace) -> LeadPole:
+def found(space: StateSpace) -> Found:
     lead = lead_pole(space)
     assert lead is not None
     return lead
