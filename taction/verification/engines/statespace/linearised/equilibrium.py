@@ -15,6 +15,7 @@ it from any start.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +27,6 @@ from taction.verification.engines.statespace.equations.descriptor import Descrip
 from taction.verification.engines.statespace.equations.structured_solve import Response, Structure
 
 MAX_STEPS = 200
-STAGES = 10.0 ** np.arange(0, -17, -2)  # of the homotopy: added diagonal feedback, times H
 EXACT, STALLED = 1e-14, 1e-11  # residuals, of the terms of a row: at the end, and without progress
 ENOUGH = 1e-3  # correction of y that is near a solution
 LEAST_DAMPING = 1e-10
@@ -35,8 +35,6 @@ LEAST_DAMPING = 1e-10
 def solve_loop(H: Floats, a: Floats, gain: Gain, *, near: bool = False) -> tuple[Floats, int]:
     """Solve ``y + H g(y) = a``.
 
-    Where the loop need not be monotone, as that of transistors around op-amps without limits, there
-    may be several solutions. Then a homotopy leads to the one of a loop with more feedback.
     With `near` an end near a solution suffices, where rounding of H and a hides its last digits: it
     is a start for steps on all unknowns of the board.
 
@@ -46,16 +44,8 @@ def solve_loop(H: Floats, a: Floats, gain: Gain, *, near: bool = False) -> tuple
     EngineError: the steps do not converge.
     """
     h = np.maximum(np.diag(H), 1e-12 * np.abs(H).max(initial=1e-300))
-    y, steps, done = _newton(H, h, a, gain, a, near)
+    y, steps, done = _newton(H, h, a, gain, near)
     if done and np.linalg.eigvals(np.eye(len(y)) + H * gain.slope(y)).real.min(initial=1.0) > 0.0:
-        return y, steps
-    q, rows = a, np.abs(H).sum(axis=1)
-    for stage in (*STAGES, 0.0):
-        extra = stage * rows
-        y, taken, done = _newton(H + np.diag(extra), h + extra, a, gain, q, near)
-        steps += taken
-        q = y + (h + 1e-2 * extra) * gain.value(np.minimum(y, gain.upper))
-    if done:
         return y, steps
     raise EngineError(
         f"no equilibrium found in {steps} Newton steps: the loop through the signal amplifiers has"
@@ -63,11 +53,9 @@ def solve_loop(H: Floats, a: Floats, gain: Gain, *, near: bool = False) -> tuple
     )
 
 
-def _newton(
-    H: Floats, h: Floats, a: Floats, gain: Gain, q: Floats, near: bool
-) -> tuple[Floats, int, bool]:
-    """Take steps in q from a start; return y, the steps, and whether they end at a solution."""
-    weight = np.abs(H).sum(axis=1) + 1.0
+def _newton(H: Floats, h: Floats, a: Floats, gain: Gain, near: bool) -> tuple[Floats, int, bool]:
+    """Take steps in q; return y, the steps, and whether they end at a solution."""
+    weight, q = np.abs(H).sum(axis=1) + 1.0, a
 
     def residual(q: Floats) -> tuple[Floats, Floats, float]:
         """Return y, F, and the largest part of the terms of its row; infinite beyond floats."""
@@ -131,6 +119,13 @@ class Equilibrium:
     residual: float
     steps: int  # Newton steps; 0 for a linear board
 
+    @classmethod
+    def at(cls, descriptor: Descriptor, z: Floats, steps: int, sources_on: bool) -> Equilibrium:
+        """Return the equilibrium z with its certificate."""
+        slopes, F, terms = balance(descriptor, z, sources_on=sources_on)
+        residual = np.max(np.abs(F) / np.where(terms > 0.0, terms, 1.0), initial=0.0)
+        return cls(descriptor, z, slopes, float(residual), steps)
+
     def __getitem__(self, name: str) -> float:
         """Return a node's voltage, V; 0 for ground."""
         return 0.0 if name == "0" else float(self.values[self.descriptor.place(name)])
@@ -138,67 +133,66 @@ class Equilibrium:
 
 @np.errstate(over="ignore", invalid="ignore")  # the residual judges what comes out
 def solve_equilibrium(
-    descriptor: Descriptor, response: Response, *, sources_on: bool = True
+    descriptor: Descriptor,
+    response: Callable[[], Response],
+    start: Floats | None = None,
+    *,
+    sources_on: bool = True,
 ) -> Equilibrium:
     """Find the DC equilibrium.
 
-    `response` is that of `structured_solve.dense_response`. Without `sources_on` the strain
-    currents are zero, but voltage sources stay on. The result contains its certificate
+    `response` returns that of `structured_solve.dense_response`. A `start`, the equilibrium without
+    the limits of the op-amps, is one or two steps away. A small board is followed in time from zero
+    where its loop need not be monotone (transistors) or rests beyond a limit. Without `sources_on`
+    the strain currents are zero, but voltage sources stay on. The result contains its certificate
     (`residual`).
 
     EngineError: the input of an amplifier is beyond the range of floats, or the residual is above
       `CERTIFICATE`; a wrong equilibrium is never returned.
     """
-    drive, (solve, columns) = descriptor.drive(sources_on=sources_on), response
-    z = solve(-drive)
-    devices, steps = descriptor.devices, 0
-    if devices.count:
-        gain = gain_of(devices.kinds)
-        H = columns[devices.input] * devices.u_scale / devices.v_scale[:, None]
-        y, steps = solve_loop(H, z[devices.input] / devices.v_scale, gain, near=True)
-        z -= columns @ (devices.u_scale * gain.value(y))
-        z[devices.input] = devices.v_scale * y
-        z[devices.output] = -devices.u_scale * gain.value(y)
-        if _found(descriptor, z, drive, 0).residual > POLISHED:
-            z = _polish(descriptor, z, drive)
-    found = _found(descriptor, z, drive, steps)
-    if devices.count and not found.residual <= CERTIFICATE:
-        raise EngineError(
-            f"the equilibrium has a relative residual of {found.residual:.3g}, above {CERTIFICATE}"
-        )
-    return found
+    error: EngineError | None = None
+    begins = [lambda: _by_loop(descriptor, response(), sources_on)]
+    if descriptor.devices.count and not descriptor.is_large:
+        begins.insert(start is None, lambda: (_settled(descriptor, sources_on), 0))
+    if start is not None:
+        begins.insert(0, lambda: (start, 0))
+    for begin in begins:
+        try:
+            z, steps = begin()
+        except EngineError as failed:
+            error = failed
+            continue
+        found = Equilibrium.at(descriptor, z, steps, sources_on)
+        if descriptor.devices.count and not found.residual <= POLISHED:
+            for _ in range(POLISHING):
+                z = z + newton_step(descriptor, z, sources_on)
+            found = Equilibrium.at(descriptor, z, steps, sources_on)
+        if not descriptor.devices.count or found.residual <= CERTIFICATE:
+            return found
+    raise error or EngineError(
+        f"the equilibrium has a relative residual of {found.residual:.3g}, above {CERTIFICATE}"
+    )
 
 
-def _found(descriptor: Descriptor, z: Floats, drive: Floats, steps: int) -> Equilibrium:
-    slopes, F, terms = _balance(descriptor, z, drive)
-    residual = np.max(np.abs(F) / np.where(terms > 0.0, terms, 1.0), initial=0.0)
-    return Equilibrium(descriptor, z, slopes, float(residual), steps)
+def _by_loop(descriptor: Descriptor, response: Response, sources_on: bool) -> tuple[Floats, int]:
+    """Return the unknowns of a solution of the loop of amplifiers, and the steps that it took."""
+    devices, (solve, columns) = descriptor.devices, response
+    z = solve(-descriptor.drive(sources_on=sources_on))
+    if not devices.count:
+        return z, 0
+    gain = gain_of(devices.kinds)
+    H = columns[devices.input] * devices.u_scale / devices.v_scale[:, None]
+    y, steps = solve_loop(H, z[devices.input] / devices.v_scale, gain, near=True)
+    z -= columns @ (devices.u_scale * gain.value(y))
+    z[devices.input] = devices.v_scale * y
+    z[devices.output] = -devices.u_scale * gain.value(y)
+    return z, steps
 
 
-@np.errstate(over="ignore", invalid="ignore")  # the residual judges what comes out
-def limited_equilibrium(
-    descriptor: Descriptor, z: Floats, *, sources_on: bool = True
-) -> Equilibrium | None:
-    """Return the equilibrium that Newton steps on all unknowns find from z, or None.
-
-    From the equilibrium without the limits of the op-amps it takes one or two steps. A small board
-    that rests beyond a limit is followed in time from zero.
-    """
-    drive = descriptor.drive(sources_on=sources_on)
-    for attempt in range(1 if descriptor.is_large else 2):
-        start = _settled(descriptor, drive) if attempt else z
-        there = _polish(descriptor, start, drive)
-        if np.all(np.isfinite(there)):
-            found = _found(descriptor, there, drive, POLISHING)
-            if found.residual <= CERTIFICATE:
-                return found
-    return None
-
-
-def _settled(descriptor: Descriptor, drive: Floats) -> Floats:
+def _settled(descriptor: Descriptor, sources_on: bool) -> Floats:
     """Return the unknowns, (size,), after implicit Euler steps from zero with growing lengths.
 
-    A step whose corrections do not shrink is halved. The steps end where they are so long that
+    A step whose corrections do not shrink is shortened. The steps end where they are so long that
     the charges no longer count: near the equilibrium, which Newton's method then finds.
     """
     M, K = descriptor.dense.mass, descriptor.dense.stiffness
@@ -207,7 +201,7 @@ def _settled(descriptor: Descriptor, drive: Floats) -> Floats:
     slowest = float(rates.min(initial=1.0))
     z, step = np.zeros(descriptor.size), FIRST / float(rates.max(initial=1.0))
     for _ in range(STEPS):
-        following = _euler(descriptor, drive, z, step)
+        following = _euler(descriptor, z, step, sources_on)
         if following is None:
             step *= 0.25
             continue
@@ -218,50 +212,54 @@ def _settled(descriptor: Descriptor, drive: Floats) -> Floats:
     return z
 
 
-def _euler(descriptor: Descriptor, drive: Floats, z: Floats, step: float) -> Floats | None:
+def _euler(descriptor: Descriptor, z: Floats, step: float, sources_on: bool) -> Floats | None:
     """Return the unknowns one step later; None if Newton's method does not converge."""
-    mass, x, before = descriptor.dense.mass / step, z, np.inf
+    x, before = z, np.inf
     for _ in range(CORRECTIONS):
-        slopes, F, _ = _balance(descriptor, x, drive)
-        F -= mass @ (x - z)
-        if not np.all(np.isfinite(F)):
+        try:
+            dx = newton_step(descriptor, x, sources_on, descriptor.dense.mass / step, x - z)
+        except np.linalg.LinAlgError:
             return None
-        dx = _newton_step(descriptor, slopes, F[:, None], np.abs(x), mass)[:, 0]
         x = x + dx
         size = float(np.abs(dx).max()) / max(float(np.abs(x).max()), 1e-300)
         if size < ALIKE:
             return x
-        if size > 2.0 * before:
+        if not size <= 2.0 * before:
             return None
         before = size
     return None
 
 
-def tangent(descriptor: Descriptor, z: Floats, *, sources_on: bool = True) -> Equilibrium:
+def tangent(descriptor: Descriptor, z: Floats) -> Equilibrium:
     """Return where a board would rest if its amplifiers were the tangents that they have at z.
 
     EngineError: that linear board has no equilibrium.
     """
-    slopes, F, _ = _balance(descriptor, z, descriptor.drive(sources_on=sources_on))
     try:
-        step = _newton_step(descriptor, slopes, F[:, None], np.abs(z))[:, 0]
+        step = newton_step(descriptor, z, sources_on=True)
     except np.linalg.LinAlgError as error:
         raise EngineError("the board with the slopes of its start has no equilibrium") from error
-    return Equilibrium(descriptor, z + step, slopes, 0.0, 1)
+    return Equilibrium(descriptor, z + step, balance(descriptor, z)[0], 0.0, 1)
 
 
-def _polish(descriptor: Descriptor, z: Floats, drive: Floats) -> Floats:
-    """Take Newton steps on all unknowns at once, since the gain of the loop magnifies rounding.
+def newton_step(
+    descriptor: Descriptor,
+    z: Floats,
+    sources_on: bool,
+    mass: Floats | float = 0.0,
+    moved: Floats | float = 0.0,
+) -> Floats:
+    """Return a Newton step on all unknowns at once, the charges ``mass moved`` taken away.
 
-    Successive corrections of z reduce every row's residual to the rounding of its terms.
+    The gain of the loop magnifies rounding: successive steps reduce every row's residual to the
+    rounding of its terms.
     """
-    for _ in range(POLISHING):
-        slopes, F, _ = _balance(descriptor, z, drive)
-        z = z + _newton_step(descriptor, slopes, F[:, None], np.abs(z))[:, 0]
-    return z
+    slopes, F, _ = balance(descriptor, z, sources_on=sources_on)
+    F = F if isinstance(mass, float) else F - mass @ moved
+    return _solved(descriptor, slopes, F[:, None], np.abs(z), mass)[:, 0]
 
 
-def _newton_step(
+def _solved(
     descriptor: Descriptor, slopes: Floats, F: Floats, size: Floats, mass: Floats | float = 0.0
 ) -> Floats:
     """Solve ``(K + slopes - mass) dz = -F``, F (size, Q), the unknowns counted in their `size`."""
@@ -293,24 +291,21 @@ def rounding(rest: Equilibrium) -> Floats:
     The rounding of every row, with signs drawn at random, through the linearised equations.
     """
     descriptor, z = rest.descriptor, rest.values
-    terms = _balance(descriptor, z, descriptor.drive(sources_on=True))[2]
+    terms = balance(descriptor, z)[2]
     draws = np.random.default_rng(1992).standard_normal((descriptor.size, PROBES))
-    moved = _newton_step(descriptor, rest.slopes, EPS * terms[:, None] * draws, np.abs(z))
+    moved = _solved(descriptor, rest.slopes, EPS * terms[:, None] * draws, np.abs(z))
     return np.asarray(SPREAD * np.abs(moved).max(axis=1))
 
 
-def balance(descriptor: Descriptor, z: Floats) -> Floats:
-    """Return ``K z + b + f(z)`` with the sources on, (size,): zero at the equilibrium."""
-    return _balance(descriptor, z, descriptor.drive(sources_on=True))[1]
+def balance(
+    descriptor: Descriptor, z: Floats, *, sources_on: bool = True
+) -> tuple[Floats, Floats, Floats]:
+    """Return the amplifiers' slopes at z, V/V, ``K z + b + f(z)``, and the sizes of its terms.
 
-
-def _balance(descriptor: Descriptor, z: Floats, drive: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the amplifiers' slopes at z, V/V, ``K z + b + f``, and the sizes of its terms.
-
-    In these, z is at least `QUIET`.
+    In these, z is at least `QUIET`. The sum is zero at the equilibrium.
     """
     devices, f = descriptor.devices, np.zeros(descriptor.size)
-    gain = gain_of(devices.kinds)
+    gain, drive = gain_of(devices.kinds), descriptor.drive(sources_on=sources_on)
     y = np.minimum(z[devices.input] / devices.v_scale, gain.upper)
     f[devices.output] = -devices.u_scale * gain.value(y)
     least = np.maximum(np.abs(z), QUIET * np.abs(z).max(initial=0.0))

@@ -23,7 +23,6 @@ from taction.verification.engines.statespace.equations.structured_solve import (
 )
 from taction.verification.engines.statespace.linearised.equilibrium import (
     Equilibrium,
-    limited_equilibrium,
     rounding,
     solve_equilibrium,
     tangent,
@@ -91,13 +90,13 @@ class LinearBoard:
         return self._equilibrium(sources_on=False)
 
     def _equilibrium(self, *, sources_on: bool) -> Equilibrium:
+        start = None
         if self.descriptor.has_limits:
             free = LinearBoard(self.circuit, self.descriptor.without_limits)
-            start = free._equilibrium(sources_on=sources_on)
-            near = limited_equilibrium(self.descriptor, start.values, sources_on=sources_on)
-            if near is not None:
-                return near
-        return solve_equilibrium(self.descriptor, self._response, sources_on=sources_on)
+            start = free._equilibrium(sources_on=sources_on).values
+        return solve_equilibrium(
+            self.descriptor, lambda: self._response, start, sources_on=sources_on
+        )
 
     @functools.cached_property
     def _response(self) -> Response:

@@ -63,19 +63,10 @@ def graded(pencil: Pencil, exact: NDArray[np.longdouble]) -> Pencil:
     equation, the fastest first. `exact` (k, k) is M with the digits that its sums have.
     """
     size, d = len(exact), np.flatnonzero(exact.any(axis=1))
-    n, D = len(d), exact[np.ix_(d, d)].copy()
-    L, U = np.eye(n, dtype=D.dtype), np.eye(n, dtype=D.dtype)
-    for k in range(n):
-        i, j = (place + k for place in divmod(int(np.abs(D[k:, k:]).argmax()), n - k))
-        for rows in (D, L):
-            rows[[k, i]] = rows[[i, k]]
-        for columns in (D, U):
-            columns[:, [k, j]] = columns[:, [j, k]]
-        down, right = D[k + 1 :, k] / D[k, k], D[k, k + 1 :] / D[k, k]
-        D[k + 1 :] -= np.outer(down, D[k])
-        L[k + 1 :] -= np.outer(down, L[k])
-        U[:, k + 1 :] -= np.outer(U[:, k], right)
-        D[k, k + 1 :] = 0.0
+    L, D, q, _ = pivoted(exact[np.ix_(d, d)], NOTHING**2)
+    U = np.eye(len(d), dtype=D.dtype)[:, q]
+    for k in range(len(d)):
+        U[:, k + 1 :] -= np.outer(U[:, k], D[k, k + 1 :] / D[k, k])
     turn, basis, M = np.eye(size), np.eye(size), np.zeros((size, size))
     turn[np.ix_(d, d)], basis[np.ix_(d, d)], M[d, d] = L[::-1], U[:, ::-1], np.diag(D)[::-1]
     sizes = [np.abs(turn) @ each @ np.abs(basis) for each in (pencil.mass, pencil.pull)]
@@ -160,15 +151,11 @@ class _Reduction:
 
     def _separate(self) -> tuple[Floats, Bools]:
         """Combine equations so that each has charge, or none, by complete pivoting."""
-        from scipy.linalg import solve_triangular
-
         size = len(self.M)
         scale = np.abs(self.M).max(axis=1)
         scale[scale == 0.0] = 1.0
-        L, U, p, q, rank = pivoted(self.M / scale[:, None])
-        turn = np.zeros((size, size))
-        turn[:, p] = solve_triangular(L, np.eye(size), lower=True, unit_diagonal=True)
-        turn /= scale
+        turn, U, q, rank = pivoted(self.M / scale[:, None])
+        turn = turn / scale
         self.M = np.zeros((size, size))
         self.M[:rank, q] = U[:rank]
         self.K, self.b = turn @ self.K, turn @ self.b
@@ -332,21 +319,23 @@ def matching_scales(A: Floats) -> tuple[Floats, Floats]:
     return np.exp(-(own - potentials[match])), np.exp(-potentials)
 
 
-def pivoted(A: Floats) -> tuple[Floats, Floats, Ints, Ints, int]:
-    """Return L, U, p, q and the rank r of A: ``A[p][:, q] = L U`` by complete pivoting.
+def pivoted(
+    A: NDArray[Any], limit: float = SINGULAR
+) -> tuple[NDArray[Any], NDArray[Any], Ints, int]:
+    """Return X, U, q and the rank r of A: ``(X A)[:, q] = U``, upper, by complete pivoting.
 
-    What is zero stays zero, where singular vectors have rounding, times the largest elements.
+    The rank ends where a pivot is below the first one over `limit`. What is zero stays zero, where
+    singular vectors have rounding, times the largest elements.
     """
-    L, U, size = np.eye(len(A)), A.copy(), len(A)
-    p, q = np.arange(size), np.arange(size)
+    X, U, size, q = np.eye(len(A), dtype=A.dtype), A.copy(), len(A), np.arange(len(A))
     for r in range(size):
         i, j = (r + place for place in divmod(int(np.abs(U[r:, r:]).argmax()), size - r))
-        if abs(U[i, j]) * SINGULAR <= abs(U[0, 0]):
-            return L, U, p, q, r
-        for X in (U, p):
-            X[[r, i]] = X[[i, r]]
-        L[[r, i], :r] = L[[i, r], :r]
+        if abs(U[i, j]) * limit <= abs(U[0, 0]):
+            return X, U, q, r
+        for rows in (U, X):
+            rows[[r, i]] = rows[[i, r]]
         U[:, [r, j]], q[[r, j]] = U[:, [j, r]], q[[j, r]]
-        L[r + 1 :, r] = U[r + 1 :, r] / U[r, r]
-        U[r + 1 :] -= np.outer(L[r + 1 :, r], U[r])
-    return L, U, p, q, size
+        down = U[r + 1 :, r] / U[r, r]
+        for rows in (U, X):
+            rows[r + 1 :] -= np.outer(down, rows[r])
+    return X, U, q, size

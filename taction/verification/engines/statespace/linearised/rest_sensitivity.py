@@ -56,7 +56,7 @@ class RestSensitivity:
 
         The circuit has the parts of the board, with other values.
         """
-        return -self.adjoint @ balance(stamp(circuit), self.board.equilibrium.values)
+        return -self.adjoint @ balance(stamp(circuit), self.board.equilibrium.values)[1]
 
     def resistors(self) -> dict[str, Floats]:
         """Return ``dy / d ln R`` (N,), V, of every resistor, by its name in the deck."""
