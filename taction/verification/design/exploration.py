@@ -263,7 +263,7 @@ class LinearResponse:
 
     def curves(self, end: float) -> ExplorerCurves:
         """Return the outputs from 0 to `end`, s, with `PER_PERIOD` points a period of ringing."""
-        period = min((r.period for r in self.scales.ringing), default=math.inf)
+        period = min((math.tau / p.imag for p in self.scales.ringing), default=math.inf)
         wanted = PER_PERIOD * end / period if period > 0.0 else 0.0
         count = int(min(max(wanted, POINTS), MOST))
         time = np.linspace(0.0, end, count)

@@ -47,8 +47,8 @@ def test_the_papers_board_rises_in_ten_microseconds_and_rings_for_half_a_millise
     final = float(solution.final[3])
     rise = rise_time(Samples.of_record(time, solution.at(time)[:, 3], final), final)
     assert rise == pytest.approx(9.5e-6, rel=0.02)
-    assert scales.ringing[0].decay == pytest.approx(0.5e-3, rel=0.15)
-    assert scales.max_step == pytest.approx(scales.ringing[0].period / 125.0)
+    assert -1.0 / scales.ringing[0].real == pytest.approx(0.5e-3, rel=0.15)
+    assert scales.max_step == pytest.approx(math.tau / scales.ringing[0].imag / 125.0)
     assert scales.growth_time == np.inf
     left = scales.amplitudes @ np.exp(scales.poles.real * scales.stop)
     assert left == pytest.approx(1e-4, rel=1e-3)
@@ -57,7 +57,7 @@ def test_the_papers_board_rises_in_ten_microseconds_and_rings_for_half_a_millise
 
 def test_an_unstable_board_is_given_time_to_show_it() -> None:
     scales = time_scales(paper_board(5e-12))
-    assert scales.ringing[0].decay < 0.0
+    assert scales.ringing[0].real > 0.0
     assert 0.0 < scales.growth_time <= scales.stop < np.inf
 
 

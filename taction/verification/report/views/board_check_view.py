@@ -9,7 +9,6 @@ from typing import Any
 
 from taction.system.charts import SERIES, TIME, Axis, Chart, Curve, Limit, Mark, spread_colours
 from taction.system.quantities import banded, quantity, spaced
-from taction.verification.engines.statespace.linearised.time_scales import Ringing
 from taction.verification.report.blocks import BOTH, DRAWN, Bars, Content, Page, Section, Table
 from taction.verification.report.texts import (
     KNOWN,
@@ -120,16 +119,17 @@ def _stability(found: BoardCheck) -> str:
     ringing = min(found.scales.ringing, key=damping_ratio, default=None)
     if ringing is None or damping_ratio(ringing) >= RINGS:
         return f"Stable: {slowest}."
-    ratio = f"damping ratio {damping_ratio(ringing):.2g} at {quantity(ringing.frequency, 'Hz')}"
+    ratio = (
+        f"damping ratio {damping_ratio(ringing):.2g} at {quantity(ringing.imag / math.tau, 'Hz')}"
+    )
     over = found.measurements.readings["overshoot"]
     beyond = "" if over is None else f", overshoot {figure(over.value, 'step', 3)}"
     return f"Stable, but rings: {ratio}{beyond}; {slowest}."
 
 
-def damping_ratio(ringing: Ringing) -> float:
+def damping_ratio(pole: complex) -> float:
     """Return ``-Re p / |p|`` of a mode that rings."""
-    rate = 1.0 / ringing.decay
-    return rate / math.hypot(rate, math.tau * ringing.frequency)
+    return -pole.real / abs(pole)
 
 
 def _nearest_stable(found: BoardCheck) -> str:

@@ -83,6 +83,11 @@ class Devices:
         """Number of amplifiers."""
         return len(self.output)
 
+    @property
+    def limits(self) -> Bools:
+        """Which of them are limits of op-amps, (m,)."""
+        return np.array([kind in OPAMP_KINDS for kind in self.kinds], dtype=np.bool_)
+
     @classmethod
     def of(cls, parts: Sequence[Device]) -> Devices:
         """Return amplifiers from their kinds, inputs, outputs and both scales."""
@@ -196,19 +201,15 @@ class Descriptor:
     @property
     def has_limits(self) -> bool:
         """Whether op-amps have limits."""
-        return any(kind in OPAMP_KINDS for kind in self.devices.kinds)
+        return bool(self.devices.limits.any())
 
     @functools.cached_property
     def without_limits(self) -> Descriptor:
         """The equations with op-amps that are linear: the limits' slopes at zero in their place."""
-        devices = self.devices
-        limits = np.array([kind in OPAMP_KINDS for kind in devices.kinds], dtype=np.bool_)
-        removed, kept = devices.part(limits), devices.part(~limits)
-        slopes = (
-            -removed.u_scale
-            / removed.v_scale
-            * gain_of(removed.kinds).slope(np.zeros(removed.count))
-        )
+        limits = self.devices.limits
+        removed, kept = self.devices.part(limits), self.devices.part(~limits)
+        slopes = gain_of(removed.kinds).slope(np.zeros(removed.count))
+        slopes *= -removed.u_scale / removed.v_scale
         added = Triplets(removed.output, removed.input, slopes)
         return replace(self, local=self.local.joined(added), devices=kept)
 

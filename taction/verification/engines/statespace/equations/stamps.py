@@ -133,6 +133,8 @@ class _Branches:
 
     def __init__(self, stamper: Stamper, parts: tuple[Branch, ...]) -> None:
         self.stamper, self.parts = stamper, parts
+        # A law of a row; a current out of the node `back` into a row, or to a current's balance.
+        self._state, self._add = stamper.laws.add, stamper.currents.add
         self.values = {part.card: part.value for part in parts}
         self.sensed = {part.control[0]: part.card for part in parts if part.letter in "FH"}
         for card, by in self.sensed.items():
@@ -232,13 +234,6 @@ class _Branches:
     def _controls(self, part: Branch) -> Iterator[tuple[int, float]]:
         for node, gain in zip(part.control, (part.value, -part.value), strict=True):
             yield self._place(node), gain
-
-    def _state(self, row: int, column: int, value: float) -> None:
-        self.stamper.laws.add(row, column, value)
-
-    def _add(self, row: int, column: int, value: float, back: int) -> None:
-        """Add a current out of the node `back` into `row`, or to the balance of a current."""
-        self.stamper.currents.add(row, column, value, back)
 
     def _through(self, part: Branch, column: int, value: float) -> None:
         """Add a current from `part.a` through the part to `part.b`."""

@@ -405,16 +405,15 @@ def dense_response(descriptor: Descriptor) -> Response:
 
     EngineError: K is singular: a node has no DC path, or a loop has no DC solution.
     """
-    K, blocks = descriptor.dense.stiffness, descriptor.dense.blocks
-    inverses = [found for block in blocks if (found := _inverse(block.stiffness)) is not None]
-    if len(inverses) < len(blocks):
+    K = descriptor.dense.stiffness
+    scale = np.abs(K).max(axis=1, initial=0.0)
+    try:
+        inverse = np.linalg.inv(K / scale[:, None]) if scale.all() else np.full_like(K, np.inf)
+    except np.linalg.LinAlgError:
+        inverse = np.full_like(K, np.inf)
+    if not np.abs(inverse).max(initial=0.0) < LOOSE:
         raise _undetermined(K, descriptor.names)
-    parts = list(zip(blocks, inverses, strict=True))
-
-    def unrefined(r: Floats) -> Floats:
-        return np.asarray(sum(one.basis @ (inverse @ (one.left @ r)) for one, inverse in parts))
-
-    return _refined(descriptor, unrefined, lambda z: K @ z)
+    return _refined(descriptor, lambda r: inverse @ (r.T / scale).T, lambda z: K @ z)
 
 
 def structured_response(structure: Structure) -> Response:
@@ -440,18 +439,6 @@ def _refined(
     unit = np.zeros((descriptor.size, descriptor.devices.count))
     unit[descriptor.devices.output, np.arange(descriptor.devices.count)] = -1.0
     return solve, solve(unit) if unit.size else unit
-
-
-def _inverse(K: Floats) -> Floats | None:
-    """Invert K with scaled rows; return None if K is singular."""
-    scale = np.abs(K).max(axis=1, initial=0.0)
-    if not scale.all():
-        return None
-    try:
-        inverse = np.linalg.inv(K / scale[:, None])
-    except np.linalg.LinAlgError:
-        return None
-    return inverse / scale if np.abs(inverse).max(initial=0.0) < LOOSE else None
 
 
 def _undetermined(K: Floats, names: tuple[str, ...]) -> EngineError:

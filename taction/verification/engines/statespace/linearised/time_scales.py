@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -23,17 +22,6 @@ SLOWER = 0.5  # times the slowest rate of a coarse board: the board has a mode t
 RINGS = 1.0 / math.sqrt(2.0)  # a mode rings if its damping ratio is below this
 
 
-@dataclass(frozen=True, slots=True)
-class Ringing:
-    """One oscillating mode that the strain step excites."""
-
-    # `frequency`, `period`: frequency, Hz, and period, s.
-    frequency: float
-    period: float
-    decay: float  # time constant of the envelope, s; negative for growing ringing
-    amplitude: float  # largest initial amplitude over the outputs, in step amplitudes
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeScales:
     """Record length and time step of a board, from the modes that its strain step excites."""
@@ -42,7 +30,7 @@ class TimeScales:
     amplitudes: Floats  # (n,): height of each mode's envelope in any output, in step amplitudes
     rates: Floats  # (n,): rate of each mode's envelope, 1/s
     slowest: float  # time constant of the slowest relevant decaying mode, s
-    ringing: tuple[Ringing, ...]  # relevant oscillating modes, the fastest first
+    ringing: tuple[complex, ...]  # upper poles of relevant oscillating modes, 1/s, fastest first
     # Instant at which the fastest growing mode reaches `GROWN`, s; infinite if stable.
     growth_time: float
     stop: float  # suggested stop time, s
@@ -99,7 +87,7 @@ class TimeScales:
         amplitude counts as the period.
         """
         if self.ringing:
-            return self.ringing[0].period / points
+            return 2.0 * math.pi / self.ringing[0].imag / points
         large = np.abs(self.poles[self.amplitudes >= 0.1 * self.amplitudes.max(initial=0.0)])
         return 2.0 * math.pi / float(large.max()) / points if len(large) else math.inf
 
@@ -163,7 +151,7 @@ def time_scales(
         amplitudes=weight,
         rates=modes.rates,
         slowest=float(decay.max(initial=0.0)),
-        ringing=tuple(sorted(_ringing(p[rings], 2.0 * weight[rings]), key=lambda r: r.period)),
+        ringing=tuple(sorted(p[rings].tolist(), key=lambda each: -each.imag)),
         growth_time=float((np.maximum(growth, LEAST) / p.real[growing]).min(initial=math.inf)),
         stop=0.0,
         max_step=0.0,
@@ -171,10 +159,3 @@ def time_scales(
         complete=not large,
     )
     return replace(scales, stop=scales.stop_for(error), max_step=scales.max_step_for(points))
-
-
-def _ringing(poles_: Complexes, amplitudes: Floats) -> Iterable[Ringing]:
-    for p, amplitude in zip(poles_.tolist(), amplitudes.tolist(), strict=True):
-        frequency = p.imag / (2.0 * math.pi)
-        decay = -1.0 / p.real if p.real else math.inf  # the pole is exactly on the axis
-        yield Ringing(frequency, 1.0 / frequency, decay, amplitude)

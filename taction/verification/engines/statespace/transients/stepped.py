@@ -19,7 +19,6 @@ from taction.system.array_types import EPS, Floats, Indices
 from taction.system.errors import DivergesError, EngineError
 from taction.system.quantities import show
 from taction.system.waveforms import Cost, Waveforms
-from taction.verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS
 from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     initial_unknowns,
@@ -226,9 +225,9 @@ def _equations(task: Task, reported: ReportedOutputs, slopes: Floats) -> StateBo
 def _largest(board: LinearBoard, unknowns: Floats, start: Floats) -> float:
     """Return the board's largest voltage, V: at the start, at rest, or of an amplifier."""
     devices = board.descriptor.devices
-    inner = np.array([kind in OPAMP_KINDS for kind in devices.kinds], dtype=np.bool_)
     sizes = np.maximum(np.abs(board.equilibrium.values), np.abs(unknowns))
-    parts = np.delete(sizes, devices.output[inner]), np.abs(start), devices.u_scale[~inner]
+    sizes = np.delete(sizes, devices.output[devices.limits])
+    parts = sizes, np.abs(start), devices.u_scale[~devices.limits]
     return max(float(part.max(initial=0.0)) for part in parts)
 
 
@@ -247,8 +246,7 @@ def _modal(
     board, devices, slopes = task.board, task.board.descriptor.devices, equations.slopes
     first = reported.amplifiers.slopes(unknowns[devices.input, None])[:, 0]
     least = np.where(np.abs(first) < np.abs(slopes), first, slopes)
-    inner = np.array([kind in OPAMP_KINDS for kind in devices.kinds], dtype=np.bool_)
-    finest = task.tolerance * float(devices.v_scale[~inner].min(initial=np.inf))
+    finest = task.tolerance * float(devices.v_scale[~devices.limits].min(initial=np.inf))
     modes = board.state_space.modes.refined
     known = is_basis(modes) and () != board.open_loop.states == board.state_space.states
     if known and finest >= EPS * largest:
