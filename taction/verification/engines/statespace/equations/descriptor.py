@@ -40,6 +40,16 @@ class Triplets:
         fields = ("rows", "columns", "values")
         return Triplets(*(np.concatenate([getattr(p, f) for p in (self, other)]) for f in fields))
 
+    def times(self, z: Floats) -> Floats:
+        """Return the product with z, (size,)."""
+        return np.bincount(self.rows, self.values * z[self.columns], minlength=len(z)) + 0.0
+
+    def largest(self, size: int) -> Floats:
+        """Return the largest element of each row, (size,)."""
+        found = np.zeros(size)
+        np.maximum.at(found, self.rows, np.abs(self.values))
+        return found
+
     def dense(self, size: int) -> Floats:
         """Return the matrix, shape (size, size)."""
         sums = np.bincount(self.rows * size + self.columns, self.values, minlength=size**2)

@@ -239,18 +239,8 @@ class Structure:
             for group, M in zip(self.groups, turned, strict=True)
         ]
         other._solvers = {}
-        for name in ("capacitance", "_dense_parts"):
-            other.__dict__.pop(name, None)
+        other.__dict__.pop("_dense_parts", None)
         return other
-
-    @cached_property
-    def capacitance(self) -> Floats:
-        """Largest element of each row of M, (size,)."""
-        return np.asarray(abs(self.mass).max(axis=1).toarray().ravel())
-
-    def settled_voltages(self, charge: Floats, rate: float) -> Floats:
-        """Return the voltages for charges ``M z``, at a `rate` (1/s) far above all poles."""
-        return np.asarray(rate * self.factor(rate).solve(charge))
 
     def solver(self, shift: complex) -> Callable[[Any], Any]:
         """Return ``r -> x`` at a shift; a second transient of the board finds it ready.

@@ -195,13 +195,11 @@ def _settled(descriptor: Descriptor, sources_on: bool) -> Floats:
     A step whose corrections do not shrink is shortened. The steps end where they are so long that
     the charges no longer count: near the equilibrium, which Newton's method then finds.
     """
-    M, K = descriptor.dense.mass, descriptor.dense.stiffness
-    weight, pull = np.abs(M).max(axis=1), np.abs(K).max(axis=1)
-    rates = pull[weight > 0.0] / weight[weight > 0.0]
+    rates = charge_rates(descriptor)
     slowest = float(rates.min(initial=1.0))
     z, step = np.zeros(descriptor.size), FIRST / float(rates.max(initial=1.0))
     for _ in range(STEPS):
-        following = _euler(descriptor, z, step, sources_on)
+        following = euler(descriptor, z, step, sources_on)
         if following is None:
             step *= 0.25
             continue
@@ -212,12 +210,25 @@ def _settled(descriptor: Descriptor, sources_on: bool) -> Floats:
     return z
 
 
-def _euler(descriptor: Descriptor, z: Floats, step: float, sources_on: bool) -> Floats | None:
+def charge_rates(descriptor: Descriptor) -> Floats:
+    """Return about the rates of the rows that have charge, 1/s."""
+    weight, pull = (t.largest(descriptor.size) for t in (descriptor.mass, descriptor.local))
+    return np.asarray(pull[weight > 0.0] / weight[weight > 0.0])
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def euler(
+    descriptor: Descriptor,
+    z: Floats,
+    step: float,
+    sources_on: bool = True,
+    corrections: int = CORRECTIONS,
+) -> Floats | None:
     """Return the unknowns one step later; None if Newton's method does not converge."""
     x, before = z, np.inf
-    for _ in range(CORRECTIONS):
+    for _ in range(corrections):
         try:
-            dx = newton_step(descriptor, x, sources_on, descriptor.dense.mass / step, x - z)
+            dx = newton_step(descriptor, x, sources_on, 1.0 / step, z)
         except np.linalg.LinAlgError:
             return None
         x = x + dx
@@ -246,38 +257,38 @@ def newton_step(
     descriptor: Descriptor,
     z: Floats,
     sources_on: bool,
-    mass: Floats | float = 0.0,
-    moved: Floats | float = 0.0,
+    rate: float = 0.0,
+    before: Floats | float = 0.0,
 ) -> Floats:
-    """Return a Newton step on all unknowns at once, the charges ``mass moved`` taken away.
+    """Return a Newton step on all unknowns at once, for charges that move at a `rate`, 1/s.
 
     The gain of the loop magnifies rounding: successive steps reduce every row's residual to the
     rounding of its terms.
     """
     slopes, F, _ = balance(descriptor, z, sources_on=sources_on)
-    F = F if isinstance(mass, float) else F - mass @ moved
-    return _solved(descriptor, slopes, F[:, None], np.abs(z), mass)[:, 0]
+    F = F - rate * descriptor.mass.times(z - before)
+    return _solved(descriptor, slopes, F[:, None], np.abs(z), rate)[:, 0]
 
 
 def _solved(
-    descriptor: Descriptor, slopes: Floats, F: Floats, size: Floats, mass: Floats | float = 0.0
+    descriptor: Descriptor, slopes: Floats, F: Floats, size: Floats, rate: float = 0.0
 ) -> Floats:
-    """Solve ``(K + slopes - mass) dz = -F``, F (size, Q), the unknowns counted in their `size`."""
+    """Solve ``(K + slopes - rate M) dz = -F``, F (size, Q), unknowns counted in their `size`."""
     if descriptor.is_large:
-        return np.asarray(Structure(descriptor, slopes).factor(0.0).solve(F))
-    J, row, column = scaled_jacobian(descriptor, slopes, size, mass)
+        return np.asarray(Structure(descriptor, slopes).factor(rate).solve(F))
+    J, row, column = scaled_jacobian(descriptor, slopes, size, rate)
     return np.asarray(column * np.linalg.solve(J, -F / row))
 
 
 def scaled_jacobian(
-    descriptor: Descriptor, slopes: Floats, size: Floats, mass: Floats | float = 0.0
+    descriptor: Descriptor, slopes: Floats, size: Floats, rate: float = 0.0
 ) -> tuple[Floats, Floats, Floats]:
-    """Return ``(K + slopes - mass) * column.T / row``, row and column, (size, 1) each.
+    """Return ``(K + slopes - rate M) * column.T / row``, row and column, (size, 1) each.
 
     A column is the `size` of its unknown, (size,), and at least a trace of the largest; a row is
     the largest element that is left in it.
     """
-    devices, K = descriptor.devices, descriptor.dense.stiffness - mass
+    devices, K = descriptor.devices, descriptor.dense.stiffness - rate * descriptor.dense.mass
     K[devices.output, devices.input] += slopes
     column = np.maximum(size, 1e-12 * (size.max() or 1.0))
     K *= column

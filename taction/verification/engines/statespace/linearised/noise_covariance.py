@@ -82,13 +82,9 @@ def noise_intensities(
             add(q.collector, inner, 2.0 * ELECTRON * collector)
             add(q.base, inner, 2.0 * ELECTRON * base)
             add(q.emitter, inner, THERMAL / model.emitter_resistance)
-    rows = descriptor.balance_rows
-    for place in np.flatnonzero(rows != np.arange(size + 1)).tolist():
-        if rows[place] != size:
-            density[rows[place]] += density[place]
-            density[:, rows[place]] += density[:, place]
-        density[place] = 0.0
-        density[:, place] = 0.0
+    moved = np.zeros_like(density)  # currents go to the rows that take them
+    moved[descriptor.balance_rows, np.arange(size + 1)] = 1.0
+    density = moved @ density @ moved.T
     for cell in circuit.opamps:
         row, gain = gain_stage(circuit.models[cell.model], cell, descriptor)
         density[row, row] += (gain * circuit.models[cell.model].voltage_noise) ** 2

@@ -150,8 +150,8 @@ class Reduction:
         fastest, shown = _fastest(board, deviation)
         span = max(math.log10(shown * stop), 1.0)
         self.rates: Floats = np.geomspace(1.0 / stop, shown, math.ceil(PER_DECADE * span) + 1)
-        charge = board.structure.mass @ deviation
-        start = board.structure.settled_voltages(charge, SETTLED * fastest)
+        rate, charge = SETTLED * fastest, board.structure.mass @ deviation
+        start = rate * board.structure.factor(rate).solve(charge)
         self.ends, self.vectors = [start] * len(self.rates), [start]
         self.found: list[Patterns | None] = []
 

@@ -108,7 +108,6 @@ class Task:
     times: Floats | None = None
     tolerance: float = TOLERANCE
     beside: tuple[str, ...] = ()
-    resolved: bool = False
     whole: SteppedCurve | None = None
 
     @property
@@ -145,13 +144,13 @@ class SteppedCurve:
     def of(cls, task: Task) -> SteppedCurve:
         """Prepare the integration of a task."""
         board, analysis, nodes = task.board, task.analysis, task.board.reported(task.nodes)
-        reported = ReportedOutputs(board, nodes, task.beside)
+        reported, slopes = ReportedOutputs(board, nodes, task.beside), board.equilibrium.slopes
         unknowns = initial_unknowns(board, analysis.initial, analysis.voltages)
-        slopes = board.equilibrium.slopes
-        large = board.descriptor.is_large
-        equations: StateBoard | StructuredBoard = (
-            StructuredBoard(board, reported.others) if large else _equations(task, reported, slopes)
-        )
+        equations: StateBoard | StructuredBoard
+        if board.descriptor.is_large:
+            equations = StructuredBoard(board, reported.others)
+        else:
+            equations = _equations(task, reported, slopes)
         state, start = equations.start(equations.state(unknowns), reported.amplifiers)
         largest = _largest(board, unknowns, start)
         unit = max(reported.distance(start), FLOOR * largest) or 1.0
@@ -276,8 +275,15 @@ def simulate(
     EngineError: no equilibrium, no state space, or the solution leaves the range of floats.
     """
     board = LinearBoard.of(circuit)
-    task = Task(board, analysis, nodes, times, tolerance, beside, resolved)
-    return _record(task, _curve(task))
+    curve = _curve(Task(board, analysis, nodes, times, tolerance, beside))
+    dense = curve.dense.checked(board.circuit.name)
+    ended = min(dense.ends[-1], curve.task.stop)
+    diverges = f"the board diverges: it passes {curve.work.limit:.3g} V at {show(ended, 's')}"
+    instants = curve.points() if resolved else record_times(analysis, ended, times)
+    waveforms = _waveforms(curve, instants, (diverges,) * dense.escaped)
+    if times is not None and dense.escaped:
+        raise DivergesError(diverges, waveforms)
+    return waveforms
 
 
 def _curve(task: Task) -> SteppedCurve:
@@ -311,21 +317,6 @@ def halved(first: Waveforms, *, resolved: bool = False) -> Waveforms:
     dense = curve.dense.checked(curve.task.board.circuit.name)
     found = _waveforms(curve, curve.points() if resolved else first.time, first.flags)
     return replace(found, rounding=dense.doubt(first.curve.dense))
-
-
-def _record(task: Task, curve: SteppedCurve) -> Waveforms:
-    """Return the record of an integration; errors as `simulate`."""
-    dense, limit = curve.dense.checked(task.board.circuit.name), curve.work.limit
-    ended = min(dense.ends[-1], task.stop)
-    diverges = f"the board diverges: it passes {limit:.3g} V at {show(ended, 's')}"
-    instants = record_times(task.analysis, ended, task.times)
-    if task.resolved:
-        instants = curve.points()
-    flags = (diverges,) * dense.escaped
-    waveforms = _waveforms(curve, instants, flags)
-    if task.times is not None and dense.escaped:
-        raise DivergesError(diverges, waveforms)
-    return waveforms
 
 
 def _waveforms(curve: SteppedCurve, instants: Floats, flags: tuple[str, ...]) -> Waveforms:

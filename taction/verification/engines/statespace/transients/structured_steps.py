@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.structured_solve import Structure
+from taction.verification.engines.statespace.linearised.equilibrium import charge_rates, euler
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.radau import SIGMA, TABLE
 from taction.verification.engines.statespace.transients.straight_pieces import (
@@ -19,8 +19,6 @@ from taction.verification.engines.statespace.transients.straight_pieces import (
 
 INSTANT = 1e-9  # of the fastest time constant: a step without charge
 SETTLING_STEPS = 50
-SETTLED = 1e-12  # of the largest unknown: a correction that ends the search for the start
-STALLED = 1e-9  # the same of a correction that does not shrink, which is rounding
 
 
 class StructuredBoard:
@@ -62,26 +60,14 @@ class StructuredBoard:
 
         EngineError: an amplifier is beyond the range of floats.
         """
-        weight, m = self.structure.capacitance, self.count
-        pull = abs(self.structure.local).max(axis=1).toarray().ravel()
-        fastest = float((pull[weight > 0.0] / weight[weight > 0.0]).max(initial=1.0))
-        now, before = state.copy(), math.inf
-        for _ in range(SETTLING_STEPS):
-            inputs = now[self.places[:m], None]
-            slopes, outputs = amplifiers.slopes(inputs)[:, 0], amplifiers.outputs(inputs)[:, 0]
-            if not (np.all(np.isfinite(slopes)) and np.all(np.isfinite(outputs))):
-                break
-            shift = fastest / INSTANT
-            moved = shift * (self.structure.mass @ (now - state))
-            structure = Structure(self.descriptor, slopes) if m else self.structure
-            change = structure.factor(shift).solve(self.rate(now, inputs, outputs) - moved)
-            now = now + change
-            size = float(np.abs(change).max()) / max(float(np.abs(now).max()), 1e-300)
-            # Below a correction that no longer shrinks there is only rounding.
-            if size <= SETTLED or STALLED >= size >= 0.5 * before:
-                return now, np.asarray(now[self.places])
-            before = size
-        raise EngineError(BEYOND)
+        fastest = float(charge_rates(self.descriptor).max(initial=1.0))
+        now = euler(self.descriptor, state, INSTANT / fastest, corrections=SETTLING_STEPS)
+        if (
+            now is None
+            or not np.isfinite(amplifiers.outputs(now[self.places, None][: self.count])).all()
+        ):
+            raise EngineError(BEYOND)
+        return now, np.asarray(now[self.places])
 
     def prepare(self, length: float, slopes: Floats) -> None:
         """See `ModalBoard`."""
