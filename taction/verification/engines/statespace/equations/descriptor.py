@@ -42,7 +42,8 @@ class Triplets:
 
     def times(self, z: Floats) -> Floats:
         """Return the product with z, (size,)."""
-        return np.bincount(self.rows, self.values * z[self.columns], minlength=len(z)) + 0.0
+        sums = np.bincount(self.rows, self.values * z[self.columns], minlength=len(z))
+        return sums.astype(np.float64, copy=False)
 
     def largest(self, size: int) -> Floats:
         """Return the largest element of each row, (size,)."""
@@ -166,8 +167,10 @@ class Descriptor:
     def at_rest(self) -> bytes:
         """All that the equilibrium of a small board follows from: its capacitances do not count."""
         devices = self.devices
-        arrays = (self.dense.stiffness, self.constant, self.switched, self.determined)
-        arrays += (devices.input, devices.output, devices.u_scale, devices.v_scale)
+        arrays: tuple[NDArray[Any], ...] = (
+            *(self.dense.stiffness, self.constant, self.switched, self.determined),
+            *(devices.input, devices.output, devices.u_scale, devices.v_scale),
+        )
         words = "\n".join((*self.names, *devices.kinds)).encode()
         return b"\n".join((words, *(array.tobytes() for array in arrays)))
 

@@ -151,11 +151,13 @@ def solve_equilibrium(
       `CERTIFICATE`; a wrong equilibrium is never returned.
     """
     error: EngineError | None = None
-    begins = [lambda: _by_loop(descriptor, response(), sources_on)]
+    begins: list[Callable[[], tuple[Floats, int]]] = [
+        lambda: _by_loop(descriptor, response(), sources_on)
+    ]
     if descriptor.devices.count and not descriptor.is_large:
         begins.insert(start is None, lambda: (_settled(descriptor, sources_on), 0))
     if start is not None:
-        begins.insert(0, lambda: (start, 0))
+        begins.insert(0, lambda: (np.asarray(start), 0))
     for begin in begins:
         try:
             z, steps = begin()
