@@ -27,6 +27,7 @@ from taction.verification.engines.statespace.equations.descriptor import Descrip
 from taction.verification.engines.statespace.equations.structured_solve import Response, Structure
 
 MAX_STEPS = 200
+STAGES = 10.0 ** np.arange(0, -17, -2)  # of the homotopy: added diagonal feedback, times H
 EXACT, STALLED = 1e-14, 1e-11  # residuals, of the terms of a row: at the end, and without progress
 ENOUGH = 1e-3  # correction of y that is near a solution
 LEAST_DAMPING = 1e-10
@@ -35,6 +36,8 @@ LEAST_DAMPING = 1e-10
 def solve_loop(H: Floats, a: Floats, gain: Gain, *, near: bool = False) -> tuple[Floats, int]:
     """Solve ``y + H g(y) = a``.
 
+    Where the loop need not be monotone, as that of transistors around op-amps without limits, there
+    may be several solutions. Then a homotopy leads to the one of a loop with more feedback.
     With `near` an end near a solution suffices, where rounding of H and a hides its last digits: it
     is a start for steps on all unknowns of the board.
 
@@ -44,8 +47,16 @@ def solve_loop(H: Floats, a: Floats, gain: Gain, *, near: bool = False) -> tuple
     EngineError: the steps do not converge.
     """
     h = np.maximum(np.diag(H), 1e-12 * np.abs(H).max(initial=1e-300))
-    y, steps, done = _newton(H, h, a, gain, near)
+    y, steps, done = _newton(H, h, a, gain, a, near)
     if done and np.linalg.eigvals(np.eye(len(y)) + H * gain.slope(y)).real.min(initial=1.0) > 0.0:
+        return y, steps
+    q, rows = a, np.abs(H).sum(axis=1)
+    for stage in (*STAGES, 0.0):
+        extra = stage * rows
+        y, taken, done = _newton(H + np.diag(extra), h + extra, a, gain, q, near)
+        steps += taken
+        q = y + (h + 1e-2 * extra) * gain.value(np.minimum(y, gain.upper))
+    if done:
         return y, steps
     raise EngineError(
         f"no equilibrium found in {steps} Newton steps: the loop through the signal amplifiers has"
@@ -53,9 +64,11 @@ def solve_loop(H: Floats, a: Floats, gain: Gain, *, near: bool = False) -> tuple
     )
 
 
-def _newton(H: Floats, h: Floats, a: Floats, gain: Gain, near: bool) -> tuple[Floats, int, bool]:
-    """Take steps in q; return y, the steps, and whether they end at a solution."""
-    weight, q = np.abs(H).sum(axis=1) + 1.0, a
+def _newton(
+    H: Floats, h: Floats, a: Floats, gain: Gain, q: Floats, near: bool
+) -> tuple[Floats, int, bool]:
+    """Take steps in q from a start; return y, the steps, and whether they end at a solution."""
+    weight = np.abs(H).sum(axis=1) + 1.0
 
     def residual(q: Floats) -> tuple[Floats, Floats, float]:
         """Return y, F, and the largest part of the terms of its row; infinite beyond floats."""
@@ -142,10 +155,9 @@ def solve_equilibrium(
     """Find the DC equilibrium.
 
     `response` returns that of `structured_solve.dense_response`. A `start`, the equilibrium without
-    the limits of the op-amps, is one or two steps away. A small board is followed in time from zero
-    where its loop need not be monotone (transistors) or rests beyond a limit. Without `sources_on`
-    the strain currents are zero, but voltage sources stay on. The result contains its certificate
-    (`residual`).
+    the limits of the op-amps, is one or two steps away; a small board that rests beyond a limit is
+    followed in time from zero. Without `sources_on` the strain currents are zero, but voltage
+    sources stay on. The result contains its certificate (`residual`).
 
     EngineError: the input of an amplifier is beyond the range of floats, or the residual is above
       `CERTIFICATE`; a wrong equilibrium is never returned.
@@ -154,8 +166,8 @@ def solve_equilibrium(
     begins: list[Callable[[], tuple[Floats, int]]] = [
         lambda: _by_loop(descriptor, response(), sources_on)
     ]
-    if descriptor.devices.count and not descriptor.is_large:
-        begins.insert(start is None, lambda: (_settled(descriptor, sources_on), 0))
+    if start is not None and not descriptor.is_large:
+        begins.insert(0, lambda: (_settled(descriptor, sources_on), 0))
     if start is not None:
         begins.insert(0, lambda: (np.asarray(start), 0))
     for begin in begins:
