@@ -31,8 +31,7 @@ sys.path.insert(0, str(ROOT))
 import taction  # noqa: E402
 from taction.verification.evidence.stress.judge import TrueValues, compare  # noqa: E402
 from tests.support import designer_decks, random_circuits, random_scenes  # noqa: E402
-from tests.support import scenes_of_all_kinds as all_kinds  # noqa: E402
-from tests.support.fine_readings import fine_readings  # noqa: E402
+from tests.support.random_scenes import fine_readings  # noqa: E402
 from tests.support.true_values import true_values  # noqa: E402
 
 STORE = ROOT / "tests" / "data" / "proof.json.gz"
@@ -52,7 +51,7 @@ def number(value: Any) -> Number | None:
 
 def of_scene(seed: int) -> Found:
     """Return outcome, checks and readings of a random scene."""
-    scene = all_kinds.random_scene(seed)
+    scene = random_scenes.scene_of_any_kind(seed)
     try:
         verdict = taction.verify(scene)
     except taction.TactionError as error:

@@ -36,6 +36,14 @@ settings.register_profile("taction", derandomize=True, deadline=None)
 settings.load_profile("taction")
 
 
+# Rooms that are collected only where `make` gives them what they need.
+collect_ignore_glob = [
+    f"{room}/*"
+    for room in ("install", "kicad", "browser")
+    if not os.environ.get(f"TACTION_{room.upper()}")
+]
+
+
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "nightly: only in `make nightly`, step long-tests")
 
@@ -139,7 +147,7 @@ def plugin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., P
 
     The function returns its folder, for the environment of a new process.
     """
-    from tests.support.plugins import install, installed
+    from tests.support.packages import install, installed
 
     with ExitStack() as stack:
 

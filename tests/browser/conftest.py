@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 PATH = os.environ.get("TACTION_BROWSER", "")
-collect_ignore_glob = [] if PATH else ["test_*.py"]
 PHONE = {"width": 390, "height": 844}
 DESK = {"width": 1200, "height": 900}
 NAMES = (*VERDICTS, *STUDIES)

@@ -1,9 +1,10 @@
-"""The documents of all commands beside their published schemas."""
+"""The documents of all commands beside their schemas, and what stands in a terminal."""
 
 from __future__ import annotations
 
 import json
 import re
+from itertools import count, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import jsonschema
 import pytest
 
 from taction.cli.main import COMMANDS
+from taction.cli.printing import StageLine
 from taction.verification.report.documents.document_catalogue import (
     MODELS,
     schema,
@@ -21,7 +23,7 @@ from taction.verification.report.documents.document_catalogue import (
 from tests.support.command_lines import LINES, line
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT
-from tests.support.running import document, taction
+from tests.support.running import document, printed_objects, shown_at, taction, words_of
 
 FOLDER = ROOT / "docs" / "schemas"
 ONE = """
@@ -119,3 +121,40 @@ def test_published_schemas_are_valid_and_name_units() -> None:
         assert known["$id"] == path.stem
     verdict = json.loads((FOLDER / "verify-2.json").read_text(encoding="utf-8"))
     assert verdict["properties"]["settling_time"]["unit"] == "s"
+
+
+def test_lines_become_rare() -> None:
+    said: list[str] = []
+    seconds = count(0.0, 1.0)
+    line = StageLine(say=said.append, clock=lambda: next(seconds))
+    for number in range(1, 3601):
+        line(str(number))
+    assert said[:5] == ["10", "15", "23", "35", "53"]  # seconds, each 1.5 times the last
+    assert len(said) == 20
+    assert max(int(b) - int(a) for a, b in pairwise(said)) == 300
+
+
+WIDTHS = (40, 80, 100)
+
+# The variant of a command with the widest tables.
+WIDE = {
+    "verify": "verify a.toml --margins -v",
+    "check": "check filter.cir --over Rf=1k:100k:5 --check stable --no-ngspice",
+    "corners": "corners a.toml --corner capacitor=-1 --corner resistor=1",
+    "sweep": "sweep a.toml --over C=1pF:10pF:2 --over opamp=ua741,op27 --jobs 1",
+}
+SAME = ("verify-files", "diff", "bom", "montecarlo", "regress", "models-show", "tune")
+TABLES = {**{name: LINES[name] for name in SAME}, **WIDE}
+
+
+@pytest.mark.usefixtures("boards")
+@pytest.mark.parametrize("name", TABLES)
+def test_a_narrow_page_loses_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    objects = printed_objects(monkeypatch, *TABLES[name].split())
+    wide = words_of(shown_at(200, objects))
+    assert len(wide) > 10
+    for width in WIDTHS:
+        narrow = shown_at(width, objects)
+        lost = wide - words_of(narrow)
+        assert not lost, f"{width} columns:\n{narrow}"
+        assert "…" not in narrow

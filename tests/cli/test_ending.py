@@ -13,8 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.paths import SCENES
-from tests.support.processes import is_running, process_id
-from tests.support.running import python
+from tests.support.running import is_running, process_id, python
 
 TUNED = str(SCENES / "tuned-breadboard.toml")
 CODE = "from taction.cli.main import main; main()"

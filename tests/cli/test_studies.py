@@ -1,18 +1,26 @@
-"""The commands that verify many boards: sweep, stress and regress."""
+"""The commands that verify many boards: several scenes, sweep, stress, regress, and explore."""
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
 
+import jsonschema
 import pytest
 from click.testing import Result
 
+import taction as library
+from taction.verification.report.documents.document_catalogue import schema
+from taction.verification.report.explorer import server
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT, SCENES
-from tests.support.running import taction
+from tests.support.running import document, taction
 
 PAPER = str(SCENES / "paper-breadboard.toml")
 OVER = ("--over", "C=50pF:100pF:3", "--fix", "gain=1M", "--fix", "lambda=0.7")
@@ -132,3 +140,132 @@ def test_ctrl_c_leaves_a_whole_baseline_and_says_so(folder: Path) -> None:
     assert set(json.loads(file.read_text())["scenes"]) == {"a.toml"}
     after = regress(folder, "--baseline", file, "--json")
     assert json.loads(after.stdout)["counts"] == {"same": 1, "new": 2}
+
+
+VARYING = ("timing", "simulation", "accuracy", "taction")  # wall times, and the head
+
+
+@pytest.fixture
+def three_scenes(tmp_path: Path) -> Path:
+    """One scene that passes, one that fails, one that is no scene."""
+    write_fast(tmp_path / "good.toml")
+    write_fast(tmp_path / "slow.toml", limit="1us")
+    (tmp_path / "draft-1.toml").write_text("[problem]\nkind = 'tactil'\n")
+    return tmp_path
+
+
+def test_the_table_has_a_row_for_each_scene_and_the_reasons_below(three_scenes: Path) -> None:
+    result = taction("verify", str(three_scenes), "--exclude", "draft-*", "--jobs", "1")
+    assert result.exit_code == 1
+    assert f"{folder}/good.toml" in result.stdout
+    assert "settles to ±1 % in " in result.stdout
+    assert "2 scenes: 1 pass, 1 fail" in result.stdout
+
+
+def test_one_document_holds_the_documents_of_single_runs(three_scenes: Path) -> None:
+    good, slow = str(three_scenes / "good.toml"), str(three_scenes / "slow.toml")
+    whole = document(taction("verify", slow, good, slow, "--json", "--jobs", "1"))
+    assert (whole["outcome"], whole["exit_status"], whole["counts"]) == (
+        "fail",
+        1,
+        {"pass": 1, "fail": 1},
+    )
+    for file, found in zip((slow, good), whole["verdicts"], strict=True):
+        single = document(taction("verify", file, "--json", "--changes", "0"))
+        same = {key: value for key, value in single.items() if key not in VARYING}
+        assert same == {key: value for key, value in found.items() if key not in VARYING}
+
+
+def test_the_exit_status_is_the_worst_and_a_bad_file_stops_no_other(three_scenes: Path) -> None:
+    result = taction("verify", str(three_scenes), "--json", "--jobs", "1")
+    assert result.exit_code == 2
+    found = json.loads(result.stdout)
+    assert found["counts"] == {"pass": 1, "fail": 1, "bad input": 1}
+    bad = found["verdicts"][0]
+    assert bad["file"].endswith("draft-1.toml")
+    assert bad["error"]["complaints"][0]["key"] == "problem.kind"
+
+
+def test_junit_has_a_suite_for_each_scene(three_scenes: Path) -> None:
+    file = three_scenes.parent / f"{folder.name}.xml"
+    result = taction("verify", str(three_scenes), "--junit", str(file), "--jobs", "1")
+    assert result.exit_code == 2
+    root = ET.fromstring(file.read_text(encoding="utf-8"))  # noqa: S314 - our own file
+    assert (root.get("failures"), root.get("errors")) == ("1", "1")
+    assert [suite.get("name") for suite in root] == ["draft-1", "good", "slow"]
+
+
+def test_annotations_stand_on_stderr_where_github_runs(
+    three_scenes: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
+    slow = str(three_scenes / "slow.toml")
+    several = taction("verify", slow, str(three_scenes / "good.toml"), "--json", "--jobs", "1")
+    alone = taction("verify", slow, "--json", "--changes", "0")
+    start = f"::error file={slow},title=taction verify (fail)::settles to ±1 %25 in "
+    for result in (several, alone):
+        assert any(line.startswith(start) for line in result.stderr.splitlines())
+        assert "::error" not in result.stdout
+    bad = taction("verify", str(three_scenes / "draft-1.toml"))
+    assert "::error file=" in bad.stderr
+    table = (str(three_scenes), "--baseline", str(three_scenes.parent / "b.json"), "--jobs", "1")
+    failing = taction("regress", *table, "--update")
+    found = [line for line in failing.stderr.splitlines() if line.startswith("::")]
+    assert any(line.startswith(start.replace("verify (fail)", "regress (new)")) for line in found)
+    assert "::" not in taction("regress", *table, "--no-annotate").stderr
+    assert bad.exit_code == 2
+    assert "::error" not in taction("verify", slow, "--no-annotate", "--changes", "0").stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("--exclude", "*.toml"), "leaves no scene"),
+        (("--exclude", "typo-*"), "matches no file"),
+        (("--plot", "board.png"), "shows one board"),
+    ],
+)
+def test_options_that_cannot_be_used_are_refused(
+    three_scenes: Path, words: tuple[str, ...], text: str
+) -> None:
+    result = taction("verify", str(three_scenes), *words)
+    assert result.exit_code == 2
+    assert text in result.stderr
+
+
+SET = ("--set", "C=20pF", "--set", "design.gain=2Mohm")
+
+
+def test_set_values_are_those_of_a_file_with_them(tmp_path: Path) -> None:
+    scene = write_fast(tmp_path / "a.toml")
+    given = document(taction("verify", str(scene), "--engine", "statespace", "--json", *SET))
+    plain = document(taction("verify", str(scene), "--engine", "statespace", "--json"))
+    changed = library.load_scene(scene).model_dump(by_alias=True, exclude_unset=True)
+    changed["design"] |= {"capacitance": 2e-11, "gain": 2e6}
+    expected = library.verify(library.Scene(**changed), engine="statespace")
+    assert expected.measurements.settling_time is not None
+    reading = expected.measurements.settling_time.value
+    assert given["settling_time"] == pytest.approx(reading, rel=1e-9)
+    assert given["settling_time"] != plain["settling_time"]
+
+
+def test_the_document_has_the_address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The server is replaced by one that only announces itself: a page would stay until Ctrl-C."""
+
+    def announced(scene: Any, *, announce: Callable[[str], None], **_: Any) -> None:
+        announce("http://127.0.0.1:1234/?token=x")
+
+    monkeypatch.setattr(server, "explore", announced)
+    found = document(taction("explore", str(write_fast(tmp_path / "a.toml")), "--json"))
+    assert found["address"] == "http://127.0.0.1:1234/?token=x"
+    jsonschema.validate(found, schema("explore"))
+
+
+def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *more: None if name == "starlette" else find(name)
+    )
+    result = taction("explore", str(write_fast(tmp_path / "a.toml")), "--no-browser")
+    assert result.exit_code == 2
+    assert "pip install 'taction[explore]'" in result.stderr

@@ -28,8 +28,7 @@ from taction.verification.engines.ngspice.executable import Simulator, find_simu
 from taction.verification.engines.ngspice.process import simulate
 from tests.faulty_simulators.ways import RUNS, VERSIONS
 from tests.support.paths import ROOT, SCENES
-from tests.support.processes import is_running, process_id
-from tests.support.running import document, taction
+from tests.support.running import document, is_running, process_id, taction
 from tests.support.small_decks import transient
 
 DECK = transient(saved=("out", "in"), stop=1e-6, step=1e-8)

@@ -17,13 +17,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from taction.system.errors import InputError
-from tests.fuzz.decks import DECKS
-from tests.fuzz.documents import DOCUMENTS
-from tests.fuzz.scenes import SCENE
-from tests.fuzz.simulator_files import SIMULATOR_FILES
-from tests.fuzz.stored_files import STORED_FILES
-from tests.fuzz.tables import TABLES
-from tests.fuzz.target import check_message
+from tests.fuzz.documents import DOCUMENTS, STORED_FILES
+from tests.fuzz.edits import check_message
+from tests.fuzz.numbers import SIMULATOR_FILES, TABLES
+from tests.fuzz.scenes_and_decks import DECKS, SCENE
 
 EVERY = (SCENE, *TABLES, *SIMULATOR_FILES, *STORED_FILES, *DOCUMENTS, *DECKS)
 TARGETS = {target.name: target for target in EVERY}

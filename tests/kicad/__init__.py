@@ -1,1 +1,1 @@
-"""Tests in a real browser; `make test-browser` runs them."""
+"""Projects in a real kicad-cli; `make test-kicad` runs them."""

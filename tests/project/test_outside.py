@@ -25,7 +25,7 @@ from taction.verification.report.documents.document_catalogue import schema
 from taction.verification.verdict import run as run_module
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run_checks import CHECKS
-from tests.support.plugins import environment, recipe
+from tests.support.packages import environment, recipe
 from tests.support.running import document, python, taction
 
 Plugin = Callable[..., Path]

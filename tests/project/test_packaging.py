@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from taction.verification.studies.running.versions import own_code
-from tests.support.archives import FILES, LINKS, build_archives
 from tests.support.entries import write_fast
+from tests.support.packages import FILES, LINKS, build_archives
 from tests.support.paths import ROOT
 
 FOLDERS = ("cli", "netlist_gen", "spice_models", "system", "verification")

@@ -1,4 +1,4 @@
-"""Boards made by hand for the tests of the state-space engine, independent of the synthesis."""
+"""Boards made by hand for the tests of the state-space engine, and drawn large ones."""
 
 from __future__ import annotations
 
@@ -18,8 +18,16 @@ from taction.netlist_gen.board.parts import (
     SignalAmplifier,
     VoltageSource,
 )
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
+from taction.verification.engines.statespace.linearised.modes import Modes, find_modes
+from taction.verification.engines.statespace.linearised.reduction import (
+    Pencil,
+    Reduced,
+    reduce_pencil,
+)
 
 IDEAL = OpAmp("ideal", 1e8)
 
@@ -236,3 +244,31 @@ def lags(count: int, tau: float) -> Circuit:
         voltages=(VoltageSource("V", "in", 1.0),),
         outputs=(Output(f"b{count}", 1.0),),
     )
+
+
+def drawn_board(seed: int, channels: int = 24, **design: object) -> Circuit:
+    """A board with a drawn matrix of drawn shape, op-amp and capacitance; every part has a load."""
+    rng = np.random.default_rng(seed)
+    sensors = channels + int(rng.integers(-4, 5))
+    T = rng.uniform(-1.0, 1.0, (sensors, channels)) * (2.0 / np.sqrt(channels))
+    T[rng.uniform(size=T.shape) < 0.3] = 0.0
+    asked = {
+        "opamp": {"base": str(rng.choice(["tl084", "op27"])), "input_errors": "none"},
+        "capacitance": float(rng.choice([1e-9, 2e-10])),
+        "gain": float(rng.choice([1e5, 1e6])),
+        "lam": 0.1,
+        "unit_conductance": "2uS",
+        "stray_capacitance": "2pF",
+    } | design
+    return synthesise(Scene.from_arrays(T, T @ rng.uniform(-1.0, 1.0, channels), **asked))
+
+
+def decompose(*matrices: np.ndarray) -> Modes:
+    """Return the modes of ``x' = A x``, given the blocks along the diagonal of A, 1/s."""
+    size, begin, blocks = sum(map(len, matrices)), 0, list[Reduced]()
+    for A in matrices:
+        one, places = np.eye(len(A)), np.arange(begin, begin := begin + len(A))
+        basis = np.eye(size)[:, places]
+        parts = one, A, np.zeros((len(A), 1)), one, np.abs(A), basis, basis.T
+        blocks.append(reduce_pencil(Pencil(*parts), []))
+    return find_modes(blocks)

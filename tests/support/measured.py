@@ -1,4 +1,4 @@
-"""Measurements and evidence made by hand, for tests of what is concluded from them."""
+"""Measurements, poles and evidence made by hand, for tests of what is concluded from them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.scene.check_keys import AGREE, Checks
+from taction.system.array_types import EPS, Complexes
 from taction.system.reading_definitions import READINGS
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
@@ -16,11 +17,18 @@ from taction.verification.readings.measurements import ChannelMeasure, Measureme
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
 from taction.verification.stability.margin import Margin
+from taction.verification.stability.poles import Poles, summarise
 from taction.verification.verdict.board import SteadyState
 from taction.verification.verdict.checks import Check, Evidence
 from taction.verification.verdict.run import Agreement, StepError
 from taction.verification.verdict.run_checks import run_checks
-from tests.support.poles import rounded_poles
+
+
+def rounded_poles(values: Complexes) -> Poles:
+    """Return all poles of a board, known to 64 units of rounding of the fastest."""
+    error = 64.0 * EPS * float(np.abs(values).max(initial=0.0))
+    return summarise(values, complete=True, errors=np.full(len(values), error))
+
 
 ROUNDING = 1e-15  # an error is never 0
 EXACT = StepError(ROUNDING, dict.fromkeys(READINGS, ROUNDING))

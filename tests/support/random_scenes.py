@@ -1,12 +1,28 @@
-"""Random small scenes over all amplifiers, and random settings of an analysis."""
+"""Random small scenes: over all amplifiers, of every kind, and their readings by a fine run.
+
+SciPy's integrators are too slow for hundreds of boards, so the run is one of the state-space
+engine; tests of that engine compare it with SciPy. The readings of the run are those of the oracle.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.random import Generator
 
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.scene.scene import Scene, parse_scene
+from taction.verification.engines.statespace.transients import stepped
+from taction.verification.evidence.stress.judge import TrueValues
+from taction.verification.reference.ideal_answer import ideal_answer
+from taction.verification.verdict.board import SteadyState
+from taction.verification.verdict.build import build
+from taction.verification.verdict.transient_plan import StepModel, settled_after
+from tests.support.readings import Samples, read
 
 AMPLIFIERS = ("linear", "exponential", "sinh", "softplus", "tanh")
 OPAMPS = ("ideal", "lf353", "lf356", "ne5534", "op27", "tl084", "ua741")
@@ -78,3 +94,163 @@ def _matrix(rng: np.random.Generator, M: int, N: int) -> np.ndarray:
     elif kind == 4:
         dense = np.outer(rng.standard_normal(M), rng.standard_normal(N)) + 1e-3 * dense
     return np.asarray(dense / np.abs(dense).max())
+
+
+EVERY_OPAMP = ("ua741", "lf353", "tl084", "lf356", "ne5534", "op27", "ideal")
+BENT = ("exponential", "exponential", "sinh", "softplus", "tanh")
+SIZES = (1, 2, 2, 3, 3, 4, 5, 5, 7, 7, 9, 11, 13, 16)
+
+
+def scene_of_any_kind(seed: int) -> Scene:
+    """Return the scene of a seed: of any kind, and one in four unstable or close to onset."""
+    rng = np.random.default_rng(seed)
+    bent = rng.random() < 0.2
+    tables: dict[str, Any] = {
+        "name": f"random-{seed}",
+        "problem": _matrix_table(rng) if rng.random() < 0.2 else _tactile(rng, 4 if bent else 16),
+        "design": _design(rng, bent),
+        "checks": _checks(rng),
+    }
+    if rng.random() < 0.2:
+        tables |= {"problem": {"kind": "tactile"}, "design": _breadboard(rng)}
+    tables["analysis"] = _analysis(rng, tables["design"]["capacitance"])
+    return parse_scene(tables, "scene.toml")
+
+
+def _some(rng: Generator, share: float, **values: Any) -> dict[str, Any]:
+    """Return `values` with the probability `share`, else nothing."""
+    return values if rng.random() < share else {}
+
+
+def _log(rng: Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def _pick(rng: Generator, options: tuple[Any, ...]) -> Any:
+    return options[int(rng.integers(len(options)))]
+
+
+def _noise(rng: Generator) -> dict[str, Any]:
+    return _some(rng, 0.3, noise={"variance": _log(rng, 1e-6, 1e-2), "seed": 3})
+
+
+def _tactile(rng: Generator, most: int) -> dict[str, Any]:
+    channels = min(_pick(rng, SIZES), most)
+    load = {"half_width": float(rng.uniform(0.4, 1.5)), "centre": float(rng.normal(0.0, 0.3))}
+    return {
+        "kind": "tactile",
+        "channels": channels,
+        "span": float(rng.uniform(1.0, 8.0)),
+        "kernel": _pick(rng, ("normal", "normal", "tangential")),
+        "quadrature": _pick(rng, ("none", "rectangle")),
+        **_some(rng, 0.5, load=load),
+        **_some(rng, 0.2, sensors=channels + 2),
+        **_noise(rng),
+    }
+
+
+def _matrix_table(rng: Generator) -> dict[str, Any]:
+    shape = int(rng.integers(1, 7)), int(rng.integers(1, 7))
+    entries = rng.normal(size=shape) * (rng.random(shape) < 0.8)
+    entries[0, 0] = 1.0
+    strain = rng.normal(size=shape[0])
+    return {"kind": "matrix", "matrix": entries, "strain": strain, **_noise(rng)}
+
+
+def _breadboard(rng: Generator) -> dict[str, Any]:
+    """Return the paper's board with another C, mostly close to its onset at 9.02 pF."""
+    slow = {"base": "ideal", "dc_gain": 1e5, "gbw": "718kHz", "second_pole": "2.154MHz"}
+    return {
+        "capacitance": 9.02e-12 * (1.0 + float(rng.standard_t(1)) ** 2 / 20.0 - 0.02),
+        "resistance": "1.9Mohm",
+        "opamp": {**slow, "output_resistance": "75ohm", "input_capacitance": "3pF"},
+    }
+
+
+def _design(rng: Generator, bent: bool) -> dict[str, Any]:
+    opamp = _pick(rng, EVERY_OPAMP)
+    changed = {"base": opamp, "gbw": _log(rng, 3e5, 1e7), "dc_gain": _log(rng, 3e4, 1e6)}
+    gain, conductance = _log(rng, 1e5, 2e7), _log(rng, 2e-7, 2e-5)
+    regularised = {"lambda": _log(rng, 1e-3, 10.0)}
+    topology = _pick(rng, ("integrator", "integrator", "integrator", "passive"))
+    if topology == "passive":  # R must compensate what the matrix loads its nodes with
+        regularised = {"lambda": _log(rng, 3.0, 30.0) / (gain * conductance)}
+    elif rng.random() < 0.3:
+        regularised = {"resistance": _log(rng, 1e5, 1e7)}
+    amplifier: dict[str, Any] = {"amplifier": "linear"}
+    if bent:
+        amplifier = {"amplifier": _pick(rng, BENT), "exponential_slope": _log(rng, 0.1, 1.0)}
+        amplifier |= {"bias": False} if topology == "passive" else _some(rng, 0.3, bias=False)
+    return {
+        "topology": topology,
+        "capacitance": _log(rng, 5e-12, 1e-9),
+        "gain": gain,
+        "unit_conductance": conductance,
+        "stray_capacitance": _pick(rng, (0.0, 2e-12, 1e-11)),
+        "resistor_series": _pick(rng, ("exact", "exact", "E24", "E96")),
+        "opamp": changed if rng.random() < 0.4 else opamp,
+        **regularised,
+        **amplifier,
+    }
+
+
+def _analysis(rng: Generator, capacitance: float) -> dict[str, Any]:
+    error = {"error": _log(rng, 1e-6, 1e-2)}
+    return {
+        "initial": _pick(rng, ("zero", "zero", "rest")),
+        **_some(rng, 0.25, stop=capacitance * _log(rng, 1e5, 1e8)),
+        **_pick(rng, ({}, {}, error, {"points_per_period": _log(rng, 8.0, 200.0)})),
+    }
+
+
+def _checks(rng: Generator) -> dict[str, Any]:
+    band = _log(rng, 1e-3, 0.1)
+    rise = {"max": _log(rng, 1e-6, 1e-3), **_some(rng, 0.5, min=_log(rng, 1e-8, 1e-6))}
+    return {
+        "steady_state": {"tolerance": _log(rng, 3e-4, 0.1)},
+        "settling_time": {"band": band, **_some(rng, 0.5, max=_log(rng, 1e-6, 1e-2))},
+        **_some(rng, 0.5, rise_time=rise),
+        **_some(rng, 0.5, overshoot={"max": _pick(rng, (0.0, 0.01, 0.05, 0.3))}),
+        **_some(rng, 0.4, stability={"margin": float(rng.uniform(1.0, 4.0))}),
+        **_some(rng, 0.2, engines_agree={"tolerance": _log(rng, 1e-4, 1e-2)}),
+    }
+
+
+TOLERANCE, SPACING = 1e-11, 1e-10  # of the run; of interpolation between the points of its record
+DOUBT, FACTOR = 1e-9, 10.0  # of its readings, fraction of the step or relative; times its rounding
+Curve = Callable[[np.ndarray, np.ndarray], np.ndarray]
+LONGER = 3.0  # times the record in which every check can be decided
+
+
+def fine_readings(scene: Scene) -> TrueValues:
+    """Return the readings of a board with amplifiers from a run of far smaller tolerance."""
+    design = build(scene.with_engine("statespace"))
+    ideal, board, lead = ideal_answer(design.network, scene), design.linear, design.poles.rightmost
+    amplitude = float(np.abs(ideal.target - ideal.start).max())
+    how = f"state-space engine, tolerance {TOLERANCE:g}"
+    if not design.poles.stable:
+        return TrueValues(amplitude, (lead.real, lead.imag), 0.0, (), DOUBT, how)
+    stop = LONGER * settled_after(scene.checks, design.scales)
+    transient = Transient(stop, stop, initial=scene.analysis.initial)
+    design = replace(design, plan=replace(design.plan, transient=transient))
+    times = StepModel.of(board, stop, transient.initial, stable=True).instants(SPACING)
+    wave = stepped.simulate(board, transient, times=times, tolerance=TOLERANCE)
+    assert wave.curve is not None
+    finals = SteadyState.of(board, design.scales).values
+    band = amplitude * scene.checks.settling_time.band
+    channels = []
+    for n, output in enumerate(board.circuit.outputs):
+        target, column = float(ideal.target[n]), np.array([wave.nodes.index(output.node)])
+        between = partial(_error, wave.curve, column, output.sign, target)
+        error, end = output.sign * wave[output.node] - target, float(finals[n]) - target
+        step = target - float(ideal.start[n])
+        found = read(Samples(wave.time, error, between, end), step, amplitude, band)
+        channels.append(found | {"final": float(finals[n])})
+    static = float(np.abs(finals - ideal.target).max()) / amplitude
+    doubt = DOUBT + FACTOR * wave.rounding / amplitude
+    pole = (lead.real, lead.imag)
+    return TrueValues(amplitude, pole, static, tuple(channels), doubt, how)
+
+
+def _error(curve: Curve, column: np.ndarray, sign: float, target: float, t: float) -> float:
+    return sign * float(curve(np.array([t]), column)[0]) - target

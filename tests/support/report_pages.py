@@ -63,11 +63,9 @@ from taction.verification.studies.work_precision.study import (
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Difference, Record
 from taction.verification.verdict.verify import Verdict, verify
-from tests.support.entries import entry
+from tests.support.entries import entry, grid_plan, make_record, make_trial, store_records
 from tests.support.making import make_scene
 from tests.support.studying import one_thread, small_scene
-from tests.support.sweeping import grid_plan, make_record, store_records
-from tests.support.trials import make_trial
 
 HOSTILE = '<script>window.hacked = 1</script><img src=x onerror="window.hacked = 2">\'"&</style>'
 STATESPACE: dict[str, Any] = {"engine": "statespace"}

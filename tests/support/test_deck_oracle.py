@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from flint import acb, arb, arb_mat, ctx
 
-from tests.support.collocation import integrate
 from tests.support.deck_equations import parse_deck, state_equations
 from tests.support.exact_readings import Modes, Signal, eigen, exact_modes
-from tests.support.nonlinear_response import Board
+from tests.support.nonlinear_response import Board, integrate
 
 HEAD = ".title taction board\n* outputs: u_1 = -v(y)\n"
 TAIL = ".options klu\n.save v(y)\n.op\n.end\n"

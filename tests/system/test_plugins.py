@@ -12,7 +12,7 @@ from taction.system.errors import InputError
 from taction.system.plugins import OpenTable, names
 from taction.verification.studies.running import versions
 from taction.verification.studies.running.versions import own_code, own_version
-from tests.support.plugins import environment
+from tests.support.packages import environment
 from tests.support.running import python
 
 Plugin = Callable[..., Path]

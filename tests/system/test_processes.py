@@ -17,7 +17,7 @@ from taction.system.processes import (
     make_own_folder,
     own_folder,
 )
-from tests.support.processes import is_running
+from tests.support.running import is_running
 
 OWNER = """
 import sys, time

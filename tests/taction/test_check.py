@@ -1,4 +1,4 @@
-"""`taction check` from the command line."""
+"""`taction check` from the command line, and decks that went wrong once."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import taction
+from taction.system.errors import InputError
 from tests.support.designer_decks import DECKS
-from tests.support.paths import SCENES
+from tests.support.paths import CASES, SCENES
 from tests.support.running import taction as command
 
 pytestmark = pytest.mark.usefixtures("ngspice")
@@ -45,7 +47,7 @@ def test_exit_statuses(options: tuple[str, ...], status: int, deck: str) -> None
     assert run(deck, "--no-ngspice", *options)[0] == status
 
 
-CASES = Path("tests/data/cases")
+DECK_CASES = Path("tests/data/cases")
 AXIS = "no loss\nI1 0 out PULSE(0 1u)\nL1 out 0 1m\nC1 out 0 1n\n.end\n"
 LATCH = """\
 gain of 3 into its own input
@@ -76,18 +78,18 @@ def test_what_is_not_stable_is_no_pass(
 ) -> None:
     """The bridge of gain 3.1 grows at 1 / (2 pi R C) = 1.59 kHz with (3.1 - 3) / (2 R C)."""
     place = tmp_path / "deck.cir"
-    place.write_text(deck_text if deck_text != "wien" else (CASES / "wienosc.cir").read_text())
+    place.write_text(deck_text if deck_text != "wien" else (DECK_CASES / "wienosc.cir").read_text())
     assert run(str(place), "--no-ngspice", *options)[0] == status
 
 
 def test_an_oscillator_is_named_with_its_frequency_and_the_nearest_stable_values() -> None:
-    found = taction.check(CASES / "wienosc.cir", ngspice=False)
+    found = taction.check(DECK_CASES / "wienosc.cir", ngspice=False)
     (check,) = found.checks
     assert "oscillates at 1.59" in check.reason
     assert "for an oscillator: --check oscillates" in check.reason
-    text = run(str(CASES / "wienosc.cir"), "--no-ngspice")[1]
+    text = run(str(DECK_CASES / "wienosc.cir"), "--no-ngspice")[1]
     assert "Nearest stable value: E1 below 3 (now 3.1" in " ".join(text.split())
-    margin = run(str(CASES / "wienosc.cir"), "--no-ngspice", "--check", "margin=2")[1]
+    margin = run(str(DECK_CASES / "wienosc.cir"), "--no-ngspice", "--check", "margin=2")[1]
     headline = " ".join(margin.split()).partition("outcome")[0]
     assert headline.count("oscillates at") == 1
     rows = {row.name: row for row in found.parts}
@@ -96,7 +98,7 @@ def test_an_oscillator_is_named_with_its_frequency_and_the_nearest_stable_values
     assert rows["R1"].above is None
     assert rows["R2"].above == pytest.approx(1.1e4, rel=1e-9)
     assert rows["C1"].below == pytest.approx(1e-8 / 1.05, rel=1e-9)
-    (check,) = taction.check(CASES / "wienosc.cir", checks="oscillates", ngspice=False).checks
+    (check,) = taction.check(DECK_CASES / "wienosc.cir", checks="oscillates", ngspice=False).checks
     assert check.value == pytest.approx(math.sqrt(1e8 - 500.0**2) / math.tau, rel=1e-9)
     assert check.uncertainty is not None
     assert 0.0 < check.uncertainty < 1e-6
@@ -114,7 +116,7 @@ def test_the_document_of_an_undecided_deck_says_null(tmp_path: Path) -> None:
 
 
 def test_a_divider_keeps_every_margin_and_is_swept() -> None:
-    place = str(CASES / "resistive-over.cir")
+    place = str(DECK_CASES / "resistive-over.cir")
     options = ("--no-ngspice", "--check", "margin=100", "--over", "R1=1k:10k:3", "--json")
     status, text = run(place, *options)
     found = json.loads(text)
@@ -167,7 +169,7 @@ def test_a_board_without_poles_has_its_divided_voltage(
 
 
 def test_a_step_without_a_param_has_its_first_value() -> None:
-    place = CASES / "ltspice_step.net"
+    place = DECK_CASES / "ltspice_step.net"
     first = taction.check(place, ngspice=False)
     values = {row.name: row.value for row in first.parts}
     assert values["C1"] == 10e-12
@@ -204,3 +206,80 @@ def test_a_board_of_scenes_passes_with_its_witness(tmp_path: Path) -> None:
     found = taction.check(place)
     assert found.outcome.value == "pass"
     assert "ac_agrees" in {check.name for check in found.checks}
+
+
+A, TAU = 1e5, 1.0 / 62.8
+POLES: dict[str, tuple[float, float | None]] = {
+    # 1 TH and 1 TF: s^2 + s R/L + 1/(LC) of what the amplifier's DC gain of 1e6 leaves
+    "lc-open-loop-slow.cir": (-1.875e-10, None),
+    "refused-hspice-opamp.sp": (-1.0 / (10e3 * 1e-9), 0.0),
+    "refused-laplace.cir": (-(1.0 + A / 11.0) / TAU, 0.0),
+}
+
+
+@pytest.mark.parametrize("name", POLES)
+def test_the_rightmost_pole_is_that_of_the_cards(name: str) -> None:
+    found = taction.check(CASES / name)
+    real, hertz = POLES[name]
+    assert found.poles.rightmost.real == pytest.approx(real, rel=1e-4)
+    if hertz is not None:
+        assert found.poles.rightmost.imag == pytest.approx(math.tau * hertz)
+    (witness,) = [check for check in found.checks if check.name == "ac_agrees"]
+    assert witness.outcome.value == "pass"
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("refused-coax.cir", ("line 9", "a device 'T' is not accepted")),
+        ("refused-model-name.net", ("line 3", "no subcircuit '{model_name}'")),
+        ("refused-qspice.cir", ("line 5", "the character")),
+        ("refused-space.cir", ("r1 in m 6.8 k", "unknown parameter (k)")),
+    ],
+)
+def test_a_fair_refusal_names_line_and_reason(name: str, words: tuple[str, ...]) -> None:
+    with pytest.raises(InputError) as error:
+        taction.check(CASES / name)
+    assert [word for word in words if word not in str(error.value)] == []
+
+
+FUNCTIONS = {
+    "a product": ("E1 o 0 in 0 Laplace=10*(1+s/300)/((1+s/100)*(1+ s/1k))", [-1000.0, -100.0]),
+    "PSpice": ("E1 o 0 LAPLACE {V(in)} = {2/(1+1m*s+1u*s^2)}", np.roots([1e-6, 1e-3, 1.0])),
+    "parameters": (
+        ".param w=2k q=0.5\nE1 o 0 in 0 laplace={w^2/(s**2+s*w/q+w*w)}", [-2000.0, -2000.0]
+    ),
+    "an integrator": ("E1 o 0 in o laplace=1k/s", [-1000.0]),
+    "a current": ("G1 0 o LAPLACE {V(in)} {1/(1+s*sqrt(4))}\nR1 o 0 1", [-0.5]),
+    "an expression": ("B1 o 0 V=V(in) Laplace=1/(1+s*3)", [-1.0 / 3.0]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_transfer_function_becomes_states(name: str, tmp_path: Path) -> None:
+    """Its poles are the roots of its denominator, and no part of it is a knob."""
+    card, wanted = FUNCTIONS[name]
+    place = tmp_path / "deck.cir"
+    place.write_text(f"t\nV1 in 0 DC 0 AC 1\n{card}\n.end\n")
+    found = taction.check(place, ngspice=False)
+    poles = np.sort_complex(found.poles.poles)
+    assert poles == pytest.approx(np.sort_complex(np.array(wanted, complex)), rel=1e-6, abs=1e-9)
+    assert not any("taction" in part.name for part in found.parts)
+
+
+@pytest.mark.parametrize(
+    ("card", "words"),
+    [
+        ("E1 o 0 in 0 Laplace=exp(-s*1u)", "no quotient of polynomials"),
+        ("E1 o 0 in 0 Laplace=s/(1+s)*s", "order of the numerator is 2"),
+        ("E1 o 0 in 0 Laplace=(1+s", "cannot be read"),
+        ("E1 o 0 in 0 Laplace=1/(1+s)^40", "no quotient of polynomials"),
+        ("E1 o 0 in 0 Laplace=1/(s-s)", "a denominator of 0"),
+    ],
+)
+def test_what_is_no_rational_function_is_refused(card: str, words: str, tmp_path: Path) -> None:
+    place = tmp_path / "deck.cir"
+    place.write_text(f"t\nV1 in 0 DC 0 AC 1\n{card}\nR1 o 0 1\n.end\n")
+    with pytest.raises(InputError) as error:
+        taction.check(place, ngspice=False)
+    assert words in str(error.value)

@@ -1,15 +1,23 @@
-"""The public names: light, lazy, typed, and what they hand back."""
+"""The public names: light, lazy, typed, called in one way; every example of them runs."""
 
 from __future__ import annotations
 
+import doctest
+import inspect
+import re
 import subprocess
 import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 import taction
 from scripts.rooms import below, short
+from taction.verification.studies.sweep.result import SweepResult
 from tests.project.test_imports import reached
+from tests.support.entries import write_fast
 from tests.support.paths import ROOT, SCENES
 from tests.support.running import taction as command
 
@@ -56,3 +64,109 @@ def test_print_shows_the_screen_of_the_command(name: str) -> None:
     verdict = taction.verify(file, engine="statespace")
     assert without_times(str(verdict)) == without_times(shown.stdout)
     assert str(verdict).splitlines()[-1] == verdict.outcome.value.upper() == "PASS"
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_fast(tmp_path_factory.mktemp("boards") / "a.toml")
+
+
+@pytest.fixture(scope="module")
+def result(scene: Path) -> SweepResult:
+    over = {"C": ("10pF", "20pF", 2), "topology": ["integrator", "passive"]}
+    return taction.sweep(scene, over=over, jobs=1)
+
+
+def test_a_table_has_one_row_a_point(result: SweepResult) -> None:
+    table = result.to_pandas()
+    assert table["C"].tolist() == [1e-11, 1e-11, 2e-11, 2e-11]
+    assert table["topology"].tolist() == ["integrator", "passive"] * 2
+    assert table["settling_time"].tolist() == [r["settling_time"] for r in result.records()]
+
+
+def test_a_grid_has_the_axes_as_coordinates(result: SweepResult) -> None:
+    grid = result.to_xarray()
+    assert dict(grid.sizes) == {"C": 2, "topology": 2}
+    table = result.to_pandas().set_index(["C", "topology"])["settling_time"]
+    chosen = grid["settling_time"].sel(C=2e-11, topology="passive")
+    assert float(chosen) == table[(2e-11, "passive")]
+
+
+def test_arrays_are_swept_in_other_processes() -> None:
+    parts = {"capacitance": "1nF", "gain": "100kohm", "unit_conductance": "10uS", "opamp": "opa189"}
+    made = taction.Scene.from_arrays([[1.0, 0.5], [0.5, 1.0]], [0.2, 0.1], lam=0.1, **parts)
+    result = taction.sweep(made, over={"C": ["1nF", "2nF"]}, engine="statespace", jobs=2)
+    assert result.to_pandas()["outcome"].tolist() == ["pass", "pass"]
+
+
+STEPS = ("load_scene", "synthesise", "write_deck")
+DOCUMENTED_JOBS = tuple(name for name in taction.__all__ if name.islower() and name not in STEPS)
+LONG = ("explore", "mcp", "reproduce")  # one ends with Ctrl-C, one takes minutes
+FUNCTIONS = tuple(
+    name for name in (*DOCUMENTED_JOBS, *STEPS, "Scene.from_arrays") if name not in LONG
+)
+# What several jobs take, in the order in which each of them takes it.
+SHARED = ("scene", "over", "engine", "strains", "output", "jobs", "cluster", "progress")
+SECTIONS = ["Parameters", "Returns", "Raises", "Examples"]
+
+
+def public(name: str) -> Any:
+    found: Any = taction
+    for part in name.split("."):
+        found = getattr(found, part)
+    return found
+
+
+def parameters(name: str) -> dict[str, inspect.Parameter]:
+    return dict(inspect.signature(public(name)).parameters)
+
+
+def sections(function: Callable[..., Any]) -> dict[str, str]:
+    """The sections of a numpydoc docstring by title."""
+    parts = re.split(r"^(\w+)\n-+\n", inspect.getdoc(function) or "", flags=re.MULTILINE)
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def documented(name: str) -> dict[str, str]:
+    """The documented parameters and what is said of their type."""
+    listed = sections(public(name)).get("Parameters", "")
+    lines = re.findall(r"^(\w+(?:, \w+)*) : (.+)$", listed, re.MULTILINE)
+    return {each: kind for names, kind in lines for each in names.split(", ")}
+
+
+@pytest.mark.parametrize("name", DOCUMENTED_JOBS)
+def test_a_job_takes_the_scene_first_and_the_rest_by_keyword(name: str) -> None:
+    given = parameters(name)
+    if "scene" in given:
+        assert next(iter(given)) == "scene"
+    positional = [n for n, each in given.items() if each.kind is not each.KEYWORD_ONLY]
+    assert positional in ([*given][:1], ["first", "second"], [])
+    shared = [each for each in given if each in SHARED]
+    assert shared == sorted(shared, key=SHARED.index)
+
+
+@pytest.mark.parametrize("name", DOCUMENTED_JOBS)
+def test_a_job_documents_its_parameters_and_has_its_sections(name: str) -> None:
+    found = list(sections(public(name)))
+    assert found == [each for each in SECTIONS if each in found]
+    assert found[-1] == "Examples"
+    assert ("Parameters" in found) is bool(parameters(name))
+    assert ("Returns" in found) is (name not in ("explore", "mcp"))
+    assert list(documented(name)) == list(parameters(name))
+
+
+@pytest.mark.usefixtures("quick_stories")
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_the_examples_run(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    examples = doctest.DocTestFinder(recurse=False).find(public(name), name, globs={})
+    results = [doctest.DocTestRunner().run(example) for example in examples]
+    assert sum(result.attempted for result in results) > 1
+    assert sum(result.failed for result in results) == 0
+
+
+def test_the_example_of_the_package_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    result = doctest.testmod(taction)
+    assert result.attempted > 1
+    assert result.failed == 0

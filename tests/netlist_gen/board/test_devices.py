@@ -1,4 +1,4 @@
-"""Devices of arrays: the polynomials of their sources at some conductances, windows and levels."""
+"""Devices of arrays at some conductances, windows and levels; what a board states about itself."""
 
 from __future__ import annotations
 
@@ -9,14 +9,17 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
+from taction.netlist_gen.board.circuit import Circuit, Role, common_facts
 from taction.netlist_gen.board.devices import Device, load_devices
 from taction.netlist_gen.board.part_warnings import (
     broken_limits,
     part_warnings,
 )
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.design import DevicesTable
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.stability.families import scaled_parts
 from tests.support.making import make_scene, matrix_problem
 
 # By hand, from the formulas in the sources, in uS: conductance and standard deviation.
@@ -197,3 +200,59 @@ def test_the_largest_strain_counts_and_a_voltage_by_its_resistor() -> None:
     assert found.startswith("1 of 2 strain currents are above 10 mA, up to 15 mA (Veps_1); remedy")
     small = GOOD | {"unit_voltage": "1V"}
     assert part_warnings(synthesise(make_scene(design=small), problem)) == ()
+
+
+DESIGN = {"capacitance": "10pF", "resistance": "2Mohm", "gain": "1Mohm"}
+
+
+def board(topology: str = "integrator", **design: object) -> Circuit:
+    tables = {**DESIGN, "topology": topology, "opamp": "ua741", **design}
+    return synthesise(make_scene({"channels": 3}, design=tables))
+
+
+@pytest.mark.parametrize("topology", ["integrator", "passive"])
+def test_every_part_has_a_role(topology: str) -> None:
+    circuit = board(topology, unit_conductance="1nS")
+    stated = [name for names in circuit.roles.values() for name in names]
+    parts = [part.card for part in (*circuit.resistors, *circuit.capacitors)]
+    assert sorted(stated) == sorted([*parts, "Rf", "Rb"])
+    assert len(circuit.capacitors_of(Role.SIGNAL_CAPACITOR)) == 3
+    assert len(circuit.resistors_of(Role.CONSTRAINT_RESISTOR)) == 3
+    assert len(circuit.real_capacitors) == 3
+    assert circuit.shape == (3, 3)
+    assert (circuit.forward.name, circuit.feedback.name) == ("Rf", "Rb")
+    assert next(circuit.feedback.resistors()).card == "Rb_1_1"
+
+
+def test_facts_have_their_number_and_their_text() -> None:
+    circuit = board()
+    assert list(circuit.facts) == ["G0", "U0", "R", "C", "gain", "lambda"]
+    assert circuit.value("R") == 2e6
+    assert circuit.facts["gain"].text == "1 MΩ"
+    assert circuit.facts["gain"].label.endswith(" s")
+    exponential = board(amplifier="exponential", exponential_slope="70mV")
+    assert exponential.value("Ve") == 0.07
+    assert common_facts(C=1e-12)["C"].key == "design.capacitance"
+
+
+def values(circuit: Circuit) -> dict[str, float]:
+    resistors = {part.card: part.ohms for part in circuit.resistors}
+    return resistors | {part.card: part.farads for part in circuit.capacitors}
+
+
+@pytest.mark.parametrize("topology", ["integrator", "passive"])
+@pytest.mark.parametrize(("name", "value"), [("C", 3e-12), ("gain", 3e6)])
+def test_a_turned_knob_is_the_board_of_the_other_scene(
+    topology: str, name: str, value: float
+) -> None:
+    circuit = board(topology, unit_conductance="1nS")
+    knob = circuit.knob(name)
+    scene = make_scene(
+        {"channels": 3},
+        design={**DESIGN, "topology": topology, "opamp": "ua741", "unit_conductance": "1nS"},
+    )
+    other, turned = synthesise(with_values(scene, {knob.key: value})), circuit.turned(name, value)
+    assert values(turned) == pytest.approx(values(other), rel=1e-12)
+    for fact in other.facts.values():
+        assert turned.value(fact.name) == pytest.approx(fact.value, rel=1e-12)
+    assert scaled_parts(circuit, [knob]) != scaled_parts(turned, [knob])

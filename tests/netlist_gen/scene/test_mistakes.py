@@ -1,13 +1,17 @@
-"""A scene broken in every way: file, key, value, what is accepted, and exit status 2."""
+"""A scene broken in every way: file, key, value, what is accepted; soon, and without numpy."""
 
 from __future__ import annotations
 
 import json
+import re
+import time
 from pathlib import Path
 
 import pytest
 from click.testing import Result
 
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.keys import Key, all_keys
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import parse_scene
 from taction.system.errors import InputError
@@ -165,3 +169,154 @@ def test_a_byte_order_mark_is_no_mistake(tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
     path.write_text("\ufeff" + TACTILE, encoding="utf-8")
     assert load_scene(path).problem.kind == "tactile"
+
+
+MANY = "9" * 5000
+HOSTILE_SCENES = {
+    "digits": (f"channels = {MANY}", "", "TOML"),
+    "digits of a quantity": ("", f'gain = "{MANY}"', "design.gain"),
+    "digits of lambda": ("", f"lambda = 1{'0' * 400}", "design.lambda"),
+    "text of lambda": ("", f'lambda = "1{"0" * 400}"', "design.lambda"),
+    "gain": ("", "gain = 1e300", "design.gain"),
+    "capacitance": ("", 'capacitance = "1e-300"', "design.capacitance"),
+    "depth": ("depth = 1e-300", "", "problem.depth"),
+    "depth and span": ("depth = 1e-99\nspan = 1e99", "", "T"),
+    "span": ("span = 1e308", "", "problem.span"),
+    "modulus": ("modulus = 1e-308", "", "problem.modulus"),
+    "force": ('load = { kind = "cylinder", force = 1e99, half_width = 1e-99 }', "", "the strain"),
+    "noise": ("noise = { variance = 1e308 }", "", "problem.noise.variance"),
+    "channels": ("channels = 20000", "", "problem.channels"),
+    "dotted keys": ("", "a" + ".a" * 20_000 + " = 1", "a key of over 50 parts"),
+    "quoted keys": ("", '"a"' + " . 'a'" * 20_000 + " = 1", "a key of over 50 parts"),
+    "deep arrays": ("", f"a = {'[' * 3000}{']' * 3000}", "nested too deeply"),
+    "deep values": ("", f"a = {'[' * 300}{']' * 300}", "unknown key"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE_SCENES)
+def test_the_message_names_the_key(name: str, tmp_path: Path) -> None:
+    problem, design, says = HOSTILE_SCENES[name]
+    file = tmp_path / "scene.toml"
+    file.write_text(f'[problem]\nkind = "tactile"\n{problem}\n[design]\n{design}\n')
+    began = time.process_time()
+    with pytest.raises(InputError) as caught:
+        make_problem(load_scene(file))
+    assert says in str(caught.value)
+    assert str(file) in str(caught.value)
+    # With the line, of which 76 characters are shown; the folder of a test has any length.
+    assert len(str(caught.value).replace(str(tmp_path), "")) < 640
+    assert time.process_time() - began < 10.0  # tomllib alone takes minutes for dotted keys
+
+
+def test_large_arrays_are_refused_by_their_entries(tmp_path: Path) -> None:
+    for entry in (1e308, 1e-308):
+        (tmp_path / "T.csv").write_text(f"{entry!r},{entry!r}\n")
+        (tmp_path / "eps.csv").write_text("1.0\n")
+        file = tmp_path / "scene.toml"
+        file.write_text('[problem]\nkind = "matrix"\nmatrix = "T.csv"\nstrain = "eps.csv"\n')
+        with pytest.raises(InputError, match=re.escape(f"largest entry of T is {entry:g};")):
+            make_problem(load_scene(file))
+
+
+def test_comments_and_texts_with_dots_are_no_keys(tmp_path: Path) -> None:
+    file = tmp_path / "scene.toml"
+    file.write_text(f"# {'. ' * 100}{'...' * 100}\n[problem]\nkind = 'tactile'\nspan = 6.25\n")
+    assert load_scene(file).problem.kind == "tactile"
+
+
+BOARD = (SCENES / "paper-breadboard.toml").read_text(encoding="utf-8")
+NEVER = ("Input should be", "Traceback", "this is a bug", "Expected newline", "Cannot overwrite")
+EVERY = parse_scene(
+    {
+        "problem": {"kind": "tactile"},
+        "checks": {"overshoot": 0.5, "undershoot": 0.5, "rise_time": "1us", "noise": "1mV"},
+    },
+    "every.toml",
+)
+KEYS = tuple(all_keys(EVERY))
+
+
+def refusal(folder: Path, text: str) -> InputError:
+    file = folder / "board.toml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load_scene(file)
+    assert caught.value.file == str(file)
+    assert str(file) in str(caught.value)
+    assert not [words for words in NEVER if words in str(caught.value)]
+    return caught.value
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "value", "instead", "underlined"),
+    [
+        ('min = "9.5us"', 'min = "11us"', "checks.rise_time.min", "11us", "at most 10.5 us", "min"),
+        ('min = "9.5us", max = "10.5us"', 'min = "10.5us", max = "9.5us"', "checks.rise_time.min",
+         "10.5us", "are they swapped?", "min"),
+        ('tolerance = 1e-3', 'tolerance = "0.1%"', "checks.steady_state.tolerance", "0.1%",
+         "0.1 % is 0.001", "tolerance"),
+        ('amplifier = "linear"', 'amplifier = "exp"', "design.amplifier", "exp", "'exponential'",
+         "amplifier"),
+        ('= "10pF"\nres', '= "10ohm"\nres', "design.capacitance", "10ohm", "in F", "capacitance"),
+        ("channel = 4", "channel = 8", "checks.rise_time.channel", "8", "1 to 7", "channel"),
+        ("tolerance = 1e-3", "tolerance = 10", "checks.steady_state.tolerance", "10", "10 % is 0.1",
+         "tolerance"),
+        ('= "10pF"\nres', '= "10pf"\nres', "design.capacitance", "10pf", "'10pF'", "capacitance"),
+        ("depth = 1.0", 'depth = 1.0\ngain = "1ohm"', "problem.gain", "1ohm", "'channels'", "gain"),
+        ("[design]", "[desing]", "desing", "linear", "'design'?", "desing"),
+        ("force = 3.0", "forse = 3.0", "problem.load.forse", "3.0", "'force'?", "forse"),
+        ('kind = "tactile"\n', "", "problem.kind", "", "'tactile' or 'matrix'", "problem"),
+        ('= "10pF"\nres', '= 10pF\nres', "capacitance", "10pF", "need quotes", "p"),
+        ('= "10pF"\nres', '= pF\nres', "capacitance", "pF", "in straight quotes", "p"),
+        ('= "10pF"\nres', '= “10pF”\nres', "capacitance", "10pF", "straight quotes", "“"),
+        ('= "10pF"\nres', '= 1,5\nres', "capacitance", "1,5", "with a point", ","),
+        ('= "10pF"\nres', '= "10pF\nres', "capacitance", "10pF", "a quote is missing", ""),
+        ('= "10pF"\nres', '= "1pF"\ncapacitance = "2pF"\nres', "capacitance", "2pF", "given twice",
+         "c"),
+        ("[design]", "[problem]", "TOML", "", "given twice", "]"),
+        ("[design]", "[design", "TOML", "", "']' of a table is missing", ""),
+        ("[design]", "design", "TOML", "", "expected 'key = value'", ""),
+        ("max = 0.235 }", "max = 0.235, max = 1 }", "overshoot", "max", "given twice", " "),
+    ],
+)  # fmt: skip
+def test_a_slip_in_the_papers_board(
+    tmp_path: Path, old: str, new: str, key: str, value: str, instead: str, underlined: str
+) -> None:
+    assert old in BOARD
+    text = BOARD.replace(old, new, 1)
+    found = next(c for c in refusal(tmp_path, text).complaints if c.key == key)
+    assert value in found.value
+    assert instead in found.accepted
+    head, line, caret = found.place.split("\n")
+    row, column = (int(word.rstrip(",")) for word in head.split()[1::2])
+    source = text.split("\n")[row - 1]
+    assert line == "  " + source
+    start = caret.index("^")
+    assert start == column - 1 + 2
+    marked = line[start : start + caret.count("^")]
+    assert marked == underlined or (underlined == "" and marked in {"", "\n"})
+
+
+WRONG = {
+    "type": lambda key: (key.path, '[{ x = "wrong" }]'),
+    "range": lambda key: (key.path, "-1e300" if key.kind == "real" else "-1"),
+    "unit": lambda key: (key.path, '"10parsec"'),
+    "name": lambda key: (f"{key.path}x", "1"),
+}
+
+
+@pytest.mark.parametrize("key", KEYS, ids=[key.path for key in KEYS])
+def test_every_key_with_every_kind_of_mistake(tmp_path: Path, key: Key) -> None:
+    for kind, written in WRONG.items():
+        if (key.path == "name" or key.path.endswith(".file")) and kind == "unit":
+            continue  # any text
+        path, value = written(key)
+        if kind == "range" and path == "checks.stability.margin":
+            value = "0.5"
+        kind_of_problem = "" if path == "problem.kind" else 'problem.kind = "tactile"\n'
+        line = f"{path} = {value}"
+        error = refusal(tmp_path, f"{kind_of_problem}{line}\n")
+        found = [c for c in error.complaints if c.key in {path, path.rpartition(".")[0]}]
+        assert found, (kind, str(error))
+        assert found[0].accepted
+        assert f"  {line}" in found[0].place, (kind, str(error))

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 import taction
+from tests.support.packages import recipe
 from tests.support.paths import SCENES
-from tests.support.plugins import recipe
 from tests.support.running import taction as command
 
 Plugin = Callable[..., Path]

@@ -1,7 +1,8 @@
-"""The board: its parts, its signs, and its equilibrium against the reference solution.
+"""The board: its parts, its signs, what is left out, and its equilibrium.
 
 The equilibrium comes from the state-space equations, which see only the circuit; the solution
-from the reference solver, which sees only T, eps and lambda.
+from the reference solver, which sees only T, eps and lambda. `INPUT_T` has strains as voltages
+through resistors.
 """
 
 from __future__ import annotations
@@ -16,8 +17,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import ArrayLike, NDArray
 
-from taction.netlist_gen.board.circuit import Circuit
+import taction
+from taction.netlist_gen.board.circuit import Circuit, Role
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.board.variation import parameters
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -198,3 +201,133 @@ def test_any_near_ideal_board_rests_where_the_reference_says(
     solution = solve(ideal_network(problem, scene).problem)
     found = board_outputs(synthesise(scene, problem))
     assert np.max(np.abs(found - solution.u)) <= 1e-7 * max(1.0, np.max(np.abs(solution.u)))
+
+
+WITH_ZEROS = [[1.0, 0.0, -1.0], [2.0, 0.0, 1.0], [0.0, 0.0, 0.0]]
+
+
+def omissions(**design: Any) -> dict[str, str]:
+    circuit = synthesise(make_scene(design=design), matrix_problem(WITH_ZEROS, [1.0, 0.0, 2.0]))
+    return {item.what: item.why for item in circuit.omissions}
+
+
+def test_a_linear_board_of_ideal_opamps() -> None:
+    found = omissions(opamp="ideal", stray_capacitance=0)
+    assert found["10 matrix resistors"] == "5 entries of T are zero"
+    assert found["1 constraint nodes"].startswith("their rows of T are all zeros")
+    assert found["1 strain currents"] == "their strain is zero"
+    assert found["1 inverters of u"] == "their columns have no positive entry"
+    assert found["1 inverters of w"] == "their rows have no negative entry"
+    assert found["stray capacitors"] == "design.stray_capacitance is 0"
+    assert found["op-amp first pole"] == "ideal.gbw is inf"
+    assert found["op-amp output resistance"] == "ideal.output_resistance is 0"
+    assert "antilog stages and bias current" in found
+
+
+@pytest.mark.parametrize(
+    ("design", "inverters", "bias"),
+    [({}, "2 inverters of u", False), ({"bias": False}, "2 inverters of u", True)],
+)
+def test_an_exponential_board(design: dict[str, Any], inverters: str, bias: bool) -> None:
+    found = omissions(amplifier="exponential", **design)
+    assert found[inverters] == "their columns have no negative entry"
+    assert "antilog stages and bias current" not in found
+    assert ("bias current" in found) is bias
+
+
+PRUNED = [[2.0, -0.01, 0.0], [0.5, 1.0, 0.019], [0.002, 0.0, -0.015]]
+
+
+def pruned_board(prune: float, **design: Any) -> Circuit:
+    scene = make_scene(design={"prune": prune, "resistance": "10kohm", "gain": "1Mohm", **design})
+    return synthesise(scene, matrix_problem(PRUNED, [1.0, 2.0, 3.0]))
+
+
+@pytest.mark.parametrize("topology", ["integrator", "passive"])
+def test_both_matrices_lose_what_is_below_the_fraction_of_the_largest(topology: str) -> None:
+    """The limit of 0.005 is 0.01 of T, and -0.01 stays: it is not below."""
+    circuit = pruned_board(0.005, topology=topology)
+    kept = np.array(PRUNED)
+    kept[2, 0] = 0.0
+    assert circuit.realised == pytest.approx(kept, rel=1e-14)
+    for matrix in circuit.matrices:
+        assert np.array_equal(np.isfinite(matrix.ohms), kept != 0.0)
+
+
+def test_a_row_without_entries_has_no_op_amps_and_no_strain() -> None:
+    circuit = pruned_board(0.01)
+    cells = {cell.name for cell in circuit.opamps}
+    assert {"c_1", "c_2"} <= cells
+    assert not {"c_3", "z_1", "z_2", "z_3"} & cells  # no negative entry is left
+    assert {part.name for part in circuit.currents} == {"eps_1", "eps_2"}
+
+
+def test_the_omission_has_the_numbers() -> None:
+    """Left out are 0.01, 0.019, 0.002 and 0.015 of T: 0.0095 of the largest entry at most."""
+    found = {item.what: item.why for item in pruned_board(0.01).omissions}
+    out, whole = np.array([0.01, 0.019, 0.002, 0.015]), np.linalg.norm(PRUNED)
+    assert found["8 pruned matrix resistors"] == (
+        "4 entries of T are below design.prune = 0.01 of the largest entry, the largest of them at"
+        f" 0.0095; their norm is {np.linalg.norm(out) / whole:.2g} of the norm of T"
+    )
+    assert found["4 matrix resistors"] == "2 entries of T are zero"
+    assert "2 inverters of w" in found
+
+
+INPUT_T, EPS = [[1.0, -0.5], [0.25, 2.0], [0.5, 0.5]], [0.3, 0.0, -0.2]
+G0, GAIN, R, C, GI = 1e-5, 2e5, 1e6, 1e-10, 1e-4
+GBW, A0 = 1e6, 1e5
+INPUT_DESIGN: dict[str, Any] = {
+    "gain": GAIN,
+    "unit_conductance": G0,
+    "unit_voltage": 2.0,
+    "resistance": R,
+    "capacitance": C,
+    "inverter_resistance": 1 / GI,
+    "stray_capacitance": 0,
+    "opamp": {
+        **{"base": "ideal", "dc_gain": A0, "gbw": GBW, "voltage_noise": 2e-8},
+        "output_resistance": 0,
+    },
+}
+
+
+def scene(strain_input: str = "voltage", **changes: Any) -> Scene:
+    return make_scene(design={**INPUT_DESIGN, "strain_input": strain_input, **changes})
+
+
+def input_board(strain_input: str, **changes: Any) -> Circuit:
+    return synthesise(scene(strain_input, **changes), matrix_problem(INPUT_T, EPS))
+
+
+def outputs(circuit: Circuit) -> Any:
+    rest = LinearBoard(circuit).equilibrium
+    return np.array([output.sign * rest[output.node] for output in circuit.outputs])
+
+
+def test_the_deck_has_a_voltage_and_a_resistor_for_each_strain() -> None:
+    lines = taction.write_deck(
+        input_board("voltage"), taction.netlist("scenes/custom-matrix.toml").analysis
+    ).text.splitlines()
+    assert [line for line in lines if line.startswith(("Re_", "Veps_", "Ieps_"))] == [
+        "Re_1 e_1 c_1 99999.99999999999",
+        "Re_2 0 c_2 99999.99999999999",
+        "Re_3 e_3 c_3 99999.99999999999",
+        "Veps_1 e_1 0 0.6",
+        "Veps_3 e_3 0 -0.4",
+    ]
+    assert "* left out: 1 strain voltages; their strain is zero" in lines
+
+
+def test_the_resistor_has_a_value_of_the_series_and_varies() -> None:
+    circuit = input_board("voltage", resistor_series="E96", unit_conductance="8.2uS")
+    assert {part.ohms for part in circuit.resistors_of(Role.STRAIN_RESISTOR)} == {121e3}
+    varied = {parameter.name for parameter in parameters(circuit, scene().tolerances)}
+    assert {"Re_1", "Re_2", "Re_3"} <= varied
+
+
+def test_the_rest_is_that_of_the_currents() -> None:
+    """Only the error of the finite gain differs: (1 + s sum G) / A0, of the order of 1e-4 here."""
+    ideal = {**INPUT_DESIGN["opamp"], "dc_gain": 1e9}
+    pair = [outputs(input_board(kind, opamp=ideal)) for kind in ("current", "voltage")]
+    assert pair[1] == pytest.approx(pair[0], rel=1e-7)

@@ -33,9 +33,9 @@ from taction.verification.studies.sweep.plan import Plan, computed
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify
+from tests.support.entries import make_record, store_records
 from tests.support.paths import ROOT
 from tests.support.running import taction as command
-from tests.support.sweeping import make_record, store_records
 
 FILE = str(ROOT / "scenes" / "tuned-breadboard.toml")
 # The scene has R = 14.4 Mohm, and R falls as the gain grows: below 2.3 Mohm R would be worse.

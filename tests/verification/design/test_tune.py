@@ -39,10 +39,10 @@ from taction.verification.design.trials import (
 )
 from taction.verification.design.tune import Tuning, frontier
 from taction.verification.verdict.verify import verify
+from tests.support.entries import make_trial
 from tests.support.making import make_scene, write_matrix_scene
 from tests.support.paths import ROOT
 from tests.support.running import taction as command
-from tests.support.trials import make_trial
 
 REAL = {"base": "ideal", "dc_gain": 1e5, "gbw": "1MHz", "second_pole": "3MHz"}
 DESIGN = {

@@ -19,7 +19,7 @@ from taction.verification.studies.decks.foreign_board import read_board
 from taction.verification.studies.decks.part_influence import influences
 from tests.support.designer_decks import DECKS
 from tests.support.nodal_analysis import exact_poles
-from tests.support.wide_decks import wide_cards
+from tests.support.random_circuits import wide_cards
 
 CASES = Path(__file__).parents[2] / "data" / "cases"
 

@@ -32,9 +32,8 @@ from taction.verification.studies.onset.onset import onset
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run_checks import run_checks
 from tests.support.boards import lag_board
-from tests.support.measured import evidence
+from tests.support.measured import evidence, rounded_poles
 from tests.support.paths import CASES, SCENES
-from tests.support.poles import rounded_poles
 
 FILE = SCENES / "tuned-breadboard.toml"
 SCENE = load_scene(FILE)

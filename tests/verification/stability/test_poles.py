@@ -18,7 +18,7 @@ from taction.verification.engines.statespace.transients.exact import exact_solut
 from taction.verification.stability.poles import brief_poles, count_unstable, poles
 from taction.verification.stability.shown_poles import BAND, latching, told_apart
 from tests.support.boards import lags, paper_board, single_mode
-from tests.support.poles import rounded_poles
+from tests.support.measured import rounded_poles
 from tests.support.readings import Samples, rise_time
 
 TAU = 0.455e-6

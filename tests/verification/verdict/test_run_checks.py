@@ -27,9 +27,9 @@ from tests.support.measured import (
     margin,
     measured,
     oscillating,
+    rounded_poles,
     steady,
 )
-from tests.support.poles import rounded_poles
 
 PASS, FAIL, UNDECIDED = Outcome.PASS, Outcome.FAIL, Outcome.INCONCLUSIVE
 

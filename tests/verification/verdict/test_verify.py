@@ -1,31 +1,54 @@
-"""The pipeline, end to end, on the shipped scenes and on what can go wrong with them."""
+"""The pipeline, end to end, and the recording of a transient: what can go wrong with them."""
 
 from __future__ import annotations
 
+import json
 import math
 import tomllib
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene, parse_scene
-from taction.system.errors import SimulatorNotFound, TimedOut
+from taction.system.errors import EngineError, SimulatorNotFound, StepTooSmall, TimedOut
+from taction.system.progress import Clock
+from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.transients import simulate
+from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.evidence.stress.catalogue import load_catalogue
+from taction.verification.readings.measurements import Measurements
 from taction.verification.readings.settling import ChannelState
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.verdict_view import view
 from taction.verification.stability.poles import Poles, poles
+from taction.verification.verdict import board, transient_plan
 from taction.verification.verdict import board as board_module
 from taction.verification.verdict import build as design
+from taction.verification.verdict import run as module
+from taction.verification.verdict.board import Board
+from taction.verification.verdict.build import build
 from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.run import (
+    Agreement,
+    Run,
+    StepError,
+    better_plan,
+    observe,
+    outputs,
+)
+from taction.verification.verdict.simulation import StateSpaceError, Waiting, choose_engine
+from taction.verification.verdict.transient_plan import AIM, TransientPlan
 from taction.verification.verdict.verify import Verdict, verify
+from tests.support.making import make_scene, ringing_scene
 from tests.support.paths import SCENES
 
 NAMES = sorted(path.stem for path in SCENES.glob("*.toml"))
@@ -224,3 +247,217 @@ def test_the_verdict_is_the_same(
         outcomes.append({c.name: c.outcome.value for c in verify(asked).checks})
     assert outcomes[0] == outcomes[1]
     assert outcomes[0]["stability"] == "inconclusive"
+
+
+DOUBT = 1e-6  # V, of the other record
+
+
+@cache
+def paper() -> tuple[Board, Waveforms]:
+    """The shipped breadboard, and its exact transient."""
+    file = SCENES / "paper-breadboard.toml"
+    data = tomllib.loads(file.read_text(encoding="utf-8"))
+    data["analysis"] = data.get("analysis", {}) | {"engine": "ngspice"}
+    design = build(parse_scene(data, file))
+    times = np.linspace(0.0, design.transient.stop, 30_001)
+    return design, simulate.simulate(design.linear, design.transient, times=times)
+
+
+def cut(waveforms: Waveforms, stop: float) -> Waveforms:
+    kept = int(np.searchsorted(waveforms.time, stop, side="right"))
+    return replace(waveforms, time=waveforms.time[:kept], values=waveforms.values[:kept])
+
+
+def recorded(
+    fine: Waveforms, other: Waveforms, stop: float, monkeypatch: pytest.MonkeyPatch
+) -> tuple[Run, Measurements, StepError]:
+    """Measure `fine` beside `other`, the record of a board that has no exact solution."""
+    design, _ = paper()
+    transient = replace(design.plan.transient, stop=stop)
+    design = replace(design, plan=replace(design.plan, transient=transient))
+    u, values = outputs(design.circuit, fine)[: len(other.time)], outputs(design.circuit, other)
+    beside = Agreement(other.time, u, values, other, DOUBT, "")
+    monkeypatch.setattr(module, "second_solution", lambda *_: beside)
+    monkeypatch.setattr(board, "is_exact", lambda _: False)
+    monkeypatch.setattr(module, "better_plan", lambda *_: None)
+    wave = replace(fine, engine="ngspice")
+    run, measured, _ = observe(design, lambda: wave, Clock(lambda stage: None))
+    return run, measured, StepError.of(measured, run.error[1])
+
+
+def test_all_errors_follow_from_the_other_record(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, whole = paper()
+    stop = float(whole.time[-1])
+    shifted = replace(whole, values=whole.values * (1 + 3e-4))
+    _, found, errors = recorded(whole, shifted, stop, monkeypatch)
+    # All outputs are 3e-4 of themselves apart, and the largest difference counts.
+    error = (3e-4 * max(abs(c.final) for c in found.channels) + DOUBT) / found.amplitude
+    assert errors.steady_state == pytest.approx(error, rel=1e-9)
+    assert 0 < errors.readings["settling_time"] < 1e-2 * found.settling_time.value
+
+
+def test_a_record_that_settles_beside_one_that_does_not_leaves_it_open(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    _, whole = paper()
+    stop = float(whole.time[-1])
+    short = cut(whole, 0.9 * stop)  # it ends before the stop time, so it proves nothing
+    _, found, errors = recorded(whole, short, stop, monkeypatch)
+    assert found.settling_time is not None
+    assert errors.readings["settling_time"] == math.inf
+    assert math.isfinite(errors.readings["rise_time"])
+
+
+def test_auto_takes_the_cheapest_engine_unless_both_are_to_be_compared(ngspice: str) -> None:
+    assert choose_engine(ringing_scene()) == "ngspice"
+    assert choose_engine(ringing_scene(error=1e-4)) == "statespace"
+    assert choose_engine(ringing_scene(error=1e-4, engine="ngspice")) == "ngspice"
+    compared = make_scene(analysis={"error": 1e-4}, checks={"engines_agree": {"tolerance": 1e-3}})
+    assert choose_engine(compared) == "ngspice"
+
+
+@pytest.mark.parametrize("wanted", [1e-2, 1e-3, 1e-4])
+def test_ngspice_reaches_the_error_and_states_it(ngspice: str, wanted: float) -> None:
+    verdict = verify(ringing_scene(error=wanted, engine="ngspice"))
+    found = verdict.accuracy
+    assert found.tries == 1
+    assert found.reached
+    assert found.method == "trapezoidal"
+    wave = verdict.waveforms
+    exact = exact_solution(verdict.circuit)
+    signs = np.array([output.sign for output in verdict.circuit.outputs])
+    off = outputs(verdict.circuit, wave) - signs * exact.at(np.asarray(wave.time))
+    error, bound = float(np.abs(off).max()), found.achieved * verdict.measurements.amplitude
+    assert error <= bound <= (1.0 + 1e-6) * error + 2.0 * exact.error
+    assert exact.error < 1e-4 * error
+    assert 0.3 * wanted < found.achieved <= wanted
+
+
+def test_a_step_that_misses_is_refined(ngspice: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first run is planned for three times the wanted error, and a second run follows."""
+    monkeypatch.setattr(transient_plan, "AIM", 3.0)
+    verdict = verify(ringing_scene(error=1e-4, engine="ngspice"))
+    found = verdict.accuracy
+    assert found.tries == 2
+    assert found.reached
+    assert found.seconds > verdict.waveforms.cost.seconds
+    document = json.loads(json.dumps(verdict_document(verdict)["accuracy"]))
+    assert {"wanted", "achieved", "seconds", "points"} <= document.keys()
+    assert document["wanted"] == 1e-4
+
+
+def test_a_record_stays_where_its_repeat_fails(
+    ngspice: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The verdict is that of the first run, and says why there is no better one."""
+    design, _ = paper()
+    rough = replace(design.plan, wanted=1e-3 * design.plan.wanted)
+    begin, plans = module.begin, list[TransientPlan]()
+
+    def second_fails(asked: Board) -> Waiting:
+        plans.append(asked.plan)
+        if len(plans) > 1:
+            raise StepTooSmall("the time step fell below the limit\nthe log says: ...")
+        return begin(asked)
+
+    monkeypatch.setattr(module, "begin", second_fails)
+    found, *_ = observe(replace(design, plan=rough), None, Clock(lambda stage: None))
+    assert len(plans) == 2
+    assert found.achieved is not None
+    assert found.achieved > rough.wanted
+    assert (
+        "the readings are of the run before it: the time step fell below the limit"
+        in (found.ends.flags[-1])
+    )
+
+
+def test_without_an_answer_of_the_other_engine_nothing_has_a_bound(
+    ngspice: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_answer(*_: object, **__: object) -> None:
+        raise EngineError("no answer")
+
+    monkeypatch.setattr(simulate, "simulate", no_answer)
+    verdict = verify(ringing_scene(error=1e-3, engine="ngspice"))
+    assert verdict.accuracy.achieved is None
+    assert verdict.error.readings["settling_time"] == math.inf
+    assert verdict.budget.parts[-1].value is None
+    checks = {check.name: check for check in verdict.checks}
+    for name in ("settling_time", "engines_agree"):
+        assert checks[name].outcome is Outcome.INCONCLUSIVE
+    assert "no answer" in checks["engines_agree"].reason
+
+
+def test_a_record_is_as_long_as_a_channel_needs_to_settle(ngspice: str) -> None:
+    """A narrow band: the last ringing leaves it long after the steady state is near enough.
+
+    The plan of the record knows the band, so that no second run is needed.
+    """
+    scene = ringing_scene(engine="ngspice")
+    off = verify(scene).measurements
+    static = max(abs(c.final - c.target) for c in off.channels) / off.amplitude
+    checks = {"settling_time": {"band": 3.0 * static}, "steady_state": {"tolerance": 0.5}}
+    data = scene.model_dump(by_alias=True) | {"checks": checks}
+    verdict = verify(Scene.model_validate(data))
+    assert verdict.measurements.settling_time is not None
+    assert verdict.accuracy.tries == 1
+
+
+def test_the_state_space_states_what_it_reached() -> None:
+    linear = verify(ringing_scene(error=1e-6, engine="statespace")).accuracy
+    assert linear.method == "exact"
+    assert linear.achieved < 1e-9
+    scene = load_scene(SCENES / "paper-exponential.toml")
+    analysis = {"error": 1e-4, "stop": 1e-4, "engine": "statespace"}
+    scene = scene.model_copy(update={"analysis": scene.analysis.model_copy(update=analysis)})
+    curved = verify(scene).accuracy
+    assert curved.reached
+    assert curved.method == "Radau IIA"
+
+
+def test_only_a_known_miss_of_a_stepping_engine_is_tried_again() -> None:
+    design = build(ringing_scene(error=1e-4, engine="ngspice"))
+    done = verify(ringing_scene(engine="statespace"))  # every channel settles
+    wave = replace(done.run.ends, engine="ngspice-46")
+
+    def again(achieved: float, own: StateSpaceError | None = None) -> TransientPlan | None:
+        u = np.full((1, 1), achieved * design.amplitude)
+        beside = Agreement(wave.time[:1], u, 0.0 * u, wave, 0.0, "")
+        return better_plan(Run(design, wave, own, beside), done.measurements)
+
+    plan = again(4e-4)
+    # The forecast was four times too small, so the next aim is four times smaller.
+    aim = AIM * 1e-4 * design.plan.forecast.error / 4e-4
+    assert 0.5 * aim < plan.forecast.error <= aim
+    assert plan.transient.stop == design.transient.stop
+    assert again(1e-5) is None
+    assert again(math.nan) is None
+    assert again(4e-4, StateSpaceError(4e-4 * design.amplitude, "", wave)) is None
+
+
+@pytest.mark.parametrize("count", [9, 20, 21, 22, 61])
+def test_a_thinned_companion_keeps_both_ends(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    """The last instant proves that a record is whole, whatever its number of points."""
+    monkeypatch.setattr(module, "MAX_INSTANTS", 10)
+    design = build(ringing_scene(engine="ngspice"))
+    times = np.linspace(0.0, design.transient.stop, count)
+    record = simulate.simulate(design.linear, design.transient, times=times)
+    found = module.state_space_beside(design.linear, design.transient, record, 1e-6)
+    assert (found.instants[0], found.instants[-1]) == (times[0], times[-1])
+    assert np.all(np.diff(found.instants) > 0.0)
+    assert len(found.instants) <= 21
+    assert found.difference == 0.0
+    assert 0.0 < found.doubt < 1e-9
+
+
+def test_a_dip_between_the_points_of_a_record_is_a_difference() -> None:
+    """The true undershoot of this board is 0.743902 % (SciPy on its deck), at 0.2 us."""
+    board = Path(__file__).parents[2] / "data/straight/saturation-passes.toml"
+    design = build(load_scene(board))
+    ends = np.linspace(0.0, design.transient.stop, 3)
+    whole = simulate.simulate(design.linear, design.transient, times=ends, resolved=True)
+    u = outputs(design.circuit, whole)
+    times = np.concatenate([[0.0], whole.time[whole.time > 1e-6]])
+    record = simulate.simulate(design.linear, design.transient, times=times)
+    found = module.state_space_beside(design.linear, design.transient, record, 1e-9)
+    assert found.difference > 0.007 * np.abs(u[-1] - u[0]).max()

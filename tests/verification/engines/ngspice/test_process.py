@@ -28,7 +28,7 @@ from taction.verification.engines.ngspice.process import (
     make_folder,
     simulate,
 )
-from tests.support.processes import is_running, process_id
+from tests.support.running import is_running, process_id
 from tests.support.small_decks import TAU, SmallDeck, divider, endless, transient, wrapped
 
 

@@ -1,24 +1,265 @@
-"""Every block and every kind of chart in every medium; no text of a picture over another one."""
+"""Every block and chart in every medium, no text over another one, and the files of reports."""
 
 from __future__ import annotations
 
+import base64
+import gzip
+import hashlib
+import importlib.util
 import io
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from lxml import html
+from matplotlib.axis import Axis as FigureAxis
+from matplotlib.figure import Figure
+from matplotlib.text import Text as FigureText
 
+from taction.netlist_gen.kicad.drawing import Strokes
 from taction.system.charts import (
     OUTCOMES,
+    Axis,
+    Band,
+    Cells,
+    Chart,
+    Columns,
+    Curve,
+    Grid,
+    Limit,
+    Text,
+    View,
+    looks_of,
+    segments,
+    spread_colours,
 )
-from taction.verification.report.blocks import Cell, Page, Section, Table
+from taction.verification.report.blocks import (
+    PAGE,
+    Bar,
+    Bars,
+    Block,
+    Cell,
+    Code,
+    Drawing,
+    Facts,
+    Notes,
+    Page,
+    Section,
+    Table,
+)
 from taction.verification.report.renderers import notebook, picture, plotly, terminal
+from taction.verification.report.renderers.notebook import card
 from taction.verification.report.renderers.page import FILES, page_html
 from taction.verification.report.renderers.picture import new_figure
-from tests.support.gallery import EVERYWHERE, charts, drawn_blocks, gallery
-from tests.support.printed import words_of
-from tests.support.text_boxes import cut_off, overlapping, texts_of
+from taction.verification.report.views.waveforms_view import end_names
+from tests.support.entries import write_fast
+from tests.support.report_pages import HOSTILE, hostile, page
+from tests.support.running import taction as command
+from tests.support.running import words_of
+
+EVERYWHERE = "terminal page notebook"
+
+STROKES = Strokes([[(0.0, 0.0), (9.0, 9.0)]], [((1.0, 1.0), 2.0, True)], [])
+
+
+def charts() -> dict[str, Chart]:
+    """Return a chart of every kind by its name."""
+    time = np.linspace(0.0, 1e-4, 201)
+    records = [target * (1.0 - np.exp(-time / 1e-5)) for target in (0.1, 0.101, -0.05)]
+    colours = spread_colours(3)
+    outputs = (
+        *(
+            Curve(time, record, f"u{n}", look, label="", line="dash" if n == 3 else "solid")
+            for n, (record, look) in enumerate(zip(records, colours, strict=True), 1)
+        ),
+        *end_names([float(record[-1]) for record in records], -0.06, 0.12, colours),
+        Curve(time, records[2], "second engine", colours[2], "", "circle-open"),
+        Limit(4e-5, "x", "settled", "ink"),
+        Band(-0.01, 0.01, "y", "band of 1 %"),
+    )  # fmt: skip
+    decades = np.geomspace(1e-12, 1e-9, 7)
+    ohms = np.geomspace(1e3, 1e5, 5)
+    rates = np.log10(decades * 1e11)[None, :] * np.log10(ohms / 1e2)[:, None] * 1e4
+    words = np.where(rates > 0.0, "pass", "fail: stability").astype(object)
+    words[0, 0], words[1, 0], words[2, 0] = "", "inconclusive: rise time", "error: TimedOut"
+    looks = looks_of(words.ravel().tolist())
+    plane = Axis("C", "F", "log"), Axis("gain", "ohm", "log")
+    edge = segments([((1e-11, 1e3), (1e-11, 1e5))])
+    poles = np.array([-2e5 + 3e5j, -1e4 + 8e5j, 3e4 + 5e5j])
+    steps = np.array([3e-4, -1e-4, 5e-5])
+    return {
+        "waveforms": Chart(
+            "Outputs", Axis("time", "s"), Axis("output", "V"), outputs,
+            "Three outputs over time.",
+            (View("first rise", (0.0, 5e-5)), View("everything", (0.0, 1e-4), (-0.06, 0.12))),
+        ),
+        "deviation": Chart(
+            "Deviation", Axis("time", "s"), Axis("deviation", "step", limits=(-0.06, 0.06)),
+            (Band(-0.01, 0.01, "y"), Curve(time, 0.05 * np.exp(-time / 1e-5), "u1")),
+            summary="The deviation in per cent of the step.",
+        ),
+        "poles": Chart(
+            "Pole map", Axis("real part", "1/s"), Axis("frequency", "Hz"),
+            (Band(0.0, 1e5, "x", colour="fail"), Limit(0.0),
+             Curve(poles.real[:2], poles.imag[:2] / 6.28, "decays", "pass", "", "circle"),
+             Curve(poles.real[2:], poles.imag[2:] / 6.28, "grows", "fail", "", "x"),
+             Curve([0.0, -4e5], [0.0, 1.3e5], "", "band", "solid", behind=True),
+             Text("grows →", None, None, ("left", "above"), "muted")),
+            "Three poles.",
+        ),
+        "values": Chart(
+            "Growth rate", *plane,
+            (Grid(decades, ohms, rates, "1/s", "signed"),
+             Curve(*edge, "edge of stability", "ink", width=2.5)),
+            summary="Rates over two axes.", legend=False,
+        ),
+        "results": Chart(
+            "Outcome", *plane,
+            (Cells(decades, ohms, words, looks),
+             Curve(*edge, "edge of stability", "ink", width=2.5)),
+            summary="Results over two axes.",
+        ),
+        "shares": Chart(
+            "Worst value", Axis("C", scale="names", names=("1 pF", "10 pF")),
+            Axis("gain", scale="names", names=("1 kΩ", "10 kΩ")),
+            (Grid([0, 1], [0, 1], [[0.2, 3.0], [0.9, np.nan]], "ratio", "share", (0.1, 10.0),
+                  written=(("0.2", "3"), ("0.9", ""))),),
+            summary="Shares of a limit.",
+        ),
+        "histogram": Chart(
+            "Settling time", Axis("settling time", "s"), Axis("samples", whole=True),
+            (Columns([1e-5, 2e-5, 3e-5], [4.0, 9.0, 2.0], widths=[1e-5] * 3, name="samples",
+                     looks=("pass", "pass", "fail")), Limit(2.5e-5, "x", "limit")),
+            summary="Fifteen samples.",
+        ),
+        "waterfall": Chart(
+            "Waterfall", Axis("error", "V"),
+            Axis(scale="names", names=("op-amps", "strays", "whole"), reverse=True),
+            (Columns([0, 1, 2], [*steps[:2], steps[0] + steps[1]], "y",
+                     looks=("pass", "fail", "band")),),
+            summary="Parts of an error.", legend=False,
+        ),
+        "work": Chart(
+            "Error against run time", Axis("wall time", "s", "log"), Axis("error", "step", "log"),
+            (Curve([0.1, 1.0, 10.0], [1e-2, 1e-4, 1e-6], "order 2", "#009e73", mark="square"),
+             Curve([0.1, 10.0], [1e-3, 1e-5], "fit", "#cc79a7", "dot")),
+            summary="Errors of three runs.",
+        ),
+    }  # fmt: skip
+
+
+def gallery() -> Page:
+    """Return a page with every block, everywhere."""
+    blocks: tuple[Block, ...] = (
+        Table(
+            "Channels", ("channel", "state", "target", "why"),
+            (
+                (Cell("u1", 1.0), Cell("settled", None, "pass"), Cell("12.3 µV", 12.3e-6),
+                 Cell("")),
+                (Cell("u2", 2.0), Cell("grows", None, "fail"), Cell("–"),
+                 Cell("a mode grows with 23.1 k/s at 49 kHz")),
+            ),
+            "in SI units",
+        ),
+        Bars(
+            "Checks",
+            (
+                Bar("overshoot", "pass", 0.25, 0.02, "10 % ± 1 %", "at most 40 %"),
+                Bar("rise time", "fail", 2.0, 0.0, "2 µs", "at most 1 µs", "u1 is slow"),
+                Bar("stability", "inconclusive", None, 0.0, "–", "", "a pole is near the axis"),
+            ),
+        ),
+        Facts("Board", (("R", "10 kΩ"), ("channels", "3"))),
+        Code("deck", "* a board\nR1 a b 1e4"),
+        Notes("Warnings", ("the record ends early",), "fail"),
+        Drawing("Cell", STROKES, "a cell"),
+        *charts().values(),
+    )  # fmt: skip
+    return Page(
+        "gallery", "taction gallery", "fail", "1 of 3 checks fails.", ("3 channels",),
+        (Section("Everything", blocks, "Every block.", EVERYWHERE),), ("made in 1 s",),
+    )  # fmt: skip
+
+
+def drawn_blocks() -> list[Block]:
+    """Return every chart and the two other blocks of pictures."""
+    found = [*charts().values()]
+    bars = next(b for b in gallery().sections[0].made(PAGE) if isinstance(b, Bars))
+    return [*found, bars, Notes("Nothing", ("No sample stands out.",))]
+
+
+TOUCH = 1.0  # pixels by which boxes may overlap: a box is larger than its letters
+
+
+@contextmanager
+def figures() -> Iterator[list[Figure]]:
+    """Give the list of figures that are saved; no file is written."""
+    saved: list[Figure] = []
+
+    def keep(figure: Figure, file: Any, **_options: Any) -> None:
+        figure.draw_without_rendering()  # which places everything
+        saved.append(figure)
+
+    with patch.object(Figure, "savefig", keep):
+        yield saved
+
+
+def texts_of(figure: Figure) -> list[tuple[str, Any]]:
+    """Return the texts that are seen, with their boxes in pixels."""
+    hidden = set()
+    for axis in figure.findobj(FigureAxis):
+        scale = axis.get_transform().transform
+        low, high = sorted(scale(axis.get_view_interval()))
+        margin = 1e-6 * (high - low)
+        ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            places = [float(scale(np.array([tick.get_loc()]))[0]) for tick in ticks]
+        inside = [low - margin <= place <= high + margin for place in places]
+        outside = [tick for tick, seen in zip(ticks, inside, strict=True) if not seen]
+        hidden |= {id(label) for tick in outside for label in (tick.label1, tick.label2)}
+    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    found = []
+    for text in figure.findobj(FigureText):
+        axes = text.axes
+        shown = text.get_visible() and (axes is None or axes.get_visible())
+        if not shown or not text.get_text().strip() or id(text) in hidden:
+            continue
+        box = text.get_window_extent(renderer)
+        if box.width > 0.0 and box.height > 0.0:
+            found.append((text.get_text(), box))
+    return found
+
+
+def overlapping(texts: list[tuple[str, Any]]) -> list[tuple[str, str]]:
+    """Return pairs of texts that lie over each other, of `texts_of`."""
+    found = []
+    for k, (first, a) in enumerate(texts):
+        for second, b in texts[k + 1 :]:
+            width = min(a.x1, b.x1) - max(a.x0, b.x0)
+            height = min(a.y1, b.y1) - max(a.y0, b.y0)
+            if width > TOUCH and height > TOUCH:
+                found.append((first, second))
+    return found
+
+
+def cut_off(figure: Figure, texts: list[tuple[str, Any]]) -> list[str]:
+    """Return those of `texts_of` a figure that are not entirely within it."""
+    whole = figure.bbox
+    return [
+        text
+        for text, box in texts
+        if box.x0 < whole.x0 - TOUCH
+        or box.x1 > whole.x1 + TOUCH
+        or box.y0 < whole.y0 - TOUCH
+        or box.y1 > whole.y1 + TOUCH
+    ]
+
 
 CHARTS = charts()
 WIDTHS = (40, 60, 80, 100, 120, 160, 200)
@@ -147,3 +388,65 @@ def test_a_wide_table_is_cut_into_parts_that_repeat_the_heads() -> None:
         assert max(map(len, lines)) <= width
         assert sum("15 pF" in line and "15 kohm" in line for line in lines) == parts
     assert at_width(page, 20).count("15 pF") == 1  # a list
+
+
+MOST = 6_000_000  # bytes
+SAMPLE = ("passing", "exponential", "64 channels", "sweep, a map", "regress")
+
+
+def small(text: str = "1") -> Page:
+    return Page("a", "b", "pass", "c", (), (Section("d", (Facts("", (("e", text),)),)),))
+
+
+@pytest.mark.parametrize("name", SAMPLE)
+def test_a_report_names_nothing_outside_itself_and_is_small(name: str) -> None:
+    text = page_html(page(name))
+    assert len(text.encode()) < MOST
+    tree = html.document_fromstring(text)
+    assert not tree.xpath("//*[@src] | //link | //iframe | //object | //*[starts-with(@href, 'h')]")
+    assert [a for a in tree.xpath("//@href") if not a.startswith("#")] == []
+    style = tree.xpath("string(//style)")
+    assert "@import" not in style
+    assert re.findall(r"url\((?!#)", style) == []
+
+
+def test_the_policy_lets_only_the_two_programs_of_the_page_run() -> None:
+    tree = html.document_fromstring(page_html(page("passing")))
+    (policy,) = tree.xpath("//meta[@http-equiv='Content-Security-Policy']/@content")
+    (program,) = tree.xpath("//script[not(@type)]/text()")
+    (packed,) = tree.xpath("//script[@id='plotly']/text()")
+    plotly = gzip.decompress(base64.b64decode(packed))
+    assert plotly == (files("plotly") / "package_data" / "plotly.min.js").read_bytes()
+    for text in (program.encode(), plotly):
+        assert base64.b64encode(hashlib.sha256(text).digest()).decode() in policy
+    assert "default-src 'none'" in policy
+    assert "script-src 'sha256-" in policy
+    assert "unsafe-eval" not in policy
+    assert "http" not in policy
+
+
+def test_texts_are_never_markup() -> None:
+    text = page_html(hostile())
+    tree = html.document_fromstring(text)
+    assert HOSTILE not in text
+    assert HOSTILE not in card(hostile())
+    assert "<script>window" not in text
+    assert "<img" not in text
+    kinds = [each.get("type") or each.get("id") for each in tree.xpath("//script")]
+    assert kinds.count(None) == 1
+    assert HOSTILE in tree.text_content()
+
+
+def test_missing_packages_are_named_before_any_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    find = importlib.util.find_spec
+    absent = {"plotly", "jinja2"}
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *more: None if name in absent else find(name)
+    )
+    scene, out = write_fast(tmp_path / "a.toml"), tmp_path / "a.html"
+    run = command("verify", str(scene), "--report", str(out))
+    assert run.exit_code == 2
+    assert "needs jinja2 and plotly: pip install 'taction[report]'" in run.output
+    assert not out.exists()

@@ -1,19 +1,48 @@
-"""The sentence about the answer's error: one channel, T = 1, where every share is a fraction."""
+"""The sentence about the answer's error; values, bands and waveforms as they are shown."""
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from taction.netlist_gen.board.circuit import Output
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.keys import scene_text
+from taction.netlist_gen.scene.loading import load_scene
+from taction.system.documents import plain
+from taction.system.raw_file import read_raw
+from taction.system.waveforms import Cost, Waveforms
+from taction.verification.readings.readings import Reading
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.solve import solve
+from taction.verification.report.blocks import PICTURE
+from taction.verification.report.documents.verdict import verdict_document
+from taction.verification.report.output_checks import (
+    export,
+)
+from taction.verification.report.renderers.page import page_html
+from taction.verification.report.renderers.terminal import page_text
+from taction.verification.report.texts import KNOWN, figure, with_error
 from taction.verification.report.views.answer_view import (
     answer_text,
+    check_bar,
     true_error_text,
 )
+from taction.verification.report.views.verdict_view import screen, view
+from taction.verification.report.views.waveforms_view import outputs_chart
 from taction.verification.verdict.answer_error import AnswerError
+from taction.verification.verdict.cause import cause
+from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.record import Channel, Record, finite
+from taction.verification.verdict.verify import Verdict, verify
+from tests.support.measured import channel
+from tests.support.paths import SCENES
 
 SCENE = "scenes/custom-matrix.toml"
 LESS = "; a smaller lambda regularises less, but lets more noise through"
@@ -105,3 +134,129 @@ def test_what_is_known() -> None:
 def test_within_is_never_too_small(volts: float, error: float, shown: str) -> None:
     answer = replace(one(1.0, 0.25, 1.0, board=volts), board_error=error)
     assert f" within {shown} of the step;" in answer_text(answer)
+
+
+BOARD = "scenes/known-readings.toml"
+BAND = "to ±2.5 %"
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scene whose band is no round number, so that no text has it by chance."""
+    scene = with_values(load_scene(BOARD), {"checks.settling_time.band": 0.025})
+    free = scene.checks.settling_time.model_copy(update={"min": None, "max": 1e-3})
+    checks = scene.checks.model_copy(update={"settling_time": free})
+    place = tmp_path_factory.mktemp("bands") / "board.toml"
+    found = scene.model_copy(update={"checks": checks}).with_engine("statespace")
+    place.write_text(scene_text(found), encoding="utf-8")
+    return place
+
+
+def test_verdicts_in_every_medium(file: Path) -> None:
+    verdict = verify(load_scene(file))
+    whole = view(verdict)
+    for text in (page_text(whole), page_text(screen(verdict)), page_html(whole)):
+        assert re.search(rf"[Ss]ettl\w* {BAND}", re.sub(r"\s+", " ", text))
+    assert BAND in next(iter(whole.blocks(PICTURE))).title
+    slow = [replace(c, expected=1e-9) for c in verdict.checks if c.name == "settling_time"]
+    late = cause([replace(c, outcome=Outcome.FAIL) for c in slow])
+    assert late is not None
+    assert late.text.startswith(f"settles {BAND} in ")
+
+
+def test_a_board_that_grows_opens_on_its_growth() -> None:
+    """At the end of the first view the outputs are far above those of its first tenth."""
+    board = with_values(load_scene(BOARD), {"design.capacitance": 1e-12})
+    verdict = verify(board.with_engine("statespace"))
+    assert verdict.poles.known_unstable
+    first = outputs_chart(verdict).views[0]
+    assert first.x is not None
+    time, sizes = verdict.waveforms.time, abs(verdict.u).max(axis=1)
+    early = sizes[time <= 0.1 * first.x[1]].max()
+    assert sizes[time <= first.x[1]].max() > 3.0 * early
+
+
+def test_a_board_that_grows_has_no_excursions_in_any_record() -> None:
+    """That of its record depends on its length."""
+    boards = (with_values(load_scene(BOARD), {"design.capacitance": c}) for c in (1e-12, 1e-11))
+    grows, rests = (Record.of(verify(each.with_engine("statespace"))) for each in boards)
+    assert (grows.stable, rests.stable) == (False, True)
+    for one, other in zip((grows, *grows.channels), (rests, *rests.channels), strict=True):
+        assert one.figure("rise_time").value is None
+        for name in ("overshoot", "undershoot"):
+            assert one.figure(name).value is None
+            assert other.figure(name).value is not None
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (None, "s", "–"),
+        (math.nan, "step", "–"),
+        (1.5e-5, "s", "15 µs"),
+        (0.0123, "step", "1.23 %"),
+        (-1234.5, "1/s", "-1.234 k/s"),
+        (2.0, "ratio", "2"),
+        (12345, "", "12345"),
+        ("ua741", "", "ua741"),
+    ],
+)
+def test_values_with_their_units(value: float | str | None, unit: str, text: str) -> None:
+    assert figure(value, unit) == text
+
+
+@pytest.mark.parametrize("value", [1.0, 3.2e-9, -4.7e5])
+def test_a_bound_is_written_down_to_1_ppm_and_never_as_a_smaller_unit(value: float) -> None:
+    """What has no bound behind it is known as well as `KNOWN` says, or says that it is not."""
+    assert "1 ppm" in KNOWN
+    for share, shown in ((1e-3, True), (2e-6, True), (9e-7, False), (1e-13, False), (0.0, False)):
+        text = with_error(value, share * abs(value), "s")
+        assert ("±" in text) is shown, (share, text)
+    assert with_error(value, None, "s").endswith("± unknown")
+    assert with_error(value, math.inf, "s").endswith("± unknown")
+    check = Check("rise_time", Outcome.PASS, value, 1e-10 * abs(value), None, None, "s", "")
+    assert "±" not in check_bar(check).value
+
+
+@cache
+def verdict() -> Verdict:
+    scene = load_scene(SCENES / "tuned-breadboard.toml")
+    analysis = scene.analysis.model_copy(update={"engine": "statespace"})
+    found = verify(scene.model_copy(update={"analysis": analysis}))
+    every = slice(None, None, 40)  # enough points to draw
+    waves = found.waveforms
+    waves = replace(waves, time=waves.time[every], values=waves.values[every])
+    return replace(found, run=replace(found.run, ends=waves))
+
+
+def test_a_document_is_plain_and_counts_channels_from_one() -> None:
+    document = verdict_document(verdict())
+    assert [record["index"] for record in document["channels"]] == list(range(1, 8))
+    for record in document["channels"]:
+        bounds = record["uncertainties"]
+        readings = {"rise_time", "settling_time", "overshoot", "undershoot"}
+        assert readings < set(bounds) <= readings | {"equilibrium"} | {"rise_time"}
+        assert all(0.0 < bounds[name] < 1e-6 for name in ("overshoot", "undershoot"))
+    assert document["engine"] == document["simulator"] == "statespace"
+    assert (document["solver"], document["method"]) == (None, "exact")
+    assert document["error_budget"]["opamps"]["unit"] == "V"
+    fragile = plain(Channel.of(channel(rise_time=Reading(1e-5, 0.0, True, 4e-6))))
+    assert (fragile["fragile"], fragile["alternatives"]) == (True, {"rise_time": 4e-6})
+    assert finite(None) is None
+    assert finite(Reading(float("nan"), 0.0)) is None
+
+
+def test_an_exported_record_keeps_every_digit(tmp_path: Path) -> None:
+    """Two channels, the second read with a minus sign."""
+    time = np.array([0.0, 1 / 3, 1.0])
+    values = np.array([[0.0, 0.0], [1 / 7, -0.1], [1e-20, -2 / 3]])
+    waveforms = Waveforms(time, ("v_1", "a_2"), values, "test", Cost(0.0, 3))
+    circuit = replace(verdict().circuit, outputs=(Output("v_1", 1.0), Output("a_2", -1.0)))
+    export(circuit, waveforms, str(tmp_path / "w.csv"))
+    assert (tmp_path / "w.csv").read_text().splitlines()[0] == "time,u_1,u_2"
+    table = np.loadtxt(tmp_path / "w.csv", delimiter=",", skiprows=1)
+    assert np.array_equal(table, np.column_stack([time, values * [1.0, -1.0]]))
+    export(circuit, waveforms, str(tmp_path / "w.raw"))
+    plot = read_raw(tmp_path / "w.raw")
+    assert plot.vectors == ("time", "v(v_1)", "v(a_2)")
+    assert np.array_equal(plot.data, np.column_stack([time, values]))

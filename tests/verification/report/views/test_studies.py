@@ -1,9 +1,10 @@
-"""What pages and pictures of studies show: margins, yields, maps, sentences, charts for Plotly."""
+"""What pages and pictures of studies and of a reproduction show."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,10 @@ import pytest
 
 import taction
 from taction.netlist_gen.scene.axes import with_values
-from taction.system.charts import Cells, Chart, thinned
+from taction.system.charts import Axis, Cells, Chart, Curve, Limit, thinned
+from taction.system.documents import plain
+from taction.verification.evidence.paper import reproduce
+from taction.verification.evidence.paper.findings import Chapter, Finding, chart, load_claims
 from taction.verification.report.blocks import PAGE, Bars, Block, Page, Table
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout
 from taction.verification.report.views import tolerance_view as tolerance
@@ -23,9 +27,9 @@ from taction.verification.studies.tolerance.montecarlo import (
     Sensitivity,
     YieldReport,
 )
+from tests.support.entries import grid_plan, make_sample
 from tests.support.making import make_scene
 from tests.support.report_pages import STATESPACE, STUDIES, VERDICTS, page
-from tests.support.sweeping import grid_plan, make_sample
 
 MARKED = "#123456"  # in the place of a colour of the style sheet
 
@@ -44,14 +48,14 @@ def coloured(value: Any) -> Any:
 def test_plotly_accepts_every_chart(name: str) -> None:
     import plotly.graph_objects as go
 
-    for chart in (block for block in page(name).blocks() if isinstance(block, Chart)):
-        spec = coloured(json.loads(json.dumps(plotly_spec(chart), allow_nan=False)))
+    for each in (block for block in page(name).blocks() if isinstance(block, Chart)):
+        spec = coloured(json.loads(json.dumps(plotly_spec(each), allow_nan=False)))
         go.Figure(spec)  # raises for an unknown property or value
-        for view in chart.views:
-            layout = view_layout(chart, view)
+        for view in each.views:
+            layout = view_layout(each, view)
             go.Figure(spec).update_layout({k.replace(".", "_"): v for k, v in layout.items()})
-        assert chart.title
-        assert chart.summary
+        assert each.title
+        assert each.summary
 
 
 def test_a_thinned_curve_keeps_every_peak() -> None:
@@ -209,3 +213,44 @@ def test_the_boundary_is_where_the_growth_rate_passes_through_zero() -> None:
     assert plane.edge is not None
     assert plane.edge.x[:2] == pytest.approx([25e-12, 25e-12])
     assert "interpolated between the points" in plane.note
+
+
+DRAWN = chart(
+    "title",
+    "What <is> seen | here.",
+    Axis("x", scale="log"),
+    Axis("y"),
+    Curve([1, 2], [3, 4], "line"),
+    Limit(3.5, "y", "mark: 3.5"),
+)
+
+
+def chapter(quick: bool) -> Chapter:
+    wanted = [claim for claim in load_claims() if claim.chapter == "reconstruction"]
+    found = (Finding(c, "run", "a | b <c>", c.expected, {"value": 1.0}) for c in wanted)
+    return Chapter(tuple(found), (DRAWN,))
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One chapter that costs nothing."""
+    monkeypatch.setattr(reproduce, "CHAPTERS", {"reconstruction": ("A <title>", chapter)})
+
+
+@pytest.mark.usefixtures("short")
+def test_the_page_holds_every_claim_and_the_pictures(tmp_path: Path) -> None:
+    found = reproduce.reproduce()
+    found.report(tmp_path / "paper.html")
+    html = (tmp_path / "paper.html").read_text("utf-8")
+    assert html.count("a | b &lt;c&gt;") == len(found.findings)
+    assert html.count('class="canvas"') == 1
+    assert "mark: 3.5" in html
+    assert "What &lt;is&gt; seen | here." in html
+    assert "A &lt;title&gt;" in html
+
+
+@pytest.mark.usefixtures("short")
+def test_the_document_names_verdict_and_expectation() -> None:
+    found = plain(reproduce.reproduce(quick=True))
+    assert found["quick"] is True
+    assert all(each["as_expected"] for each in found["claims"])

@@ -28,9 +28,9 @@ from taction.verification.studies.tolerance.varied_board import (
     evaluate,
     prepare,
 )
+from tests.support.entries import make_sample
 from tests.support.running import taction as command
 from tests.support.studying import QUIET, one_thread, scene_file, small_scene, stored_samples
-from tests.support.sweeping import make_sample
 
 WORN = {"resistor": 0.05, "capacitor": 0.1}
 HALF = {"steady_state": {"tolerance": 0.03}, "settling_time": {"band": 0.2, "max": "286.3us"}}

@@ -15,8 +15,7 @@ from taction.verification.engines.statespace.equations.mirror_symmetry import (
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import ModalFlow, exact_solution
 from taction.verification.stability.poles import poles
-from tests.support.boards import board, kernel, strain, two_pole
-from tests.support.decomposing import decompose
+from tests.support.boards import board, decompose, kernel, strain, two_pole
 
 ODD, EVEN = np.array([4, 3, 2, 1, 0]), np.array([5, 4, 3, 2, 1, 0])
 

@@ -24,8 +24,7 @@ from taction.verification.engines.statespace.linearised.rightmost_poles import (
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.poles import count_unstable, poles
-from tests.support.boards import board, kernel, paper_board, strain, two_pole
-from tests.support.drawn_boards import drawn_board
+from tests.support.boards import board, drawn_board, kernel, paper_board, strain, two_pole
 
 
 def wide_board(channels: int, C: float = 10e-12) -> Circuit:

@@ -15,8 +15,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.engines.statespace.linearised.rightmost_poles import Found, lead_pole
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
 from taction.verification.engines.statespace.transients.exact import ModalFlow, exact_solution
-from tests.support.boards import lags, paper_board, single_mode
-from tests.support.decomposing import decompose
+from tests.support.boards import decompose, lags, paper_board, single_mode
 from tests.support.paths import SCENES
 
 

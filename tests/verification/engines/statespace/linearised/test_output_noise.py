@@ -21,8 +21,7 @@ from taction.verification.engines.statespace.linearised.noise_covariance import 
     _white,
     output_noise,
 )
-from tests.support.boards import bare
-from tests.support.decomposing import decompose
+from tests.support.boards import bare, decompose
 from tests.support.making import make_scene, matrix_problem
 
 KT = 1.380649e-23 * 300.15

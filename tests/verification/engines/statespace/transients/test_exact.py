@@ -20,8 +20,7 @@ from taction.verification.evidence.stress.judge import compare, wrong_checks
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.simulation import state_space_error
 from taction.verification.verdict.verify import verify
-from tests.support.boards import IDEAL, board, kernel, lags, paper_board, strain
-from tests.support.drawn_boards import drawn_board
+from tests.support.boards import IDEAL, board, drawn_board, kernel, lags, paper_board, strain
 from tests.support.true_values import true_values
 
 TAU = 1e-6

@@ -13,8 +13,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.modal_steps import StateBoard, is_basis
 from taction.verification.engines.statespace.transients.stepped import halved, simulate
-from tests.support.boards import board, kernel, strain, two_pole
-from tests.support.decomposing import decompose
+from tests.support.boards import board, decompose, kernel, strain, two_pole
 from tests.verification.engines.statespace.transients.test_radau import (
     Everything,
     Functions,

@@ -1,0 +1,251 @@
+"""The package as users install it, by pip and uv, outside the checkout; completion in shells.
+
+Environments have taction and nothing else, made with the package sources of this machine's pip.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tests.support.packages import build_archives
+from tests.support.paths import ROOT, SCENES
+
+# What pip is told by its files and variables, as uv is told the same.
+UV_NAMES = {
+    "index-url": "UV_DEFAULT_INDEX",
+    "extra-index-url": "UV_INDEX",
+    "find-links": "UV_FIND_LINKS",
+    "cert": "SSL_CERT_FILE",
+}
+OURS = ("PYTEST", "PYTHON", "TACTION", "VIRTUAL_ENV", "COLUMNS")
+
+
+def outside() -> dict[str, str]:
+    """Return the environment variables of a user who has no checkout."""
+    return {name: value for name, value in os.environ.items() if not name.startswith(OURS)}
+
+
+def uv_sources() -> dict[str, str]:
+    """Return the package sources of pip's configuration as variables of uv."""
+    words = [sys.executable, "-m", "pip", "config", "list"]
+    listed = subprocess.run(words, check=True, capture_output=True, text=True).stdout
+    found = {}
+    for line in listed.splitlines():
+        name, _, value = line.partition("=")
+        if variable := UV_NAMES.get(name.rpartition(".")[2].strip()):
+            found[variable] = value.strip("'")
+    # Of two indexes uv takes a package from the first that has it, pip takes the newest of all.
+    return found | {"UV_INDEX_STRATEGY": "unsafe-best-match"}
+
+
+@dataclass(frozen=True)
+class Environment:
+    """An environment with taction: its programs, and an empty folder outside the checkout."""
+
+    programs: Path
+    folder: Path
+
+    def run(self, *words: str, program: str = "taction") -> subprocess.CompletedProcess[str]:
+        """Run a program of the environment in the folder."""
+        return subprocess.run(
+            [self.programs / program, *words],
+            cwd=self.folder,
+            env=outside(),
+            capture_output=True,
+            text=True,
+            stdin=subprocess.DEVNULL,
+            timeout=300,
+        )
+
+
+def uv(*words: str) -> str:
+    """Run uv with the package sources of pip; return what it says."""
+    run = subprocess.run(
+        [sys.executable, "-m", "uv", *words],
+        env=outside() | uv_sources(),
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert run.returncode == 0, run.stderr
+    return run.stdout + run.stderr
+
+
+@pytest.fixture(scope="session")
+def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The wheel and the source archive."""
+    return build_archives(tmp_path_factory.mktemp("checkout"), tmp_path_factory.mktemp("dist"))
+
+
+@pytest.fixture(scope="session")
+def by_pip(archives: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Environment:
+    """The wheel by pip, without extras.
+
+    Matplotlib goes: PySpice depends on it, and what taction uses of PySpice does not.
+    """
+    place = tmp_path_factory.mktemp("pip")
+    subprocess.run([sys.executable, "-m", "venv", place], check=True)
+    for words in (
+        ("install", "--no-compile", str(archives[0])),
+        ("uninstall", "--yes", "matplotlib"),
+    ):
+        pip = [place / "bin" / "pip", "--quiet", *words]
+        subprocess.run(pip, check=True, env=outside())
+    return Environment(place / "bin", tmp_path_factory.mktemp("empty"))
+
+
+@pytest.fixture(scope="session")
+def by_uv(archives: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Environment:
+    """The source archive by uv, with the extras `plot` and `report`."""
+    place = tmp_path_factory.mktemp("uv")
+    uv("venv", "--quiet", "--clear", "--python", sys.executable, str(place))
+    python = str(place / "bin" / "python")
+    uv("pip", "install", "--quiet", "--python", python, f"{archives[1]}[plot,report]")
+    return Environment(place / "bin", tmp_path_factory.mktemp("empty"))
+
+
+BOARD = "paper-breadboard.toml"
+LIGHT = ("--engine", "statespace")
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EXTRAS = {
+    name: [re.split(r"[<>=]", need)[0] for need in needs]
+    for name, needs in PROJECT["optional-dependencies"].items()
+    if name != "dev"
+}
+# Command lines that need an extra, and the extra that the message names.
+REFUSED = {
+    ("verify", BOARD, "--plot=a.png", *LIGHT): "plot",
+    ("verify", BOARD, "--report=a.html", *LIGHT): "report",
+    ("explore", BOARD, "--no-browser"): "explore",
+}
+
+
+@pytest.fixture(params=["by_pip", "by_uv"])
+def environment(request: pytest.FixtureRequest) -> Environment:
+    made: Environment = request.getfixturevalue(request.param)
+    shutil.copy(SCENES / BOARD, made.folder)
+    return made
+
+
+def test_the_papers_board_is_verified(environment: Environment, ngspice: str) -> None:
+    run = environment.run("verify", BOARD, "--json")
+    assert run.returncode == 0, run.stdout + run.stderr
+    verdict = json.loads(run.stdout)
+    assert verdict["outcome"] == "pass"
+    assert verdict["taction"]["version"] == PROJECT["version"]
+    assert len(verdict["checks"]) >= 3
+    assert verdict["taction"]["simulator"]
+
+
+def test_nothing_comes_from_the_checkout(by_pip: Environment, by_uv: Environment) -> None:
+    for environment in (by_pip, by_uv):
+        code = "import taction; print(taction.__file__, taction.verify.__module__)"
+        run = environment.run("-c", code, program="python")
+        file, module = run.stdout.split()
+        assert Path(file).is_relative_to(environment.programs.parent)
+        assert module == "taction.transients"
+        assert run.stderr == ""
+
+
+def test_the_core_brings_no_extra(by_pip: Environment) -> None:
+    run = by_pip.run("-m", "pip", "list", "--format", "json", program="python")
+    there = {each["name"].lower() for each in json.loads(run.stdout)}
+    assert {"taction", "numpy", "scipy"} <= there
+    assert not there & {name for names in EXTRAS.values() for name in names}
+
+
+def test_doctor_names_the_extra_of_everything_that_is_missing(by_pip: Environment) -> None:
+    run = by_pip.run("doctor", "--json")
+    missing = [each["found"] for each in json.loads(run.stdout)["findings"] if not each["ok"]]
+    named = set(re.findall(r"taction\[(\w+)\]", " ".join(missing)))
+    assert named == set(EXTRAS)
+
+
+@pytest.mark.parametrize(("words", "extra"), REFUSED.items(), ids=REFUSED.values())
+def test_a_missing_extra_is_named_before_any_work(
+    by_pip: Environment, words: tuple[str, ...], extra: str
+) -> None:
+    shutil.copy(SCENES / BOARD, by_pip.folder)
+    run = by_pip.run(*words)
+    assert run.returncode == 2
+    assert f"pip install 'taction[{extra}]'" in run.stderr
+    assert "Traceback" not in run.stderr
+
+
+def test_extras_bring_what_their_options_need(by_uv: Environment) -> None:
+    shutil.copy(SCENES / BOARD, by_uv.folder)
+    run = by_uv.run("verify", BOARD, "--plot", "a.png", "--report", "a.html", *LIGHT)
+    assert run.returncode == 0, run.stderr
+    assert (by_uv.folder / "a.png").read_bytes()[1:4] == b"PNG"
+    report = (by_uv.folder / "a.html").read_text(encoding="utf-8")
+    assert "plotly" in report.lower()
+    assert "<svg" in report
+
+
+@pytest.mark.parametrize("extra", EXTRAS)
+def test_every_extra_can_be_resolved(
+    archives: tuple[Path, Path], by_uv: Environment, extra: str
+) -> None:
+    """Beside the core, on this Python: what would be installed has every package of the extra."""
+    wanted = f"{archives[0]}[{extra}]"
+    empty = by_uv.folder / "packages"
+    words = ("--dry-run", "--target", str(empty), "--python", sys.executable, wanted)
+    planned = set(re.findall(r"^ \+ ([\w-]+)==", uv("pip", "install", *words), re.MULTILINE))
+    assert {"numpy", "scipy", *EXTRAS[extra]} <= planned
+
+
+# How each starts without the user's files, loads the completion, and tells what `$1` becomes.
+SHELLS = {
+    "bash": (
+        ("--norc", "--noprofile", "-c"),
+        'eval "$(_TACTION_COMPLETE=bash_source taction)"; complete -p taction >&2; '
+        "COMP_WORDS=($1); COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); _taction_completion taction; "
+        'echo "${COMPREPLY[@]}"; compopt() { echo files; }; _taction_completion taction',
+    ),
+    "zsh": (
+        ("-f", "-c"),
+        "autoload -U compinit && compinit -u -d dump; "
+        'eval "$(_TACTION_COMPLETE=zsh_source taction)"; echo $_comps[taction] >&2; '
+        'words=(${=1}); CURRENT=${#words}; compadd() { echo "$@" }; _describe() { print ${(P)3} }; '
+        "_path_files() { echo files }; _taction_completion",
+    ),
+    "fish": (
+        ("--no-config", "-c"),
+        "_TACTION_COMPLETE=fish_source taction | source; complete -C $argv[1]",
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    ("line", "whole"), [("taction ver", "verify"), ("taction verify my-b", "my-board.toml|files")]
+)
+@pytest.mark.parametrize("shell", SHELLS)
+def test_the_shell_completes_a_word(
+    shell: str, line: str, whole: str, by_uv: Environment, tmp_path: Path
+) -> None:
+    words, script = SHELLS[shell]
+    path = shutil.which(shell)
+    if path is None:
+        reason = f"{shell} is not here; `make test-install` installs it where it may"
+        (pytest.fail if os.environ.get("CI") else pytest.skip)(reason)
+    (tmp_path / "my-board.toml").touch()
+    search = os.pathsep.join([str(by_uv.programs), os.environ["PATH"]])
+    home = dict.fromkeys(("HOME", "XDG_DATA_HOME"), str(tmp_path))
+    name = () if shell == "fish" else (shell,)
+    run = subprocess.run(
+        [path, *words, script, *name, line],
+        cwd=tmp_path, env=outside() | home | {"PATH": search}, capture_output=True, text=True,
+        timeout=60,
+    )  # fmt: skip
+    assert any(each in run.stdout for each in whole.split("|")), run
+    assert "netlist" not in run.stdout
