@@ -16,7 +16,7 @@ from taction.netlist_gen.scene.scene import Scene, own_figures
 from taction.system.array_types import Floats
 
 DIGITS = 3  # of a value without a series
-SLACK = 1e-9  # relative: an end of an interval belongs to it
+SLACK = 1e-9  # relative: a value that is off by less is one of the series
 _E24 = (
     *(1.0, 1.1, 1.2, 1.3, 1.5, 1.6, 1.8, 2.0, 2.2, 2.4, 2.7, 3.0),
     *(3.3, 3.6, 3.9, 4.3, 4.7, 5.1, 5.6, 6.2, 6.8, 7.5, 8.2, 9.1),
@@ -67,18 +67,6 @@ def series_of(design: Design, path: str) -> str:
 
 
 RESISTORS = ("design.resistance", "design.gain", "design.inverter_resistance")
-
-
-def values_between(low: float, high: float, series: str) -> Floats:
-    """Return the values of a series, or of three digits, from `low` to `high`, (P,)."""
-    first, last = math.floor(math.log10(low)), math.floor(math.log10(high))
-    if series == "exact":
-        steps = np.arange(10 ** (DIGITS - 1), 10**DIGITS) / 10.0 ** (DIGITS - 1)
-    else:
-        steps = mantissas(series)
-    texts = [f"{step!r}e{k}" for k in range(first, last + 1) for step in steps.tolist()]
-    values = np.array([float(text) for text in texts])
-    return values[(values >= low * (1.0 - SLACK)) & (values <= high * (1.0 + SLACK))]
 
 
 def buyable(value: float, series: str) -> float:
