@@ -157,7 +157,7 @@ def three_scenes(tmp_path: Path) -> Path:
 def test_the_table_has_a_row_for_each_scene_and_the_reasons_below(three_scenes: Path) -> None:
     result = taction("verify", str(three_scenes), "--exclude", "draft-*", "--jobs", "1")
     assert result.exit_code == 1
-    assert f"{folder}/good.toml" in result.stdout
+    assert f"{three_scenes}/good.toml" in result.stdout
     assert "settles to ±1 % in " in result.stdout
     assert "2 scenes: 1 pass, 1 fail" in result.stdout
 
@@ -187,7 +187,7 @@ def test_the_exit_status_is_the_worst_and_a_bad_file_stops_no_other(three_scenes
 
 
 def test_junit_has_a_suite_for_each_scene(three_scenes: Path) -> None:
-    file = three_scenes.parent / f"{folder.name}.xml"
+    file = three_scenes.parent / f"{three_scenes.name}.xml"
     result = taction("verify", str(three_scenes), "--junit", str(file), "--jobs", "1")
     assert result.exit_code == 2
     root = ET.fromstring(file.read_text(encoding="utf-8"))  # noqa: S314 - our own file
