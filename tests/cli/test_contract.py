@@ -166,11 +166,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, name: str, error: BaseException) ->
     ids=lambda value: type(value).__name__ if isinstance(value, BaseException) else "",
 )
 def test_every_command_ends_alike(
-    name: str,
-    error: BaseException,
-    status: int,
-    says: str,
-    monkeypatch: pytest.MonkeyPatch,
+    name: str, error: BaseException, status: int, says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     failing(monkeypatch, name, error)
     for mode in ((), ("--json",)):

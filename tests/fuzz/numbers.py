@@ -140,9 +140,5 @@ LOGS = st.lists(st.sampled_from(LOG_LINES), max_size=6).map(lambda lines: "\n".j
 
 SIMULATOR_FILES = (
     Target("raw files", edited([_base()], [VALUE_EDIT, *BYTE_EDITS]), _examine_raw),
-    Target(
-        "logs",
-        LOGS.flatmap(lambda log: edited([log], BYTE_EDITS)),
-        _examine_log,
-    ),
+    Target("logs", LOGS.flatmap(lambda log: edited([log], BYTE_EDITS)), _examine_log),
 )

@@ -22,11 +22,7 @@ from taction.verification.readings.readings import Step
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
 from taction.verification.verdict.checks import Outcome
 from tests.mutation import planting
-from tests.mutation.planting import (
-    Plant,
-    figures,
-    scaled,
-)
+from tests.mutation.planting import Plant, figures, scaled
 
 MATRIX, ELEVEN, TUNED = "custom-matrix", "eleven-channel", "tuned-breadboard"
 KNOWN, WIRED = "known-readings", "wired"
@@ -156,17 +152,10 @@ THIRD_WITNESS = (
     of_deck("U0 of the stages off by 1 %", OTHER_STAGE, SKEW, AGREE),
     of_text("one card of a resistor left out", swap("Rz_6_fb", "* Rz_6_fb"), MATRIX, AGREE),
     of_text(
-        "Gear's method for the trapezoidal rule",
-        swap("method=trap", "method=gear"),
-        MATRIX,
-        AGREE,
+        "Gear's method for the trapezoidal rule", swap("method=trap", "method=gear"), MATRIX, AGREE
     ),
     of_text(
-        "start from the operating point in place of 0 V",
-        swap(" uic", ""),
-        MATRIX,
-        AGREE,
-        SAME,
+        "start from the operating point in place of 0 V", swap(" uic", ""), MATRIX, AGREE, SAME
     ),
     of_run("start from 0 V in place of rest", {"initial": "zero"}, SKEW, AGREE, SAME),
     of_run("step ten times too large", {"max_step": 10.0, "truncation": 1e3}, MATRIX, AGREE),
@@ -223,11 +212,4 @@ READINGS = (
         lambda s: with_value(s, "design.capacitance", "101pF"), MATRIX, "regression",
     ),
 )  # fmt: skip
-MUTATIONS = (
-    *SYNTHESIS,
-    *CIRCUIT,
-    *THIRD_WITNESS,
-    *FIRST_WITNESS,
-    *SECOND_WITNESS,
-    *READINGS,
-)
+MUTATIONS = (*SYNTHESIS, *CIRCUIT, *THIRD_WITNESS, *FIRST_WITNESS, *SECOND_WITNESS, *READINGS)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from tests.support.paths import ROOT
 
 VENDOR = str(ROOT / "tests" / "data" / "fet100.cir")
-LOOP = str(ROOT / "scenes" / "inverse.toml")
 PINS = "--subckt FET100 --pins inp,inn,vcc,vee,out"
 
 # The document of a line has the schema of the name before the comma.

@@ -51,11 +51,7 @@ def random_scene(seed: int, amplifier: str = "linear", **values: Any) -> Scene:
         "unit_conductance": 10.0 ** rng.uniform(-6.7, -4.7),
         "stray_capacitance": float(rng.choice([0.0, 1e-12, 5e-12, 1e-11])),
         # The oracle's equilibrium starts from amplifiers, not from op-amps that slew.
-        "opamp": {
-            "base": str(rng.choice(OPAMPS)),
-            "level": "small-signal",
-            "input_errors": "none",
-        },
+        "opamp": {"base": str(rng.choice(OPAMPS)), "level": "small-signal", "input_errors": "none"},
         "topology": "integrator" if rng.random() < 0.9 else "passive",
         "resistor_series": str(rng.choice(["exact", "exact", "exact", "E96", "E24"])),
         "steady_state": {"tolerance": float(10.0 ** rng.uniform(-4, -1))},

@@ -56,10 +56,7 @@ from taction.verification.studies.tolerance.montecarlo import (
 )
 from taction.verification.studies.tolerance.varied_board import prepare
 from taction.verification.studies.work_precision.methods import METHODS, Method
-from taction.verification.studies.work_precision.study import (
-    SettingResult,
-    WorkPrecisionStudy,
-)
+from taction.verification.studies.work_precision.study import SettingResult, WorkPrecisionStudy
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Difference, Record
 from taction.verification.verdict.verify import Verdict, verify

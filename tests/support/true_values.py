@@ -261,10 +261,7 @@ def _values(
 
 
 def _channels(
-    scene: Scene,
-    steps: list[tuple[arb, arb]],
-    amplitude: arb,
-    signals: Sequence[AnySignal | None],
+    scene: Scene, steps: list[tuple[arb, arb]], amplitude: arb, signals: Sequence[AnySignal | None]
 ) -> list[dict[str, float]]:
     """Read every channel, which steps from its start to its target; none without `signals`."""
     band = amplitude * arb(scene.checks.settling_time.band)

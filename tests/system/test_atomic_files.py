@@ -13,12 +13,7 @@ from pathlib import Path
 import pytest
 
 from taction.system.errors import InputError
-from taction.system.foreign_files import (
-    UnusableFileError,
-    read_bounded,
-    read_ends,
-    visible,
-)
+from taction.system.foreign_files import UnusableFileError, read_bounded, read_ends, visible
 from taction.system.output_files import ABANDONED, write_atomically
 
 # A limit on the size of files is the kernel's own "no space": the write fails half way.

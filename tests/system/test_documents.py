@@ -15,15 +15,7 @@ import jsonschema
 import pytest
 
 from taction.system import progress as after_result
-from taction.system.documents import (
-    HIDDEN,
-    INLINE,
-    Seconds,
-    plain,
-    read,
-    schema,
-    units,
-)
+from taction.system.documents import HIDDEN, INLINE, Seconds, plain, read, schema, units
 from taction.system.errors import (
     MOST_LISTED,
     Complaint,
@@ -154,13 +146,7 @@ def test_plain_data_fit_the_schema_and_nothing_else_does() -> None:
 
 
 def test_units_of_a_type() -> None:
-    assert units(Outer) == {
-        "gain": "ohm",
-        "level": "V",
-        "rates": "1/s",
-        "time": "s",
-        "twice": "s",
-    }
+    assert units(Outer) == {"gain": "ohm", "level": "V", "rates": "1/s", "time": "s", "twice": "s"}
 
 
 def test_a_message_lists_some_mistakes_and_counts_the_others() -> None:

@@ -12,11 +12,7 @@ from pathlib import Path
 import pytest
 
 from taction.system import processes
-from taction.system.processes import (
-    clear_abandoned,
-    make_own_folder,
-    own_folder,
-)
+from taction.system.processes import clear_abandoned, make_own_folder, own_folder
 from tests.support.running import is_running
 
 OWNER = """

@@ -267,8 +267,7 @@ def strike(
 
 
 @pytest.mark.parametrize(
-    ("study", "victim", "signals", "chance"),
-    some(EVERY_KILL, [("sweep", "tree", ("SIGKILL",))]),
+    ("study", "victim", "signals", "chance"), some(EVERY_KILL, [("sweep", "tree", ("SIGKILL",))])
 )
 def test_a_kill_loses_nothing(
     study: str, victim: str, signals: tuple[str, ...], chance: random.Random,
@@ -361,8 +360,7 @@ DISASTERS = (power_cut, two_at_once, full_disk, removed_simulator)
 
 
 @pytest.mark.parametrize(
-    ("disaster", "study", "chance"),
-    some(list(product(DISASTERS, STORING)), [(power_cut, "sweep")]),
+    ("disaster", "study", "chance"), some(list(product(DISASTERS, STORING)), [(power_cut, "sweep")])
 )
 def test_a_disaster_loses_nothing(
     disaster: Disaster, study: str, chance: random.Random, undisturbed: Undisturbed, tmp_path: Path

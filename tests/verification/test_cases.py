@@ -123,9 +123,7 @@ def board(farads: float = 10e-12) -> Circuit:
 def test_the_centre_output_rises_in_ten_microseconds() -> None:
     circuit = board()
     found = simulate(
-        write_deck(circuit, Transient(60e-6, 0.1e-6), saved=["v_4"]),
-        find_simulator(),
-        timeout=60.0,
+        write_deck(circuit, Transient(60e-6, 0.1e-6), saved=["v_4"]), find_simulator(), timeout=60.0
     )
     T, eps = make_problem(SCENE).matrix, make_problem(SCENE).strain
     lam = circuit.value("lambda")

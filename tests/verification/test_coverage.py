@@ -116,11 +116,7 @@ MADE: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any]]] = {
         {},
     ),
     "exponential": ({"channels": 3}, BENT | {"amplifier": "exponential"}, {}),
-    "exponential-rest": (
-        {"channels": 3},
-        BENT | {"amplifier": "exponential"},
-        {"initial": "rest"},
-    ),
+    "exponential-rest": ({"channels": 3}, BENT | {"amplifier": "exponential"}, {"initial": "rest"}),
     "softplus": ({"channels": 3}, BENT | {"amplifier": "softplus"}, {}),
     "tanh": ({"channels": 3}, BENT | {"amplifier": "tanh"}, {}),
     "marginal-stable": ({}, BREADBOARD | {"capacitance": "9.2pF"}, {}),

@@ -307,11 +307,7 @@ def test_every_kind_of_card_has_its_value_in_ngspice(ngspice: str, tmp_path: Pat
     file.write_text(EVERY_CARD)
     found = vendor_subcircuit(file, "every")
     nodes = found.ports[1:]
-    bench = [
-        "Vin in 0 0.5",
-        "Rin in 0 1k",
-        *(f"Rload_{node} {node} 0 1e12" for node in nodes),
-    ]
+    bench = ["Vin in 0 0.5", "Rin in 0 1k", *(f"Rload_{node} {node} 0 1e12" for node in nodes)]
     call = f"Xdevice in {' '.join(nodes)} "
     simulator = find_simulator()
     point = find_point([*found.lines, *bench, call + found.name], "", simulator)

@@ -27,10 +27,7 @@ from taction.verification.design.exploration import (
     view_poles,
     view_rest,
 )
-from taction.verification.design.remedies import (
-    Remedies,
-    find_remedies,
-)
+from taction.verification.design.remedies import Remedies, find_remedies
 from taction.verification.design.trials import OutOfWorkError, Trials
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.report.views.design_view import remedies_text

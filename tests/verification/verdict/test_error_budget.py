@@ -221,9 +221,7 @@ def test_table_and_document_have_every_part_the_sum_and_the_total() -> None:
     assert shares["whole"] == f"{100 * np.abs(total['channels']).max() / largest:.3g} %"
 
 
-def test_a_budget_that_is_not_known_is_empty_and_a_warning(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_budget_that_is_not_known_is_empty_and_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise EngineError("no equilibrium")
 

@@ -171,9 +171,7 @@ def test_a_steady_state_is_judged_at_the_equilibrium(
     rest: float, error: float, reference_error: float, outcome: Outcome
 ) -> None:
     given = evidence(
-        channel(final=rest),
-        steady=steady(rest, error=error),
-        reference_error=reference_error,
+        channel(final=rest), steady=steady(rest, error=error), reference_error=reference_error
     )
     found = check("steady_state", given)
     assert found.outcome is outcome

@@ -295,11 +295,7 @@ def test_a_cubic_through_the_instants_of_a_record_errs_as_little_as_asked(
 
 
 def test_a_large_board_is_forecast_by_its_coarse_image() -> None:
-    values = {
-        "problem.channels": 64,
-        "problem.quadrature": "rectangle",
-        "design.lambda": 0.1,
-    }
+    values = {"problem.channels": 64, "problem.quadrature": "rectangle", "design.lambda": 0.1}
     board = LinearBoard(
         synthesise(with_values(load_scene(SCENES / "tuned-breadboard.toml"), values))
     )

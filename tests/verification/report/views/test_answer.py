@@ -23,17 +23,11 @@ from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.solve import solve
 from taction.verification.report.blocks import PICTURE
 from taction.verification.report.documents.verdict import verdict_document
-from taction.verification.report.output_checks import (
-    export,
-)
+from taction.verification.report.output_checks import export
 from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.texts import KNOWN, figure, with_error
-from taction.verification.report.views.answer_view import (
-    answer_text,
-    check_bar,
-    true_error_text,
-)
+from taction.verification.report.views.answer_view import answer_text, check_bar, true_error_text
 from taction.verification.report.views.verdict_view import screen, view
 from taction.verification.report.views.waveforms_view import outputs_chart
 from taction.verification.verdict.answer_error import AnswerError

@@ -18,15 +18,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.charts import Chart, Curve, Limit, Text
 from taction.system.quantities import quantity, readable, show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.report.blocks import (
-    Bars,
-    Code,
-    Drawing,
-    Facts,
-    Page,
-    Section,
-    Table,
-)
+from taction.verification.report.blocks import Bars, Code, Drawing, Facts, Page, Section, Table
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import Terminal, page_text, plain, print_page
@@ -246,8 +238,7 @@ NIGHTLY = {  # boards of amplifiers by steps, and more of one kind
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=pytest.mark.nightly) if n in NIGHTLY else n for n in SHIPPED],
+    "name", [pytest.param(n, marks=pytest.mark.nightly) if n in NIGHTLY else n for n in SHIPPED]
 )
 def test_a_shipped_scene_has_a_screen(name: str) -> None:
     assert faults(drawn(load_scene(SHIPPED[name]).with_engine("statespace"))) == []

@@ -25,11 +25,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.stability.families import Family
 from taction.verification.stability.poles import poles
 from taction.verification.studies.onset import transient_trial as confirm_module
-from taction.verification.studies.onset.onset import (
-    board_over,
-    confirmations,
-    onset,
-)
+from taction.verification.studies.onset.onset import board_over, confirmations, onset
 from taction.verification.studies.onset.transient_trial import TransientTest, along
 from tests.support.boards import bare, single_mode, window
 from tests.support.paths import SCENES

@@ -227,10 +227,7 @@ def test_a_worker_computes_for_its_own_versions_only(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize("victim", ["scheduler", "worker"])
 def test_a_cluster_that_dies_keeps_what_is_stored(
-    victim: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
+    victim: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     expected = {"scheduler": "the workers are gone", "worker": "the cluster had no worker"}
     with ExitStack() as stack:

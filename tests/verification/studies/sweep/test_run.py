@@ -18,22 +18,13 @@ from taction.netlist_gen.scene.axes import parse_axes, with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import plain
-from taction.system.errors import (
-    OutOfDisk,
-    SimulationError,
-    SimulatorNotFound,
-)
+from taction.system.errors import OutOfDisk, SimulationError, SimulatorNotFound
 from taction.system.reading_definitions import READINGS
 from taction.verification.stability import margin
 from taction.verification.studies.running import study
 from taction.verification.studies.running.pool import HERE, WorkerDiedError, Workers
 from taction.verification.studies.running.store import Store
-from taction.verification.studies.sweep.plan import (
-    Plan,
-    SweepCounts,
-    plan_sweep,
-    sweep_points,
-)
+from taction.verification.studies.sweep.plan import Plan, SweepCounts, plan_sweep, sweep_points
 from taction.verification.studies.sweep.result import records, sweep
 from taction.verification.verdict import verify as module_of_verdicts
 from taction.verification.verdict.record import FIGURES, Record

@@ -24,11 +24,7 @@ from taction.verification.report.views.sweep_view import columns_of
 from taction.verification.report.views.tolerance_view import corner_view
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.tolerance import montecarlo
-from taction.verification.studies.tolerance.corners import (
-    Corner,
-    named_corners,
-    worst_of,
-)
+from taction.verification.studies.tolerance.corners import Corner, named_corners, worst_of
 from taction.verification.studies.tolerance.montecarlo import (
     SampleCollection,
     run_samples,
@@ -57,10 +53,7 @@ from tests.support.studying import (
 )
 
 STUDY = prepare(small_scene())
-SAMPLES = [
-    make_sample(0, settling_time=1e-6),
-    make_sample(2, "fail", ("stability",), margin=1.5),
-]
+SAMPLES = [make_sample(0, settling_time=1e-6), make_sample(2, "fail", ("stability",), margin=1.5)]
 
 
 def filled(path: Path, study: VariedBoard = STUDY, seed: int = 1) -> str:
