@@ -19,6 +19,7 @@ LIMITS = {"pass": "1s", "fail": "1ns"}
 STATUS = {"pass": 0, "fail": 1}
 VERIFY = "taction.verification.verdict.verify"
 VIEW = "taction.verification.report.views.verdict_view"
+TEXT = "taction.verification.report.views.design_view.remedies_text"
 
 
 @pytest.fixture(autouse=True)
@@ -85,9 +86,6 @@ def test_ctrl_c_in_the_search_shows_the_verdict(
     assert result.exit_code == 130
     assert result.stdout.rstrip().endswith("FAIL")
     assert "interrupted; the verdict stands" in result.stderr
-
-
-TEXT = "taction.verification.report.views.design_view.remedies_text"
 
 
 def test_the_verdict_is_printed_before_the_search(

@@ -17,6 +17,8 @@ from tests.support.paths import SCENES
 from tests.support.running import document, taction
 
 OWN = {"report.html", "parts.csv", "wiring.csv", "deck.cir", "kicad"}
+CUSTOM = str(SCENES / "custom-matrix.toml")
+PREFIXES = {"": 1.0, "p": 1e-12, "n": 1e-9, "u": 1e-6, "k": 1e3, "M": 1e6}
 
 
 @pytest.fixture
@@ -122,12 +124,6 @@ def test_the_deck_runs_and_a_new_board_is_built(folder: Path, ngspice: str) -> N
     assert (folder / "kicad" / f"{name}.kicad_pro").is_file()
 
 
-CUSTOM = str(SCENES / "custom-matrix.toml")
-
-
-PREFIXES = {"": 1.0, "p": 1e-12, "n": 1e-9, "u": 1e-6, "k": 1e3, "M": 1e6}
-
-
 def test_csv_and_json_agree(tmp_path: Path) -> None:
     file = tmp_path / "parts.csv"
     found = document(taction("bom", CUSTOM, "-o", str(file), "--json"))
@@ -229,6 +225,3 @@ def test_a_netlist_becomes_a_file_for_scenes(ngspice: str, tmp_path: Path) -> No
     assert 1e5 < found["figures"]["dc_gain"] < 3e5
     assert found["linear"]["error"] <= 1e-6
     assert json.loads(target.read_text())["netlist"][0] == ".subckt m_fet100 inp inn vcc vee out"
-
-
-SCENE = str(SCENES / "known-readings.toml")

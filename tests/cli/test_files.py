@@ -69,6 +69,10 @@ ENDS = {  # of a whole file
 
 
 Entry = tuple[str, Command]
+EVERY = {name: entry(name) for name in COMMANDS}
+SCENE = str(SCENES / "tuned-breadboard.toml")
+OVER = ("--over", "C=50p:500p:12", "--jobs", "1")
+SWEEP = ("sweep", SCENE, *OVER, "--engine", "statespace", "--json", "-o")
 
 
 class ReaderGone(io.TextIOBase):
@@ -82,9 +86,6 @@ class ReaderGone(io.TextIOBase):
 def folder(boards: Path, quick_stories: None) -> Path:
     shutil.copy(VENDOR, boards / "v.cir")
     return boards
-
-
-EVERY = {name: entry(name) for name in COMMANDS}
 
 
 def commands(table: Mapping[str, Command] = EVERY, above: str = "") -> Iterator[Entry]:
@@ -191,11 +192,6 @@ def test_two_outputs_have_two_files(folder: Path) -> None:
     assert result.exit_code == 2
     assert "the file of --junit" in result.stderr
     assert contents(folder) == before
-
-
-SCENE = str(SCENES / "tuned-breadboard.toml")
-OVER = ("--over", "C=50p:500p:12", "--jobs", "1")
-SWEEP = ("sweep", SCENE, *OVER, "--engine", "statespace", "--json", "-o")
 
 
 @contextmanager

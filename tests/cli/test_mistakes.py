@@ -32,6 +32,9 @@ NEVER = (
     "Error(", "pydantic", "NoneType",
 )  # fmt: skip
 BAD_INPUT = 2
+SCENE = SCENES / "tuned-breadboard.toml"
+NAME = os.fsdecode(b"board-\xff.toml")
+ODD = "x\n::error file=a::y \x1b]0;t\x07"
 
 
 @pytest.fixture
@@ -174,10 +177,6 @@ def test_a_name_that_no_file_can_have(line: str, folder: Path) -> None:
     assert "expected" in said or "Too many levels" in said or "too long" in said
 
 
-SCENE = SCENES / "tuned-breadboard.toml"
-NAME = os.fsdecode(b"board-\xff.toml")
-
-
 def run(*words: str, **variables: str) -> subprocess.CompletedProcess[str]:
     return python("-m", "taction", *words, env=variables)
 
@@ -232,9 +231,6 @@ def test_a_regression_with_a_name_that_is_no_text(tmp_path: Path) -> None:
     assert [scene["file"] for scene in document(second)["scenes"]] == ["board-\\udcff.toml"]
     assert r"board-\udcff" in etree.fromstring(junit.read_bytes()).xpath("//testsuite/@name")[0]
     assert r"board-\udcff" in markdown.read_text(encoding="utf-8")
-
-
-ODD = "x\n::error file=a::y \x1b]0;t\x07"
 
 
 def unseen(text: str) -> None:

@@ -24,6 +24,9 @@ from tests.support.running import document, taction
 
 PAPER = str(SCENES / "paper-breadboard.toml")
 OVER = ("--over", "C=50pF:100pF:3", "--fix", "gain=1M", "--fix", "lambda=0.7")
+ONE = ("stress", "--jobs", "1", "--only")
+VARYING = ("timing", "simulation", "accuracy", "taction")  # wall times, and the head
+SET = ("--set", "C=20pF", "--set", "design.gain=2Mohm")
 
 
 @pytest.mark.parametrize(
@@ -47,9 +50,6 @@ def test_an_option_that_is_no_more_says_what_to_type(words: tuple[str, ...], rem
     refused = taction(words[0], PAPER, *words[1:])
     assert refused.exit_code == 2
     assert remedy in " ".join(refused.stderr.replace("│", " ").split())
-
-
-ONE = ("stress", "--jobs", "1", "--only")
 
 
 def test_a_wrong_outcome_has_status_1(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -142,9 +142,6 @@ def test_ctrl_c_leaves_a_whole_baseline_and_says_so(folder: Path) -> None:
     assert json.loads(after.stdout)["counts"] == {"same": 1, "new": 2}
 
 
-VARYING = ("timing", "simulation", "accuracy", "taction")  # wall times, and the head
-
-
 @pytest.fixture
 def three_scenes(tmp_path: Path) -> Path:
     """One scene that passes, one that fails, one that is no scene."""
@@ -231,9 +228,6 @@ def test_options_that_cannot_be_used_are_refused(
     result = taction("verify", str(three_scenes), *words)
     assert result.exit_code == 2
     assert text in result.stderr
-
-
-SET = ("--set", "C=20pF", "--set", "design.gain=2Mohm")
 
 
 def test_set_values_are_those_of_a_file_with_them(tmp_path: Path) -> None:

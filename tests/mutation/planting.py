@@ -39,6 +39,7 @@ from taction.verification.verdict.verify import Verdict, verify
 CircuitChange = Callable[[Circuit], Circuit]
 ProblemChange = Callable[[InverseProblem], InverseProblem]
 WaveformsChange = Callable[[Waveforms], Waveforms]
+Plant = Callable[[Scene, pytest.MonkeyPatch], Verdict]
 
 
 def _each(circuit: Circuit, kind: str, name: str, change: Callable[[Any], Any]) -> Circuit:
@@ -193,9 +194,6 @@ def without_strongest(shares: Complexes) -> Complexes:
     """Leave the strongest mode (a conjugate pair has two columns) out of the shares (K, n)."""
     size: Floats = np.abs(shares).max(axis=0)
     return np.where(size < 0.999 * size.max(), shares, 0.0)
-
-
-Plant = Callable[[Scene, pytest.MonkeyPatch], Verdict]
 
 
 def nothing(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:

@@ -27,9 +27,9 @@ NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.md"))
 BLOCK = re.compile(r"^```([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SHELL = ("", "sh", "{typed}")  # languages of blocks with commands
 DOCUMENT = ["--json", "--help"]  # the document of all commands, which click does not know
-INLINE = re.compile(r"`taction ([^`]+)`")
 FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
+PROMISES = (DOCS / "promises.md").read_text("utf-8")
 
 
 def shown(text: str) -> Iterator[list[str]]:
@@ -75,9 +75,6 @@ def test_every_link_leads_to_a_file(page: Path) -> None:
     made = ("_generated/", "../.github")  # by the build of the documentation; for readers on GitHub
     files = [name for name in targets if name and not name.startswith(made)]
     assert [name for name in files if not (page.parent / name).exists()] == []
-
-
-PROMISES = (DOCS / "promises.md").read_text("utf-8")
 
 
 def test_every_limit_is_the_number_of_the_code_and_every_test_exists() -> None:

@@ -44,6 +44,8 @@ UNKNOWN = {
 }
 
 HEAVY = ("numpy", "scipy", "pydantic", "PySpice", "matplotlib", "mpmath")
+# Inside the reports: what is shown, then how, then what each result shows.
+REPORT_LAYERS = ("texts", "blocks", "output_checks", "renderers", "views")
 
 
 def reached(module: str) -> set[str]:
@@ -75,10 +77,6 @@ def test_a_room_imports_only_from_itself_and_from_the_floors_below(room: str) ->
     floor = next(number for number, rooms in enumerate(FLOORS) if room in rooms)
     rooms = {None, room, *(name for rooms in FLOORS[:floor] for name in rooms)}
     assert wrong_imports((room,), lambda name: room_of(name) in rooms) == []
-
-
-# Inside the reports: what is shown, then how, then what each result shows.
-REPORT_LAYERS = ("texts", "blocks", "output_checks", "renderers", "views")
 
 
 @pytest.mark.parametrize("layer", REPORT_LAYERS)

@@ -36,16 +36,6 @@ def test_our_own_packages_are_found():
         assert Path(package.__file__).is_relative_to(Path(__file__).parent)
 """
 
-SWEEP = """
-import taction
-
-if __name__ == "__main__":
-    over = {"C": ("10pF", "20pF", 4)}
-    result = taction.sweep("board.toml", over=over, engine="statespace", jobs=2)
-    print(*result.to_pandas()["outcome"])
-    print(taction.__file__)
-"""
-
 
 @pytest.fixture(scope="module")
 def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:

@@ -22,6 +22,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import Modes, find_modes
 from taction.verification.engines.statespace.linearised.reduction import (
     Pencil,
@@ -272,3 +273,9 @@ def decompose(*matrices: np.ndarray) -> Modes:
         parts = one, A, np.zeros((len(A), 1)), one, np.abs(A), basis, basis.T
         blocks.append(reduce_pencil(Pencil(*parts), []))
     return find_modes(blocks)
+
+
+def outputs_at_rest(circuit: Circuit) -> Floats:
+    """Return the outputs of a board at rest, V, with their signs."""
+    rest = LinearBoard(circuit).equilibrium
+    return np.array([output.sign * rest[output.node] for output in circuit.outputs])

@@ -14,6 +14,9 @@ TERMINALS = {"R": 2, "C": 2, "I": 2, "V": 2, "B": 2, "G": 4, "E": 4}
 IGNORED = (".title", "*", ".options", ".save", ".tran", ".op", ".end", ".ic")
 READ = re.compile(r"V\((\w+)\)")
 OUTPUT = re.compile(r"u_(\d+) = (-?)v\((\w+)\)")
+Row = dict[Hashable, arb]  # coefficients: of a free node by its name, of a signal by `Signal`
+DRIVERS = ("E", "V", "B")
+INPUT = re.compile(r"V\(([\w.]+)\)")
 
 
 @dataclass(frozen=True)
@@ -92,11 +95,6 @@ def _outputs(text: str, saved: list[str]) -> tuple[tuple[str, int], ...]:
     assert shown[3] == saved[0]
     sign = -1 if shown[2] else 1
     return tuple((node, sign) for node in saved)
-
-
-Row = dict[Hashable, arb]  # coefficients: of a free node by its name, of a signal by `Signal`
-DRIVERS = ("E", "V", "B")
-INPUT = re.compile(r"V\(([\w.]+)\)")
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,13 @@ from tests.support.deck_equations import StateEquations
 REFINEMENTS = 12
 SMALL = 12  # states: the QR method at high precision costs no more than the corrections
 CLUSTER = 1e-2  # coupling over distance: from here two eigenvalues are separated together
+PIECES = 4
+NARROW = 1e-3  # of the time constant of the fastest mode that is alive: the last width
+ALIVE = 1e-6  # of the envelope
+ROUNDING = 1e-14  # of the sum of all amplitudes: error of double precision
+SOON = 1e-18  # s: no mode moves in this time
+TOLERANCE = 1e-14  # of the step amplitude: of a supremum
+MOST = 2_000_000  # intervals at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,15 +140,6 @@ def _correction(image: acb_mat, close: np.ndarray) -> acb_mat:
                 for k, j in enumerate(group):
                     factor[i, j] = columns[i, k]
     return factor
-
-
-PIECES = 4
-NARROW = 1e-3  # of the time constant of the fastest mode that is alive: the last width
-ALIVE = 1e-6  # of the envelope
-ROUNDING = 1e-14  # of the sum of all amplitudes: error of double precision
-SOON = 1e-18  # s: no mode moves in this time
-TOLERANCE = 1e-14  # of the step amplitude: of a supremum
-MOST = 2_000_000  # intervals at once
 
 
 class UnreadableError(Exception):

@@ -22,6 +22,7 @@ from taction.verification.verdict.board import SteadyState
 from taction.verification.verdict.checks import Check, Evidence
 from taction.verification.verdict.run import Agreement, StepError
 from taction.verification.verdict.run_checks import run_checks
+from taction.verification.verdict.verify import Verdict
 
 
 def rounded_poles(values: Complexes) -> Poles:
@@ -129,3 +130,8 @@ def margin(factor: float, uncertainty: float = 0.0, doubt: str = "") -> Margin:
 def check(name: str, given: Evidence) -> Check:
     """Return the check `name` of all that `given` is judged by."""
     return next(found for found in run_checks(given) if found.name == name)
+
+
+def named(verdict: Verdict, name: str) -> Check:
+    """Return the check `name` of a verdict."""
+    return next(check for check in verdict.checks if check.name == name)

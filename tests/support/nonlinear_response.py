@@ -35,6 +35,16 @@ TINY = 1e-40  # of the inputs: the last step of Newton's method
 Floats = np.ndarray
 Number = Any  # float or arb
 FUNCTIONS = ("exp", "ln", "sinh", "tanh", "abs", "min", "max")
+SLOW = 0.2  # of the step before: Newton's method takes new slopes
+ITERATIONS = 16  # steps of Newton's method before a step in time is halved
+LEAST = 1e-9  # V: the least scale of the outputs
+ROUNDING = 1e-14  # of the terms of a voltage
+CLOSE = 1e-13  # of the largest voltage that a source reads: the last step of Newton's method
+AT_REST = 1e-7  # of the largest voltages: distance from rest at which a run ends
+AWAY = 1e9  # times the voltages at rest: the board runs away
+MOST_STEPS = 60_000
+CALM = 4  # steps of one length, after which twice the length is tried
+INSIDE = np.arange(4) / 4  # of a step: where parts of it begin, as the readings see them
 
 
 @dataclass(frozen=True)
@@ -246,18 +256,6 @@ def array_of(matrix: arb_mat) -> Floats:
 def _size(values: arb_mat | list[arb]) -> float:
     entries = values.entries() if isinstance(values, arb_mat) else values
     return max((float(abs(x.mid())) for x in entries), default=0.0)
-
-
-SLOW = 0.2  # of the step before: Newton's method takes new slopes
-ITERATIONS = 16  # steps of Newton's method before a step in time is halved
-LEAST = 1e-9  # V: the least scale of the outputs
-ROUNDING = 1e-14  # of the terms of a voltage
-CLOSE = 1e-13  # of the largest voltage that a source reads: the last step of Newton's method
-AT_REST = 1e-7  # of the largest voltages: distance from rest at which a run ends
-AWAY = 1e9  # times the voltages at rest: the board runs away
-MOST_STEPS = 60_000
-CALM = 4  # steps of one length, after which twice the length is tried
-INSIDE = np.arange(4) / 4  # of a step: where parts of it begin, as the readings see them
 
 
 class UnsettledError(Exception):

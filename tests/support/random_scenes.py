@@ -30,6 +30,13 @@ POSITIVE = ("exponential", "softplus")  # outputs
 BANDS = (0.002, 0.01, 0.01, 0.05, 0.25)
 FEWEST, MOST = 8.0, 500.0  # points a period
 SMALLEST, LARGEST = 1e-6, 0.1  # analysis.error
+EVERY_OPAMP = ("ua741", "lf353", "tl084", "lf356", "ne5534", "op27", "ideal")
+BENT = ("exponential", "exponential", "sinh", "softplus", "tanh")
+SIZES = (1, 2, 2, 3, 3, 4, 5, 5, 7, 7, 9, 11, 13, 16)
+TOLERANCE, SPACING = 1e-11, 1e-10  # of the run; of interpolation between the points of its record
+DOUBT, FACTOR = 1e-9, 10.0  # of its readings, fraction of the step or relative; times its rounding
+Curve = Callable[[np.ndarray, np.ndarray], np.ndarray]
+LONGER = 3.0  # times the record in which every check can be decided
 
 
 def random_scene(seed: int, amplifier: str = "linear", **values: Any) -> Scene:
@@ -90,11 +97,6 @@ def _matrix(rng: np.random.Generator, M: int, N: int) -> np.ndarray:
     elif kind == 4:
         dense = np.outer(rng.standard_normal(M), rng.standard_normal(N)) + 1e-3 * dense
     return np.asarray(dense / np.abs(dense).max())
-
-
-EVERY_OPAMP = ("ua741", "lf353", "tl084", "lf356", "ne5534", "op27", "ideal")
-BENT = ("exponential", "exponential", "sinh", "softplus", "tanh")
-SIZES = (1, 2, 2, 3, 3, 4, 5, 5, 7, 7, 9, 11, 13, 16)
 
 
 def scene_of_any_kind(seed: int) -> Scene:
@@ -210,12 +212,6 @@ def _checks(rng: Generator) -> dict[str, Any]:
         **_some(rng, 0.4, stability={"margin": float(rng.uniform(1.0, 4.0))}),
         **_some(rng, 0.2, engines_agree={"tolerance": _log(rng, 1e-4, 1e-2)}),
     }
-
-
-TOLERANCE, SPACING = 1e-11, 1e-10  # of the run; of interpolation between the points of its record
-DOUBT, FACTOR = 1e-9, 10.0  # of its readings, fraction of the step or relative; times its rounding
-Curve = Callable[[np.ndarray, np.ndarray], np.ndarray]
-LONGER = 3.0  # times the record in which every check can be decided
 
 
 def fine_readings(scene: Scene) -> TrueValues:

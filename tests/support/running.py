@@ -20,6 +20,11 @@ from taction.cli.main import main
 from taction.verification.report.renderers.terminal import Terminal
 from tests.support.paths import ROOT
 
+# Where no file may be large, Python of before 3.12.8 stores its compiled modules cut short, and
+# every later process that imports them ends with "marshal data too short".
+NO_BYTECODE = {"PYTHONDONTWRITEBYTECODE": "1"}
+RULE = "─"
+
 
 def taction(*words: str) -> Result:
     return CliRunner().invoke(main, list(words))
@@ -35,11 +40,6 @@ def document(result: Result) -> Any:
     return json.loads(result.stdout, parse_constant=refuse)
 
 
-# Where no file may be large, Python of before 3.12.8 stores its compiled modules cut short, and
-# every later process that imports them ends with "marshal data too short".
-NO_BYTECODE = {"PYTHONDONTWRITEBYTECODE": "1"}
-
-
 def python(*words: str, **options: Any) -> subprocess.CompletedProcess[str]:
     """Run Python with these words; `options` go to `subprocess.run`, `env` beside our variables."""
     variables = {**os.environ, "PYTHONPATH": str(ROOT), **options.pop("env", {})}
@@ -47,9 +47,6 @@ def python(*words: str, **options: Any) -> subprocess.CompletedProcess[str]:
         options["capture_output"] = True
     options = {"text": True, "cwd": ROOT, "timeout": 300, "env": variables, **options}
     return subprocess.run([sys.executable, *words], check=False, **options)
-
-
-RULE = "─"
 
 
 def printed_objects(monkeypatch: pytest.MonkeyPatch, *words: str) -> list[Any]:

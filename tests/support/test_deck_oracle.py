@@ -23,15 +23,6 @@ Ra z y 1.0
 Rb y 0 4.0
 """
 # A follower of finite gain; the capacitor at its output closes a loop of capacitors and sources.
-FOLLOWER = """.subckt op inp inn out
-Eo out 0 inp inn 9.0
-.ends op
-V1 in 0 1.0
-R1 in p 2.0
-C1 p 0 1.0
-C2 p y 1.0
-Xf p y y op
-"""
 
 
 @pytest.fixture(autouse=True)

@@ -49,6 +49,8 @@ RUNS = ((10, 1e-11), (8, 1e-10))  # order and tolerance of the two runs
 LINEAR = "modes of the deck in Arb, 320 bits; suprema and crossings by interval bounds"
 NONLINEAR = "equilibrium and poles in Arb; transient by two runs of collocation, which differ by"
 LAST = 1e-5  # of A: what is left of the slowest mode at the end of an integration
+RATE = 1e6  # 1/s: unit of s, so that the coefficients are of one size
+MARGIN_BITS = 600
 
 
 def board_of(scene: Scene) -> Circuit:
@@ -270,10 +272,6 @@ def _channels(
         for (start, target), signal in zip(steps, signals, strict=bool(signals))
         if signal is not None
     ]
-
-
-RATE = 1e6  # 1/s: unit of s, so that the coefficients are of one size
-MARGIN_BITS = 600
 
 
 def crossings(scene: Scene) -> list[float]:

@@ -18,6 +18,11 @@ from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.process import Simulation, find_simulator
 from tests.support.small_decks import transient
 
+TIME = np.array([0.0, 1e-6, 3e-6, 4e-6])
+VOLTS = np.array([[0.0, 1.0], [0.5, -2.0], [0.25, 3.5], [0.125, 0.75]])  # exact in single precision
+HEAD = "Title: * other\nDate: Mon\nPlotname: Transient Analysis\nFlags: {}\n"
+VARIABLES = "\t0\ttime\ttime\n\t1\tV(out)\tvoltage\n\t2\tI(R1)\tcurrent\n\t3\tV(b)\tvoltage\n"
+
 
 def record(points: int, nodes: int = 2, seed: int = 7) -> Waveforms:
     rng = np.random.default_rng(seed)
@@ -134,12 +139,6 @@ def test_a_short_file_is_a_full_disk_or_a_partial_result(tmp_path: Path) -> None
         read_raw(tmp_path / "short.raw")
     plot = read_raw(tmp_path / "short.raw", partial=True)
     np.testing.assert_array_equal(plot.data[:, 0], record(3).time[:2])
-
-
-TIME = np.array([0.0, 1e-6, 3e-6, 4e-6])
-VOLTS = np.array([[0.0, 1.0], [0.5, -2.0], [0.25, 3.5], [0.125, 0.75]])  # exact in single precision
-HEAD = "Title: * other\nDate: Mon\nPlotname: Transient Analysis\nFlags: {}\n"
-VARIABLES = "\t0\ttime\ttime\n\t1\tV(out)\tvoltage\n\t2\tI(R1)\tcurrent\n\t3\tV(b)\tvoltage\n"
 
 
 def header(flags: str, points: int = len(TIME)) -> str:

@@ -24,6 +24,10 @@ from tests.support.studying import one_thread, scene_file, small_scene
 MOST_BYTES = 30_000
 KINDS = ("failing", "oscillating", "64 channels")
 PICTURES = ("Scene", "Circuit", "Waveforms", "Verdict", "SweepResult", "YieldReport", "Onset")
+T = [[1.0, 0.5, 0.1], [0.5, 1.0, 0.5], [0.1, 0.5, 1.0]]
+EPS = [0.3, 0.2, 0.1]
+STRAINS = [[0.3, 0.2, 0.1], [0.1, 0.0, -0.2], [0.0, 0.3, 0.0]]
+DESIGN = '[design]\ncapacitance = "1nF"\ngain = "1Mohm"\nlambda = 0.5\n'
 
 
 def verdict(kind: str) -> taction.Verdict:
@@ -110,12 +114,6 @@ def test_plot_returns_the_figure_and_writes_it(
     assert (tmp_path / "a.png").read_bytes()[:4] == figure._repr_png_()[:4] == b"\x89PNG"
     with pytest.raises(taction.InputError, match="expected a file that ends in"):
         results[name].plot(tmp_path / "a.txt")
-
-
-T = [[1.0, 0.5, 0.1], [0.5, 1.0, 0.5], [0.1, 0.5, 1.0]]
-EPS = [0.3, 0.2, 0.1]
-STRAINS = [[0.3, 0.2, 0.1], [0.1, 0.0, -0.2], [0.0, 0.3, 0.0]]
-DESIGN = '[design]\ncapacitance = "1nF"\ngain = "1Mohm"\nlambda = 0.5\n'
 
 
 def scene(**values: object) -> taction.Scene:

@@ -24,6 +24,10 @@ from tests.support.paths import ROOT
 
 CONTROL = re.compile(r"\x1b\[(\??[\d;]*)([A-Za-z])|\r|\n|[^\x1b\r\n]+")
 TIMEOUT = 120.0  # s
+CASES = ROOT / "tests" / "data" / "cases"
+SIZES = ((80, 24), (120, 40))
+SEARCH = "what to change, at most"
+NEVER = ("Traceback", "this is a bug", "Input should be")
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,12 +106,6 @@ def left_on_screen(raw: str) -> list[str]:
     while shown and not shown[-1]:
         shown.pop()
     return shown
-
-
-CASES = ROOT / "tests" / "data" / "cases"
-SIZES = ((80, 24), (120, 40))
-SEARCH = "what to change, at most"
-NEVER = ("Traceback", "this is a bug", "Input should be")
 
 
 @dataclass(frozen=True)

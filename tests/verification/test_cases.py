@@ -19,8 +19,9 @@ from taction.verification.engines.ngspice.process import find_simulator, simulat
 from taction.verification.evidence.stress.catalogue import load_catalogue, select
 from taction.verification.evidence.stress.run_cases import CaseJudgement, run_case
 from taction.verification.studies.tolerance.varied_board import evaluate, prepare
-from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import Verdict, verify
+from tests.support.measured import named
 from tests.support.paths import CASES, DATA, SCENES
 from tests.support.readings import Samples, rise_time
 
@@ -43,10 +44,6 @@ def case(name: str) -> Scene:
 
 def verdict_of(name: str, engine: str) -> Verdict:
     return verify(case(name).with_engine(engine))
-
-
-def named(verdict: Verdict, name: str) -> Check:
-    return next(check for check in verdict.checks if check.name == name)
 
 
 def test_a_sample_of_a_tolerance_study_finds_the_window() -> None:

@@ -24,6 +24,10 @@ from tests.support.making import make_scene, matrix_problem
 
 T = [[1.0, 0.0, -0.5], [2.0, 0.4, 1.0]]
 DESIGN = {"unit_conductance": "10uS", "resistance": "1Mohm", "gain": "100kohm"}
+# Every eighth value of E96 and every sixteenth of E192, as the standard's tables print them.
+E12 = (1.0, 1.2, 1.5, 1.8, 2.2, 2.7, 3.3, 3.9, 4.7, 5.6, 6.8, 8.2)  # IEC 60063
+E96 = [1.00, 1.21, 1.47, 1.78, 2.15, 2.61, 3.16, 3.83, 4.64, 5.62, 6.81, 8.25]
+E192_LAST = [8.56, 8.66, 8.76, 8.87, 8.98, 9.09, 9.20, 9.31, 9.42, 9.53, 9.65, 9.76, 9.88]
 
 
 def parts_of(tables: dict[str, Any] | None = None, **design: Any) -> BillOfMaterials:
@@ -102,12 +106,6 @@ def test_what_the_list_lacks_is_said() -> None:
     assert "3 exponential amplifiers" in text
     assert "9 times the compensation capacitor of 22 pF" in parts_of(opamp="ne5534").not_listed[0]
     assert "supply_current" not in "\n".join(parts_of().not_listed)
-
-
-# Every eighth value of E96 and every sixteenth of E192, as the standard's tables print them.
-E12 = (1.0, 1.2, 1.5, 1.8, 2.2, 2.7, 3.3, 3.9, 4.7, 5.6, 6.8, 8.2)  # IEC 60063
-E96 = [1.00, 1.21, 1.47, 1.78, 2.15, 2.61, 3.16, 3.83, 4.64, 5.62, 6.81, 8.25]
-E192_LAST = [8.56, 8.66, 8.76, 8.87, 8.98, 9.09, 9.20, 9.31, 9.42, 9.53, 9.65, 9.76, 9.88]
 
 
 def test_values_of_the_standard() -> None:

@@ -35,6 +35,8 @@ WINDOWS = {
     "rram-milo": (50.0, 225.0),
     "pcm-joshi": (0.25, 25.0),
 }
+GOOD = {"unit_conductance": "10uS", "resistance": "1Mohm", "gain": "100kohm"}
+DESIGN = {"capacitance": "10pF", "resistance": "2Mohm", "gain": "1Mohm"}
 
 
 def test_every_device_has_its_window_its_error_and_its_source() -> None:
@@ -91,9 +93,6 @@ def test_a_share_of_the_cells_is_stuck_and_the_others_are_as_before(
         assert count == pytest.approx(20_000 * share, abs=4.0 * math.sqrt(20_000 * share))
     others = found[(found > 1e-6) & (found < 9e-6)]
     assert np.std(others) == pytest.approx(1e-8, rel=4.0 / math.sqrt(2.0 * len(others)))
-
-
-GOOD = {"unit_conductance": "10uS", "resistance": "1Mohm", "gain": "100kohm"}
 
 
 def warnings(T: Any = ((1.0, -0.5),), **design: Any) -> tuple[str, ...]:
@@ -197,9 +196,6 @@ def test_the_largest_strain_counts_and_a_voltage_by_its_resistor() -> None:
     assert found.startswith("1 of 2 strain currents are above 10 mA, up to 15 mA (Veps_1); remedy")
     small = GOOD | {"unit_voltage": "1V"}
     assert part_warnings(synthesise(make_scene(design=small), problem)) == ()
-
-
-DESIGN = {"capacitance": "10pF", "resistance": "2Mohm", "gain": "1Mohm"}
 
 
 def board(topology: str = "integrator", **design: object) -> Circuit:

@@ -25,6 +25,9 @@ from tests.support.running import taction
 
 EVIL = "x\n.control\nshell true\n.endc\n*"
 TRANSIENT = Transient(1e-3, 1e-6)
+CASES = ROOT / "tests" / "data" / "cases"
+RC = "V1 in 0 AC 1\nR1 in out 1k\nC1 out 0 1n\n"
+SECONDS = 15.0  # of this process: a bound for a slow machine, where a fault takes 40 s and more
 
 
 def small(**design: Any) -> Circuit:
@@ -191,11 +194,6 @@ def test_mistakes_name_key_value_and_what_is_accepted(
         tolerances(text, circuit, tmp_path)
     for word in ("parts.toml", *words):
         assert word in str(error.value)
-
-
-CASES = ROOT / "tests" / "data" / "cases"
-RC = "V1 in 0 AC 1\nR1 in out 1k\nC1 out 0 1n\n"
-SECONDS = 15.0  # of this process: a bound for a slow machine, where a fault takes 40 s and more
 
 
 def refused(file: Path, *, status: int = 2) -> str:

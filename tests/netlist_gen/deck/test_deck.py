@@ -47,6 +47,7 @@ CASES: dict[str, tuple[dict[str, Any], Analysis]] = {
         OperatingPoint(),
     ),
 }
+BANDS = NoiseAnalysis((NoiseBand(10.0, 40, 20), NoiseBand(1e3, 200, 40)))
 
 
 def build(design: dict[str, Any], T: ArrayLike = T, eps: ArrayLike = EPS) -> Circuit:
@@ -154,9 +155,6 @@ def test_a_split_deck_gives_the_same_answer(design: dict[str, Any]) -> None:
     analysis = Transient(1e-5, 1e-7)
     a, b = run(write_deck(circuit, analysis)), run(write_deck(circuit, analysis, matrix_file="m"))
     assert b.values[-1] == pytest.approx(a.values[-1], rel=1e-6)
-
-
-BANDS = NoiseAnalysis((NoiseBand(10.0, 40, 20), NoiseBand(1e3, 200, 40)))
 
 
 def board(**design: Any) -> Circuit:

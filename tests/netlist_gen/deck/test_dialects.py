@@ -67,6 +67,8 @@ MADE: dict[str, dict[str, Any]] = {
     "rectifier": {"amplifier": "rectifier", "exponential_slope": 0.3, "ridge_share": 0.0},
 }
 STEPS = 1000
+RUN = Transient(5e-6, 2.5e-8)
+LARGE = {"opamp": {"base": "ua741", "input_errors": True}}
 
 
 def boards(names: tuple[str, ...]) -> list[Any]:
@@ -191,10 +193,6 @@ def test_a_source_that_begins_after_the_rest_is_a_wave_in_spectre() -> None:
     points = re.search(r"^Ieps_2 0 c_2 PWL\((.*)\)$", native, re.MULTILINE)
     assert points
     assert wave == f"Ieps_2 (0 c_2) isource type=pwl wave=[{points[1]}]"
-
-
-RUN = Transient(5e-6, 2.5e-8)
-LARGE = {"opamp": {"base": "ua741", "input_errors": True}}
 
 
 def scene(name: str) -> Scene:

@@ -19,6 +19,7 @@ from taction.verification.studies.decks.foreign_board import ForeignBoard, read_
 pytestmark = pytest.mark.usefixtures("ngspice")
 Read = Callable[[str], ForeignBoard]
 W = 2.0 * math.pi * 1e7  # rad/s: a gain-bandwidth product of 10 MHz
+INVERTER = "V1 in 0 PULSE(0 1)\nR1 N1 in 10k\nR2 out N1 100k\n.lib UniversalOpamps2.sub\n"
 
 
 @pytest.fixture
@@ -41,9 +42,6 @@ def expected(roots: Sequence[complex]) -> list[complex]:
 
 def rest(board: ForeignBoard, node: str = "out") -> float:
     return float(LinearBoard(board.circuit).equilibrium[node])
-
-
-INVERTER = "V1 in 0 PULSE(0 1)\nR1 N1 in 10k\nR2 out N1 100k\n.lib UniversalOpamps2.sub\n"
 
 
 @pytest.mark.parametrize("level", ["level.1", "level.2"])

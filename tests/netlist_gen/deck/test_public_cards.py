@@ -155,9 +155,6 @@ def test_subcircuits_of_one_name_within_others(tmp_path: Path, ngspice: str) -> 
         read_board(place)
 
 
-VENDOR = Path(__file__).parents[2] / "data" / "fet100.cir"
-
-
 @pytest.mark.parametrize(
     ("body", "reason"),
     [

@@ -22,6 +22,7 @@ from tests.support.paths import SCENES
 
 OPEN, CLOSE = "()"
 TOKEN = re.compile(r'[()]|"(?:\\.|[^"\\])*"|[^\s()"]+')
+QUAD = {"opamp": "tl074", "strain_input": "voltage"}
 
 
 def parsed(text: str) -> Any:
@@ -104,9 +105,6 @@ def test_every_package_has_as_many_pins_as_its_op_amps_need(name: str) -> None:
         assert not any(pin.isdigit() for pin in pins)
     else:
         assert max(map(int, pins)) <= {1: 8, 2: 8, 4: 14}[count]
-
-
-QUAD = {"opamp": "tl074", "strain_input": "voltage"}
 
 
 def quad() -> Scene:

@@ -19,6 +19,8 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
 from tests.support.making import make_scene, write_matrix_scene
 
+T = [[2.0, 0.5, 0.1], [0.5, 1.0, 0.2]]  # two sensors, three channels
+
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Scene:
@@ -83,9 +85,6 @@ def test_a_numpy_header_that_lies_takes_no_memory(scene: Scene, tmp_path: Path) 
     file.write_bytes(file.read_bytes().replace(truth, lie))
     with pytest.raises(InputError, match="EOF: reading array data"):
         read_array(scene, "problem.matrix", "T.npy", (None, None))
-
-
-T = [[2.0, 0.5, 0.1], [0.5, 1.0, 0.2]]  # two sensors, three channels
 
 
 def message(folder: Path, scene: Path) -> str:

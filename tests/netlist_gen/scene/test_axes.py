@@ -25,6 +25,10 @@ from taction.verification.studies.sweep.plan import Plan
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
 
+PERCENT = "is 500 % of the step; is it a percentage? 5 % is 0.05"
+PREFIX = "is the prefix right?"
+SECONDS = "has no unit and is 10 s"
+
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
@@ -193,11 +197,6 @@ def test_a_plain_value_is_the_upper_limit_of_its_check(
     scene = make_scene(checks={check: value})
     assert scene == make_scene(checks={check: {name: value}})
     assert getattr(getattr(scene.checks, check), name) == pytest.approx(expected)
-
-
-PERCENT = "is 500 % of the step; is it a percentage? 5 % is 0.05"
-PREFIX = "is the prefix right?"
-SECONDS = "has no unit and is 10 s"
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from tests.support.paths import ROOT, SCENES
 from tests.support.running import taction as command
 
 SCHEMA = json.loads((ROOT / "docs" / "scene.schema.json").read_text(encoding="utf-8"))
+WRITTEN = sorted((ROOT / "scenes").glob("*.toml"))
 
 
 def mistakes(value: Any) -> list[str]:
@@ -171,9 +172,6 @@ def test_keys_that_are_no_model_are_refused(plugin: Plugin) -> None:
     assert str(refused.value) == (
         "plug-in acme 1.0: taction.checks = 'droop': acme:DROOP.keys is dict; expected Model"
     )
-
-
-WRITTEN = sorted((ROOT / "scenes").glob("*.toml"))
 
 
 @pytest.mark.parametrize("path", WRITTEN, ids=lambda path: path.stem)

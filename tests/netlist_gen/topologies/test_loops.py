@@ -21,6 +21,7 @@ from taction.netlist_gen.scene.design import DevicesTable
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from tests.support.boards import outputs_at_rest
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
 
 Matrix = NDArray[np.float64]
@@ -45,11 +46,6 @@ def board(T: Matrix, eps: Matrix, *about: Any, **design: Any) -> Circuit:
     return synthesise(scene(*about, **design), matrix_problem(T, eps))
 
 
-def outputs(circuit: Circuit) -> Matrix:
-    rest = LinearBoard(circuit).equilibrium
-    return np.array([each.sign * rest[each.node] for each in circuit.outputs])
-
-
 def signed(rng: np.random.Generator, M: int, N: int) -> Matrix:
     return np.asarray(np.eye(M, N) + 0.25 * rng.standard_normal((M, N)))
 
@@ -68,7 +64,7 @@ def test_all_ways_rest_at_the_answer(
     T, eps = signed(rng, M, N), rng.standard_normal(M)
     circuit = board(T, eps, topology, way, opamp=NEAR_IDEAL, strain_input=strain_input)
     A, b = (stacked(T), np.append(eps, np.zeros(N))) if topology == "ridge" else (T, eps)
-    assert outputs(circuit) == pytest.approx(np.linalg.lstsq(A, b, rcond=None)[0], abs=1e-9)
+    assert outputs_at_rest(circuit) == pytest.approx(np.linalg.lstsq(A, b, rcond=None)[0], abs=1e-9)
     assert circuit.realised == pytest.approx(T, abs=1e-14)
 
 
@@ -85,7 +81,7 @@ def test_inputs_are_loaded_alike_by_devices_with_levels(
     plus, minus = (1.0 / matrix.ohms for matrix in circuit.matrices[:2])
     set_to = (plus - minus) / G0
     assert np.abs(set_to - T).max() > 0.02
-    assert outputs(circuit) == pytest.approx(np.linalg.solve(set_to, eps), abs=1e-8)
+    assert outputs_at_rest(circuit) == pytest.approx(np.linalg.solve(set_to, eps), abs=1e-8)
 
 
 @pytest.mark.parametrize(

@@ -23,9 +23,9 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.variation import parameters
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
-from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.reference.solve import solve
+from tests.support.boards import outputs_at_rest
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
 
 T = [[1.0, -0.5, 0.0], [0.25, 2.0, 0.0]]  # column 3 is empty, row 2 has no negative entry
@@ -36,6 +36,8 @@ DESIGN: dict[str, Any] = {
     "opamp": NEAR_IDEAL,
     "stray_capacitance": 0,
 }
+WITH_ZEROS = [[1.0, 0.0, -1.0], [2.0, 0.0, 1.0], [0.0, 0.0, 0.0]]
+PRUNED = [[2.0, -0.01, 0.0], [0.5, 1.0, 0.019], [0.002, 0.0, -0.015]]
 
 
 def design(**changes: Any) -> Scene:
@@ -44,11 +46,6 @@ def design(**changes: Any) -> Scene:
 
 def build(scene: Scene, T: ArrayLike, eps: ArrayLike) -> Circuit:
     return synthesise(scene, matrix_problem(T, eps))
-
-
-def board_outputs(circuit: Circuit) -> NDArray[np.float64]:
-    rest = LinearBoard(circuit).equilibrium
-    return np.array([output.sign * rest[output.node] for output in circuit.outputs])
 
 
 def tikhonov(T: ArrayLike, eps: ArrayLike, lam: float) -> NDArray[np.float64]:
@@ -138,7 +135,7 @@ def test_the_matrix_and_all_other_resistors_come_from_the_series() -> None:
 def test_a_linear_board_rests_at_the_tikhonov_solution(topology: str) -> None:
     A, eps = [[0.3, -0.2, 0.0], [0.1, 0.4, 0.25], [0.0, 0.2, -0.3]], [1.0, -0.5, 0.25]
     scene = design(topology=topology, gain="1Mohm", unit_voltage=2.0)
-    found = board_outputs(build(scene, A, eps)) / 2.0
+    found = outputs_at_rest(build(scene, A, eps)) / 2.0
     assert found == pytest.approx(tikhonov(A, eps, 0.1), rel=1e-7)
 
 
@@ -173,7 +170,7 @@ def test_an_exponential_board_rests_at_the_maximum_entropy_solution(
         amplifier="exponential", topology=topology, bias=bias, gain="1Mohm",
         exponential_slope=0.5, unit_voltage=2.0,
     )  # fmt: skip
-    u = board_outputs(build(scene, A, eps)) / 2.0
+    u = outputs_at_rest(build(scene, A, eps)) / 2.0
     # Stationary: 2 T^T (T u - eps) + lam (log u + bias) = 0; no solver takes part.
     gradient = 2 * np.array(A).T @ (np.array(A) @ u - eps) + 0.1 * (np.log(u) + bias)
     assert gradient == pytest.approx([0.0, 0.0, 0.0], abs=1e-8)
@@ -199,11 +196,8 @@ def test_any_near_ideal_board_rests_where_the_reference_says(
     scene = design(amplifier=amplifier, **changes)
     problem = matrix_problem(A, eps)
     solution = solve(ideal_network(problem, scene).problem)
-    found = board_outputs(synthesise(scene, problem))
+    found = outputs_at_rest(synthesise(scene, problem))
     assert np.max(np.abs(found - solution.u)) <= 1e-7 * max(1.0, np.max(np.abs(solution.u)))
-
-
-WITH_ZEROS = [[1.0, 0.0, -1.0], [2.0, 0.0, 1.0], [0.0, 0.0, 0.0]]
 
 
 def omissions(**design: Any) -> dict[str, str]:
@@ -233,9 +227,6 @@ def test_an_exponential_board(design: dict[str, Any], inverters: str, bias: bool
     assert found[inverters] == "their columns have no negative entry"
     assert "antilog stages and bias current" not in found
     assert ("bias current" in found) is bias
-
-
-PRUNED = [[2.0, -0.01, 0.0], [0.5, 1.0, 0.019], [0.002, 0.0, -0.015]]
 
 
 def pruned_board(prune: float, **design: Any) -> Circuit:
@@ -300,11 +291,6 @@ def input_board(strain_input: str, **changes: Any) -> Circuit:
     return synthesise(scene(strain_input, **changes), matrix_problem(INPUT_T, EPS))
 
 
-def outputs(circuit: Circuit) -> Any:
-    rest = LinearBoard(circuit).equilibrium
-    return np.array([output.sign * rest[output.node] for output in circuit.outputs])
-
-
 def test_the_deck_has_a_voltage_and_a_resistor_for_each_strain() -> None:
     lines = taction.write_deck(
         input_board("voltage"), taction.netlist("scenes/custom-matrix.toml").analysis
@@ -329,5 +315,5 @@ def test_the_resistor_has_a_value_of_the_series_and_varies() -> None:
 def test_the_rest_is_that_of_the_currents() -> None:
     """Only the error of the finite gain differs: (1 + s sum G) / A0, of the order of 1e-4 here."""
     ideal = {**INPUT_DESIGN["opamp"], "dc_gain": 1e9}
-    pair = [outputs(input_board(kind, opamp=ideal)) for kind in ("current", "voltage")]
+    pair = [outputs_at_rest(input_board(kind, opamp=ideal)) for kind in ("current", "voltage")]
     assert pair[1] == pytest.approx(pair[0], rel=1e-7)

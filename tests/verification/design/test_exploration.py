@@ -48,6 +48,7 @@ ONE = {
 }
 CAPACITANCE, GAIN = "design.capacitance", "design.gain"
 BREADBOARD = SCENES / "paper-breadboard.toml"
+LONG = 1e6  # designs
 
 
 @pytest.fixture
@@ -179,9 +180,6 @@ def test_a_closed_loop_board_has_its_own_slider_and_its_whole_margin() -> None:
     assert margin == pytest.approx(start.controls[0].own / stable[-1][0], rel=1e-6)
     assert margin is not None
     assert margin > scene.checks.stability.margin
-
-
-LONG = 1e6  # designs
 
 
 def paper(changes: Point | None = None, name: str = "paper-breadboard") -> Scene:

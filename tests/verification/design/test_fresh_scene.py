@@ -35,6 +35,8 @@ from tests.support.running import taction
 T = np.array([[1.0, 0.5, 0.2], [0.5, 1.0, 0.5], [0.2, 0.5, 1.0], [0.1, 0.2, 0.5]])
 EPS = np.array([1.0, 0.8, 0.3, 0.2])
 LAMBDA = 0.1
+SIGMA = 0.01
+Matrix = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
@@ -90,10 +92,6 @@ def test_the_values_are_of_a_series_can_be_bought_and_are_all_used(plain: Path) 
     E96 = {round(10.0 ** (k / 96.0), 2) for k in range(96)}
     assert set(np.round(ohms / decades, 9).tolist()) <= E96
     assert not broken_limits(circuit)
-
-
-SIGMA = 0.01
-Matrix = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

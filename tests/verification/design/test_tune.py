@@ -53,19 +53,8 @@ DESIGN = {
     "lambda": 0.1,
     "opamp": REAL,
 }
-TEXT = """name = "slow"
-[problem]
-kind = "tactile"
-channels = 2
-span = 1.2
-[design]
-capacitance = "100pF"
-gain = "100kohm"
-stray_capacitance = "5pF"
-unit_conductance = "10uS"
-lambda = 0.1
-opamp = { base = "ideal", dc_gain = 1e5, gbw = "1MHz", second_pole = "3MHz" }
-"""
+C, GAIN = "design.capacitance", "design.gain"
+Fails = Callable[[float, float], list[str]]  # of C / 10 pF and gain / 1 Mohm
 
 
 def scene(**tables: Any) -> Scene:
@@ -289,10 +278,6 @@ def test_the_command_writes_a_scene_that_passes(tmp_path: Path) -> None:
     assert verify(load_scene(file).with_engine("statespace")).outcome.value == "pass"
     shown = command(*arguments)
     assert shown.stdout.splitlines()[-2:] == ["verified by the state-space engine", "PASS"]
-
-
-C, GAIN = "design.capacitance", "design.gain"
-Fails = Callable[[float, float], list[str]]  # of C / 10 pF and gain / 1 Mohm
 
 
 @dataclass

@@ -30,6 +30,9 @@ from tests.support.paths import SCENES
 
 PATH = SCENES / "paper-exponential-devices.toml"
 IDEAL = {"base": "ideal", "dc_gain": 1e10}
+OPAMP = {"base": "opa189", "input_errors": "none", "level": "small-signal"}
+ROWS = [[1.0, 0.5, -0.25], [0.5, 1.0, 0.3], [-0.25, 0.3, 1.0]]
+NONE = {"resistor": 0.0, "stray": 0.0, "opamp_gbw": 0.0, "opamp_gain": 0.0, "capacitor": 0.0}
 
 
 def changed(**design: Any) -> Scene:
@@ -156,11 +159,6 @@ def test_ngspice_has_the_same_noise(ngspice: str) -> None:
     assert noise.simulated is not None
     assert noise.largest == pytest.approx(1.383e-4, rel=0.01)
     assert noise.difference < 1e-4 * noise.largest
-
-
-OPAMP = {"base": "opa189", "input_errors": "none", "level": "small-signal"}
-ROWS = [[1.0, 0.5, -0.25], [0.5, 1.0, 0.3], [-0.25, 0.3, 1.0]]
-NONE = {"resistor": 0.0, "stray": 0.0, "opamp_gbw": 0.0, "opamp_gain": 0.0, "capacitor": 0.0}
 
 
 def scene(T: list[list[float]], eps: list[float], **keys: Any) -> Scene:

@@ -30,6 +30,7 @@ LOW = Check("rise_time", FAIL, 8e-6, 1e-9, 2e-5, None, "s", "10-90 % of channel 
 MARGIN = Check("stability", FAIL, 1.3, 1e-6, 2.0, None, "ratio", "rightmost pole -1 /s; C can")
 OUTSIDE = Check("settling_time", FAIL, None, None, 2e-3, None, "s", "the equilibrium is 3 % off")
 OFF = Check("steady_state", FAIL, 0.03, 1e-9, 0.0, 1e-3, "step", "largest")
+PROBLEM = matrix_problem([[1.0, -0.3], [0.2, 0.8]], [1.0, 0.5])
 
 
 @pytest.mark.parametrize(
@@ -167,9 +168,6 @@ def test_a_fragile_reading_comes_with_both_values() -> None:
     assert found == (
         "channel 4: rise time 10.4 us is fragile: 4.3 us with the level shifted by 0.5% of the step"
     )
-
-
-PROBLEM = matrix_problem([[1.0, -0.3], [0.2, 0.8]], [1.0, 0.5])
 
 
 def made(**design: Any) -> tuple[Circuit, IdealAnswer]:

@@ -59,6 +59,8 @@ BOARD: dict[str, Any] = {
     "resistor_series": "E96",
     "opamp": POOR,
 }
+PRUNE = 0.03  # the two corners of the kernel, 0.0256 of its largest entry
+SMALL_T = [[2.0, -0.01, 0.0], [0.5, 1.0, 0.019], [0.002, 0.0, -0.015]]
 
 
 def problem(*, known: bool) -> InverseProblem:
@@ -233,9 +235,6 @@ def test_a_budget_that_is_not_known_is_empty_and_a_warning(monkeypatch: pytest.M
     assert budget_parts(ErrorBudget()) == {}
 
 
-PRUNE = 0.03  # the two corners of the kernel, 0.0256 of its largest entry
-
-
 def scene(prune: float, amplifier: str = "linear") -> Scene:
     design = {"prune": prune, "amplifier": amplifier, "lambda": 0.8, "resistor_series": "E96"}
     return make_scene(design=design, analysis={"engine": "statespace"})
@@ -269,9 +268,6 @@ def test_other_amplifiers_have_a_bound_too(amplifier: str) -> None:
     parts = {part.name: part for part in taction.verify(scene(PRUNE, amplifier)).budget}
     found = parts["pruning"]
     assert 0.0 < found.value <= found.bound < found.value * (1.0 + 1e-6)
-
-
-SMALL_T = [[2.0, -0.01, 0.0], [0.5, 1.0, 0.019], [0.002, 0.0, -0.015]]
 
 
 def small(prune: float, **design: Any) -> Scene:

@@ -25,16 +25,13 @@ from taction.verification.report.views.answer_view import check_bar
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.build import build
-from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.headroom import Load, PartLoads
 from taction.verification.verdict.simulation import begin, own_error
-from taction.verification.verdict.verify import Verdict, verify
+from taction.verification.verdict.verify import verify
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
+from tests.support.measured import named
 from tests.support.paths import CASES, SCENES
-
-
-def designed(scene: Scene) -> Board:
-    return build(scene)
 
 
 def loads_of(design: Board) -> tuple[Load, ...]:
@@ -65,7 +62,7 @@ def small_signal(name: str) -> Scene:
     ids=lambda scene: scene.name,
 )
 def test_peaks_are_those_of_ngspice(scene: Scene) -> None:
-    design = designed(scene)
+    design = build(scene)
     loads = loads_of(design)
     nodes = {cell.name: cell.output for cell in design.circuit.opamps}
     stop = 20.0 * worst(loads, "voltage").at
@@ -102,7 +99,7 @@ def current_at(circuit: Circuit, voltages: dict[str, float], node: str) -> float
 
 
 def test_a_current_at_rest_is_that_of_kirchhoff() -> None:
-    design = designed(board())
+    design = build(board())
     equilibrium = design.linear.equilibrium
     voltages = {name: equilibrium[name] for name in design.linear.descriptor.names} | {"0": 0.0}
     load = worst(loads_of(design), "current")
@@ -115,7 +112,7 @@ def test_a_current_at_rest_is_that_of_kirchhoff() -> None:
 def test_loads_follow_the_limits(amplifier: str) -> None:
     whole, half = (
         PartLoads.of(
-            (d := designed(board(amplifier, opamp=opamp))).linear, transient=d.transient
+            (d := build(board(amplifier, opamp=opamp))).linear, transient=d.transient
         ).loads
         for opamp in (
             {"base": "tl084", "level": "small-signal"},
@@ -143,7 +140,7 @@ def test_loads_and_record_of_a_board_by_steps_are_of_one_integration(
 
     monkeypatch.setattr(stepped.SteppedCurve, "of", counted)
     small = {"base": "tl084", "level": "small-signal"}
-    design = designed(board("exponential", opamp=small).with_engine("statespace"))
+    design = build(board("exponential", opamp=small).with_engine("statespace"))
     assert not design.circuit.is_linear
     loads, record = design.loads.loads, begin(design)()
     assert len(begun) == 1
@@ -161,10 +158,6 @@ def test_loads_and_record_of_a_board_by_steps_are_of_one_integration(
     assert highest[found.part] == max(highest.values())
 
 
-def headroom_of(verdict: Verdict) -> Check:
-    return next(check for check in verdict.checks if check.name == "headroom")
-
-
 @pytest.mark.usefixtures("ngspice")
 @pytest.mark.parametrize("engine", ["ngspice", "statespace"])
 @pytest.mark.parametrize(
@@ -180,7 +173,7 @@ def test_a_board_whose_parts_cannot_do_it_never_passes(
     name: str, engine: str, outcome: Outcome, share: float, part: str
 ) -> None:
     verdict = verify(small_signal(name).with_engine(engine))
-    check = headroom_of(verdict)
+    check = named(verdict, "headroom")
     assert (verdict.outcome, check.outcome) == (outcome, outcome)
     assert check.value == pytest.approx(share, rel=2e-3)
     assert f"op-amp {part} " in check.reason
@@ -189,11 +182,11 @@ def test_a_board_whose_parts_cannot_do_it_never_passes(
 
 def test_the_proposed_unit_voltage_mends_the_board() -> None:
     scene = small_signal("slew-ua741").with_engine("statespace")
-    reason = headroom_of(verify(scene)).reason
+    reason = named(verify(scene), "headroom").reason
     volts = reason.split("unit_voltage = ")[1].split(" keeps")[0]
     design = scene.design.model_copy(update={"unit_voltage": float(volts.split()[0]) * 1e-3})
     assert volts.endswith(" mV")
-    found = headroom_of(verify(scene.model_copy(update={"design": design})))
+    found = named(verify(scene.model_copy(update={"design": design})), "headroom")
     assert found.outcome is Outcome.PASS
     assert found.value == pytest.approx(0.9, rel=0.05)
 
@@ -255,10 +248,6 @@ def test_the_level_changes_neither_the_equilibrium_nor_the_poles() -> None:
         assert next(ends) == pytest.approx(next(ends), abs=1e-9)
     lead = (board.state_space.modes.poles[0] for board in (one, other))
     assert next(lead) == pytest.approx(next(lead), rel=1e-6)
-
-
-def named(verdict: Verdict, name: str) -> Check:
-    return next(check for check in verdict.checks if check.name == name)
 
 
 @pytest.mark.usefixtures("ngspice")

@@ -19,6 +19,7 @@ from taction.verification.engines.statespace.linearised.rest_sensitivity import 
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.verify import verify
+from tests.support.boards import outputs_at_rest
 from tests.support.making import make_scene
 
 UA741 = {"base": "ua741", "input_errors": "typical"}
@@ -46,11 +47,6 @@ def board(kind: str = "linear", **design: Any) -> Circuit:
     return synthesise(make_scene(problem=PROBLEM, design={**DESIGN, **KINDS[kind], **design}))
 
 
-def at_rest(circuit: Circuit) -> Floats:
-    rest = LinearBoard(circuit).equilibrium
-    return np.array([output.sign * rest[output.node] for output in circuit.outputs])
-
-
 def drawn_board(circuit: Circuit, deviations: dict[str, float]) -> Circuit:
     """The board with errors of the inputs of its op-amps, in standard deviations from the means."""
     varied = parameters(circuit, EXACT)
@@ -62,7 +58,7 @@ def sampled(circuit: Circuit, count: int) -> Floats:
     random, rows = np.random.default_rng(7), []
     names = [f"{c.name}.{f}" for c in circuit.opamps for f, _ in circuit.models[c.model].varying]
     for z in random.standard_normal((count, len(names))):
-        rows.append(at_rest(drawn_board(circuit, dict(zip(names, z, strict=True)))))
+        rows.append(outputs_at_rest(drawn_board(circuit, dict(zip(names, z, strict=True)))))
     return np.array(rows)
 
 
@@ -80,7 +76,7 @@ def test_mean_and_deviation_are_those_of_drawn_boards(kind: str) -> None:
 def test_95_of_100_drawn_boards_rest_within_the_distance(kind: str) -> None:
     found = InputSpread.of(LinearBoard(board(kind)))
     assert found is not None
-    target = at_rest(board(kind, opamp={"base": "ua741", "input_errors": "none"}))
+    target = outputs_at_rest(board(kind, opamp={"base": "ua741", "input_errors": "none"}))
     distance, error = found.distance(target)
     beyond = (np.abs(sampled(board(kind), 1000) - target).max(axis=1) > distance).mean()
     # The share is 5 % or less; of 1000 boards 7 % are three deviations away.
@@ -95,7 +91,7 @@ def test_common_mode_errors_move_followers_with_their_sign() -> None:
     name = max(own, key=lambda each: float(np.abs(own[each]).max()))
     (model,) = circuit.models.values()
     sigma = dict(model.varying)["common_mode_rejection"].sigma
-    up, down = (at_rest(drawn_board(circuit, {name: z})) for z in (1.0, -1.0))
+    up, down = (outputs_at_rest(drawn_board(circuit, {name: z})) for z in (1.0, -1.0))
     # The other errors are at their means here, and at their typical sizes in the slope.
     np.testing.assert_allclose(own[name], (up - down) / (2.0 * sigma), rtol=0.05, atol=1e-3)
 
@@ -143,14 +139,14 @@ HOT: dict[str, Any] = {"temperature": "0..70degC", "supply_tolerance": 0.05}
 
 def shifted(circuit: Circuit, **figures: float) -> Floats:
     """Return how far each op-amp by itself moves the outputs, V, (op-amps, N)."""
-    rows, before = [], at_rest(circuit)
+    rows, before = [], outputs_at_rest(circuit)
     for cell in circuit.opamps:
         model = circuit.models[cell.model]
         moved = {name: getattr(model, name) + value for name, value in figures.items()}
         own = replace(model, name="own", varying=(), **moved)
         cells = tuple(replace(c, model="own") if c is cell else c for c in circuit.opamps)
         models = {**circuit.models, "own": own}
-        rows.append(at_rest(replace(circuit, models=models, opamps=cells)) - before)
+        rows.append(outputs_at_rest(replace(circuit, models=models, opamps=cells)) - before)
     return np.array(rows)
 
 
@@ -203,7 +199,7 @@ def test_resistors_drift_each_by_itself() -> None:
     ]
     for name in names:
         changed = with_resistors_at(circuit, {name: 1.0 + step})
-        squares += ((at_rest(changed) - at_rest(circuit)) / step) ** 2
+        squares += ((outputs_at_rest(changed) - outputs_at_rest(circuit)) / step) ** 2
     spread = InputSpread.of(LinearBoard(circuit), 1e-4)
     assert spread is not None
     np.testing.assert_allclose(spread.sigma, 1e-4 * np.sqrt(squares), rtol=1e-3)

@@ -30,6 +30,10 @@ T = np.array(
 )
 EPS = np.array([0.5, -0.3, 0.8, 0.2])
 MORE, MORE_EPS = np.array([[0.5, 0.2, 0.1, 0.4], [0.1, -0.7, 0.2, 0.2]]), [0.1, -0.4]
+TOPOLOGIES = ("inv", "pinv", "ridge")
+WAYS = ("inverters", "differential", "offset")
+BAND = 0.01  # of the settling time
+INVERTER = 1e4  # ohm
 
 
 def scene(topology: str, engine: str = "statespace", **design: Any) -> Scene:
@@ -99,12 +103,6 @@ def test_the_settling_time_is_that_of_the_matrix_exponential(topology: str) -> N
     reading = found.measurements.settling_time
     assert reading.value == pytest.approx(settled(A, drive, target, 0.01), rel=1e-9)
     assert found.ideal.settling_time == 0.0
-
-
-TOPOLOGIES = ("inv", "pinv", "ridge")
-WAYS = ("inverters", "differential", "offset")
-BAND = 0.01  # of the settling time
-INVERTER = 1e4  # ohm
 
 
 def board_scene(seed: int) -> Scene:

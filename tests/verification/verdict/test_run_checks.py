@@ -32,6 +32,8 @@ from tests.support.measured import (
 )
 
 PASS, FAIL, UNDECIDED = Outcome.PASS, Outcome.FAIL, Outcome.INCONCLUSIVE
+RISES = [channel(n, rise_time=Reading(t * 1e-6, 1e-12)) for n, t in enumerate((2, 9, 4, 1))]
+SMALL = channel(4, rise_time=None, rises=False, rise_reason="step too small")
 
 
 def fragile(other: float) -> ChannelMeasure:
@@ -88,10 +90,6 @@ def test_an_outputs_later_excursion_may_exceed_the_limit() -> None:
         rest = steady(1.0, left=left)
         given = evidence(channel(overshoot=known), steady=rest, checks=wanted)
         assert check("overshoot", given).outcome is outcome
-
-
-RISES = [channel(n, rise_time=Reading(t * 1e-6, 1e-12)) for n, t in enumerate((2, 9, 4, 1))]
-SMALL = channel(4, rise_time=None, rises=False, rise_reason="step too small")
 
 
 @pytest.mark.parametrize(

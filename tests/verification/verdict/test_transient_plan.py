@@ -59,6 +59,9 @@ from tests.support.making import make_scene
 from tests.support.paths import SCENES
 
 SETTLING = 1.2 * math.log(1e4)  # time constants until a tenth of 1e-3 is left, and a fifth more
+LOOSE = 1.5  # times the error of the first run: largest stated error
+TIMES = np.concatenate([[0.0], np.geomspace(1e-9, 2e-4, 400)])
+BETWEEN = TIMES[:-1] + 0.37 * np.diff(TIMES)
 
 
 def planned(scene: Scene, **options: Any) -> tuple[TransientPlan, TimeScales]:
@@ -329,11 +332,6 @@ def test_the_record_of_a_diverging_transient_is_kept(
     else:
         wait = begin(made)
         assert wait() is RECORD
-
-
-LOOSE = 1.5  # times the error of the first run: largest stated error
-TIMES = np.concatenate([[0.0], np.geomspace(1e-9, 2e-4, 400)])
-BETWEEN = TIMES[:-1] + 0.37 * np.diff(TIMES)
 
 
 def state_space_run(circuit: Circuit, tolerance: float) -> tuple[Waveforms, StateSpaceError]:

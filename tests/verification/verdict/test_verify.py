@@ -36,7 +36,7 @@ from taction.verification.verdict import build as design
 from taction.verification.verdict import run as module
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.build import build
-from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run import (
     Agreement,
     Run,
@@ -49,10 +49,12 @@ from taction.verification.verdict.simulation import StateSpaceError, Waiting, ch
 from taction.verification.verdict.transient_plan import AIM, TransientPlan
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import make_scene, ringing_scene
+from tests.support.measured import named
 from tests.support.paths import SCENES
 
 NAMES = sorted(path.stem for path in SCENES.glob("*.toml"))
 LINEAR = ["custom-matrix", "eleven-channel", "paper-breadboard", "tuned-breadboard"]
+DOUBT = 1e-6  # V, of the other record
 
 
 def shipped(name: str, **tables: dict[str, Any]) -> Scene:
@@ -65,10 +67,6 @@ def shipped(name: str, **tables: dict[str, Any]) -> Scene:
 @cache
 def verdict_of(name: str, engine: str) -> Verdict:
     return verify(shipped(name, analysis={"engine": engine}))
-
-
-def named(verdict: Verdict, name: str) -> Check:
-    return next(check for check in verdict.checks if check.name == name)
 
 
 def assert_named(verdict: Verdict, other: Verdict) -> None:
@@ -247,9 +245,6 @@ def test_the_verdict_is_the_same(
         outcomes.append({c.name: c.outcome.value for c in verify(asked).checks})
     assert outcomes[0] == outcomes[1]
     assert outcomes[0]["stability"] == "inconclusive"
-
-
-DOUBT = 1e-6  # V, of the other record
 
 
 @cache

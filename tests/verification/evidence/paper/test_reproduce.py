@@ -31,6 +31,13 @@ from taction.verification.evidence.paper.tactile import FINE, Geometry, by_trans
 from taction.verification.verdict.checks import Outcome
 from tests.support.paths import SCENES
 
+WITH_NGSPICE = ("breadboard", "console", "hardware")
+SHORTENED = ("reconstruction", "console", "simnon", "energy", "conditioning")
+SLOW = ("breadboard", "speed")  # `.ci/run` has all chapters: step reproduce
+LONG = ("energy", "reconstruction")  # long when shortened, too
+BY_CLOCK = {"digital-impossible", "digital-quadratic"}  # as fast as the machine is today
+WHOLE = pytest.mark.nightly  # up to a minute; with every commit these chapters run shortened
+
 
 def test_every_claim_has_a_chapter_and_its_own_name() -> None:
     claims = load_claims()
@@ -83,16 +90,6 @@ def test_the_fourier_transform_inverts_a_circular_convolution() -> None:
     circulant = row[(place[:, None] - place[None, :]) % FINE.channels]
     found = by_transform(FINE, circulant @ stress)
     np.testing.assert_allclose(found, stress, atol=1e-6)
-
-
-WITH_NGSPICE = ("breadboard", "console", "hardware")
-SHORTENED = ("reconstruction", "console", "simnon", "energy", "conditioning")
-SLOW = ("breadboard", "speed")  # `.ci/run` has all chapters: step reproduce
-LONG = ("energy", "reconstruction")  # long when shortened, too
-BY_CLOCK = {"digital-impossible", "digital-quadratic"}  # as fast as the machine is today
-
-
-WHOLE = pytest.mark.nightly  # up to a minute; with every commit these chapters run shortened
 
 
 @pytest.mark.parametrize(

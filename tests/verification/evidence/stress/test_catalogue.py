@@ -43,7 +43,6 @@ from tests.support.true_values import deck_digest, true_values
 
 ALL = load_catalogue()
 STORED = json.loads(TRUE_VALUES.read_text("utf-8"))
-REFUSED = [case for case in ALL if case.refused]
 BOARDS = [case for case in ALL if not case.refused]
 FILE = """
 [base.problem]
@@ -55,14 +54,20 @@ why = "w"
 known = "k"
 outcome = "pass"
 """
+# In the catalogue this board has op-amps that do not slew, as the report assumed.
+SLEWING = {"rise-after-band"}
+LARGEST = "channels-500"  # its deck alone takes 7 s of processor time; `make stress` verifies it
+COMPARED = load_catalogue()
+FAST = 0.25  # s: `make stress` runs all cases
+SECONDS = {name: record["seconds"] for name, record in stored_values().items()}
+QUICK = [c for c in ALL if SECONDS[c.name] and max(SECONDS[c.name].values()) < FAST]
+SAMPLE = random.Random(11).sample(QUICK, 8)  # noqa: S311
+LINEAR = [c for c in QUICK if c.truth is not None and c.truth.readable and "Arb, 320" in c.truth.by]
+AGAIN = random.Random(12).sample(LINEAR, 3)  # noqa: S311
 
 
 def name_of(case: Case) -> str:
     return case.name
-
-
-# In the catalogue this board has op-amps that do not slew, as the report assumed.
-SLEWING = {"rise-after-band"}
 
 
 @pytest.mark.parametrize("path", sorted(CASES.glob("*.toml")), ids=lambda path: path.stem)
@@ -74,9 +79,6 @@ def test_their_numbers_are_those_of_the_reports(path: Path) -> None:
     ours, theirs = make_problem(case), make_problem(scene)
     assert (ours.matrix == theirs.matrix).all()
     assert (ours.strain == theirs.strain).all()
-
-
-LARGEST = "channels-500"  # its deck alone takes 7 s of processor time; `make stress` verifies it
 
 
 @pytest.mark.parametrize(
@@ -118,9 +120,6 @@ def test_cases_are_selected_by_name_and_by_family() -> None:
     assert {case.family for case in select(ALL, ("gain", "strain"))} == {"gain", "strain"}
     with pytest.raises(InputError, match="did you mean 'identity'"):
         select(ALL, ("identiti",))
-
-
-COMPARED = load_catalogue()
 
 
 def stated(
@@ -202,14 +201,6 @@ def test_a_limit_of_an_excursion_is_judged_by_the_true_excursion() -> None:
     planted = replace(truth, channels=channels)
     assert "overshoot is pass, the truth is fail" in list(wrong_checks(verdict, planted))
     assert any(number.wrong for number in compare(verdict, planted))
-
-
-FAST = 0.25  # s: `make stress` runs all cases
-SECONDS = {name: record["seconds"] for name, record in stored_values().items()}
-QUICK = [c for c in ALL if SECONDS[c.name] and max(SECONDS[c.name].values()) < FAST]
-SAMPLE = random.Random(11).sample(QUICK, 8)  # noqa: S311
-LINEAR = [c for c in QUICK if c.truth is not None and c.truth.readable and "Arb, 320" in c.truth.by]
-AGAIN = random.Random(12).sample(LINEAR, 3)  # noqa: S311
 
 
 def one(name: str) -> Case:

@@ -25,6 +25,9 @@ from taction.verification.studies.running.pool import WorkerDiedError
 from tests.support.paths import SCENES
 
 C = "design.capacitance"
+TOKEN, PORT = "secret", 8080
+HOST = f"127.0.0.1:{PORT}"
+COOKIE = f"taction-{PORT}={TOKEN}"
 
 
 class Here:
@@ -215,11 +218,6 @@ def test_a_page_ends_no_run_of_another_page() -> None:
             job.stop()
 
     assert asyncio.run(run())
-
-
-TOKEN, PORT = "secret", 8080
-HOST = f"127.0.0.1:{PORT}"
-COOKIE = f"taction-{PORT}={TOKEN}"
 
 
 def answer(

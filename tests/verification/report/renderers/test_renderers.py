@@ -66,6 +66,9 @@ from tests.support.running import words_of
 EVERYWHERE = "terminal page notebook"
 
 STROKES = Strokes([[(0.0, 0.0), (9.0, 9.0)]], [((1.0, 1.0), 2.0, True)], [])
+TOUCH = 1.0  # pixels by which boxes may overlap: a box is larger than its letters
+MOST = 6_000_000  # bytes
+SAMPLE = ("passing", "exponential", "64 channels", "sweep, a map", "regress")
 
 
 def charts() -> dict[str, Chart]:
@@ -192,9 +195,6 @@ def drawn_blocks() -> list[Block]:
     found = [*charts().values()]
     bars = next(b for b in gallery().sections[0].made(PAGE) if isinstance(b, Bars))
     return [*found, bars, Notes("Nothing", ("No sample stands out.",))]
-
-
-TOUCH = 1.0  # pixels by which boxes may overlap: a box is larger than its letters
 
 
 @contextmanager
@@ -388,10 +388,6 @@ def test_a_wide_table_is_cut_into_parts_that_repeat_the_heads() -> None:
         assert max(map(len, lines)) <= width
         assert sum("15 pF" in line and "15 kohm" in line for line in lines) == parts
     assert at_width(page, 20).count("15 pF") == 1  # a list
-
-
-MOST = 6_000_000  # bytes
-SAMPLE = ("passing", "exponential", "64 channels", "sweep, a map", "regress")
 
 
 def small(text: str = "1") -> Page:

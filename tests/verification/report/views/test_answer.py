@@ -38,9 +38,10 @@ from taction.verification.verdict.verify import Verdict, verify
 from tests.support.measured import channel
 from tests.support.paths import SCENES
 
-SCENE = "scenes/custom-matrix.toml"
 LESS = "; a smaller lambda regularises less, but lets more noise through"
 MORE = "; a larger lambda lets less noise through, but regularises more"
+BOARD = "scenes/known-readings.toml"
+BAND = "to ±2.5 %"
 
 
 def one(eps: float, lam: float, stress: float | None, board: float | None = 1e-5) -> AnswerError:
@@ -128,10 +129,6 @@ def test_what_is_known() -> None:
 def test_within_is_never_too_small(volts: float, error: float, shown: str) -> None:
     answer = replace(one(1.0, 0.25, 1.0, board=volts), board_error=error)
     assert f" within {shown} of the step;" in answer_text(answer)
-
-
-BOARD = "scenes/known-readings.toml"
-BAND = "to ±2.5 %"
 
 
 @pytest.fixture(scope="module")

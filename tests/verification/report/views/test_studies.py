@@ -32,6 +32,8 @@ from tests.support.making import make_scene
 from tests.support.report_pages import STATESPACE, STUDIES, VERDICTS, page
 
 MARKED = "#123456"  # in the place of a colour of the style sheet
+LISTS = ("opamp.base=ua741,op27", "C=10pF,20pF")
+NONE = float("nan")
 
 
 def coloured(value: Any) -> Any:
@@ -186,10 +188,6 @@ def test_a_limit_among_the_values_is_an_edge(limits: list[float]) -> None:
     assert np.diff(edges) == pytest.approx(np.full(len(edges) - 1, edges[1] - edges[0]))
     if limits and limits[0] < 1.0:
         assert np.abs(edges - limits[0]).min() < 1e-12
-
-
-LISTS = ("opamp.base=ua741,op27", "C=10pF,20pF")
-NONE = float("nan")
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,9 @@ from tests.support.report_pages import VERDICTS, page, verdicts
 
 PREFIXES = {"p": 1e-12, "n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
 NUMBER = re.compile(r"^(-?[\d.]+)(?: ([pnµmkMG]?)(s|V|/s|F|Ω|A|Hz)?)?(?: (%))?(?: |$)")
-ODD = re.compile(r"\d[eE][-+]?\d|\d [zaf](V|s|A)\b")  # 2.4e-13 %, 27.8 aV
+COLUMNS = 80
+SHIPPED = {file.stem: file for file in sorted(SCENES.glob("*.toml"))}
+TINY = re.compile(r"± [\d.]+ [zaf](V|s|A)\b")  # uncertainties that are rounding
 
 
 def made(value: float | None, limit: float | None, **more: Any) -> Check:
@@ -196,11 +198,6 @@ def test_a_terminal_shows_checks_channels_and_the_outcome(name: str) -> None:
         assert show(each.target, "V") in text
     assert text.splitlines()[-1] == verdict.outcome.value.upper()
     assert len(page_text(view(verdict, verbose=True))) > len(text)
-
-
-COLUMNS = 80
-SHIPPED = {file.stem: file for file in sorted(SCENES.glob("*.toml"))}
-TINY = re.compile(r"± [\d.]+ [zaf](V|s|A)\b")  # uncertainties that are rounding
 
 
 def lines_of(page: Page, width: int = COLUMNS) -> list[str]:

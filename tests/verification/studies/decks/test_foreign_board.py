@@ -32,6 +32,7 @@ SEPARATED = 1e-2  # relative distance of a pole from all others from which it is
 IDEAL = ("wien-resistors",)  # gains of 1e9: rounding of the stamped values alone is 1e-7
 
 Read = Callable[[str], ForeignBoard]
+RC = 1.0 / (2.0 * math.pi * 1e4 * 1e-8)  # Hz: 1 / (2 pi R C)
 
 
 @pytest.fixture(scope="module")
@@ -102,9 +103,6 @@ def crossing(board: ForeignBoard, name: str, low: float, high: float) -> tuple[f
     (sweep,) = checked(board, f"{name}={low!r}:{high!r}:9").sweeps
     (edge,) = sweep.crossings
     return edge.value, edge.frequency
-
-
-RC = 1.0 / (2.0 * math.pi * 1e4 * 1e-8)  # Hz: 1 / (2 pi R C)
 
 
 @pytest.mark.parametrize(

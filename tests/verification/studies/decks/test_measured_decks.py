@@ -20,6 +20,7 @@ from tests.support.paths import ROOT
 pytestmark = pytest.mark.usefixtures("ngspice")
 CASES = ROOT / "tests" / "data" / "cases"
 VT = 1.3806488e-23 * 300.15 / 1.602176565e-19  # as ngspice has it at 27 degrees C
+INVERTER = "R1 in x 10k\nR2 x out 10k\nC2 x out 10p\nX1 ref x vp {low} out FET100\n.tran 1n 10u"
 
 
 def checked(folder: Path, text: str, **options: object) -> BoardCheck:
@@ -246,9 +247,6 @@ def test_what_cannot_be_measured_is_refused(
         checked(tmp_path, f"V1 in 0 DC 1 AC 1\nR1 in out 1k\n{card}\nC1 out 0 1n", ngspice=False)
     for word in words:
         assert word in str(error.value)
-
-
-INVERTER = "R1 in x 10k\nR2 x out 10k\nC2 x out 10p\nX1 ref x vp {low} out FET100\n.tran 1n 10u"
 
 
 def with_opamp(folder: Path, text: str, **options: object) -> BoardCheck:

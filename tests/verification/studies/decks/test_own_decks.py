@@ -38,6 +38,11 @@ SMALL = {
     "base": "ideal", "dc_gain": 1e5, "gbw": "1MHz", "second_pole": "2.5MHz",
     "output_resistance": "75ohm", "input_capacitance": "3pF",
 }  # fmt: skip
+DIVIDER = "divider\nV1 in 0 PULSE(0 4)\nR1 in out 1k\nR2 out 0 3k\nC1 out 0 1n\n.end\n"
+RC = "RC\nV1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n\n.end\n"
+PULSED = "divider\nV1 in 0 PULSE(0 2)\nR1 in out 1k\nR2 out 0 1k\nC1 out 0 1n\n.end\n"
+TAU = 1e-6
+T, EPS = np.array([[2.0, 1.0], [1.0, 3.0], [0.0, 1.0]]), np.array([3.0, 4.0, 2.0])
 
 
 def test_every_topology_of_taction_is_read_back() -> None:
@@ -157,9 +162,6 @@ def test_an_output_that_returns_settles_in_shares_of_its_exact_peak(tmp_path: Pa
     assert abs(reading.value - true) <= reading.uncertainty + 1e-15 * true
 
 
-DIVIDER = "divider\nV1 in 0 PULSE(0 4)\nR1 in out 1k\nR2 out 0 3k\nC1 out 0 1n\n.end\n"
-
-
 def rests(found: MeasuredBoard) -> list[Reading]:
     """The outputs at rest."""
     return [Reading(volts, found.rest_error) for volts in found.rest.tolist()]
@@ -207,11 +209,6 @@ def test_a_question_is_in_sweeps_documents_and_yields(deck: Path, ngspice: str) 
 def test_a_limit_that_is_none_is_refused(deck: Path, text: str) -> None:
     with pytest.raises(taction.InputError, match="level"):
         taction.check(deck, checks=text, ngspice=False)
-
-
-RC = "RC\nV1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n\n.end\n"
-PULSED = "divider\nV1 in 0 PULSE(0 2)\nR1 in out 1k\nR2 out 0 1k\nC1 out 0 1n\n.end\n"
-TAU = 1e-6
 
 
 def checked(folder: Path, deck: str, spread: str, **more: object) -> BoardCheck:
@@ -333,9 +330,6 @@ def test_a_tolerance_that_cannot_be_is_refused(tmp_path: Path, spread: str, reas
     )
     with pytest.raises(InputError, match=reason):
         checked(tmp_path, deck, spread, samples=1)
-
-
-T, EPS = np.array([[2.0, 1.0], [1.0, 3.0], [0.0, 1.0]]), np.array([3.0, 4.0, 2.0])
 
 
 @pytest.fixture

@@ -27,6 +27,8 @@ from taction.verification.studies.running.pool import (
 from taction.verification.studies.running.study import study
 from tests.support.paths import ROOT
 
+HOSTILE = ("random", "platform", "socket", "pickle", "multiprocessing", "verification", "numpy")
+
 
 @pytest.fixture
 def pool() -> Iterator[LocalPool]:
@@ -124,9 +126,6 @@ def test_a_study_without_processes_ends(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(module.multiprocessing, "Pipe", refuse)
     with local(2) as workers, pytest.raises(NoVerdictError, match="did not start: no process"):
         list(study(workers, max, [(k, (k,)) for k in range(4)]))
-
-
-HOSTILE = ("random", "platform", "socket", "pickle", "multiprocessing", "verification", "numpy")
 
 
 def test_no_module_of_the_working_folder_is_imported(tmp_path: Path) -> None:

@@ -30,6 +30,9 @@ from tests.support.making import make_scene, write_matrix_scene
 from tests.support.paths import ROOT
 from tests.support.studying import IDEAL, scene_file
 
+FILES = [Path(f"{name}.toml") for name in "abcd"]
+COMMAND = [sys.executable, "-c", "from taction.cli.main import main; main()"]
+
 
 def key(number: int) -> bytes:
     return number.to_bytes(32, "big")
@@ -182,9 +185,6 @@ def test_two_processes_at_once(tmp_path: Path) -> None:
     assert None not in rows
 
 
-FILES = [Path(f"{name}.toml") for name in "abcd"]
-
-
 def killed_at_b(path: Path, number: int) -> str:
     if path.stem == "b":
         os.kill(os.getpid(), signal.SIGKILL)
@@ -293,9 +293,6 @@ def test_one_resistor_makes_another_digest() -> None:
     ohms[1, 2] = np.nextafter(ohms[1, 2], np.inf)
     changed = replace(circuit, matrices=(replace(circuit.forward, ohms=ohms),))
     assert digest(changed.forward) != digest(circuit.forward)
-
-
-COMMAND = [sys.executable, "-c", "from taction.cli.main import main; main()"]
 
 
 def command(folder: Path, *more: str) -> list[str]:

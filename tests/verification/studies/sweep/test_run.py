@@ -29,18 +29,20 @@ from taction.verification.studies.sweep.result import records, sweep
 from taction.verification.verdict import verify as module_of_verdicts
 from taction.verification.verdict.record import FIGURES, Record
 from taction.verification.verdict.verify import verify
-from tests.support.making import NEAR_IDEAL, make_scene, write_matrix_scene
+from tests.support.making import make_scene, write_matrix_scene
 from tests.support.paths import SCENES
 from tests.support.running import taction as command
-from tests.support.studying import IDEAL
+from tests.support.studying import DAMPED, IDEAL, one_thread
 
-DAMPED = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0.0, "opamp": NEAR_IDEAL}
+PAPER = SCENES / "paper-breadboard.toml"
+DECISIONS = ("outcome", "failure", "engine", "simulator", "state", "stable")
+RUN = {"seconds", "simulation_error", "attained_error"}  # figures of the run, not of the board
 
 
 @pytest.fixture
 def workers() -> Iterator[Workers]:
-    with ThreadPoolExecutor(1) as executor:
-        yield Workers(executor, 1, spare=1)
+    with one_thread() as found:
+        yield found
 
 
 def scene(**tables: Any) -> Scene:
@@ -157,12 +159,11 @@ def test_what_counts_and_what_does_not(tmp_path: Path, workers: Workers) -> None
 
 def test_a_changed_file_is_another_problem(tmp_path: Path, workers: Workers) -> None:
     path = tmp_path / "a.sqlite"
-    design = IDEAL
-    file = write_matrix_scene(tmp_path, [[1.0, 0.2], [0.2, 1.0]], [1.0, 0.5], design)
+    file = write_matrix_scene(tmp_path, [[1.0, 0.2], [0.2, 1.0]], [1.0, 0.5], IDEAL)
     asked = load_scene(file)
     sweep_of = Plan(asked, parse_axes(asked, ["C=50p"]), "statespace")
     assert [run(sweep_of, path, workers)[0].ran for _ in range(2)] == [1, 0]
-    write_matrix_scene(tmp_path, [[1.0, 0.3], [0.2, 1.0]], [1.0, 0.5], design)
+    write_matrix_scene(tmp_path, [[1.0, 0.3], [0.2, 1.0]], [1.0, 0.5], IDEAL)
     assert run(sweep_of, path, workers)[0].ran == 1
 
 
@@ -212,11 +213,6 @@ def test_a_simulator_that_is_removed_is_no_result_of_a_point(
         with pytest.raises(SimulatorNotFound, match=f"no executable '{link}'"):
             sweep_points(asked, store, workers, progress=lambda text: link.unlink())
         assert store.count() == 0
-
-
-PAPER = SCENES / "paper-breadboard.toml"
-DECISIONS = ("outcome", "failure", "engine", "simulator", "state", "stable")
-RUN = {"seconds", "simulation_error", "attained_error"}  # figures of the run, not of the board
 
 
 def of_verify(scene: Scene) -> dict[str, Any]:
@@ -270,19 +266,13 @@ def swept(over: str, engine: str) -> dict[float, dict[str, Any]]:
     return {record.pop("values")["C"]: record | {"seconds": 0.0} for record in found}
 
 
-DESIGN = """[design]
-gain = "100kohm"
-capacitance = "100pF"
-stray_capacitance = 0
-opamp = { base = "ideal", dc_gain = 1e12 }
-"""
 OVER = ("--over", "C=50p:200p:3", "--over", "gain=50k,100k")
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A scene, and a command line that computes in this process."""
-    write_matrix_scene(tmp_path, [[1.0, 0.2], [0.2, 1.0]], [1.0, 0.5], DESIGN)
+    write_matrix_scene(tmp_path, [[1.0, 0.2], [0.2, 1.0]], [1.0, 0.5], IDEAL)
     monkeypatch.setattr(study, "local", lambda jobs: nullcontext(HERE))
     monkeypatch.chdir(tmp_path)
     return tmp_path

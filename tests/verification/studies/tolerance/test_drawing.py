@@ -54,6 +54,11 @@ from tests.support.studying import (
 
 STUDY = prepare(small_scene())
 SAMPLES = [make_sample(0, settling_time=1e-6), make_sample(2, "fail", ("stability",), margin=1.5)]
+WORN = {"resistor": 0.05, "capacitor": 0.1, "distribution": "uniform"}
+FEW = QUIET | {"capacitor": 0.1, "temperature": 30.0}
+CHECKS = {"steady_state": {"tolerance": 0.05}, "settling_time": {"band": 0.3}}
+ROUNDING = 1e-12  # of an excursion that is 0
+QUANTITIES = ("settling_time", "overshoot", "undershoot", "steady_state", "growth_rate")
 
 
 def filled(path: Path, study: VariedBoard = STUDY, seed: int = 1) -> str:
@@ -177,13 +182,6 @@ def test_a_point_of_a_sweep_has_it_and_the_table_a_column() -> None:
     assert Record.of(verify(scene(None))).value("noise") is None
     assert columns_of(limited)[-1] == "noise"
     assert "noise" not in columns_of(scene(None))
-
-
-WORN = {"resistor": 0.05, "capacitor": 0.1, "distribution": "uniform"}
-FEW = QUIET | {"capacitor": 0.1, "temperature": 30.0}
-CHECKS = {"steady_state": {"tolerance": 0.05}, "settling_time": {"band": 0.3}}
-ROUNDING = 1e-12  # of an excursion that is 0
-QUANTITIES = ("settling_time", "overshoot", "undershoot", "steady_state", "growth_rate")
 
 
 def worst(found: tuple[Corner, ...], quantity: str) -> float:

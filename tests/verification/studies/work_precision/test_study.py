@@ -26,6 +26,7 @@ from taction.verification.studies.work_precision.study import (
 from tests.support.making import ringing_scene
 
 BUDGET = 120.0  # s: far more than it takes, also on a machine that is busy
+STEPS = [2.0**-k for k in range(8)]
 
 
 def named(name: str, **changes: Any) -> Method:
@@ -123,9 +124,6 @@ def test_a_time_out_and_a_failure_are_points_with_their_reasons(
     found = accuracy(ringing_scene(), budget=1e-9)
     assert (found.points[0].status, found.outcome) == ("failed", "inconclusive")
     assert found.points[0].note == "EngineError: no answer"
-
-
-STEPS = [2.0**-k for k in range(8)]
 
 
 def order(errors: list[float], floor: float = 0.0) -> float | None:
