@@ -35,7 +35,6 @@ if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_I
 settings.register_profile("taction", derandomize=True, deadline=None)
 settings.load_profile("taction")
 
-
 # Rooms that are collected only where `make` gives them what they need.
 collect_ignore_glob = [
     f"{room}/*"

@@ -21,7 +21,6 @@ VIEWS = """[...document.querySelectorAll(".canvas")].map(each => each._fullLayou
 BACKGROUND = "getComputedStyle(document.body).backgroundColor"
 INK = "document.querySelector('.canvas .xtick text').style.fill"
 
-
 BEYOND = """width => [...document.querySelectorAll("main *, header *, nav *")]
   .filter(each => !each.closest(".sheet, pre, svg, .hidden, .canvas"))
   .filter(each => each.getClientRects().length && each.getBoundingClientRect().right > width + 0.5)

@@ -35,7 +35,6 @@ WORDS = {
     "models import": "models import a.cir --subckt A --pins inp,inn,vcc,vee,out",
 }
 
-
 TABLE = {name: program.command(name) for name in program.COMMANDS}
 
 

@@ -67,7 +67,6 @@ ENDS = {  # of a whole file
     ".json": b"}", ".sqlite": b"",
 }  # fmt: skip
 
-
 Entry = tuple[str, Command]
 EVERY = {name: entry(name) for name in COMMANDS}
 SCENE = str(SCENES / "tuned-breadboard.toml")

@@ -109,7 +109,6 @@ DOCUMENTS = (
     Target("imported op-amps", _inputs(OPAMP), _examine_opamp),
 )
 
-
 ENTRIES = {"one.toml": entry(), "two.toml": entry(name="two", outcome="fail")}
 KEYS = [bytes([number]) * 32 for number in range(6)]
 RESULTS = [make_record(reason="x" * 300 * number) for number in range(6)]

@@ -80,7 +80,6 @@ TABLES = (
     Target("axes of a sweep", edited(AXES, [VALUE_EDIT, *BYTE_EDITS]), _axes),
 )
 
-
 DECK = transient(saved=("out", "in"), stop=1e-6, step=1e-7)
 TIME = np.linspace(0.0, 1e-6, 11)
 RECORD = Waveforms(TIME, DECK.saved, np.outer(TIME, [1e6, 2e6]), "test", Cost(0.0, 11))

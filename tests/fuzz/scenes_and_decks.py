@@ -133,7 +133,6 @@ def _check_solution(verdict: Verdict, problem: InverseProblem) -> None:
 
 SCENE = Target("scenes", edited(BASES, EDITS, most=2), examine)
 
-
 NAMES = ("wien", "sallen-key-gain", "cccs-mirror", "transimpedance-closed", "gyrator")
 LTSPICE = """* C:\\filters\\a.asc
 X§U1 0 N1 vcc vee out level.2 Avol=1Meg GBW=10Meg Rin=500Meg

@@ -11,7 +11,6 @@ from taction.verification.engines.ngspice.process import Simulator
 
 TAU = 1e-6
 
-
 SmallDeck = SimulatedDeck
 
 

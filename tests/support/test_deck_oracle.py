@@ -22,7 +22,6 @@ Eb z 0 x 0 10.0
 Ra z y 1.0
 Rb y 0 4.0
 """
-# A follower of finite gain; the capacitor at its output closes a loop of capacitors and sources.
 
 
 @pytest.fixture(autouse=True)

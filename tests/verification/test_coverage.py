@@ -125,7 +125,6 @@ MADE: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any]]] = {
 }
 NAMES = [*(path.stem for path in SHIPPED), *MADE]
 
-
 SIZE = 4e-16  # relative; standard deviation
 TRANSIENTS = (exact, stepped)
 
