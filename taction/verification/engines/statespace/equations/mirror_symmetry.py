@@ -103,10 +103,6 @@ class DenseMatrix:
         mass, stiffness = (A[places] @ basis for A in (self.mass, self.stiffness))
         return DenseBlock(basis, left, places, mass, stiffness)
 
-    def with_stiffness(self, K: Floats) -> DenseMatrix:
-        """Return the board with another K; as one block if K is not symmetric."""
-        return DenseMatrix(self.mass, K, self.image if _commute(self.image, K) else None)
-
 
 def _commute(image: Ints | None, A: Floats) -> bool:
     """Tell whether a matrix is the same to the bit after the exchange of rows and columns."""

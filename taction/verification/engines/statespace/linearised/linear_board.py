@@ -152,7 +152,7 @@ def initial_unknowns(
     ``"rest"`` is the equilibrium with the current sources off. With ``"zero"`` all capacitors and
     op-amps are discharged, except those that `voltages` (V, by node or op-amp state) charge.
 
-    EngineError: the circuit does not have a name of `voltages`, or has no equilibrium.
+    EngineError: the circuit has no name of `voltages`, or no equilibrium.
     """
     if initial == "rest":
         return board.rest.values

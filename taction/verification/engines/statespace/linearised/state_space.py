@@ -117,9 +117,8 @@ def linearise(
 ) -> StateSpace:
     """Linearise a board at a point, which only boards with behavioural amplifiers need.
 
-    For other boards the result is exact. The matrices are dense, and x is a vector of voltages, not
-    of deviations. With `inputs`, currents (or voltages) into rows, (size, k), these take the place
-    of the two inputs. Costs a few dense factorisations of all unknowns.
+    x is a vector of voltages, not of deviations. With `inputs`, currents (or voltages) into rows,
+    (size, k), these take the place of the two inputs.
 
     EngineError: the equations have no state-space form (a node without any path, or charges that
       are not free, such as a loop of capacitors and voltage sources).
@@ -140,14 +139,14 @@ def linear_matrices(descriptor: Descriptor, point: Equilibrium | None) -> DenseM
         return descriptor.dense
     devices, K = descriptor.devices, descriptor.dense.stiffness.copy()
     K[devices.output, devices.input] += point.slopes
-    return descriptor.dense.with_stiffness(K)
+    dense = descriptor.dense
+    return DenseMatrix.of(dense.mass, K, descriptor.determined, dense.image)
 
 
 def open_loop(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
     """Return the state space with the outputs of the m behavioural amplifiers as further inputs.
 
-    B and D then have ``2 + m`` columns: ``z = C x + D [on, 1, v_out]``. The states are those of the
-    state space at `point`.
+    The states are those of the state space at `point`.
 
     EngineError: as `linearise`; also for a capacitor at such an output, whose current would need
       the output's time derivative.

@@ -122,13 +122,10 @@ def time_scales(
 ) -> TimeScales:
     """Compute the time scales of the outputs after the strain step.
 
-    For a board with behavioural amplifiers the modes are those at the equilibrium with the strain
-    applied; they are an estimate if the step is large.
+    With behavioural amplifiers the modes, those at the equilibrium, are an estimate. Modes below
+    the amplitude `error`, step amplitudes, are ignored, and it is left at `stop`; with `max_step`
+    the fastest ringing period has so many `points`.
 
-    `error`: amplitude below which a mode is ignored, and remaining ringing at `stop`, step
-      amplitudes.
-    `points`: points on the fastest ringing period with `max_step`.
-    `initial`: as in `taction.netlist_gen.analysis.Transient`.
     EngineError: no state-space form, or no equilibrium.
     """
     board = LinearBoard.of(circuit)

@@ -45,20 +45,16 @@ def _patterns(descriptor: Descriptor, vectors: Floats, least: float) -> Any:
     """Return the patterns of all sides, as a sparse matrix (size, reduced size)."""
     from scipy import sparse
 
-    blocks, columns = list[tuple[Ints, Floats]](), 0
+    parts = list[Any]()
     for side in _sides(descriptor):
         shown = np.concatenate([_normalised(vectors[places]) for places in side], axis=1)
         U, sizes, _ = np.linalg.svd(shown, full_matrices=False)
         kept = U[:, sizes > least * sizes.max(initial=0.0)]
-        blocks += [(places, kept) for places in side]
-    rows, places, values = [], [], []
-    for at, kept in blocks:
-        rows.append(np.repeat(at, kept.shape[1]))
-        places.append(np.tile(columns + np.arange(kept.shape[1]), len(at)))
-        values.append(kept.ravel())
-        columns += kept.shape[1]
-    where = (np.concatenate(rows), np.concatenate(places))
-    return sparse.csr_array((np.concatenate(values), where), shape=(descriptor.size, columns))
+        count, shape = kept.shape[1], (descriptor.size, kept.shape[1])
+        for places in side:
+            where = np.repeat(places, count), np.tile(np.arange(count), len(places))
+            parts.append(sparse.csr_array((kept.ravel(), where), shape=shape))
+    return sparse.hstack(parts, format="csr")
 
 
 def _normalised(vectors: Floats) -> Floats:

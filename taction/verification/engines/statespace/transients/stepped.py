@@ -302,12 +302,10 @@ def _curve(task: Task) -> SteppedCurve:
 def halved(first: Waveforms, *, resolved: bool = False) -> Waveforms:
     """Repeat a run of `simulate`, or of this, with every step halved, at the same instants.
 
-    With `resolved` the instants are those that the new run resolves.
-
-    A run with a smaller tolerance would take many of the same steps, since their lengths are powers
-    of two, and the difference of the two runs would not show their error. Nor does it show the
-    change of modes that are too fast for both runs, which `rounding` of this one includes. The cost
-    is that of both.
+    With `resolved` the instants are those that the new run resolves. A run with a smaller tolerance
+    would take many of the same steps, whose lengths are powers of two: its difference would not
+    show their error. Nor does this one show the change of modes that are too fast for both runs,
+    which `rounding` includes. The cost is that of both.
 
     EngineError: the first run is not one of the integrator's, or half a step is not found.
     """

@@ -54,20 +54,16 @@ class StructuredBoard:
     def start(self, state: Floats, amplifiers: Amplifiers) -> tuple[Floats, Floats]:
         """Return the state, and inputs and watched nodes, V, (m + K,), just after the strain step.
 
-        By Newton's method on a step in which no charge moves. Unknowns without a charge jump, such
-        as the difference of the inputs of an op-amp with an offset: the state just before the step
-        has others than the voltages that the steps start from.
+        In a step in which no charge moves, unknowns without a charge jump.
 
         EngineError: an amplifier is beyond the range of floats.
         """
         fastest = float(charge_rates(self.descriptor).max(initial=1.0))
         now = euler(self.descriptor, state, INSTANT / fastest, corrections=SETTLING_STEPS)
-        if (
-            now is None
-            or not np.isfinite(amplifiers.outputs(now[self.places, None][: self.count])).all()
-        ):
+        watched = np.full(len(self.places), np.inf) if now is None else now[self.places]
+        if now is None or not np.isfinite(amplifiers.outputs(watched[: self.count, None])).all():
             raise EngineError(BEYOND)
-        return now, np.asarray(now[self.places])
+        return now, watched
 
     def prepare(self, length: float, slopes: Floats) -> None:
         """See `ModalBoard`."""
