@@ -143,10 +143,7 @@ def _growth(inner: Complexes) -> Floats:
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def find_block_modes(reduced: Reduced) -> BlockModes:
-    """Return the modes of a block, refined until the response is known well enough.
-
-    What the vectors miss is corrected by Newton's steps; what rounding hides in nearly parallel
-    vectors, by groups.
+    """Return the modes of a block, refined by Newton's steps and then by groups of parallel ones.
 
     LinAlgError: A is not finite.
     """

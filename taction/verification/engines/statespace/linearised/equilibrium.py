@@ -38,12 +38,9 @@ def solve_loop(H: Floats, a: Floats, gain: Gain, *, near: bool = False) -> tuple
 
     Where the loop need not be monotone, as that of transistors around op-amps without limits, there
     may be several solutions. Then a homotopy leads to the one of a loop with more feedback.
-    With `near` an end near a solution suffices, where rounding of H and a hides its last digits: it
-    is a start for steps on all unknowns of the board.
+    With `near` an end near a solution suffices: a start for steps on all unknowns of the board.
+    Return y (m,), and the Newton steps taken, for DC feedback H (m, m) and inputs a without it.
 
-    `H` (m, m): dimensionless DC feedback.
-    `a` (m,): inputs without feedback.
-    Return y (m,), and the Newton steps taken.
     EngineError: the steps do not converge.
     """
     h = np.maximum(np.diag(H), 1e-12 * np.abs(H).max(initial=1e-300))

@@ -16,11 +16,9 @@ variance is ``Re c H P c^T``, for white noise with ``H = (2/pi) j L``, and for n
 twice, by the modes of A and of its transpose: their difference is added to the bound.
 
 The sources: a resistor has the thermal current ``4 k T / R`` (A²/Hz). An op-amp has a voltage
-noise, which adds to the input of its gain stages behind the input impedances, and a current noise
-into each input that is not on ground. Where its sheet has a corner, the voltage noise has a 1/f
-part, too, with the same density at the corner. The impedances of an op-amp's model are no resistors
-of the part: they make no noise of their own. A transistor has the shot noise ``2 q I`` of collector
-and base current, and the thermal noise of its bulk resistance.
+noise behind its input impedances, which have none of their own, with a 1/f part below a corner, and
+a current noise into each input that is not on ground. A transistor has the shot noise ``2 q I`` of
+collector and base current, and the thermal noise of its bulk resistance.
 """
 
 from __future__ import annotations

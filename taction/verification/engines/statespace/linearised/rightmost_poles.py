@@ -1,10 +1,9 @@
 """Poles without modes: the rightmost ones of large boards, their number, and all of small ones.
 
 Arnoldi's method on ``(sigma M - K)^-1 M`` finds the poles nearest to a shift; one iteration costs
-one structured solve (see `structured_solve`). A shift at the origin finds the slowest poles. The
-rightmost poles of its coarse board and the ringing ones select the other shifts;
-from each, further shifts follow the poles to the right until none is farther right. The residual of
-every vector gives the error of its pole.
+one structured solve (see `structured_solve`). A shift at the origin finds the slowest poles; the
+rightmost poles of the coarse board and the ringing ones select the others. From each, further
+shifts follow until no pole is farther right. The residual of a vector gives its pole's error.
 
 A winding number (`count_right`) proves that none is missing, for 50 to 100 factorisations with an
 eigenproblem of the size of the summing nodes each: more than the whole verdict costs. The number of
@@ -17,11 +16,10 @@ the sum over the eigenvalues of ``S(s1)^-1 S(s2)``. Each of these starts at 1 an
 short step, so none is lost, even if many modes have one frequency. The count is independent of any
 search for poles.
 
-Where only poles of a small board are asked for, modes cost three times as much. The eigensolver's
-own error is ``eps |A|`` times the condition number of a pole, which only its vectors tell. So the
-poles have the error `SEARCHED`, which is 100 times what rounding makes of well conditioned ones.
-The rightmost one gets its two vectors, by inverse iteration: their quotient in the equations as
-they were stamped is exact to second order, and has the bound that its mode would have.
+Where only poles of a small board are asked for, modes cost three times as much. So the poles have
+the error `SEARCHED`, 100 times what rounding makes of well conditioned ones. The rightmost one gets
+its two vectors, by inverse iteration: their quotient in the equations as they were stamped is exact
+to second order, and has the bound that its mode would have.
 """
 
 from __future__ import annotations

@@ -8,12 +8,9 @@ this structure has growing modes that the board lacks.) The patterns are those o
 ``(s M - K)^-1 M e`` at a few rates s, repeated: a rational Krylov space. With some 20 patterns of a
 smooth kernel, or 40 of a random matrix, it holds the strain step to 1e-6.
 
-The board of patterns has the cells of the board, and the patterns of its transient at a few rates,
-one or two a decade. More of them are added until two boards of patterns in turn have the same
-outputs, and until the residual of the board's own equations, solved at each rate, leaves the
-outputs in place.
-A board with growing modes, or one that needs too many patterns, is integrated by steps
-(`stepped`), with the same bounds.
+Patterns are added until two boards of patterns in turn have the same outputs, and until the
+residual of the board's own equations, solved at each rate, leaves the outputs in place. A board
+with growing modes, or one that needs too many patterns, is integrated by steps (`stepped`).
 """
 
 from __future__ import annotations
@@ -228,7 +225,6 @@ def simulate(
 ) -> Waveforms | None:
     """Simulate a large linear board as `simulate.simulate`; None where patterns do not suffice.
 
-    `tolerance`: of the outputs, in step amplitudes.
     EngineError: the board has no equilibrium.
     """
     began, reported = clock.perf_counter(), board.reported(nodes)

@@ -265,10 +265,9 @@ def simulate(
 ) -> Waveforms:
     """Simulate a transient by steps, as `simulate.simulate`.
 
-    The error estimate controls the step: `tolerance` is that of one step and of the solution within
-    it, in step amplitudes. The nodes `beside` are in the curve of the record, to `BESIDE`.
-    `resolved`: whether the record has the points of the solution instead, up to the last of
-    `times`.
+    `tolerance` is that of one step and of the solution within it, in step amplitudes. The nodes
+    `beside` are in the curve of the record, to `BESIDE`. With `resolved` the record has the points
+    of the solution, up to the last of `times`.
 
     DivergesError: the board diverges before the last of `times`; the exception has the record,
       which ends beyond any physical bound.
