@@ -53,7 +53,7 @@ def visited_sets(run: Run) -> tuple[VisitedSet, ...]:
     rest, name, found = np.zeros((1, board.descriptor.devices.count)), first_knob(board.circuit), []
     for key in (key for key in stays if key in kept):
         slopes = curve.reported.amplifiers.slopes_along(rest, np.array([key]))[0]
-        point = Equilibrium(board.descriptor, np.zeros(board.descriptor.size), slopes, 0.0, 0)
+        point = Equilibrium(board.descriptor, np.zeros(board.descriptor.size), slopes, 0.0)
         alone = LinearBoard(board.circuit, point=point)
         own, margin = poles(alone), None
         if name and own.known_stable:

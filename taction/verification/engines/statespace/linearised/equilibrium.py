@@ -33,20 +33,20 @@ ENOUGH = 1e-3  # correction of y that is near a solution
 LEAST_DAMPING = 1e-10
 
 
-def solve_loop(H: Floats, a: Floats, gain: Gain, *, near: bool = False) -> tuple[Floats, int]:
+def solve_loop(H: Floats, a: Floats, gain: Gain, *, near: bool = False) -> Floats:
     """Solve ``y + H g(y) = a``.
 
     Where the loop need not be monotone, as that of transistors around op-amps without limits, there
     may be several solutions. Then a homotopy leads to the one of a loop with more feedback.
     With `near` an end near a solution suffices: a start for steps on all unknowns of the board.
-    Return y (m,), and the Newton steps taken, for DC feedback H (m, m) and inputs a without it.
+    H (m, m) is the DC feedback, a (m,) the inputs without it.
 
     EngineError: the steps do not converge.
     """
     h = np.maximum(np.diag(H), 1e-12 * np.abs(H).max(initial=1e-300))
     y, steps, done = _newton(H, h, a, gain, a, near)
     if done and np.linalg.eigvals(np.eye(len(y)) + H * gain.slope(y)).real.min(initial=1.0) > 0.0:
-        return y, steps
+        return y
     q, rows = a, np.abs(H).sum(axis=1)
     for stage in (*STAGES, 0.0):
         extra = stage * rows
@@ -54,7 +54,7 @@ def solve_loop(H: Floats, a: Floats, gain: Gain, *, near: bool = False) -> tuple
         steps += taken
         q = y + (h + 1e-2 * extra) * gain.value(np.minimum(y, gain.upper))
     if done:
-        return y, steps
+        return y
     raise EngineError(
         f"no equilibrium found in {steps} Newton steps: the loop through the signal amplifiers has"
         " no bounded solution within the range of floats, or is not monotone"
@@ -127,14 +127,13 @@ class Equilibrium:
     slopes: Floats
     # Largest residual, relative to the terms that cancel in it, unknowns at least `QUIET`.
     residual: float
-    steps: int  # Newton steps; 0 for a linear board
 
     @classmethod
-    def at(cls, descriptor: Descriptor, z: Floats, steps: int, sources_on: bool) -> Equilibrium:
+    def at(cls, descriptor: Descriptor, z: Floats, sources_on: bool) -> Equilibrium:
         """Return the equilibrium z with its certificate."""
         slopes, F, terms = balance(descriptor, z, sources_on=sources_on)
         residual = np.max(np.abs(F) / np.where(terms > 0.0, terms, 1.0), initial=0.0)
-        return cls(descriptor, z, slopes, float(residual), steps)
+        return cls(descriptor, z, slopes, float(residual))
 
     def __getitem__(self, name: str) -> float:
         """Return a node's voltage, V; 0 for ground."""
@@ -160,24 +159,22 @@ def solve_equilibrium(
       `CERTIFICATE`; a wrong equilibrium is never returned.
     """
     error: EngineError | None = None
-    begins: list[Callable[[], tuple[Floats, int]]] = [
-        lambda: _by_loop(descriptor, response(), sources_on)
-    ]
+    begins: list[Callable[[], Floats]] = [lambda: _by_loop(descriptor, response(), sources_on)]
     if start is not None and not descriptor.is_large:
-        begins.insert(0, lambda: (_settled(descriptor, sources_on), 0))
+        begins.insert(0, lambda: _settled(descriptor, sources_on))
     if start is not None:
-        begins.insert(0, lambda: (np.asarray(start), 0))
+        begins.insert(0, lambda: np.asarray(start))
     for begin in begins:
         try:
-            z, steps = begin()
+            z = begin()
         except EngineError as failed:
             error = failed
             continue
-        found = Equilibrium.at(descriptor, z, steps, sources_on)
+        found = Equilibrium.at(descriptor, z, sources_on)
         if descriptor.devices.count and not found.residual <= POLISHED:
             for _ in range(POLISHING):
                 z = z + newton_step(descriptor, z, sources_on)
-            found = Equilibrium.at(descriptor, z, steps, sources_on)
+            found = Equilibrium.at(descriptor, z, sources_on)
         if not descriptor.devices.count or found.residual <= CERTIFICATE:
             return found
     raise error or EngineError(
@@ -185,19 +182,19 @@ def solve_equilibrium(
     )
 
 
-def _by_loop(descriptor: Descriptor, response: Response, sources_on: bool) -> tuple[Floats, int]:
-    """Return the unknowns of a solution of the loop of amplifiers, and the steps that it took."""
+def _by_loop(descriptor: Descriptor, response: Response, sources_on: bool) -> Floats:
+    """Return the unknowns of a solution of the loop of amplifiers, (size,)."""
     devices, (solve, columns) = descriptor.devices, response
     z = solve(-descriptor.drive(sources_on=sources_on))
     if not devices.count:
-        return z, 0
+        return z
     gain = gain_of(devices.kinds)
     H = columns[devices.input] * devices.u_scale / devices.v_scale[:, None]
-    y, steps = solve_loop(H, z[devices.input] / devices.v_scale, gain, near=True)
+    y = solve_loop(H, z[devices.input] / devices.v_scale, gain, near=True)
     z -= columns @ (devices.u_scale * gain.value(y))
     z[devices.input] = devices.v_scale * y
     z[devices.output] = -devices.u_scale * gain.value(y)
-    return z, steps
+    return z
 
 
 def _settled(descriptor: Descriptor, sources_on: bool) -> Floats:
@@ -261,7 +258,7 @@ def tangent(descriptor: Descriptor, z: Floats) -> Equilibrium:
         step = newton_step(descriptor, z, sources_on=True)
     except np.linalg.LinAlgError as error:
         raise EngineError("the board with the slopes of its start has no equilibrium") from error
-    return Equilibrium(descriptor, z + step, balance(descriptor, z)[0], 0.0, 1)
+    return Equilibrium(descriptor, z + step, balance(descriptor, z)[0], 0.0)
 
 
 def newton_step(

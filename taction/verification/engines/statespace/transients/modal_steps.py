@@ -85,7 +85,7 @@ class StateBoard:
         if H.any():
             scale = amplifiers.v_scale[:, 0]
             loop = H * amplifiers.u_scale[:, 0] / scale[:, None]
-            inputs = scale * solve_loop(loop, inputs / scale, amplifiers.gain)[0]
+            inputs = scale * solve_loop(loop, inputs / scale, amplifiers.gain)
         outputs = amplifiers.outputs(inputs[:, None])[:, 0]
         if not np.all(np.isfinite(outputs)):
             raise EngineError(BEYOND)
