@@ -10,7 +10,7 @@ A saturated stretch has no growth rate: only the record before that stretch is f
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,31 +72,20 @@ class Mode:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ChannelRinging:
-    """The ringing in one channel."""
-
-    time: Floats  # middle of the windows (M,), s
-    amplitude: Floats  # in each window (M,), in the unit of the signal
-    period: float | None  # s
-    mode: Mode | None  # None where it is not most of the ringing of this channel
-    share: float  # amplitude of that mode in this channel at the end of the fitted stretch
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RecordRinging:
-    """Ringing amplitude over time, and the mode that was fitted to it."""
+class Ringing:
+    """Ringing amplitude over time, and the mode that was fitted to it, of channels or of one."""
 
     time: Floats  # middle of each window (M,), s
-    amplitude: Floats  # in each window (M, K)
+    amplitude: Floats  # in each window (M, K), or (M,) of one channel, in the signals' unit
     period: float | None  # s; None, and `amplitude` 0, if no ringing lasts three periods
-    mode: Mode | None
+    mode: Mode | None  # of one channel None where it is not most of the ringing there
 
     @classmethod
-    def none(cls, time: Floats, channels: int) -> RecordRinging:
+    def none(cls, time: Floats, channels: int) -> Ringing:
         """Return that of a record (P,) without ringing."""
         return cls(time[-1:], np.zeros((1, channels)), None, None)
 
-    def of(self, n: int) -> ChannelRinging:
+    def of(self, n: int) -> Ringing:
         """Return the ringing of one channel."""
         amplitude, mode = self.amplitude[:, n], self.mode
         if mode is not None:
@@ -104,8 +93,8 @@ class RecordRinging:
             its = mode.channels[n] * math.exp(mode.growth_rate * (at - mode.stop))
             if its < _MOST * float(np.interp(at, self.time, amplitude)):
                 mode = None
-        share = 0.0 if mode is None else mode.channels[n]
-        return ChannelRinging(self.time, amplitude, self.period, mode, share)
+        mode = mode and replace(mode, channels=mode.channels[n : n + 1])
+        return Ringing(self.time, amplitude, self.period, mode)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -253,7 +242,7 @@ def _stretch(total: Floats) -> tuple[int, str]:
     return int(np.flatnonzero(total >= _FADED * total.max())[-1]) + 1, ""
 
 
-def find_ringing(time: Floats, signals: Floats) -> RecordRinging:
+def find_ringing(time: Floats, signals: Floats) -> Ringing:
     """Find the strongest ringing of a record.
 
     The fitted stretch ends at a quarter of the amplitude at which the ringing saturates or its
@@ -272,7 +261,7 @@ def find_ringing(time: Floats, signals: Floats) -> RecordRinging:
     """
     period = _dominant_period(time, signals)
     if period is None:
-        return RecordRinging.none(time, signals.shape[1])
+        return Ringing.none(time, signals.shape[1])
     pole, width = 2j * np.pi / period, 2.0 * period
     whole = _Windows.of(time, signals, width, period, _FEWEST_WINDOWS)
     tones, rest = whole.fit(pole, _TREND)
@@ -288,7 +277,7 @@ def find_ringing(time: Floats, signals: Floats) -> RecordRinging:
         amplitude = np.abs(tones) + rest
     if mode is not None and abs(mode.frequency * period - 1.0) < _NEAR:
         period = 1.0 / mode.frequency
-    return RecordRinging(whole.middle, amplitude, period, mode)
+    return Ringing(whole.middle, amplitude, period, mode)
 
 
 def find_growth(time: Floats, signals: Floats) -> Mode | None:

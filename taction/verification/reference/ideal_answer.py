@@ -63,9 +63,14 @@ def ideal_network(problem: InverseProblem, scene: Scene) -> IdealNetwork:
     InputError: lambda is no number, or out of range.
     """
     design = scene.design
-    network = NETWORKS.get(design.topology)
-    if network is not None:
-        return _at_once(network, problem, scene)
+    at_once = NETWORKS.get(design.topology)
+    if at_once is not None:
+        lam = design.lam if at_once.regularised else 0.0
+        if not isinstance(lam, int | float):
+            text = "the problem needs a number for lambda"
+            raise InputError(scene.file, Complaint("design.lambda", repr(lam), text))
+        T, eps, volts = problem.matrix, problem.strain, design.unit_voltage
+        return IdealNetwork(T, eps, float(lam), RC=0.0, U0=volts, solver=at_once.solver)
     kind, slope = design.amplifier, design.exponential_slope or 1.0
     product = lambda_times_resistance(
         kind, s=design.gain, G0=design.unit_conductance, U0=design.unit_voltage, Ve=slope
@@ -87,18 +92,6 @@ def ideal_network(problem: InverseProblem, scene: Scene) -> IdealNetwork:
         bias=is_biased(scene),
         ridge_share=design.ridge_share,
     )
-
-
-def _at_once(network: AtOnce, problem: InverseProblem, scene: Scene) -> IdealNetwork:
-    """Return a network without capacitors; only a regularised one has a lambda."""
-    design, lam = scene.design, 0.0
-    if network.regularised:
-        if not isinstance(design.lam, int | float):
-            text = "the problem needs a number for lambda"
-            raise InputError(scene.file, Complaint("design.lambda", repr(design.lam), text))
-        lam = float(design.lam)
-    T, eps, volts = problem.matrix, problem.strain, design.unit_voltage
-    return IdealNetwork(T, eps, lam, RC=0.0, U0=volts, solver=network.solver)
 
 
 NETWORKS: Mapping[str, AtOnce] = plugins.OpenTable("taction.networks", AT_ONCE, AtOnce)

@@ -2,20 +2,38 @@
 
 `loci` and `scan` find them; margins, stable ranges, onset and boundary read them. A knob is
 anything that moves a board by one number: its C, its gain, a key of its scene.
+
+A scan samples all poles on a grid, follows each to the samples beside it, and halves steps until
+interpolation shows that no pole changes the side of the axis between samples without being counted:
+so a crossing and its reverse are found, too, if they are more than `FINEST` apart. Then it brackets
+each change of the number of unstable poles: the k-th largest real part is a continuous function of
+the value, and a crossing is a zero of one of these.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from bisect import insort
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import groupby
+from itertools import groupby, pairwise
 
 import numpy as np
 
 from taction.system.array_types import Complexes, Floats
+from taction.system.errors import TactionError
+from taction.verification.stability.poles import Poles
 
+TOLERANCE = 1e-8  # of a crossing's value
+FINEST = 1e-3  # relative width of the narrowest step in which a crossing and its reverse are sought
+BEND = 0.5  # of the distance to the axis: largest error of interpolation without more points
+ROUNDS = 2  # of halving and bracketing: an edge may hide others in its step
+NARROW = 1e-6  # relative width below which rounding can decide the side of the axis
+BESIDE_CHORD = 0.02  # of a bracket's width: samples beside its zero by interpolation
+SAME_FREQUENCY = 1e-3  # relative difference of frequencies that count as equal
+
+Read = Callable[[float], Poles]  # returns the poles at a value, or raises a `TactionError`
 Range = tuple[float, float]
 
 
@@ -211,3 +229,171 @@ class Scan(Edges):
             return inside.value
         low, high = sorted((inside.value, outside.value))
         return next((e.value for e in self.edges if low <= e.value <= high), inside.value)
+
+
+def scan(
+    values: Sequence[float],
+    read: Read,
+    *,
+    logarithmic: bool = True,
+    fine: bool = True,
+    start: float | None = None,
+) -> Scan:
+    """Find every edge between the least and the largest of `values`.
+
+    Of incomplete poles, as those of a large board, only crossings of the rightmost one are listed.
+
+    `logarithmic`: whether to interpolate and halve in the logarithm of the value, which is above 0.
+    `fine`: whether to look between the values, too. If not, only the edges at which the board
+      becomes stable or unstable are found, and ranges between two values may be missed.
+    `start`: the least or the largest of `values`, of a stable board, if only the edge next to it is
+      wanted: the scan goes no further than the first value of a board that is certainly unstable.
+    InputError, EngineError: no value gives poles. If only some values fail, see `Sample.failure`.
+    """
+    search = _Search(read, logarithmic, fine)
+    search.begin(values, start)
+    for _ in range(ROUNDS if fine else 1):
+        search.refine()
+        search.close()
+    samples = tuple(search.samples)
+    failed = tuple(sample.value for sample in samples if sample.failure)
+    ends, lowest = (samples[0].value, samples[-1].value), samples[0].unstable
+    found = Scan(*ends, tuple(search.edges()), failed, lowest, samples, logarithmic)
+    hidden = {value for ends in found.unresolved for value in ends}
+    return replace(found, near=tuple(sorted({*failed, *hidden})))
+
+
+@dataclass(slots=True)
+class _Search:
+    """A scan in progress: samples in increasing order of the value."""
+
+    read: Read
+    logarithmic: bool
+    fine: bool
+    samples: list[Sample] = field(default_factory=list)
+
+    def begin(self, values: Sequence[float], start: float | None) -> None:
+        """Take the samples of the first grid; raise an error if none of them has poles."""
+        for value in sorted({float(value) for value in values}, reverse=start == max(values)):
+            self._insert(math.log(value) if self.logarithmic else value, value)
+            if start and any(each.certain and each.unstable for each in self.samples):
+                break
+        if all(sample.failure for sample in self.samples):
+            self.read(self.samples[0].value)  # it raises the error
+
+    def take(self, places: Iterable[float]) -> bool:
+        """Take samples at places; return whether there are new ones."""
+        new = {*places} - {sample.place for sample in self.samples}
+        for place in sorted(new):
+            self._insert(place, math.exp(place) if self.logarithmic else place)
+        return bool(new)
+
+    def _insert(self, place: float, value: float) -> None:
+        """Insert the sample at a value."""
+        insort(self.samples, sampled(self.read, value, place), key=lambda each: each.place)
+
+    def refine(self) -> None:
+        """Halve steps until interpolation shows that poles stay on their side of the axis."""
+        places = {math.nan} if self.fine else set[float]()
+        while places:
+            places = set()
+            for a, m, b in zip(self.samples, self.samples[1:], self.samples[2:], strict=False):
+                if len({a.unstable, m.unstable, b.unstable}) == 1 and _bends((a, m, b)):
+                    steps = [each for each in ((a, m), (m, b)) if _width(*each) > FINEST]
+                    places |= {0.5 * (left.place + right.place) for left, right in steps}
+            self.take(places)
+
+    def changes(self, samples: Sequence[Sample]) -> list[tuple[Sample, Sample]]:
+        """Return neighbours with different numbers of unstable poles."""
+        return [
+            (a, b)
+            for a, b in pairwise(samples)
+            if not (a.failure or b.failure)
+            and a.unstable != b.unstable
+            and (self.fine or not (a.unstable and b.unstable))
+        ]
+
+    def close(self) -> None:
+        """Bracket every change of the number of unstable poles that is more than rounding."""
+        wide = True
+        while wide:
+            wide = self.take(
+                place
+                for a, b in self.changes(self.samples)
+                if _width(a, b) > TOLERANCE and (a.certain or b.certain)
+                for place in _inside(a, b)
+            )
+
+    def edges(self) -> list[Edge]:
+        """Return the edges between samples off the axis by more than rounding.
+
+        Changes closer than `NARROW` count as one change.
+        """
+        clusters: list[tuple[Sample, Sample]] = []
+        known = [sample for sample in self.samples if sample.certain or sample.failure]
+        for a, b in self.changes(known):
+            if clusters and _width(clusters[-1][0], b) < NARROW:
+                clusters[-1] = (clusters[-1][0], b)
+            else:
+                clusters.append((a, b))
+        return [c for a, b in clusters if a.unstable != b.unstable for c in self._between(a, b)]
+
+    def _between(self, a: Sample, b: Sample) -> list[Edge]:
+        """Return the edges between two samples; the change next to the axis is the place."""
+        less, more = sorted((a, b), key=lambda each: each.unstable)
+        crossed = more.poles[less.unstable : more.unstable]
+        frequencies: list[float] = []
+        for omega in sorted(np.abs(crossed.imag).tolist()):
+            if not frequencies or omega > (1.0 + SAME_FREQUENCY) * frequencies[-1]:
+                frequencies.append(omega)
+        inside = [sample for sample in self.samples if a.place <= sample.place <= b.place]
+        changes = self.changes(inside)
+        low, high = changes[0][0], changes[-1][1]
+        value = low.value + _zero(low, high) * (high.value - low.value)
+        bound = max(value - a.value, b.value - value)
+        return [Edge(value, w / math.tau, a.unstable, b.unstable, bound) for w in frequencies]
+
+
+def sampled(read: Read, value: float, place: float = math.nan) -> Sample:
+    """Return the sample of the poles at a value, or of why there are none."""
+    try:
+        found = read(value)
+    except TactionError as error:
+        return Sample(place, value, np.zeros(0, complex), failure=str(error))
+    return Sample(place, value, found.poles, found.errors, found.complete)
+
+
+def _width(a: Sample, b: Sample) -> float:
+    return (b.value - a.value) / max(abs(a.value), abs(b.value))
+
+
+def _zero(a: Sample, b: Sample) -> float:
+    """Return where between two samples the pole that changes its side is on the axis: 0 to 1."""
+    k = min(a.unstable, b.unstable)
+    ra, rb = a.real(k), b.real(k)
+    opposite = math.isfinite(ra - rb) and ra * rb <= 0.0 and ra != rb
+    return ra / (ra - rb) if opposite else 0.5
+
+
+def _inside(a: Sample, b: Sample) -> list[float]:
+    """Return places in a bracket: beside the zero by interpolation, and the middle."""
+    middle = 0.5 * (a.place + b.place)
+    if not a.place < middle < b.place:
+        return []
+    width, zero = b.place - a.place, _zero(a, b)
+    beside = (a.place + (zero + by) * width for by in (-BESIDE_CHORD, BESIDE_CHORD))
+    return [middle, *(place for place in beside if a.place < place < b.place)]
+
+
+def _bends(triple: tuple[Sample, Sample, Sample]) -> bool:
+    """Tell whether the real part of any pole may change its sign between the samples."""
+    a, m, b = triple
+    if any(sample.failure for sample in triple):
+        return False
+    known = m.poles[: m.known]
+    upper = known[known.imag >= 0.0]
+    left, middle, right = (a.nearest_each(upper).real, upper.real, b.nearest_each(upper).real)
+    share = (m.place - a.place) / (b.place - a.place)
+    off = np.abs(middle - (1.0 - share) * left - share * right)
+    nearest = np.minimum(np.minimum(np.abs(left), np.abs(middle)), np.abs(right))
+    return bool(np.any(off > BEND * nearest))

@@ -28,7 +28,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.stability.edges import Edges, Sample, Scan
+from taction.verification.stability.edges import Edges, Sample, Scan, sampled, scan
 from taction.verification.stability.loci import LociSearch
 from taction.verification.stability.poles import (
     Poles,
@@ -37,7 +37,6 @@ from taction.verification.stability.poles import (
     poles,
 )
 from taction.verification.stability.port_response import PortResponse
-from taction.verification.stability.scan import sampled, scan
 
 Parts = tuple[Capacitor | Resistor, ...]
 PER_DECADE = 20  # values of the first grid of a scan

@@ -20,14 +20,13 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability import families as module
 from taction.verification.stability import margin as margin_module
-from taction.verification.stability.edges import Edges, Scan
+from taction.verification.stability.edges import Edges, Scan, scan
 from taction.verification.stability.loci import LociSearch
 from taction.verification.stability.margin import (
     Margin,
     find_margin,
 )
 from taction.verification.stability.poles import Poles, poles, summarise
-from taction.verification.stability.scan import scan
 from taction.verification.studies.onset.onset import onset
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run_checks import run_checks
