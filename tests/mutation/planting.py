@@ -25,8 +25,12 @@ from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.readings.measurements import ChannelMeasure, Measurements, summary
-from taction.verification.reference.dynamics import IdealNetwork
-from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
+from taction.verification.reference.ideal_answer import (
+    IdealAnswer,
+    IdealNetwork,
+    ideal_answer,
+    ideal_network,
+)
 from taction.verification.studies.regression.baseline import observe
 from taction.verification.studies.regression.regress import compare_entry
 from taction.verification.verdict import run, simulation

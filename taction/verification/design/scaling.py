@@ -48,8 +48,12 @@ from taction.verification.design.trials import (
     search_key,
 )
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.reference.dynamics import lambda_times_resistance
-from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
+from taction.verification.reference.ideal_answer import (
+    IdealAnswer,
+    ideal_answer,
+    ideal_network,
+    lambda_times_resistance,
+)
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.verdict.build import build
 from taction.verification.verdict.checks import Outcome

@@ -17,7 +17,7 @@ from taction.system.quantities import show, show_rate
 from taction.system.reading_definitions import FAINT, READINGS, SETTLING_BAND, SMALL_STEP
 from taction.verification.readings.readings import Reading, Readings, Step, largest, read, unread
 from taction.verification.readings.record import FEWEST_POINTS, Curve, RecordTrace, Rest
-from taction.verification.readings.ringing import Mode, Ringing, find_ringing
+from taction.verification.readings.ringing import Mode, RecordRinging, find_ringing
 from taction.verification.readings.settling import ChannelState, Settlement, prove
 
 NO_STEP = "no channel has a step (target equals start): a band in % of it has no width"
@@ -249,7 +249,7 @@ def measure(
     errors = np.subtract(u.T, target[:, None], order="C")
     # Without a step the band is a fraction of the largest excursion of any channel.
     scale = step.amplitude or float(np.abs(errors).max(initial=0.0))
-    readings, ringing = unread(target.size), Ringing.none(time, target.size)
+    readings, ringing = unread(target.size), RecordRinging.none(time, target.size)
     if sound >= FEWEST_POINTS:
         ends = None if cut or rest is None else replace(rest, values=rest.values - target)
         between = None if curve is None else (lambda t, n: curve(t, n) - target[n])

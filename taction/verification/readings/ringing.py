@@ -72,7 +72,7 @@ class Mode:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ringing:
+class RecordRinging:
     """Ringing amplitude over time, and the mode that was fitted to it, of channels or of one."""
 
     time: Floats  # middle of each window (M,), s
@@ -81,11 +81,11 @@ class Ringing:
     mode: Mode | None  # of one channel None where it is not most of the ringing there
 
     @classmethod
-    def none(cls, time: Floats, channels: int) -> Ringing:
+    def none(cls, time: Floats, channels: int) -> RecordRinging:
         """Return that of a record (P,) without ringing."""
         return cls(time[-1:], np.zeros((1, channels)), None, None)
 
-    def of(self, n: int) -> Ringing:
+    def of(self, n: int) -> RecordRinging:
         """Return the ringing of one channel."""
         amplitude, mode = self.amplitude[:, n], self.mode
         if mode is not None:
@@ -94,7 +94,7 @@ class Ringing:
             if its < _MOST * float(np.interp(at, self.time, amplitude)):
                 mode = None
         mode = mode and replace(mode, channels=mode.channels[n : n + 1])
-        return Ringing(self.time, amplitude, self.period, mode)
+        return RecordRinging(self.time, amplitude, self.period, mode)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -242,7 +242,7 @@ def _stretch(total: Floats) -> tuple[int, str]:
     return int(np.flatnonzero(total >= _FADED * total.max())[-1]) + 1, ""
 
 
-def find_ringing(time: Floats, signals: Floats) -> Ringing:
+def find_ringing(time: Floats, signals: Floats) -> RecordRinging:
     """Find the strongest ringing of a record.
 
     The fitted stretch ends at a quarter of the amplitude at which the ringing saturates or its
@@ -261,7 +261,7 @@ def find_ringing(time: Floats, signals: Floats) -> Ringing:
     """
     period = _dominant_period(time, signals)
     if period is None:
-        return Ringing.none(time, signals.shape[1])
+        return RecordRinging.none(time, signals.shape[1])
     pole, width = 2j * np.pi / period, 2.0 * period
     whole = _Windows.of(time, signals, width, period, _FEWEST_WINDOWS)
     tones, rest = whole.fit(pole, _TREND)
@@ -277,7 +277,7 @@ def find_ringing(time: Floats, signals: Floats) -> Ringing:
         amplitude = np.abs(tones) + rest
     if mode is not None and abs(mode.frequency * period - 1.0) < _NEAR:
         period = 1.0 / mode.frequency
-    return Ringing(whole.middle, amplitude, period, mode)
+    return RecordRinging(whole.middle, amplitude, period, mode)
 
 
 def find_growth(time: Floats, signals: Floats) -> Mode | None:

@@ -24,7 +24,7 @@ from taction.verification.readings.ringing import (
     GOOD_FIT,
     RESOLVED,
     Mode,
-    Ringing,
+    RecordRinging,
     saturates,
 )
 
@@ -105,7 +105,7 @@ def _flat_top(time: Floats, error: Floats, period: float) -> bool:
     return bool(max(top, bottom) > _FLAT_TOP * weight.sum())
 
 
-def _loss(ring: Ringing) -> tuple[float, float, float]:
+def _loss(ring: RecordRinging) -> tuple[float, float, float]:
     """Return the least and the most nepers that the ringing loses, and what is a loss at all."""
     mode = ring.mode
     if mode is not None and mode.residual < GOOD_FIT:  # over its stretch, within two sigma
@@ -119,7 +119,7 @@ def _loss(ring: Ringing) -> tuple[float, float, float]:
     return lost - doubt, lost + doubt, _STEADY
 
 
-def _left(ring: Ringing, end: float) -> tuple[float, float]:
+def _left(ring: RecordRinging, end: float) -> tuple[float, float]:
     """Return the ringing's amplitude at `end` and its period (0 and 0 without ringing).
 
     The last window lies before the end: a good fit of a decaying mode continues its amplitude.
@@ -131,7 +131,9 @@ def _left(ring: Ringing, end: float) -> tuple[float, float]:
     return max(last * math.exp(mode.growth_rate * (end - ring.time[-1])), fitted), period
 
 
-def sustained(time: Floats, error: Floats, tolerance: float, ring: Ringing) -> ChannelState | None:
+def sustained(
+    time: Floats, error: Floats, tolerance: float, ring: RecordRinging
+) -> ChannelState | None:
     """Return OSCILLATING or CLIPPED if the channel rings on, UNDECIDED if it may, else None."""
     if ring.period is None or ring.amplitude[-1] <= _QUIET * tolerance:
         return None
@@ -149,7 +151,7 @@ def prove(
     found: Reading | None,
     tolerance: float,
     step: float,
-    ring: Ringing,
+    ring: RecordRinging,
 ) -> Settlement:
     """Tell whether a channel settled, and why not.
 
@@ -183,7 +185,7 @@ def prove(
     return Settlement(ChannelState.SETTLED, found, "")
 
 
-def _either(ring: Ringing, found: Reading | None) -> str:
+def _either(ring: RecordRinging, found: Reading | None) -> str:
     """Give both readings of a ringing whose loss is not established."""
     least, most, _ = _loss(ring)
     settles = "it settles later" if found is None else f"the settling time is {found.value:.4g} s"

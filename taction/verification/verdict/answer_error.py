@@ -26,7 +26,7 @@ from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError, SolverError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.reference.dynamics import IdealNetwork
+from taction.verification.reference.ideal_answer import IdealNetwork
 from taction.verification.reference.problem import Solution
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Check, Evidence, Outcome

@@ -26,8 +26,7 @@ from taction.verification.engines.statespace.linearised.time_scales import TimeS
 from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.readings.exact_measures import ExactResponse
 from taction.verification.readings.measurements import Measurements
-from taction.verification.reference.dynamics import IdealNetwork
-from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
+from taction.verification.reference.ideal_answer import IdealAnswer, IdealNetwork, ideal_answer
 from taction.verification.stability.margin import REACH, Margin, find_margin
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads

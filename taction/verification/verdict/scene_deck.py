@@ -23,8 +23,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError, SolverError
 from taction.system.output_files import write_together
 from taction.system.quantities import show
-from taction.verification.reference.dynamics import IdealNetwork
-from taction.verification.reference.ideal_answer import ideal_network
+from taction.verification.reference.ideal_answer import IdealNetwork, ideal_network
 from taction.verification.reference.problem import Solution, solution_difference
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.build import build

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from taction.verification.readings.measurements import measure
 from taction.verification.readings.readings import Reading, rise_times
 from taction.verification.readings.record import RecordTrace
-from taction.verification.readings.ringing import Mode, Ringing
+from taction.verification.readings.ringing import Mode, RecordRinging
 from taction.verification.readings.settling import ChannelState, prove, sustained
 
 ONE = np.ones(1)
@@ -266,7 +266,7 @@ def ringing(growth, sigma, amplitude=None):
     mode = Mode(100.0, growth, (1.0,), sigma, 0.01, 0.0, 1.0)
     envelope = np.ones(20) if amplitude is None else amplitude
     time = np.linspace(0.0, 1.0, envelope.size)
-    return Ringing(time, envelope, 0.01, mode if amplitude is None else None)
+    return RecordRinging(time, envelope, 0.01, mode if amplitude is None else None)
 
 
 @pytest.mark.parametrize(

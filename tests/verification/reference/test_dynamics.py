@@ -12,16 +12,14 @@ from scipy.linalg import expm
 
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.reference.dynamics import (
+from taction.verification.reference.ideal_answer import (
     IdealNetwork,
     Response,
     ScaledNetwork,
-    ideal_linear,
-    ideal_transient,
-)
-from taction.verification.reference.ideal_answer import (
     ideal_answer,
+    ideal_linear,
     ideal_network,
+    ideal_transient,
     is_biased,
 )
 from taction.verification.reference.problem import Problem

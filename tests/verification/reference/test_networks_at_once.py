@@ -14,8 +14,12 @@ from scipy.optimize import brentq, lsq_linear, nnls
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.verification.reference.dynamics import IdealNetwork, lambda_times_resistance
-from taction.verification.reference.ideal_answer import ideal_answer, ideal_network
+from taction.verification.reference.ideal_answer import (
+    IdealNetwork,
+    ideal_answer,
+    ideal_network,
+    lambda_times_resistance,
+)
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.smooth import solve_smooth
 from taction.verification.reference.solve import solve, solve_square

@@ -18,7 +18,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.array_types import Floats
 from taction.system.errors import SolverError
-from taction.verification.reference.dynamics import IdealNetwork
+from taction.verification.reference.ideal_answer import IdealNetwork
 from taction.verification.reference.solve import solve
 from taction.verification.report.documents.verdict import budget_parts, verdict_document
 from taction.verification.report.views.answer_view import answer_text, yield_text

@@ -19,7 +19,7 @@ from taction.verification.evidence.paper.findings import (
     weigh,
 )
 from taction.verification.evidence.paper.tactile import Geometry, difference, unit_network
-from taction.verification.reference.dynamics import ideal_linear
+from taction.verification.reference.ideal_answer import ideal_linear
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.solve import solve
 

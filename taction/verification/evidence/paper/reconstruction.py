@@ -19,7 +19,7 @@ from taction.verification.evidence.paper.tactile import (
     gradient_flow,
     unit_network,
 )
-from taction.verification.reference.dynamics import ScaledNetwork
+from taction.verification.reference.ideal_answer import ScaledNetwork
 
 PRINTED = (0.1, 10.0, 100.0)  # the paper's lambdas
 LAMBDAS = tuple(np.geomspace(0.01, 300.0, 13).tolist())

@@ -18,7 +18,7 @@ from taction.system.errors import SolverError
 from taction.system.reading_definitions import RISE_LEVELS
 from taction.verification.evidence.paper.findings import Chapter, Finding, chart, finding, weigh
 from taction.verification.evidence.paper.tactile import Geometry, entropy, unit_network
-from taction.verification.reference.dynamics import ideal_linear
+from taction.verification.reference.ideal_answer import ideal_linear
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.solve import solve
 

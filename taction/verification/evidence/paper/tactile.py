@@ -12,7 +12,7 @@ import numpy as np
 from taction.netlist_gen.scene.inverse_problem import cylinder_stress, grid, kernel
 from taction.netlist_gen.scene.problem_keys import CylinderLoad
 from taction.system.array_types import Floats
-from taction.verification.reference.dynamics import IdealNetwork
+from taction.verification.reference.ideal_answer import IdealNetwork
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.regularisers import REGULARISERS
 from taction.verification.reference.solve import solve

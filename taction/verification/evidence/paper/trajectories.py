@@ -12,7 +12,7 @@ import numpy as np
 from taction.system.array_types import Floats
 from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
 from taction.verification.evidence.paper.tactile import Geometry, difference, unit_network
-from taction.verification.reference.dynamics import (
+from taction.verification.reference.ideal_answer import (
     TOLERANCE,
     IdealNetwork,
     ScaledNetwork,

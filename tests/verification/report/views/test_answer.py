@@ -19,7 +19,7 @@ from taction.system.documents import plain
 from taction.system.raw_file import read_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.readings.readings import Reading
-from taction.verification.reference.dynamics import IdealNetwork
+from taction.verification.reference.ideal_answer import IdealNetwork
 from taction.verification.reference.solve import solve
 from taction.verification.report.blocks import PICTURE
 from taction.verification.report.documents.verdict import verdict_document
