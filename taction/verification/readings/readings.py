@@ -1,7 +1,7 @@
 """The readings of a trace: one implementation for records and exact solutions.
 
 A `Trace` is either a sampled record (`verification.readings.record`) or an exact solution
-(`verification.readings.exact_trace`). `system.reading_definitions` has the definitions;
+(`verification.readings.exact_measures`). `system.reading_definitions` has the definitions;
 `verification.readings.measurements` decides which readings are proven.
 """
 

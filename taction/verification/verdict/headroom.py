@@ -18,7 +18,7 @@ from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import Initial, LinearBoard
 from taction.verification.engines.statespace.transients.exact import Exact, combinations, is_exact
 from taction.verification.engines.statespace.transients.simulate import simulate
-from taction.verification.readings.exact_trace import ExactTrace
+from taction.verification.readings.exact_measures import ExactTrace
 
 FULL = 0.9  # of a limit: above it the small-signal solution is not taken for true
 PRECISION = 0.01  # of a limit: error of a peak

@@ -22,8 +22,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.readings.exact_measures import ExactResponse
-from taction.verification.readings.exact_trace import ExactTrace
+from taction.verification.readings.exact_measures import ExactResponse, ExactTrace
 from taction.verification.readings.measurements import Measurements, channel_measure, summary
 from taction.verification.readings.readings import unread
 from taction.verification.readings.settling import ChannelState, Settlement
