@@ -22,7 +22,7 @@ from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import simulate
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.studies.decks.foreign_board import ForeignBoard
-from taction.verification.studies.decks.measured_board import MeasuredBoard
+from taction.verification.studies.decks.measured_board import FAR, MeasuredBoard
 from taction.verification.verdict.checks import Check, Outcome, at_most
 
 RUNS = ((1e-5, 1e3), (1e-6, 4e3), (1e-7, 1.6e4), (1e-8, 6.4e4))  # reltol, least number of steps
@@ -47,8 +47,10 @@ def compare_transient(
         return unknown("without ngspice")
     if deck.point is not None:
         return unknown("the deck is not linear: a step of any size may leave its operating point")
-    if amplitude == 0.0 or not stop > 0.0 or found.apart.beyond:
-        return unknown("no output moves, or not by what is known")
+    if found.apart.beyond:
+        return unknown(FAR)
+    if amplitude == 0.0 or not stop > 0.0:
+        return unknown("no output moves")
     if found.poles.known_unstable and math.isfinite(found.scales.growth_time):
         stop = min(stop, found.scales.growth_time)
     simulator, bound = find_simulator(), PHYSICAL_BOUND * max(1.0, amplitude)
@@ -71,10 +73,11 @@ def compare_transient(
             if outcome is not Outcome.INCONCLUSIVE:
                 break
     except (EngineError, SimulationError) as problem:
-        why = f"; finer steps were not compared: {one_line(problem)}"
+        why = one_line(problem)
     if not math.isfinite(error):
-        return unknown(f"ngspice's transient was not compared{why}")
-    reason = f"ngspice's own transient up to {stop:.4g} s{why}"
+        return unknown(f"ngspice's transient was not compared: {why}")
+    reason = f"ngspice's own transient up to {stop:.4g} s"
+    reason += f"; finer steps were not compared: {why}" if why else ""
     return Check("engines_agree", outcome, off, error, limit, None, "step", reason)
 
 

@@ -35,8 +35,8 @@ from taction.verification.verdict.record import FIGURES, Record
 TEXT_COLUMNS = ("outcome", "failure", "state", "simulator", "reason")
 OUTCOMES = ("pass", "fail", "inconclusive", "error")
 PACKAGES = {  # by ending: the package and how to install it
-    ".parquet": ("pyarrow", "Parquet needs pyarrow: pip install 'taction[data,parquet]'"),
-    ".nc": ("xarray", "netCDF needs xarray: pip install 'taction[data]'"),
+    ".parquet": ("pyarrow", "Parquet needs pyarrow: pip install 'taction[parquet]'"),
+    ".nc": ("xarray", "netCDF needs xarray: pip install 'taction[netcdf]'"),
 }
 UNITS = {"step": "1", "": "1"}  # the unit of a plain number in the conventions of netCDF
 
@@ -350,8 +350,12 @@ def export_sweep(result: SweepResult, path: str) -> None:
             case ".nc":
                 result.to_xarray().to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
             case ".parquet":
+                import pyarrow as pa
+                import pyarrow.parquet
+
                 choices = [axis.name for axis in result.plan.axes if axis.key.kind == "choice"]
-                result.to_pandas().astype(dict.fromkeys(choices, str)).to_parquet(temporary)
+                rows = [row | {n: str(row[n]) for n in choices} for row in _rows(result)]
+                pa.parquet.write_table(pa.Table.from_pylist(rows), temporary)
             case _:
                 with temporary.open("w", encoding="utf-8", newline="") as file:
                     writer = csv.writer(file)
