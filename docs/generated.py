@@ -209,7 +209,8 @@ def _plain(text: str) -> str:
 
 
 def _commands_page() -> Iterator[str]:
-    from taction.cli.main import COMMANDS, main
+    from taction.cli.commands import COMMANDS
+    from taction.cli.main import main
 
     yield "# Commands\n"
     yield "`taction COMMAND --help` prints what is below. Exit status: 0 pass, 1 a check failed, 2 bad"

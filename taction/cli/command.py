@@ -24,7 +24,7 @@ import taction
 from taction.cli.ending import ARGUMENTS, of_stdout
 from taction.cli.printing import STATUS, StageLine, console, display, print_json, say, tell
 from taction.system import results
-from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted, TactionError
+from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted
 from taction.system.foreign_files import visible
 from taction.system.progress import attempt
 
@@ -53,7 +53,6 @@ class CommandParameter:
     writes: bool = False
     check: Target | None = None  # takes the value and refuses it, before any work is done
     write: Target | None = None  # takes the result and the path, and writes what shows the result
-    verb: str = "wrote"  # what is said of that file
 
     def made(self, function: str) -> click.Parameter:
         """Return the parameter of click; default and help are those of the function."""
@@ -74,14 +73,8 @@ class CommandParameter:
         """What a message calls it: its first flag, or ``FILE``."""
         return self.flags[0] if self.flags else "FILE"
 
-    @property
-    def is_folder(self) -> bool:
-        """Whether it names a folder."""
-        kind = self.attributes.get("type")
-        return isinstance(kind, click.Path) and not kind.file_okay
 
-
-OWN = ("of", "reads", "writes", "check", "write", "verb")
+OWN = ("of", "reads", "writes", "check", "write")
 FILE = click.Path(dir_okay=False)
 
 
@@ -93,9 +86,13 @@ def option(name: str, *flags: str, **attributes: Any) -> CommandParameter:
 
 def argument(name: str, *, reads: bool = True, **attributes: Any) -> CommandParameter:
     """Return an argument, a file or a folder that is read if `reads` is not False."""
-    writes = attributes.pop("writes", False)
-    kind = {"type": click.Path(), **attributes}
-    return CommandParameter(name, (), kind, reads=reads, writes=writes)
+    return replace(option(name, **{"type": click.Path(), **attributes}), flags=(), reads=reads)
+
+
+def folder(name: str, *flags: str, **attributes: Any) -> CommandParameter:
+    """Return an option that names a folder to write."""
+    kind = click.Path(file_okay=False)
+    return option(name, *flags, metavar="FOLDER", type=kind, writes=True, **attributes)
 
 
 def output(name: str, text: str, write: Target, **more: Any) -> CommandParameter:
@@ -107,7 +104,7 @@ def picture(content: str) -> CommandParameter:
     """Return the option ``--plot`` of a result with a picture."""
     text = f"Draw {content} into FILE (PNG, SVG or PDF)."
     check = "system.results:check_plot_file"
-    return output("plot", text, lambda found, path: found.plot(path), check=check, verb="drew")
+    return output("plot", text, lambda found, path: found.plot(path), check=check)
 
 
 REPORT = output(
@@ -144,7 +141,7 @@ class Call:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """A public function, and what shows its result."""
+    """A public function, and what shows its result; a result that is None shows nothing."""
 
     function: str = ""  # its name in `taction`; by default that of the command
     # Takes the result and returns its document, or an iterator of the parts of a long one; by
@@ -162,8 +159,6 @@ class Job:
     before: Callable[[Call], None] | None = None
     # Takes the result and the `Call` after the work: what is said on stderr.
     after: Callable[[Any, Call], object] | None = None
-    # Takes a `TactionError` and the `Call`.
-    failed: Callable[[TactionError, Call], None] | None = None
     # Takes the result and the `Call`, and returns the names of the files that are written.
     files: Callable[[Any, Call], Iterable[str]] = lambda found, call: ()
     lacks: str = ""  # why an output of the command's other job is refused
@@ -173,12 +168,13 @@ class Job:
 class Command(Job):
     """An entry of the table of commands: a job with its options."""
 
+    about: str = ""  # its line in the list of commands
     # Those that are not as the function's signature and `OPTIONS` have them, or not of it.
     parameters: tuple[CommandParameter, ...] = ()
     python_only: tuple[str, ...] = ()  # parameters of the function that are no options
     ends: str = ""  # what the exit status means, where it is not as usual
     # Takes the options and returns another job for some of them.
-    other: Callable[[Mapping[str, Any]], Job | None] | None = None
+    other: Callable[[Mapping[str, Any]], Job | None] = lambda options: None
     commands: Mapping[str, Command] = field(default_factory=dict)  # below it
 
     @property
@@ -186,7 +182,7 @@ class Command(Job):
         """All arguments and options, with those of the outputs."""
         given = {parameter.name: parameter for parameter in self.parameters}
         own = [
-            given.pop(name) if name in given else OPTIONS.get(name) or _derived(known)
+            given.pop(name, None) or OPTIONS.get(name) or _derived(known)
             for name, known in signature(self.function).items()
             if name not in (*PYTHON_ONLY, *self.python_only)
         ]
@@ -271,6 +267,7 @@ ANNOTATE = option(
 )
 OUTPUT = option("output", "-o", "--output", type=FILE, writes=True)
 DATABASE = replace(OUTPUT, check="verification.studies.running.store:check_database")
+ADDRESS = "verification.studies.running.cluster:check_address"
 PYTHON_ONLY = ("progress", "strains", "announce")
 """Parameters of functions that are no options."""
 OPTIONS = {
@@ -278,11 +275,7 @@ OPTIONS = {
     for each in (
         option("engine", type=EngineChoice(ENGINES), check=refuse_withdrawn),
         option("jobs", type=click.IntRange(1, 4096)),
-        option(
-            "cluster",
-            metavar="tcp://HOST:PORT",
-            check="verification.studies.running.cluster:check_address",
-        ),
+        option("cluster", metavar="tcp://HOST:PORT", check=ADDRESS),
         OUTPUT,
         option("settings", "--set", multiple=True, metavar="KEY=VALUE"),
         option("samples", "-n", "--samples", type=click.IntRange(1, 10_000_000)),
@@ -300,12 +293,6 @@ OPTIONS = {
     )
 }
 """What options have beside their names, defaults and sentences, in every command that has them."""
-
-
-def folder(name: str, *flags: str, **attributes: Any) -> CommandParameter:
-    """Return an option that names a folder to write."""
-    kind = {"metavar": "FOLDER", "type": click.Path(file_okay=False)}
-    return CommandParameter(name, flags, kind | attributes, writes=True)
 
 
 def own_file(found: Any, call: Call) -> list[str]:
@@ -341,13 +328,15 @@ def made(name: str, command: Command) -> click.Command:
 
 def run(command: Command, given: dict[str, Any]) -> None:
     """Run a command with its options, show the result, and end with the exit status."""
-    job = (command.other and command.other(given)) or command
+    job = command.other(given) or command
     _check(command, job, given)
-    known = signature(job.function)
-    call = Call({name: value for name, value in given.items() if name in known}, given)
-    for name in [name for name, value in call.arguments.items() if value is None]:
-        if known[name].default is not inspect.Parameter.empty:  # which counts
-            call.arguments[name] = known[name].default
+    known, absent = signature(job.function), inspect.Parameter.empty
+    arguments = {
+        name: known[name].default if value is None and known[name].default is not absent else value
+        for name, value in given.items()
+        if name in known
+    }
+    call = Call(arguments, given)
     if job.before is not None:
         job.before(call)
     if given.get("scene") is not None:
@@ -356,15 +345,15 @@ def run(command: Command, given: dict[str, Any]) -> None:
         for question in questions(given["scene"]):
             say(f"question: {question}")
     result, interrupted = _result(job, call)
-    status = status_of(result)
     tell(f"wrote {visible(name)}" for name in job.files(result, call))
     written = _write(job, result, given)  # before the text: its reader may go
     if job.after is not None:
         attempt("the remarks", partial(job.after, result, call), None, say, is_of_stdout)
-    _show(job, result, call)
+    if result is not None:
+        _show(job, result, call)
     if interrupted:
         say(f"interrupted; {interrupted}")
-    sys.exit(INTERRUPTED if interrupted else status if written else 2)
+    sys.exit(INTERRUPTED if interrupted else status_of(result) if written else 2)
 
 
 def status_of(result: Any) -> int:
@@ -390,10 +379,6 @@ def _result(job: Job, call: Call) -> tuple[Any, str]:
         if end.result is None:
             raise
         return end.result, str(end)
-    except TactionError as error:
-        if job.failed is not None:
-            job.failed(error, call)
-        raise
 
 
 def _check(command: Command, job: Job, given: dict[str, Any]) -> None:
@@ -425,7 +410,7 @@ def _check(command: Command, job: Job, given: dict[str, Any]) -> None:
 
         check_separate(inputs, {each.option: file for each, file in asked.items()})
         for parameter, file in asked.items():
-            if not parameter.is_folder:
+            if parameter.attributes["type"].file_okay:
                 check_folder(file, parameter.option)
     for parameter in parameters:
         if parameter.write is None:
@@ -450,20 +435,19 @@ def _write(job: Job, result: Any, given: Mapping[str, Any]) -> bool:
     """Write the files that show the result, also after an error; return whether all are written."""
     complete = True
     for output in job.outputs:
-        path = given[output.name]
-        if path is None or output.write is None:
-            continue
-
-        def write(output: CommandParameter = output, path: str = path) -> None:
-            load(output.write or "")(result, path)
-            click.echo(f"{output.verb} {visible(path)}", err=True)
-
-        try:
-            attempt(f"--{output.name}", write, None, say, _is_bad_input)
-        except InputError as error:
-            say(str(error))
-            complete = False
+        if (path := given[output.name]) is not None:
+            step = partial(_write_one, output, result, path)
+            try:
+                attempt(f"--{output.name}", step, None, say, _is_bad_input)
+            except InputError as error:
+                say(str(error))
+                complete = False
     return complete
+
+
+def _write_one(output: CommandParameter, result: Any, path: str) -> None:
+    load(output.write or "")(result, path)
+    tell([f"wrote {visible(path)}"])
 
 
 def _show(job: Job, result: Any, call: Call) -> None:

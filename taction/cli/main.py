@@ -9,54 +9,18 @@ import inspect
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 import click
 
+from taction.cli.command import made
+from taction.cli.commands import COMMANDS
 from taction.cli.ending import run_command
 from taction.cli.printing import own_name, print_json
 from taction.system.foreign_files import visible
 from taction.system.processes import THREADS
 
-if TYPE_CHECKING:
-    from taction.cli.command import Command
-
-
 PROGRAM = "taction"
-COMMANDS = {
-    "verify": ("boards", "Simulate a board and check it against the solution."),
-    "check": ("studies", "Find poles, onset, settling and noise of a SPICE deck."),
-    "diff": ("boards", "Compare the keys and the readings of two boards."),
-    "netlist": ("boards", "Write the ngspice deck of a scene."),
-    "bom": ("boards", "List the parts to buy, with packages and power."),
-    "kicad": ("boards", "Draw a board for KiCad, and list its parts."),
-    "build": ("boards", "Write all files for building a board, with its verdict."),
-    "solve": ("boards", "Solve the problem numerically, with a certificate."),
-    "simulate": ("boards", "Run the transient: waveforms and measurements."),
-    "montecarlo": ("studies", "Estimate the yield under component tolerances."),
-    "corners": ("studies", "Find the worst cases within the tolerances."),
-    "explore": ("boards", "Move C, gain and more on a local page and watch the board."),
-    "tune": ("studies", "Find the gain with the least settling time."),
-    "choose": ("studies", "Choose op-amp, C and gain for given limits."),
-    "scale": ("studies", "Propose G0, U0, s and R for op-amps and supply."),
-    "onset": ("studies", "Find every stability crossing over a range."),
-    "sweep": ("studies", "Verify a grid of scenes, here or on a cluster; resumable."),
-    "regress": ("studies", "Compare a folder of scenes with a stored baseline, for CI."),
-    "stress": ("studies", "Run stiff and extreme scenes whose results are known."),
-    "accuracy": ("studies", "Compare error and run time of engines and methods."),
-    "reproduce": ("studies", "Test the paper, claim by claim and figure by figure."),
-    "demo": ("studies", "Tell the paper's story on three boards; no file is needed."),
-    "models": ("boards", "List the op-amp presets, or import a vendor's model."),
-    "mcp": ("boards", "Serve verify, check, onset and more to a program, by MCP."),
-    "new": ("boards", "Write a scene file with comments."),
-    "doctor": ("boards", "List what is installed and what each part is for."),
-}
-"""By name: the module of its table, which is loaded when it is called, and its line of --help.
-
-All of these names work; `SECTIONS` are those that --help lists.
-"""
 FAMILIES = {
     "design": (("tune", "choose"), "Search for a better board: tune, choose."),
     "yield": (("montecarlo", "corners"), "See what tolerances of parts do: montecarlo, corners."),
@@ -67,7 +31,6 @@ FAMILIES = {
     "self": (("doctor", "accuracy", "stress"), "Examine taction: doctor, accuracy, stress."),
 }
 """By name: the commands below it, and its line of --help."""
-EVERY = {**FAMILIES, **COMMANDS}
 RENAMED = {"parts": "models", "waveforms": "simulate"}
 WITHDRAWN = {
     "refine": "It was withdrawn: simulate the board again with the residual as its strain;"
@@ -101,12 +64,6 @@ taction explore board.toml    move C, gain and more and watch the board
 taction --help                all commands
 """
 HELP = {"--help", "-h"}
-
-
-def command(name: str) -> Command:
-    """Return a command of `COMMANDS`; its table is loaded now."""
-    found: Command = getattr(import_module(f"taction.cli.{COMMANDS[name][0]}"), name.upper())
-    return found if found.function else replace(found, function=name)
 
 
 class LazyGroup(click.Group):
@@ -164,15 +121,13 @@ class LazyGroup(click.Group):
             below, about = FAMILIES[name]
             known = {short: RENAMED.get(short, short) for short in below}
             return LazyGroup(known=known, sections={"Commands": below}, help=about)
-        from taction.cli.command import made
-
-        return made(name, command(name))
+        return made(name, COMMANDS[name])
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands from the tables, without making them."""
         width = max(len(name) for name in self.list_commands(ctx))
         for title, names in self.sections.items():
-            rows = [(name.ljust(width), EVERY[self.known[name]][1]) for name in names]
+            rows = [(name.ljust(width), _about(self.known[name])) for name in names]
             if not title:
                 formatter.write_paragraph()
             with formatter.section(title) if title else formatter.indentation():
@@ -190,10 +145,15 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
 
+def _about(name: str) -> str:
+    """Return the line of a command, or of a family of commands, in the list."""
+    return FAMILIES[name][1] if name in FAMILIES else COMMANDS[name].about
+
+
 @click.group(
     cls=LazyGroup,
     name="",  # as of the families: the name of a document is that of its command
-    known={name: name for name in EVERY} | RENAMED,
+    known={name: name for name in (*FAMILIES, *COMMANDS)} | RENAMED,
     sections=SECTIONS,
     context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
 )
@@ -269,16 +229,13 @@ def _parameter(parameter: click.Parameter, context: click.Context) -> dict[str, 
         "required": info["required"],
         "several": bool(info["multiple"]) or info["nargs"] == -1,
     }
-    record |= {key: kind[key] for key in ("min", "max") if kind.get(key) is not None}
-    record |= {"choices": list(kind["choices"])} if "choices" in kind else {}
+    limits = ("min", "max", "choices")
+    record |= {key: kind[key] for key in limits if kind.get(key) is not None}
     if isinstance(parameter, click.Option):
         default = parameter.get_default(context)
         record |= {
             "flags": [*parameter.opts, *parameter.secondary_opts],
-            "is_flag": parameter.is_flag,
             "default": default if isinstance(default, str | int | float | bool) else None,
-            "metavar": parameter.metavar,
-            "envvar": parameter.envvar,
-            "help": parameter.help or "",
+            **{key: getattr(parameter, key) for key in ("is_flag", "metavar", "envvar", "help")},
         }
     return record

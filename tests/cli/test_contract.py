@@ -11,8 +11,10 @@ import pytest
 
 import taction
 from taction.cli import command as cli
-from taction.cli import main as program
+from taction.cli import commands as table
+from taction.cli import verify
 from taction.cli.command import Command, CommandParameter, Job, load, sentences, signature
+from taction.cli.commands import COMMANDS
 from taction.system.errors import Complaint
 from tests.support.command_lines import LINES
 from tests.support.running import document
@@ -35,10 +37,7 @@ WORDS = {
     "models import": "models import a.cir --subckt A --pins inp,inn,vcc,vee,out",
 }
 
-TABLE = {name: program.command(name) for name in program.COMMANDS}
-
-
-def commands(table: Mapping[str, Command] = TABLE, above: str = "") -> Iterator[str]:
+def commands(table: Mapping[str, Command] = COMMANDS, above: str = "") -> Iterator[str]:
     for name, command in table.items():
         yield f"{above}{name}"
         yield from commands(command.commands, f"{name} ")
@@ -49,13 +48,11 @@ CALLS = list(commands())
 
 def entry(name: str) -> Command:
     first, *rest = name.split()
-    return TABLE[first].commands[rest[0]] if rest else TABLE[first]
+    return COMMANDS[first].commands[rest[0]] if rest else COMMANDS[first]
 
 
 def jobs() -> Iterator[tuple[str, Job]]:
-    from taction.cli import boards, studies
-
-    for module in (boards, studies):
+    for module in (table, verify):
         yield from ((n, job) for n, job in vars(module).items() if isinstance(job, Job))
     for name in CALLS:
         yield name, entry(name)

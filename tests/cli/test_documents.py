@@ -11,7 +11,7 @@ from typing import Any
 import jsonschema
 import pytest
 
-from taction.cli.main import COMMANDS
+from taction.cli.commands import COMMANDS
 from taction.cli.printing import StageLine
 from taction.verification.report.documents.document_catalogue import (
     MODELS,

@@ -15,8 +15,8 @@ import click
 import pytest
 
 from taction.cli.command import Command
-from taction.cli.main import COMMANDS, main
-from taction.cli.main import command as entry
+from taction.cli.commands import COMMANDS
+from taction.cli.main import main
 from tests.support.command_lines import PINS, VENDOR
 from tests.support.paths import SCENES
 from tests.support.running import document, taction
@@ -68,7 +68,6 @@ ENDS = {  # of a whole file
 }  # fmt: skip
 
 Entry = tuple[str, Command]
-EVERY = {name: entry(name) for name in COMMANDS}
 SCENE = str(SCENES / "tuned-breadboard.toml")
 OVER = ("--over", "C=50p:500p:12", "--jobs", "1")
 SWEEP = ("sweep", SCENE, *OVER, "--engine", "statespace", "--json", "-o")
@@ -87,7 +86,7 @@ def folder(boards: Path, quick_stories: None) -> Path:
     return boards
 
 
-def commands(table: Mapping[str, Command] = EVERY, above: str = "") -> Iterator[Entry]:
+def commands(table: Mapping[str, Command] = COMMANDS, above: str = "") -> Iterator[Entry]:
     """Every command and those below it, by their names."""
     for name, command in table.items():
         yield f"{above}{name}", command

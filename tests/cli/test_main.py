@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taction.cli.main import COMMANDS, FAMILIES, RENAMED, SECTIONS
+from taction.cli.commands import COMMANDS
+from taction.cli.main import FAMILIES, RENAMED, SECTIONS
 from tests.support.paths import ROOT, SCENES
 from tests.support.running import document, python, taction
 

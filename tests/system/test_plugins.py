@@ -100,7 +100,7 @@ def test_a_changed_plugin_makes_stored_results_outdated(plugin: Plugin) -> None:
 HELP_AND_NAMES = """
 import sys
 from taction.system import plugins
-from taction.cli import boards
+from taction.cli import commands
 from taction.cli.main import main
 sys.argv = ["taction", "--help"]
 try:

@@ -1,0 +1,413 @@
+"""The table of commands: the public function of each, its options, and what shows the result."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from click.core import ParameterSource
+
+from taction.cli.command import (
+    ANNOTATE,
+    DATABASE,
+    FILE,
+    OPTIONS,
+    OUTPUT,
+    REPORT,
+    Call,
+    Command,
+    CommandParameter,
+    Job,
+    NumberRange,
+    argument,
+    folder,
+    option,
+    output,
+    own_file,
+    picture,
+    text_file,
+)
+from taction.cli.printing import print_json, say, tell
+from taction.cli.verify import VERIFY
+from taction.system.errors import Complaint, InputError
+from taction.system.foreign_files import visible
+
+if TYPE_CHECKING:
+    from taction.verification.design.fresh_scene import NewScene
+    from taction.verification.studies.regression.regress import RegressionReport
+
+JUNIT = "verification.report.junit"
+DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does not load the table
+
+
+def _nothing(found: Any) -> None:
+    """Print nothing: the files are the result."""
+
+
+def _output(text: str) -> CommandParameter:
+    return replace(OUTPUT, attributes={**OUTPUT.attributes, "help": text})
+
+
+def _netlist_remarks(found: Any, call: Call) -> None:
+    if call.options["explain"]:
+        tell([f"{visible(found.circuit.name)}: left out, not needed by the scene:"])
+        tell(f"  {item.what}: {item.why}" for item in found.circuit.omissions)
+        if found.pruning is not None:
+            tell([f"pruning: {found.pruning.text}"])
+    tell(f"warning: {visible(warning)}" for warning in found.warnings)
+
+
+def _announce(call: Call) -> None:
+    """Say the address of the page as soon as it can be opened."""
+
+    def announce(address: str) -> None:
+        if call.as_json:
+            print_json({"address": address})
+        else:
+            click.echo(address)
+        say("Ctrl-C ends the explorer")
+
+    call.arguments["announce"] = announce
+
+
+def _choice_database(call: Call) -> None:
+    """Name the database after the scene."""
+    given = call.arguments
+    given["store"] = given["store"] or f"{given['scene'].name}-choose.sqlite"
+
+
+def _check_sweep(call: Call) -> None:
+    """Refuse axes that cannot be drawn, and name the database after the scene's file."""
+    given = call.arguments
+    if call.options["plot"] is not None:
+        from taction.verification.report.views.sweep_view import check_axes
+
+        check_axes(len(given["over"]), call.options["plot"])
+    given["output"] = given["output"] or f"{given['scene'].file.stem}.sqlite"
+
+
+def _regression_markdown(found: RegressionReport) -> str:
+    from taction.verification.report.renderers.terminal import markdown
+
+    return markdown(found.page(), "taction regress")
+
+
+def _annotate_scenes(found: RegressionReport, call: Call) -> None:
+    """Print errors and warnings as GitHub shows them at the files."""
+    if call.options["annotate"]:
+        from taction.verification.report.junit import regression_annotations
+
+        tell(regression_annotations(found))
+
+
+def _new_file(call: Call) -> None:
+    """Take the file from FILE or -o; by default the function knows its name."""
+    file, output = call.options["file"], call.options["output"]
+    if file is not None and output is not None:
+        raise InputError("-o", Complaint("FILE", repr(output), "give FILE or -o, not both"))
+    call.arguments["file"] = file or output
+    if call.arguments["file"] is None:
+        del call.arguments["file"]
+
+
+def _new_files(found: NewScene, call: Call) -> list[str]:
+    if found.fresh is not None:
+        return list(found.written)
+    return [f"{found.file}; `taction verify {found.file}` verifies it"]
+
+
+def _rescaled(call: Call) -> None:
+    """Take the file as for a new scene, and the op-amp of the scene where none is asked for."""
+    from taction.netlist_gen.scene.open_tables import refuse_unknown
+    from taction.verification.design.fresh_scene import refuse_existing
+
+    _new_file(call)
+    file = call.arguments.pop("file", "scene.toml")
+    refuse_existing(Path(file), force=call.options["force"])
+    call.arguments["output"] = file
+    if _is_given("opamp"):
+        refuse_unknown(call.arguments["opamp"], "--opamp")
+    else:
+        del call.arguments["opamp"]
+
+
+def _is_given(name: str) -> bool:
+    """Whether an option is given, maybe with its default."""
+    source = click.get_current_context().get_parameter_source(name)
+    return source is not ParameterSource.DEFAULT
+
+
+def _new_job(options: Mapping[str, Any]) -> Job | None:
+    if options["schema"]:
+        return NEW_SCHEMA
+    if options["scene"] is not None:
+        for name in ("matrix", "strain", "noise", "lambda", "prune"):
+            if options["lam" if name == "lambda" else name] is not None:
+                raise click.UsageError(f"--from has the problem of its scene; leave out --{name}")
+        return NEW_SCALED
+    if _is_given("share"):
+        raise click.UsageError("--share needs --from")
+    return None if options["matrix"] is None else NEW_MATRIX
+
+
+NEW_MATRIX = Job(function="new", schema="new-matrix", before=_new_file, files=_new_files)
+NEW_SCALED = Job(
+    function="scale",
+    schema="scale",
+    before=_rescaled,
+    files=lambda found, call: [call.arguments["output"]],
+)
+NEW_SCHEMA = Job(function="scene_schema", text=lambda found: print_json(found, ""), schema=None)
+SAMPLE = Job(
+    function="verify_sample",
+    outputs=(REPORT,),
+    schema="montecarlo-sample",
+    lacks="shows many samples; leave out --sample",
+)
+TABLE = {
+    "verify": VERIFY,
+    "check": Command(
+        about="Find poles, onset, settling and noise of a SPICE deck.",
+        outputs=(picture("step response and poles"), REPORT),
+        files=own_file,
+        parameters=(
+            option("outputs", "--output", metavar="NODE", multiple=True),
+            option("over", metavar="NAME[=LOW:HIGH:N]", multiple=True),
+            option("checks", "--check", metavar="NAME=LIMIT", multiple=True),
+            option("expect", metavar="V(NODE)=VALUE", multiple=True),
+            option("unit", metavar="VOLTS"),
+            option("accept", metavar="SHARE"),
+            option("tolerances", metavar="FILE", type=FILE, reads=True),
+            option("output", "-o", type=FILE, writes=True),
+        ),
+        ends="Exit status: 0 without checks or if all pass, 1 a check failed, 3 one is not"
+        " decided.",
+    ),
+    "diff": Command(
+        about="Compare the keys and the readings of two boards.",
+        outputs=(picture("the outputs of both over each other"), REPORT),
+        parameters=(argument("first", metavar="A"), argument("second", metavar="B")),
+        ends="Exit status: 0 if all readings are equal within their uncertainties, 1 if one is"
+        " not, 3 if that is unknown.",
+    ),
+    "netlist": Command(
+        about="Write the ngspice deck of a scene.",
+        text=lambda found: None if found.written else sys.stdout.write(found.text),
+        after=_netlist_remarks,
+        files=lambda found, call: found.written,
+        parameters=(
+            _output("Deck file; by default stdout."),
+            option("dialect", type=click.Choice(DIALECTS), show_default=True),
+        ),
+    ),
+    "bom": Command(about="List the parts to buy, with packages and power.", files=own_file),
+    "kicad": Command(
+        about="Draw a board for KiCad, and list its parts.",
+        text=_nothing,
+        after=lambda found, call: tell(f"not drawn: {what}" for what in found.not_drawn),
+        files=lambda found, call: found.written,
+        parameters=(folder("output", "-o"),),
+    ),
+    "build": Command(
+        about="Write all files for building a board, with its verdict.",
+        files=lambda found, call: [found.folder],
+        parameters=(folder("output", "-o"),),
+        ends="Exit status: that of the verdict.",
+    ),
+    "solve": Command(
+        about="Solve the problem numerically, with a certificate.",
+        schema="solve",
+        ends="Exit status: 3 if the solution has no certificate.",
+    ),
+    "simulate": Command(
+        about="Run the transient: waveforms and measurements.",
+        files=own_file,
+        parameters=(replace(OUTPUT, check="verification.report.output_checks:check_export"),),
+    ),
+    "montecarlo": Command(
+        about="Estimate the yield under component tolerances.",
+        outputs=(picture("histograms with limits, and the components behind the spread,"), REPORT),
+        other=lambda options: None if options["sample"] is None else SAMPLE,
+        parameters=(
+            option("sample", type=click.IntRange(0), of="verify_sample", required=False),
+            option("min_yield", type=NumberRange(0, 1)),
+            DATABASE,
+        ),
+        ends="Exit status with --min-yield: 0 if the whole 95 % interval of the yield lies above"
+        " that value, 1 if it lies below, else 3. Without --min-yield: 0.",
+    ),
+    "corners": Command(
+        about="Find the worst cases within the tolerances.",
+        outputs=(REPORT,),
+        parameters=(option("corner", multiple=True, metavar="KEY=Z,..."),),
+        ends="Exit status: 1 if a corner fails, else 3 if a corner has no verdict.",
+    ),
+    "explore": Command(
+        about="Move C, gain and more on a local page and watch the board.",
+        before=_announce,
+        after=lambda found, call: say("ended"),
+        parameters=(option("port", type=click.IntRange(0, 65535)),),
+    ),
+    "tune": Command(
+        about="Find the gain with the least settling time.",
+        outputs=(picture("settling time against overshoot"), REPORT),
+        files=own_file,
+        parameters=(
+            option("reach", type=NumberRange(1, 1000, min_open=True)),
+            option("overshoot", type=NumberRange(0, min_open=True)),
+        ),
+    ),
+    "choose": Command(
+        about="Choose op-amp, C and gain for given limits.",
+        outputs=(picture("maps of C and gain for every op-amp"), REPORT),
+        before=_choice_database,
+        files=lambda found, call: [one.file for one in found.best if one.file],
+        parameters=(
+            option("settling", metavar="TIME"),
+            option("rise", metavar="TIME"),
+            option("overshoot", metavar="SHARE"),
+            option("noise", metavar="VOLTS"),
+            option("opamps", metavar="A,B,C"),
+            option("c_range", metavar="LOW:HIGH"),
+            option("gain_range", metavar="LOW:HIGH"),
+            folder("output", "-o", check="system.output_files:check_own_folder"),
+            replace(DATABASE, name="store", flags=("--store",)),
+        ),
+        ends="Exit status: 0 if a design passes on both engines, 1 if none passes.",
+    ),
+    "scale": Command(about="Propose G0, U0, s and R for op-amps and supply.", files=own_file),
+    "onset": Command(
+        about="Find every stability crossing over a range.",
+        outputs=(picture("the pole map and the root locus"), REPORT),
+        parameters=(
+            option("over", metavar="KEY[=LOW:HIGH:N]"),
+            option("transients", "--confirm/--no-confirm"),
+        ),
+        ends="Exit status: 0 if the question was answered, 3 if a transient contradicts a"
+        " crossing.",
+    ),
+    "sweep": Command(
+        about="Verify a grid of scenes, here or on a cluster; resumable.",
+        document="verification.report.documents.document_catalogue:sweep_pieces",
+        outputs=(
+            output(
+                "export",
+                "Write a table (.csv, .parquet) or grid (.nc).",
+                "verification.studies.sweep.result:export_sweep",
+                check="verification.studies.sweep.result:check_sweep_export",
+            ),
+            picture("maps over two axes, or curves over one axis,"),
+            REPORT,
+        ),
+        before=_check_sweep,
+        parameters=(
+            option("over", multiple=True, metavar="KEY=LOW:HIGH:N"),
+            option("fix", multiple=True, metavar="KEY[=VALUE]"),
+            DATABASE,
+        ),
+        ends="Exit status: 0 if every point is stored, whatever its outcome; with --strict 1 if a"
+        " point fails; 3 if no point has a verdict.",
+    ),
+    "regress": Command(
+        about="Compare a folder of scenes with a stored baseline, for CI.",
+        after=_annotate_scenes,
+        outputs=(
+            text_file("junit", "Write a JUnit XML report.", f"{JUNIT}:regression_junit"),
+            text_file("markdown", "Write a Markdown summary.", _regression_markdown),
+            REPORT,
+        ),
+        files=lambda found, call: [call.options["baseline"]] if found.updated else [],
+        parameters=(
+            argument("folder", metavar="DIR"),
+            option("baseline", type=click.Path(), metavar="FILE", reads=True),
+            ANNOTATE,
+        ),
+        ends="Exit status: 1 if a check failed, or if a result differs from the baseline by more"
+        " than the scene's table [regression] allows. --update stores differences, but"
+        " leaves a scene with a failed check as it was.",
+    ),
+    "stress": Command(
+        about="Run stiff and extreme scenes whose results are known.",
+        outputs=(REPORT,),
+        ends="Exit status: 1 if an outcome or a number is wrong, 3 if ngspice is missing.",
+    ),
+    "accuracy": Command(
+        about="Compare error and run time of engines and methods.",
+        outputs=(picture("error against run time"), REPORT),
+        parameters=(option("budget", type=NumberRange(min=0.5)),),
+        ends="Exit status: 3 if no run of the board ended within the budget.",
+    ),
+    "reproduce": Command(
+        about="Test the paper, claim by claim and figure by figure.",
+        outputs=(REPORT,),
+        ends="Exit status: 1 if a verdict differs from the verdict that taction has on record, 3 if"
+        " a claim could not be tested.",
+    ),
+    "demo": Command(
+        about="Tell the paper's story on three boards; no file is needed.",
+        outputs=(picture("the outputs of the three boards"),),
+        files=lambda found, call: [found.file] if found.file else [],
+        ends="Exit status: 0 if the boards behave as told.",
+    ),
+    "models": Command(
+        about="List the op-amp presets, or import a vendor's model.",
+        view="verification.report.views.opamp_view:list_view",
+        commands={
+            "show": Command(
+                function="opamp",
+                outputs=(picture("the Bode diagram of the open loop"),),
+                parameters=(argument("name", type=str, reads=False),),
+            ),
+            "import": Command(
+                function="import_model",
+                files=lambda found, call: [found.file],
+                parameters=(
+                    option("pins", metavar="ROLE,ROLE,..."),
+                    option("supply", show_default=True),
+                    option("compensation", metavar="FARADS"),
+                ),
+            ),
+        },
+    ),
+    "mcp": Command(
+        about="Serve verify, check, onset and more to a program, by MCP.",
+        parameters=(option("limit", metavar="SECONDS", type=NumberRange(0, 86400, min_open=True)),),
+    ),
+    "new": Command(
+        about="Write a scene file with comments.",
+        text=_nothing,
+        before=_new_file,
+        files=_new_files,
+        other=_new_job,
+        parameters=(
+            argument("file", metavar="[FILE]", type=FILE, required=False, reads=False, writes=True),
+            _output("The same as FILE."),
+            option("schema", is_flag=True, help="Print the JSON schema of scene files instead."),
+            option(
+                "scene",
+                "--from",
+                metavar="SCENE",
+                reads=True,
+                help="A scene for the problem of SCENE, with G0, U0, s and R that use the swing of"
+                " its op-amps and that can be bought; lambda stays. The state-space engine"
+                " verifies it.",
+            ),
+            OPTIONS["share"],
+            option("noise", metavar="SIGMA"),
+            option("lam", "--lambda", type=NumberRange(0, min_open=True)),
+            option("prune", type=NumberRange(0, 1, max_open=True)),
+        ),
+    ),
+    "doctor": Command(
+        about="List what is installed and what each part is for.",
+        ends="Exit status: 3 if ngspice is missing.",
+    ),
+}
+COMMANDS = {
+    name: each if each.function else replace(each, function=name) for name, each in TABLE.items()
+}
+"""By name. All of these names work; `SECTIONS` are those that --help lists."""
