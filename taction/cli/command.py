@@ -182,7 +182,7 @@ class Command(Job):
         """All arguments and options, with those of the outputs."""
         given = {parameter.name: parameter for parameter in self.parameters}
         own = [
-            given.pop(name, None) or OPTIONS.get(name) or _derived(known)
+            given.pop(name) if name in given else OPTIONS.get(name) or _derived(known)
             for name, known in signature(self.function).items()
             if name not in (*PYTHON_ONLY, *self.python_only)
         ]

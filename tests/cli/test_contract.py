@@ -37,6 +37,7 @@ WORDS = {
     "models import": "models import a.cir --subckt A --pins inp,inn,vcc,vee,out",
 }
 
+
 def commands(table: Mapping[str, Command] = COMMANDS, above: str = "") -> Iterator[str]:
     for name, command in table.items():
         yield f"{above}{name}"
