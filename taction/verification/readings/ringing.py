@@ -32,7 +32,7 @@ _FITTED_WINDOWS = 16  # least number of windows of a fit
 _MIXED = 4  # most modes of nearly one frequency
 _GONE = 1e-3  # magnitude of an exponential that decays within one window
 _SEEN = 0.02  # of the largest: a mode of a smaller share at the end is not told apart
-_NEAR = 0.1  # relative distance of the fitted frequency from its line
+_NEAR, _FAR = 0.1, 0.5  # relative distances of the fitted frequency from its line
 _MOST = 0.5  # of a channel's ringing: a mode of a smaller share says nothing of the channel
 _FEWEST_WINDOWS = 4  # of a fit
 _ROUNDING = 1e-14  # of the largest signal: a smaller tone is none
@@ -272,10 +272,12 @@ def find_ringing(time: Floats, signals: Floats) -> RecordRinging:
         used = max(int(np.searchsorted(time, whole.middle[kept - 1] + period)), 8)
     windows = _Windows.of(time[:used], signals[:used], width, period, _FITTED_WINDOWS)
     mode = _fit(windows, pole, _TREND, doubt)
-    if mode is not None and mode.residual < GOOD_FIT:  # now exact for it
-        tones, rest = whole.fit(complex(mode.growth_rate, math.tau * mode.frequency), _TREND)
-        amplitude = np.abs(tones) + rest
+    if mode is not None and abs(mode.frequency * period - 1.0) > _FAR:
+        mode = None  # the fit left its line: a trend, whose tone cannot be told from its trend
     if mode is not None and abs(mode.frequency * period - 1.0) < _NEAR:
+        if mode.residual < GOOD_FIT:  # now exact for it
+            tones, rest = whole.fit(complex(mode.growth_rate, math.tau * mode.frequency), _TREND)
+            amplitude = np.abs(tones) + rest
         period = 1.0 / mode.frequency
     return RecordRinging(whole.middle, amplitude, period, mode)
 

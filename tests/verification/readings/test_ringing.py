@@ -237,3 +237,16 @@ def test_every_channel_has_bounds_of_its_own() -> None:
     assert under[2] == pytest.approx(0.01, rel=1e-3)
     exact, _ = bounds(signal, step)
     assert all(0.0 < bound < 1e-4 for bound in exact)
+
+
+@pytest.mark.parametrize("rate", [1.5, 1.7, 2.0])
+@pytest.mark.parametrize("decay", [2.31, 2.49])
+def test_an_approach_on_few_points_is_no_ringing_larger_than_its_chords(rate, decay):
+    """A line that few points leave in the spectrum, from which the fit of a tone runs away."""
+    steps = 1e-7 * rate ** np.arange(60)
+    head = np.append(0.0, np.cumsum(steps[steps < 1.0]))
+    time = np.arange(head[-1] + 1.0, 17.0)
+    time = np.concatenate([head, time])
+    found = find_ringing(time, (1.0 - np.exp(-decay * time))[:, None])
+    assert found.amplitude.max() < 0.05
+    assert found.mode is None or found.mode.channels[0] < 0.05
