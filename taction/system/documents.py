@@ -53,6 +53,7 @@ Number = float | None
 """A number without a unit; null: unknown, or infinite."""
 
 
+UNIONS = (Union, types.UnionType)
 PACKAGE = __name__.partition(".")[0]
 MOST_INTEGER = 10**300
 INLINE: dict[str, Any] = {"inline": {}}
@@ -77,13 +78,16 @@ class DocumentPart:
     filled: bool = False  # null where it is empty
 
     def of(self, value: Any) -> Any:
-        """Return the field of the document of `value`."""
+        """Return the field of the document of `value`; None where an attribute on the way is."""
         if self.text is not None:
             return self.text
-        found = _at(value, self.attribute) if self.attribute else value
+        for name in filter(None, self.attribute.split(".")):
+            if value is not None:
+                value = value.get(name) if isinstance(value, Mapping) else getattr(value, name)
+                value = value() if inspect.ismethod(value) else value
         if self.place:
-            found = load(f"{PACKAGE}.{self.place}")(found)
-        return (found or None) if self.filled else found
+            value = load(f"{PACKAGE}.{self.place}")(value)
+        return (value or None) if self.filled else value
 
 
 @cache
@@ -131,7 +135,7 @@ def _kind_at(kind: Any, path: str) -> tuple[Any, tuple[Any, ...]]:
     """Return the type of an attribute of an attribute, and its notes."""
     inner, notes, optional = kind, tuple[Any, ...](), False
     for name in filter(None, path.split(".")):
-        if get_origin(inner) in (Union, types.UnionType):
+        if get_origin(inner) in UNIONS:
             (inner,) = (each for each in get_args(inner) if each is not types.NoneType)
             optional = True
         is_mapping = issubclass(get_origin(inner) or object, Mapping)
@@ -163,16 +167,6 @@ def document_of(kind: Any) -> Any:
     if not isinstance(place, str):
         return kind
     return _returned(load(place))
-
-
-def _at(value: Any, path: str) -> Any:
-    """Return an attribute of an attribute; None if one on the way is None."""
-    for name in path.split("."):
-        if value is None:
-            return None
-        value = value.get(name) if isinstance(value, Mapping) else getattr(value, name)
-        value = value() if inspect.ismethod(value) else value
-    return value
 
 
 def _part(name: str, inner: Any, notes: tuple[Any, ...]) -> DocumentPart:
@@ -224,15 +218,11 @@ def _plain_parts(value: Any) -> dict[str, Any]:
     kind: type = type(value)
     for part in parts_of(kind):
         item = plain(part.of(value))
-        if item is None and not part.required:
-            continue
-        inside, (*places, key) = found, part.key.split(".")
-        for place in places:
-            inside = inside.setdefault(place, {})
-        if part.inline is None:
-            inside[key] = item
-        elif item is not None:
-            inside |= item
+        if item is not None or (part.required and part.inline is None):
+            inside, (*places, key) = found, part.key.split(".")
+            for place in places:
+                inside = inside.setdefault(place, {})
+            inside |= {key: item} if part.inline is None else item
     return found
 
 
@@ -257,7 +247,7 @@ def _read(kind: Any, data: Any, place: str) -> Any:
     origin, inner = get_origin(kind), get_args(kind)
     if kind is Any:
         return data
-    if origin in (Union, types.UnionType):
+    if origin in UNIONS:
         reasons = list[str]()
         for each in inner:
             try:
@@ -266,27 +256,27 @@ def _read(kind: Any, data: Any, place: str) -> Any:
                 reasons.append(str(error))
         raise ValueError(reasons[0])
     if dataclasses.is_dataclass(kind):
-        return _read_parts(kind, _checked(data, Mapping, place, "a table"), place)
-    if origin is tuple or origin is list:
-        _checked(data, list | tuple, place, "a list")
-        if origin is tuple and inner[-1] is not Ellipsis and len(data) != len(inner):
-            raise _wrong(place, data, f"a list of {len(inner)}")
-        kinds = inner if len(inner) == len(data) and inner[-1] is not Ellipsis else inner[:1]
-        items = [_read(kinds[n % len(kinds)], item, f"{place}[{n}]") for n, item in enumerate(data)]
-        return tuple(items) if origin is tuple else items
+        return _read_parts(kind, data, place)
+    if origin in (tuple, list):
+        fixed = origin is tuple and inner[-1] is not Ellipsis
+        if not isinstance(data, list | tuple) or (fixed and len(data) != len(inner)):
+            raise _wrong(place, data, f"a list of {len(inner)}" if fixed else "a list")
+        kinds = zip(inner if fixed else itertools.repeat(inner[0]), data, strict=False)
+        return origin(_read(each, item, f"{place}[{n}]") for n, (each, item) in enumerate(kinds))
     if origin is not None and origin is not Literal and issubclass(origin, Mapping):
-        _checked(data, Mapping, place, "a table")
-        return {k: _read(inner[1], item, f"{place}.{k}".lstrip(".")) for k, item in data.items()}
+        items = _table(data, place).items()
+        return {key: _read(inner[1], item, f"{place}.{key}".lstrip(".")) for key, item in items}
     return _read_one(kind, data, place)
 
 
 WORDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "a text"}
 """What is expected where a value is of another type."""
+TYPES: dict[Any, Any] = {float: int | float, int: int}
 
 
-def _checked(data: Any, kinds: Any, place: str, expected: str) -> Any:
-    if not isinstance(data, kinds):
-        raise _wrong(place, data, expected)
+def _table(data: Any, place: str) -> Mapping[str, Any]:
+    if not isinstance(data, Mapping):
+        raise _wrong(place, data, "a table")
     return data
 
 
@@ -302,20 +292,15 @@ def _wrong(place: str, data: Any, expected: str) -> ValueError:
 
 def _read_one(kind: Any, data: Any, place: str) -> Any:
     """Return a value of a plain type, of an enumeration or of a `Literal`."""
-    if get_origin(kind) is Literal or (isinstance(kind, type) and issubclass(kind, enum.Enum)):
+    if get_origin(kind) is Literal or issubclass(kind, enum.Enum):
         known = get_args(kind) or tuple(each.value for each in kind)
         if data not in known:
             raise _wrong(place, data, f"one of {listed(known)}")
         return data if get_args(kind) else kind(data)
-    if kind is type(None):
-        fits = data is None
-    elif kind is float:
-        fits = isinstance(data, int | float) and not isinstance(data, bool)
-        fits = fits and abs(data) <= sys.float_info.max  # false for NaN
-    elif kind is int:
-        fits = isinstance(data, int) and not isinstance(data, bool) and abs(data) <= MOST_INTEGER
-    else:
-        fits = isinstance(data, kind)
+    fits = isinstance(data, TYPES.get(kind, kind))
+    if kind in TYPES:
+        most = MOST_INTEGER if kind is int else sys.float_info.max
+        fits = fits and not isinstance(data, bool) and abs(data) <= most  # false for NaN
     if not fits:
         raise _wrong(place, data, WORDS.get(kind, "null"))
     return float(data) if kind is float else data
@@ -323,19 +308,19 @@ def _read_one(kind: Any, data: Any, place: str) -> Any:
 
 def _read_parts(kind: Any, data: Any, place: str) -> Any:
     """Return a value of a dataclass; what its document has beside its fields is left out."""
-    fields, values = {field.name: field for field in dataclasses.fields(kind)}, {}
-    missing = dataclasses.MISSING
+    table, values = _table(data, place), {}
+    fields = {field.name: field for field in dataclasses.fields(kind)}
     for part in parts_of(kind):
         field, here = fields.get(part.attribute), f"{place}.{part.key}".lstrip(".")
         if field is None:
             continue
         if part.inline is not None:
-            names = part.inline
-            known = {key: data[key] for key in names if key in data} if names else data
+            names = part.inline or table
+            known = {key: table[key] for key in names if key in table}
             values[part.attribute] = _read(part.kind, known, place)
-        elif part.key in data:
-            values[part.attribute] = _read(part.kind, data[part.key], here)
-        elif field.default is missing and field.default_factory is missing:
+        elif part.key in table:
+            values[part.attribute] = _read(part.kind, table[part.key], here)
+        elif field.default is field.default_factory:  # both are missing
             raise ValueError(f"{here}: missing")
     return kind(**values)
 
@@ -391,8 +376,9 @@ def schema(kind: Any) -> dict[str, Any]:
     return made | ({"$defs": dict(sorted(shared.items()))} if shared else {})
 
 
-_PLAIN = {bool: "boolean", int: "integer", str: "string", type(None): "null"}
 _NUMBER = {"type": ["number", "null"]}
+_PLAIN: dict[Any, Any] = {bool: "boolean", int: "integer", str: "string", type(None): "null"}
+_PLAIN[float] = _NUMBER["type"]
 
 
 def _schema(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
@@ -405,7 +391,7 @@ def _schema_of(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
     origin, inner = get_origin(kind), get_args(kind)
     if kind is Any:
         return {}
-    if origin in (Union, types.UnionType):
+    if origin in UNIONS:
         return _any_of([_schema(each, shared) for each in inner])
     if origin is Literal:
         return {"enum": list(inner)}
@@ -413,8 +399,6 @@ def _schema_of(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
         return {"type": "object", "additionalProperties": _schema(inner[1], shared) or True}
     if origin in (tuple, list, Sequence):
         return {"type": "array", "items": _schema(inner[0], shared)}
-    if kind is float:
-        return {**_NUMBER}
     if kind in _PLAIN:
         return {"type": _PLAIN[kind]}
     if dataclasses.is_dataclass(kind):

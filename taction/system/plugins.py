@@ -14,15 +14,12 @@ from __future__ import annotations
 import functools
 import re
 from collections.abc import Callable, Iterator, Mapping
-from importlib import import_module, metadata, util
+from importlib import metadata, util
+from importlib.metadata import EntryPoint
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from taction.system.errors import Complaint, InputError
-
-if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
 
 T = TypeVar("T")
 
@@ -49,13 +46,11 @@ def offers() -> tuple[EntryPoint, ...]:
     every = metadata.entry_points()
     found = [offer for group in GROUPS for offer in every.select(group=group)]
     found.sort(key=lambda offer: (offer.group, offer.name, distribution(offer)))
-    known: dict[tuple[str, str], EntryPoint] = {}
-    for offer in found:
+    for before, offer in zip([None, *found], found, strict=False):
         if not re.fullmatch(r"[a-z][a-z0-9_]*", offer.name):
             text = "a name is a lower-case letter, then such letters, digits and '_'"
             raise _refused(offer, text)
-        before = known.setdefault((offer.group, offer.name), offer)
-        if before is not offer:
+        if before is not None and (before.group, before.name) == (offer.group, offer.name):
             text = f"the plug-in {distribution(before)} offers this name, too; uninstall one"
             raise _refused(offer, text)
     return tuple(found)
@@ -64,17 +59,6 @@ def offers() -> tuple[EntryPoint, ...]:
 def names(group: str) -> tuple[str, ...]:
     """Return the names that installed packages offer in `group`; no object is loaded."""
     return tuple(offer.name for offer in offers() if offer.group == group)
-
-
-def objects_of(package: ModuleType, attribute: str) -> Callable[[], Mapping[str, Any]]:
-    """Return what loads the objects of one name in the modules `NAMES` of a package."""
-
-    @functools.cache
-    def load() -> Mapping[str, Any]:
-        place = package.__name__
-        return {n: getattr(import_module(f"{place}.{n}"), attribute) for n in package.NAMES}
-
-    return load
 
 
 class OpenTable(Mapping[str, T]):
@@ -122,8 +106,7 @@ class OpenTable(Mapping[str, T]):
 
     def __getitem__(self, name: str) -> T:
         entry = self._entries()[name]
-        is_offer = any(entry is each for each in offers())
-        return cast(T, self._loaded(entry) if is_offer else entry)
+        return cast(T, self._loaded(entry) if isinstance(entry, EntryPoint) else entry)
 
     def _loaded(self, offer: EntryPoint) -> Any:
         try:

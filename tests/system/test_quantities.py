@@ -13,70 +13,44 @@ from taction.system.quantities import EXAMPLES, UNITS, parse, show
 LETTERS = "0123456789.,eE+-_%  µΩkMmpFVHzoh٣²\n\0"
 
 
-@pytest.mark.parametrize(
-    ("text", "unit", "value"),
-    [
-        ("10pF", "F", 1e-11),
-        ("10p", "F", 1e-11),
-        ("1e-11", "F", 1e-11),
-        (" 1e-11 F ", "F", 1e-11),
-        (".5V", "V", 0.5),
-        ("+5.V", "V", 5.0),
-        ("-1mV", "V", -1e-3),
-        ("1M", "ohm", 1e6),
-        ("1m", "ohm", 1e-3),
-        ("1f", "F", 1e-15),
-        ("1F", "F", 1.0),
-        ("1mho", "S", 1.0),
-        ("1umho", "S", 1e-6),
-        ("1farad", "F", 1.0),
-        ("1amp", "A", 1.0),
-        ("5msec", "s", 5e-3),
-        ("1MHz", "Hz", 1e6),
-        (7, "V", 7.0),
-        (0.25, "V", 0.25),
-    ],
-)
-def test_spellings(text: str | float, unit: str, value: float) -> None:
-    assert parse(text, unit) == value
+SPELLINGS = (
+    "10pF F 1e-11", "10p F 1e-11", "1e-11 F 1e-11", " 1e-11 F  F 1e-11", ".5V V 0.5", "+5.V V 5",
+    "-1mV V -1e-3", "1M ohm 1e6", "1m ohm 1e-3", "1f F 1e-15", "1F F 1", "1mho S 1",
+    "1umho S 1e-6", "1farad F 1", "1amp A 1", "5msec s 5e-3", "1MHz Hz 1e6",
+)  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("text", "unit", "says"),
-    [
-        ("1,5pF", "F", "not as a comma"),
-        ("1.2.3k", "ohm", "not a number"),
-        ("10 V", "F", "the unit is 'V'"),
-        ("10ohm", "S", "the unit is 'ohm'"),
-        ("10ppF", "F", "the unit is 'pF'"),
-        ("10 p F", "F", "not a number"),
-        ("1mhz", "Hz", "the unit is 'hz'"),
-        ("1 megahertz", "Hz", "the unit is"),
-        ("10%", "V", "not a number"),
-        ("1_000", "ohm", "not a number"),
-        ("C = 10pF", "F", "not a number"),
-        ("1kohm # comment", "ohm", "not a number"),
-        ("q", "F", "not a number"),
-        ("Z0", "ohm", "not a number"),
-        ("pF", "F", "not a number"),
-        ("", "F", "not a number"),
-        ("0x10", "F", "not a number"),
-        ("1e", "F", "the unit is 'e'"),
-        ("1e3k", "ohm", "the unit is 'k'"),
-        ("nan", "F", "not a number"),
-        ("1e400", "F", "not finite"),
-        (float("nan"), "F", "not finite"),
-        (float("-inf"), "F", "not finite"),
-        (10**400, "F", "not finite"),
-        (True, "F", "expected a quantity"),
-        (None, "F", "expected a quantity"),
-        ([1], "F", "expected a quantity"),
-    ],
-)
-def test_slips_are_refused_with_what_is_accepted(text: object, unit: str, says: str) -> None:
-    with pytest.raises(ValueError, match=says) as caught:
-        parse(text, unit)
-    assert EXAMPLES[unit] in str(caught.value)
+@pytest.mark.parametrize("spelling", SPELLINGS)
+def test_spellings(spelling: str) -> None:
+    text, unit, value = spelling.rsplit(" ", 2)
+    assert parse(text, unit) == float(value)
+    assert parse(float(value), unit) == float(value)
+
+
+SLIPS: dict[str, tuple[tuple[object, str], ...]] = {
+    "not as a comma": (("1,5pF", "F"),),
+    "the unit is 'V'": (("10 V", "F"),),
+    "the unit is 'ohm'": (("10ohm", "S"),),
+    "the unit is 'pF'": (("10ppF", "F"),),
+    "the unit is 'hz'": (("1mhz", "Hz"),),
+    "the unit is 'e'": (("1e", "F"),),
+    "the unit is 'k'": (("1e3k", "ohm"),),
+    "the unit is": (("1 megahertz", "Hz"),),
+    "not a number": (
+        *((text, "ohm") for text in ("1.2.3k", "1_000", "1kohm # comment", "Z0")),
+        *((text, "F") for text in ("10 p F", "C = 10pF", "q", "pF", "", "0x10", "nan", "10%")),
+    ),
+    "not finite": tuple((n, "F") for n in ("1e400", float("nan"), float("-inf"), 10**400)),
+    "expected a quantity": ((True, "F"), (None, "F"), ([1], "F")),
+}
+
+
+@pytest.mark.parametrize("says", SLIPS)
+def test_slips_are_refused_with_what_is_accepted(says: str) -> None:
+    for text, unit in SLIPS[says]:
+        with pytest.raises(ValueError, match=says) as caught:
+            parse(text, unit)
+        assert EXAMPLES[unit] in str(caught.value)
 
 
 @given(st.floats(1e-17, 1e13), st.sampled_from(sorted(UNITS)))

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import random
-import resource
 import shutil
 import signal
 import sqlite3
@@ -135,13 +134,13 @@ class Place:
     def said(self) -> str:
         return (self.folder / "stderr").read_text(errors="replace")
 
-    def start(self, largest_file: int | None = None, **variables: str) -> subprocess.Popen[Any]:
-        """Start the command; `largest_file` is a limit in bytes, as a full disk."""
+    def start(self, **variables: str) -> subprocess.Popen[Any]:
+        """Start the command."""
         own = {MARK: f"{self.folder}", "PYTHONPATH": f"{ROOT}"}
         own["TMPDIR"] = str(self.folder / "tmp")
         line = [sys.executable, "-m", "taction", *STUDIES[self.study], "--json"]
         with (self.folder / "stdout").open("wb") as out, (self.folder / "stderr").open("wb") as err:
-            process = subprocess.Popen(
+            return subprocess.Popen(
                 line,
                 cwd=self.work,
                 stdin=subprocess.DEVNULL,
@@ -149,9 +148,6 @@ class Place:
                 stderr=err,
                 env=os.environ | own | NO_BYTECODE | variables,
             )
-        if largest_file is not None:  # before the first line of taction runs
-            resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (largest_file, largest_file))
-        return process
 
     def rows(self) -> dict[str, Any]:
         """Return every stored point by its key: outcome and record."""
@@ -318,45 +314,21 @@ def power_cut(place: Place, seconds: float, chance: random.Random) -> Iterator[s
                 stream.write(bytes(SECTOR * chance.randint(1, 20)))
 
 
-def two_at_once(place: Place, seconds: float, chance: random.Random) -> Iterator[str]:
-    """Start the same command twice on one database."""
-    first = place.start()
-    time.sleep(0.5 * chance.random() * seconds)
-    second = place.start()
-    second.wait()
-    yield from ended(first, place.folder)
-
-
-def full_disk(place: Place, seconds: float, chance: random.Random) -> Iterator[str]:
-    """Let no file grow beyond a random size."""
-    yield from without_verdicts(place, largest_file=chance.randint(1_000, 120_000))
-
-
 def removed_simulator(place: Place, seconds: float, chance: random.Random) -> Iterator[str]:
-    """Remove ngspice in the middle of a run."""
+    """Remove ngspice in the middle of a run: that is not stored as the result of a point."""
     link = place.folder / "ngspice"
     link.symlink_to(shutil.which(os.environ.get("TACTION_NGSPICE") or "ngspice") or "ngspice")
 
-    def remove() -> None:
-        time.sleep(chance.random() * seconds)
-        link.unlink()
-
-    yield from without_verdicts(place, then=remove, TACTION_NGSPICE=str(link))
-
-
-def without_verdicts(
-    place: Place, then: Callable[[], None] = lambda: None, **disturbed: Any
-) -> Iterator[str]:
-    """Run a disturbed study: no failure of the machine is stored as the result of a point."""
-    process = place.start(**disturbed)
-    then()
+    process = place.start(TACTION_NGSPICE=str(link))
+    time.sleep(chance.random() * seconds)
+    link.unlink()
     yield from ended(process, place.folder)
     if process.returncode not in (0, 3):
         yield f"exit status {process.returncode}: {place.said[-300:]}"
     yield from (f"stored: {row}" for row in place.rows().values() if row[0] == "error")
 
 
-DISASTERS = (power_cut, two_at_once, full_disk, removed_simulator)
+DISASTERS = (power_cut, removed_simulator)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from importlib import import_module
 from typing import ClassVar
 
 import numpy as np
@@ -21,7 +22,7 @@ from taction.netlist_gen.scene.fields import LARGE, LEAST, MOST, SMALL, Model
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from taction.system.errors import Complaint, InputError
-from taction.system.plugins import OpenTable, objects_of
+from taction.system.plugins import OpenTable
 
 
 class Topology(ABC):
@@ -102,7 +103,9 @@ def slope_of(scene: Scene) -> float:
 
 
 TOPOLOGIES: Mapping[str, Topology] = OpenTable(
-    "taction.topologies", objects_of(topologies, "TOPOLOGY"), Topology
+    "taction.topologies",
+    lambda: {n: import_module(f"{topologies.__name__}.{n}").TOPOLOGY for n in topologies.NAMES},
+    Topology,
 )
 """The topologies by the word in a scene."""
 
