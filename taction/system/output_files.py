@@ -6,7 +6,6 @@ import contextlib
 import errno
 import importlib.util
 import os
-import re
 import shutil
 import stat
 import tempfile
@@ -21,8 +20,6 @@ PREFIX = ".taction-"  # of a file that is being written, beside the file that it
 LONGEST_ENDING = 16  # characters
 ABANDONED = 3600.0  # s since the last write to a file: nobody writes to it any more
 UNCHANGED = "expected a file that can be written. An older file is unchanged"
-_DESCRIPTOR = re.compile(r"(?:/dev|/proc/self)/fd/(\d+)")
-_STREAMS = {"/dev/stdin": 0, "/dev/stdout": 1, "/dev/stderr": 2}
 
 
 def write_atomically(path: str | Path, content: str | bytes) -> None:
@@ -44,29 +41,24 @@ def replacing(path: str | Path) -> Iterator[Path]:
     """Give a file to write to, and move it to `path` when it is complete; InputError if it cannot.
 
     A full disk or a killed process leaves an older file at `path` unchanged. A link is followed;
-    a device, a pipe or a stream of this process (``/dev/stdout``) receives the complete content.
+    a device or a pipe receives the complete content.
     """
-    stream, name = _STREAMS.get(str(path)), _DESCRIPTOR.fullmatch(str(path))
-    stream = int(name[1]) if name else stream
     try:
-        if stream is None and not is_special(path):
+        if not is_special(path):
             with _beside(Path(os.path.realpath(path))) as file:
                 yield file
             return
         with own_folder() as folder:
             file = folder / f"output{_ending(Path(path))}"
             yield file
-            target = path if stream is None else os.dup(stream)
-            with file.open("rb") as source, open(target, "wb") as opened:  # noqa: PTH123
+            with file.open("rb") as source, Path(path).open("wb") as opened:
                 shutil.copyfileobj(source, opened)
-    except OSError as error:
-        if isinstance(error, BrokenPipeError) and stream is not None:
-            raise
-        missing = error.errno == errno.ENOENT
-        reason = "its folder does not exist" if missing else error.strerror or str(error)
+    except BrokenPipeError:
+        raise
+    except (OSError, ValueError) as error:  # a name with a zero byte is a ValueError
+        missing = isinstance(error, FileNotFoundError)
+        reason = "its folder does not exist" if missing else getattr(error, "strerror", error)
         raise InputError(path, Complaint("FILE", "", f"{reason}; {UNCHANGED}")) from None
-    except ValueError as error:  # a name with a zero byte
-        raise InputError(path, Complaint("FILE", "", f"{error}; {UNCHANGED}")) from None
 
 
 @contextlib.contextmanager

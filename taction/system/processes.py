@@ -57,19 +57,13 @@ _END: ContextVar[float] = ContextVar("end of all runs", default=math.inf)
 
 
 @contextlib.contextmanager
-def one_limit(seconds: float) -> Iterator[None]:
-    """Give all runs within this block one limit together, s of wall time."""
-    token = _END.set(min(_END.get(), time.monotonic() + seconds))
-    try:
-        yield
-    finally:
-        _END.reset(token)
+def one_limit(seconds: float, *, more: bool = False) -> Iterator[None]:
+    """Give all runs within this block one limit together, s of wall time.
 
-
-@contextlib.contextmanager
-def more_time(seconds: float) -> Iterator[None]:
-    """Add seconds to the limit for the runs within, such as those of a further value."""
-    token = _END.set(_END.get() + seconds)
+    `more`: the seconds are added to the limit around the block.
+    """
+    known = _END.get()
+    token = _END.set(known + seconds if more else min(known, time.monotonic() + seconds))
     try:
         yield
     finally:
@@ -173,7 +167,8 @@ def own_folder() -> Iterator[Path]:
 def remove_own_folder(folder: Path) -> None:
     """Remove a folder with its content; a later run clears what is left."""
     shutil.rmtree(folder, ignore_errors=True)
-    _unlock(folder)
+    if str(folder) in _locks:
+        os.close(_locks.pop(str(folder)))
 
 
 def keep_folder(folder: Path) -> Path:
@@ -183,13 +178,8 @@ def keep_folder(folder: Path) -> Path:
     kept = folder.with_name(KEPT + folder.name.removeprefix(RUNNING))
     with contextlib.suppress(OSError):  # the folder is gone: its name is all that is left
         folder.rename(kept)
-    _unlock(folder)
+    os.close(_locks.pop(str(folder)))
     return kept
-
-
-def _unlock(folder: Path) -> None:
-    if (number := _locks.pop(str(folder), None)) is not None:
-        os.close(number)
 
 
 @functools.cache

@@ -24,7 +24,7 @@ from taction.system.errors import (
     SimulationError,
     TactionError,
 )
-from taction.system.processes import more_time, one_limit, time_left
+from taction.system.processes import one_limit, time_left
 from taction.system.progress import LONGEST, attempt
 from taction.verification.studies.decks.foreign_board import read_board
 
@@ -180,7 +180,7 @@ def test_runs_share_what_is_left() -> None:
         assert time_left(5.0) == 5.0
         with one_limit(1e3):  # never later than the one around it
             assert time_left(1e3) <= 100.0
-        with more_time(50.0):
+        with one_limit(50.0, more=True):
             assert 149.0 < time_left(1e3) <= 150.0
         assert time_left(1e3) <= 100.0
     assert time_left(1e3) == 1e3

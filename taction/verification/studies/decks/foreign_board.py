@@ -28,7 +28,7 @@ from taction.netlist_gen.deck.foreign_lines import number
 from taction.netlist_gen.deck.ltspice import missing_cards
 from taction.netlist_gen.deck.vendor_subcircuit import is_plain, ltspice_opamps, ready_lines
 from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
-from taction.system.processes import more_time
+from taction.system.processes import one_limit
 from taction.verification.characterise.operating_point import (
     MISFIT,
     DeckPoint,
@@ -108,7 +108,7 @@ class ForeignBoard:
             return circuit_of(flat, self.circuit.name, nodes)
 
         if self.point is not None:
-            with more_time(VALUE_SECONDS * len(changes)):
+            with one_limit(VALUE_SECONDS * len(changes), more=True):
                 return [circuit(partial(measured, each)) for each in changes]
         try:
             every = expand(self._ready, find_simulator(), changes)
