@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
@@ -86,62 +87,51 @@ def _at(share: float, length: int) -> int:
     return min(int(share * (length + 1)), length)
 
 
-def splice(share: float, count: int, new: bytes) -> Edit:
+def edits(change: Callable[..., bytes], *drawn: SearchStrategy[Any]) -> SearchStrategy[Edit]:
+    """Return edits by a function of the content and of values that are drawn."""
+    return st.tuples(*drawn).map(lambda given: lambda content: change(content, *given))
+
+
+def splice(content: bytes, share: float, count: int, new: bytes) -> bytes:
     """Put bytes in the place of `count` others."""
-
-    def edit(content: bytes) -> bytes:
-        i = _at(share, len(content))
-        return content[:i] + new + content[i + count :]
-
-    return edit
+    i = _at(share, len(content))
+    return content[:i] + new + content[i + count :]
 
 
-def move(source: float, target: float, count: int) -> Edit:
+def overwrite(content: bytes, share: float, new: bytes) -> bytes:
+    """Put bytes in the place of as many."""
+    return splice(content, share, len(new), new)
+
+
+def move(content: bytes, source: float, target: float, count: int) -> bytes:
     """Copy bytes over others."""
-
-    def edit(content: bytes) -> bytes:
-        new = content[_at(source, len(content)) :][:count]
-        return splice(target, len(new), new)(content)
-
-    return edit
+    return overwrite(content, target, content[_at(source, len(content)) :][:count])
 
 
-def value(share: float, new: str) -> Edit:
+def value(content: bytes, share: float, new: str) -> bytes:
     """Replace a number, a text or a truth value."""
-
-    def edit(content: bytes) -> bytes:
-        tokens = list(TOKEN.finditer(content))
-        if not tokens:
-            return content
-        token = tokens[_at(share, len(tokens) - 1)]
-        return content[: token.start()] + new.encode() + content[token.end() :]
-
-    return edit
+    tokens = list(TOKEN.finditer(content))
+    if not tokens:
+        return content
+    token = tokens[_at(share, len(tokens) - 1)]
+    return content[: token.start()] + new.encode() + content[token.end() :]
 
 
-def scale(share: float, exponent: float) -> Edit:
+def scale(content: bytes, share: float, exponent: float) -> bytes:
     """Multiply a number, also one with a unit, by a power of ten."""
-
-    def edit(content: bytes) -> bytes:
-        numbers = list(NUMBER.finditer(content))
-        if not numbers:
-            return content
-        found = numbers[_at(share, len(numbers) - 1)]
-        new = f"{float(found[0]) * 10.0**exponent:.6g}".encode()
-        return content[: found.start()] + new + content[found.end() :]
-
-    return edit
+    numbers = list(NUMBER.finditer(content))
+    if not numbers:
+        return content
+    found = numbers[_at(share, len(numbers) - 1)]
+    new = f"{float(found[0]) * 10.0**exponent:.6g}".encode()
+    return content[: found.start()] + new + content[found.end() :]
 
 
-def line(share: float, change: Callable[[bytes], bytes]) -> Edit:
+def line(content: bytes, share: float, change: Callable[[bytes], bytes]) -> bytes:
     """Replace a line."""
-
-    def edit(content: bytes) -> bytes:
-        lines = content.split(b"\n")
-        i = _at(share, len(lines) - 1)
-        return b"\n".join([*lines[:i], change(lines[i]), *lines[i + 1 :]])
-
-    return edit
+    lines = content.split(b"\n")
+    i = _at(share, len(lines) - 1)
+    return b"\n".join([*lines[:i], change(lines[i]), *lines[i + 1 :]])
 
 
 def _renamed(name: str) -> Callable[[bytes], bytes]:
@@ -151,23 +141,21 @@ def _renamed(name: str) -> Callable[[bytes], bytes]:
 # Small numbers are drawn often; their shares are spread over the whole file.
 SHARE = st.integers(0, 2**32 - 1).map(lambda n: (n + 7) * 2654435761 % 2**32 / 2**32)
 SHORT = st.binary(min_size=1, max_size=9)
-IN_PLACE: tuple[st.SearchStrategy[Edit], ...] = (
-    st.builds(
-        lambda share, new: splice(share, len(new), new), SHARE,
-        st.binary(min_size=1, max_size=1) | SHORT | st.integers(1, 500).map(bytes),
-    ),
-    st.builds(move, SHARE, SHARE, st.integers(1, 5000)),
+IN_PLACE = (
+    edits(overwrite, SHARE, st.binary(min_size=1, max_size=1) | SHORT
+          | st.integers(1, 500).map(bytes)),
+    edits(move, SHARE, SHARE, st.integers(1, 5000)),
 )  # fmt: skip
 BYTE_EDITS = (
     *IN_PLACE,
-    st.builds(splice, SHARE, st.just(0), SHORT),
-    st.builds(splice, SHARE, st.integers(1, 5000), st.just(b"")),
-    st.builds(splice, SHARE, st.just(sys.maxsize), st.just(b"")),
+    edits(splice, SHARE, st.just(0), SHORT),
+    edits(splice, SHARE, st.integers(1, 5000), st.just(b"")),
+    edits(splice, SHARE, st.just(sys.maxsize), st.just(b"")),
 )
 WORDS = st.sampled_from(NASTY) | st.floats().map(repr) | st.integers().map(str)
-SCALE_EDIT = st.builds(scale, SHARE, st.floats(-6.0, 6.0) | st.floats(-0.5, 0.5))
-VALUE_EDIT = st.builds(value, SHARE, WORDS)
-LINE_EDIT = st.builds(
+SCALE_EDIT = edits(scale, SHARE, st.floats(-6.0, 6.0) | st.floats(-0.5, 0.5))
+VALUE_EDIT = edits(value, SHARE, WORDS)
+LINE_EDIT = edits(
     line,
     SHARE,
     st.one_of(
@@ -180,8 +168,8 @@ LINE_EDIT = st.builds(
 
 
 def edited(
-    bases: Sequence[bytes], edits: Sequence[st.SearchStrategy[Edit]], most: int = 3
-) -> st.SearchStrategy[bytes]:
+    bases: Sequence[bytes], edits: Sequence[SearchStrategy[Edit]], most: int = 3
+) -> SearchStrategy[bytes]:
     """Return files after one to `most` edits, or whole ones."""
 
     def applied(content: bytes, changes: list[Edit]) -> bytes:

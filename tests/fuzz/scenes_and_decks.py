@@ -6,6 +6,7 @@ import json
 import math
 import re
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,9 +34,9 @@ from tests.fuzz.edits import (
     SCALE_EDIT,
     SHARE,
     VALUE_EDIT,
-    Edit,
     Target,
     edited,
+    edits,
     line,
     splice,
     value,
@@ -181,18 +182,23 @@ LINES = (
 PIECES = (*"0 ({'=,.+x;", "v(", "a=", "{(", "1 ", "+ 1\n", "R9 a 0 1\n", ".include a b\n", "f(")
 
 
-def repeated(share: float, piece: str, exponent: float) -> Edit:
+def repeated(content: bytes, share: float, piece: str, exponent: float) -> bytes:
     """Insert a piece many times, as hostile decks do."""
-    return splice(share, 0, (piece * int(10.0**exponent)).encode())
+    return splice(content, share, 0, (piece * int(10.0**exponent)).encode())
+
+
+def _below(new: str) -> Callable[[bytes], bytes]:
+    return lambda old: old + b"\n" + new.encode()
+
+
+def _instead(new: str) -> Callable[[bytes], bytes]:
+    return lambda old: new.encode()
 
 
 DECK_EDITS = (
-    st.builds(repeated, SHARE, st.sampled_from(PIECES), st.floats(0.0, 5.0)),
-    st.builds(value, SHARE, st.sampled_from(VALUES)),
-    st.builds(
-        line, SHARE, st.sampled_from(LINES).map(lambda new: lambda old: old + b"\n" + new.encode())
-    ),
-    st.builds(line, SHARE, st.sampled_from(LINES).map(lambda new: lambda old: new.encode())),
+    edits(repeated, SHARE, st.sampled_from(PIECES), st.floats(0.0, 5.0)),
+    edits(value, SHARE, st.sampled_from(VALUES)),
+    edits(line, SHARE, st.sampled_from([*map(_below, LINES), *map(_instead, LINES)])),
     *BYTE_EDITS,
 )
 
