@@ -120,7 +120,7 @@ def bom(scene: str | Path | Scene, *, output: str | Path | None = None) -> Parts
     from taction.system.output_files import check_file, is_special, write_atomically
 
     if output is not None and not is_special(output):
-        check_file(str(output), "-o", (".csv",), {})
+        check_file(str(output), "-o", {".csv": ""})
     from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.report.views.opamp_view import parts_csv
     from taction.verification.verdict.board_power import parts_list
@@ -229,17 +229,21 @@ def build(
     from taction.netlist_gen.kicad.board import kicad_project
     from taction.netlist_gen.kicad.part_symbols import BoardParts, wiring
     from taction.system.errors import TactionError
-    from taction.system.output_files import check_own_folder, make_folder, write_together
+    from taction.system.output_files import (
+        check_extra,
+        check_own_folder,
+        make_folder,
+        write_together,
+    )
     from taction.transients import verify
     from taction.verification.reference.lambda_rule import read_scene
-    from taction.verification.report.output_checks import check_packages
     from taction.verification.report.renderers.page import page_html
     from taction.verification.report.views.opamp_view import parts_csv
     from taction.verification.verdict.board_power import KICAD, OWN, REPORT, BuiltBoard
     from taction.verification.verdict.scene_deck import deck_of
 
     scene, place = read_scene(scene, engine), Path(output)
-    check_packages("-o", str(output))
+    check_extra("report", "-o")
     circuit = synthesise(scene)
     drawn = {f"{KICAD}/{name}": text for name, text in kicad_project(circuit, scene).files.items()}
     check_own_folder(place, [*OWN, *drawn])

@@ -6,11 +6,13 @@ import contextlib
 import errno
 import importlib.util
 import os
+import re
 import shutil
 import stat
 import tempfile
 import time
 from collections.abc import Collection, Iterator, Mapping
+from importlib import metadata
 from pathlib import Path
 
 from taction.system.errors import Complaint, InputError
@@ -125,26 +127,28 @@ def check_folder(path: str | Path, option: str) -> None:
         raise InputError(option, Complaint("FILE", repr(str(path)), text))
 
 
-def check_file(
-    path: str, option: str, endings: Collection[str], packages: Mapping[str, tuple[str, str]]
-) -> None:
+def check_file(path: str, option: str, endings: Mapping[str, str]) -> None:
     """Refuse a file that could not be written, before any work is done.
 
-    `endings` are in lower case; `packages` has the package that writes each, and what to install.
+    `endings`, in lower case, with the extra of taction that writes each; empty: none is needed.
     """
     ending = Path(path).suffix.lower()
     if ending not in endings:
         text = f"expected a file that ends in {', '.join(endings)}"
         raise InputError(option, Complaint("FILE", repr(path), text))
     check_folder(path, option)
-    if ending in packages:
-        check_package(*packages[ending], option)
+    if extra := endings[ending]:
+        free = " or ".join(each for each, needed in endings.items() if not needed)
+        check_extra(extra, option, f"; or write {free}" if free else "")
 
 
-def check_package(package: str, remedy: str, option: str) -> None:
-    """Refuse work that needs a package which is not installed; the message has the `remedy`."""
-    if importlib.util.find_spec(package) is None:
-        raise InputError(option, Complaint("package", repr(package), remedy))
+def check_extra(extra: str, option: str, otherwise: str = "") -> None:
+    """Refuse work that needs an extra of taction of which a package is not installed."""
+    own = re.compile(rf"([\w-]+).*; extra == ['\"]{extra}['\"]")
+    needs = [found[1] for each in metadata.requires("taction") or () if (found := own.match(each))]
+    if missing := [name for name in needs if importlib.util.find_spec(name) is None]:
+        text = f"needs {' and '.join(missing)}: pip install 'taction[{extra}]'{otherwise}"
+        raise InputError(option, Complaint("packages", "", text))
 
 
 def make_folder(folder: str | Path, option: str = "-o") -> None:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from taction.system.array_types import Floats
 from taction.system.errors import BadEvidence, Complaint, InputError, OutOfDisk
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, open_regular
+from taction.system.output_files import check_extra
 from taction.system.waveforms import Cost, Waveforms
 
 KINDS = {"real": np.dtype("<f8"), "complex": np.dtype("<c16")}
@@ -177,7 +178,6 @@ HEADER = 65_536  # bytes in which the form shows
 LEAST = 2  # instants of a transient
 DIALECTS = ("ltspice", "qspice", "xyce", "ngspice")
 TRANSIENT = "transient"  # begins the name of the plot, in every dialect
-PACKAGE = "this form of raw file needs spicelib: pip install 'taction[raw]'"
 ACCEPTED = "expected the raw file of one transient, as `ngspice -b -r FILE` writes it"
 
 
@@ -230,10 +230,9 @@ def _columns(path: Path) -> tuple[list[str], Floats]:
 
 
 def _by_spicelib(path: Path, dialect: str) -> tuple[list[str], Floats]:
-    try:
-        from spicelib import RawRead
-    except ImportError:
-        raise InputError(path, Complaint("raw file", "", PACKAGE)) from None
+    check_extra("raw", str(path))
+    from spicelib import RawRead
+
     try:
         found = RawRead(path, "*", dialect, verbose=False)
         plots = [p for p in found.plots if p.get_plot_name().lower().startswith(TRANSIENT)]

@@ -90,13 +90,9 @@ class Result:
         return card
 
 
-MATPLOTLIB = ("matplotlib", "needs matplotlib: pip install 'taction[plot]'")
-PACKAGES = dict.fromkeys((".png", ".svg", ".pdf"), MATPLOTLIB)
-
-
 def check_plot_file(path: str | Path) -> None:
     """Refuse, before any work is done, a picture that could not be drawn or written."""
-    check_file(str(path), "--plot", PACKAGES, PACKAGES)
+    check_file(str(path), "--plot", dict.fromkeys((".png", ".svg", ".pdf"), "plot"))
 
 
 def plot(view: str, path: str | Path | None, *shown: Any) -> Figure:

@@ -255,11 +255,26 @@ def test_the_document_has_the_address(tmp_path: Path, monkeypatch: pytest.Monkey
     jsonschema.validate(found, schema("explore"))
 
 
-def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    find = importlib.util.find_spec
-    monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name, *more: None if name == "starlette" else find(name)
-    )
-    result = taction("explore", str(write_fast(tmp_path / "a.toml")), "--no-browser")
+@pytest.mark.parametrize(
+    ("line", "needs"),
+    [
+        ("explore a.toml --no-browser", "jinja2 and plotly and starlette and uvicorn and websockets"
+         ": pip install 'taction[explore]'"),
+        ("verify a.toml --report x.html", "jinja2 and plotly: pip install 'taction[report]'"),
+        ("verify a.toml --plot x.svg", "matplotlib: pip install 'taction[plot]'"),
+        ("simulate a.toml -o x.parquet",
+         "pyarrow: pip install 'taction[parquet]'; or write .csv or .raw"),
+        ("sweep a.toml --over C=1pF,2pF --export x.nc",
+         "xarray: pip install 'taction[netcdf]'; or write .csv"),
+        ("mcp .", "mcp: pip install 'taction[mcp]'"),
+    ],
+)  # fmt: skip
+def test_missing_packages_are_named_before_any_work(
+    line: str, needs: str, boards: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = {*boards.iterdir()}
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None)
+    result = taction(*line.split())
     assert result.exit_code == 2
-    assert "pip install 'taction[explore]'" in result.stderr
+    assert f": needs {needs}" in " ".join(result.stderr.split())
+    assert {*boards.iterdir()} == before

@@ -93,7 +93,7 @@ def demo(
     ['pass', 'fail', 'pass']
     """
     if output is not None:
-        check_file(str(output), "-o", (".html",), {})
+        check_file(str(output), "-o", {".html": ""})
     start = time.perf_counter()
     scene = paper_scene("paper-breadboard")
     # The limits of the rise time are what the paper measured on the first board alone.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import importlib.util
 import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -21,23 +20,10 @@ if TYPE_CHECKING:
     from taction.system.array_types import Floats
     from taction.system.waveforms import Waveforms
 
-PACKAGES = ("jinja2", "plotly")  # of a report
-REMEDY = "needs {}: pip install 'taction[report]'"
-ENDINGS = (".html", ".htm")
-
 
 def check_report_file(path: str) -> None:
     """Refuse with InputError a report that could not be written, before any work is done."""
-    check_file(path, "--report", ENDINGS, {})
-    check_packages("--report", path)
-
-
-def check_packages(option: str, path: str) -> None:
-    """Refuse a report for which a package is not installed; InputError has the remedy."""
-    missing = [name for name in PACKAGES if importlib.util.find_spec(name) is None]
-    if missing:
-        text = REMEDY.format(" and ".join(missing))
-        raise InputError(option, Complaint("FILE", repr(path), text))
+    check_file(path, "--report", dict.fromkeys((".html", ".htm"), "report"))
 
 
 def check_separate(inputs: Iterable[str | None], outputs: Mapping[str, str]) -> None:
@@ -68,13 +54,9 @@ def _read(name: str) -> list[str | Path]:
     return [name, *(scene.folder / file for file in files if isinstance(file, str))]
 
 
-PARQUET = "Parquet needs pyarrow: pip install 'taction[parquet]'; or write .csv or .raw"
-FORMATS = {".parquet": ("pyarrow", PARQUET)}
-
-
 def check_export(path: str) -> None:
     """Refuse with InputError waveforms that could not be written, before any work is done."""
-    check_file(path, "-o", WRITERS, FORMATS)
+    check_file(path, "-o", {each: "parquet" * (each == ".parquet") for each in WRITERS})
 
 
 def export(circuit: Circuit, waveforms: Waveforms, path: str) -> None:

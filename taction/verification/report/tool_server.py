@@ -21,13 +21,13 @@ from typing import TYPE_CHECKING, Any, cast
 
 from taction.system.errors import Complaint, InputError, NoVerdictError
 from taction.system.foreign_files import FOLDERS, MEGABYTE
+from taction.system.output_files import check_extra
 from taction.system.processes import guard
 
 if TYPE_CHECKING:
     from mcp.server.lowlevel import Server
     from mcp.types import CallToolResult
 
-PACKAGE = "the server needs the SDK of MCP: pip install 'taction[mcp]'"
 ABOUT = (
     "taction verifies analog boards (scenes, .toml) and checks SPICE decks. Names of files are"
     " relative to the folder of the server, and files outside of it are not read. A result is the"
@@ -108,13 +108,11 @@ def server(folder: str | Path, limit: float) -> Server[Any]:
     place = Path(folder)
     if not place.is_dir():
         raise InputError(folder, Complaint("FOLDER", repr(str(folder)), "expected a folder"))
-    try:
-        from mcp.server.lowlevel import Server
-        from mcp.types import ListToolsResult, Tool
-    except ImportError:
-        raise InputError("mcp", Complaint("FOLDER", repr(str(folder)), PACKAGE)) from None
+    check_extra("mcp", "mcp")
     import anyio
     from jsonschema import Draft202012Validator
+    from mcp.server.lowlevel import Server
+    from mcp.types import ListToolsResult, Tool
 
     names = dict.fromkeys(command.split()[0] for command, _ in TOOLS.values())
     line = [sys.executable, "-P", "-m", "taction", *names, "--help", "--json"]

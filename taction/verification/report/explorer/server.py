@@ -12,7 +12,6 @@ import asyncio
 import functools
 import gc
 import hmac
-import importlib.util
 import json
 import os
 import secrets
@@ -28,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError
+from taction.system.output_files import check_extra
 from taction.verification.design.exploration import Start
 from taction.verification.report.explorer.page_parts import Part, start_part
 from taction.verification.report.explorer.session import ExplorerJob, Session
@@ -104,19 +104,10 @@ def _with_policy(send: Send, host: str) -> Send:
     return sending
 
 
-PACKAGES = ("jinja2", "plotly", "starlette", "uvicorn", "websockets")
-REMEDY = "the explorer needs {}: pip install 'taction[explore]'"
 PAGE = Path(__file__).parent / "page"
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 RUNNING = "ngspice is running; the page stays usable"
 WITHOUT = "ended without a result for these values"
-
-
-def check_explorer() -> None:
-    """Refuse with InputError an exploration without its packages, before any work is done."""
-    missing = [name for name in PACKAGES if importlib.util.find_spec(name) is None]
-    if missing:
-        raise InputError("explore", Complaint("", "", REMEDY.format(" and ".join(missing))))
 
 
 def bound(wanted: int) -> socket.socket:
@@ -140,7 +131,7 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
     the address once the page can be opened. InputError or SolverError: the scene cannot be used,
     a package is missing, or the port is taken.
     """
-    check_explorer()
+    check_extra("explore", "explore")
     start = Start.of(scene)
     listening, token = bound(port), secrets.token_urlsafe(32)
     port = listening.getsockname()[1]

@@ -16,8 +16,8 @@ from taction.netlist_gen.kicad.sheet import GRID
 from taction.system import charts
 from taction.system.array_types import Floats
 from taction.system.charts import BLUE, ORANGE, PURPLE, Axis, Chart
-from taction.system.output_files import check_package, replacing
-from taction.system.results import MATPLOTLIB, check_plot_file
+from taction.system.output_files import check_extra, replacing
+from taction.system.results import check_plot_file
 from taction.verification.report.blocks import PICTURE, Bars, Block, Drawing, Notes, Page
 from taction.verification.report.texts import figure, glued
 
@@ -130,7 +130,7 @@ def new_figure(
     """Give a figure of so many inches in one style; to a `path` it is written with equal bytes."""
     if path is not None:
         check_plot_file(path)
-    check_package(*MATPLOTLIB, "plot")
+    check_extra("plot", "plot")
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -15,6 +15,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 from taction.system.errors import Complaint, InputError, NoVerdictError, SimulationError
+from taction.system.output_files import check_extra
 from taction.verification.studies.running.pool import Workers
 from taction.verification.studies.running.versions import own_version, simulator_name
 
@@ -36,10 +37,8 @@ def cluster(address: str, announce: Callable[[str], None] = lambda text: None) -
     no dask.distributed, or no scheduler answers. NoVerdictError: no worker comes.
     """
     check_address(address)
-    try:
-        distributed: Any = importlib.import_module("distributed")
-    except ImportError:
-        raise _refusal(address, "needs dask.distributed: pip install 'taction[cluster]'") from None
+    check_extra("cluster", "--cluster")
+    distributed: Any = importlib.import_module("distributed")
     before, client = logging.root.manager.disable, None
     logging.disable()  # Dask logs what our errors say
     try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import importlib.util
 import math
 import time
 from collections.abc import Iterator
@@ -18,8 +17,7 @@ from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.scene.slips import axis_questions
 from taction.system.documents import INLINE
-from taction.system.errors import Complaint, InputError
-from taction.system.output_files import check_file, replacing
+from taction.system.output_files import check_extra, check_file, replacing
 from taction.system.progress import Progress, ask
 from taction.system.results import Result
 from taction.verification.studies.running.store import Store
@@ -34,10 +32,7 @@ from taction.verification.verdict.record import FIGURES, Record
 
 TEXT_COLUMNS = ("outcome", "failure", "state", "simulator", "reason")
 OUTCOMES = ("pass", "fail", "inconclusive", "error")
-PACKAGES = {  # by ending: the package and how to install it
-    ".parquet": ("pyarrow", "Parquet needs pyarrow: pip install 'taction[parquet]'"),
-    ".nc": ("xarray", "netCDF needs xarray: pip install 'taction[netcdf]'"),
-}
+EXTRAS = {".csv": "", ".parquet": "parquet", ".nc": "netcdf"}  # of taction, by ending
 UNITS = {"step": "1", "": "1"}  # the unit of a plain number in the conventions of netCDF
 
 
@@ -168,7 +163,7 @@ class SweepResult(Result):
         InputError
             pandas is not installed.
         """
-        _need("pandas")
+        check_extra("data", "to_pandas")
         import pandas as pd
 
         return pd.DataFrame(_rows(self), columns=[*_columns(self.plan)])
@@ -181,7 +176,7 @@ class SweepResult(Result):
         InputError
             xarray is not installed.
         """
-        _need("xarray")
+        check_extra("data", "to_xarray")
         return dataset(self)
 
 
@@ -270,12 +265,6 @@ def sweep(
     return SweepResult(plan, store, count, time.perf_counter() - start, strict)
 
 
-def _need(package: str) -> None:
-    if importlib.util.find_spec(package) is None:
-        text = f"needs {package}: pip install 'taction[data]'"
-        raise InputError(f"to_{package}", Complaint("package", repr(package), text))
-
-
 def _columns(plan: Plan) -> dict[str, tuple[str, str]]:
     """Return kind and unit of every column of a table, by name."""
     columns: dict[str, tuple[str, str]] = {
@@ -339,7 +328,7 @@ def dataset(result: SweepResult) -> Any:
 
 def check_sweep_export(path: str) -> None:
     """Refuse a file that could not be written, before any work is done."""
-    check_file(path, "--export", (".csv", *PACKAGES), PACKAGES)
+    check_file(path, "--export", EXTRAS)
 
 
 def export_sweep(result: SweepResult, path: str) -> None:

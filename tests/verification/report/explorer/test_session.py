@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import base64
-import importlib.util
 import socket
 import time
 from collections.abc import Callable, MutableMapping
@@ -180,12 +179,6 @@ def test_ngspice_is_told_beside_the_state_space(ngspice: str) -> None:
     assert ": pass in " in found["simulation"]
     names = [each["name"] for each in found["outputs"]["data"]]
     assert names.count("ngspice") == 7
-
-
-def test_a_missing_package_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"taction\[explore\]"):
-        server.check_explorer()
 
 
 def test_a_port_that_is_taken_is_refused() -> None:

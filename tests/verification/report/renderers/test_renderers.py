@@ -5,13 +5,11 @@ from __future__ import annotations
 import base64
 import gzip
 import hashlib
-import importlib.util
 import io
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
@@ -58,9 +56,7 @@ from taction.verification.report.renderers.notebook import card
 from taction.verification.report.renderers.page import FILES, page_html
 from taction.verification.report.renderers.picture import new_figure
 from taction.verification.report.views.waveforms_view import end_names
-from tests.support.entries import write_fast
 from tests.support.report_pages import HOSTILE, hostile, page
-from tests.support.running import taction as command
 from tests.support.running import words_of
 
 EVERYWHERE = "terminal page notebook"
@@ -431,18 +427,3 @@ def test_texts_are_never_markup() -> None:
     kinds = [each.get("type") or each.get("id") for each in tree.xpath("//script")]
     assert kinds.count(None) == 1
     assert HOSTILE in tree.text_content()
-
-
-def test_missing_packages_are_named_before_any_work(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    find = importlib.util.find_spec
-    absent = {"plotly", "jinja2"}
-    monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name, *more: None if name in absent else find(name)
-    )
-    scene, out = write_fast(tmp_path / "a.toml"), tmp_path / "a.html"
-    run = command("verify", str(scene), "--report", str(out))
-    assert run.exit_code == 2
-    assert "needs jinja2 and plotly: pip install 'taction[report]'" in run.output
-    assert not out.exists()
