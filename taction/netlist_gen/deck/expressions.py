@@ -9,9 +9,8 @@ import ast
 import operator
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain, combinations_with_replacement, count, pairwise
-from typing import Any
 
 from taction.netlist_gen.deck.foreign_lines import LONGEST, beyond, number
 
@@ -23,7 +22,7 @@ Probe = tuple[str, ...]
 NOT_LINEAR = (
     "not linear: expected sums of voltages v(a), v(a,b) and currents i(source) times numbers"
 )
-_OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
+_OPERATORS: dict[type, Callable[[_Ratio, _Ratio], _Ratio]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
     ast.Div: operator.truediv, ast.Pow: operator.pow,
 }  # fmt: skip
@@ -31,14 +30,14 @@ _NUMBER = re.compile(r"[a-z_]\w*|(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?[a-z]*", r
 _PROBE = re.compile(r"\b([vi])\s*\(\s*([^\s(),]+)\s*(?:,\s*([^\s(),]+)\s*)?\)")
 
 
-def _evaluated(text: str, leaf: Callable[[str | float], Any], refused: str) -> Any:
-    """Return an expression as whatever `leaf` makes of its names, numbers and calls."""
+def _evaluated(text: str, leaf: Callable[[str | float], _Ratio], refused: str) -> _Ratio:
+    """Return an expression of what `leaf` makes of its names, numbers and calls."""
 
     def plain(match: re.Match[str]) -> str:
         word = match[0]
         return word if word[0].isalpha() or word[0] == "_" else repr(number(word))
 
-    def value(node: ast.expr) -> Any:
+    def value(node: ast.expr) -> _Ratio:
         match node:
             case ast.Constant(value=float(constant)):
                 return leaf(constant)
@@ -63,38 +62,80 @@ def _evaluated(text: str, leaf: Callable[[str | float], Any], refused: str) -> A
         raise ValueError(f"a number that is not finite; {refused}") from None
 
 
-class Sum(dict[Probe, float]):
-    """Coefficients of a linear expression."""
-
-    def _number(self, what: str) -> float:
-        """Return its value; a sum that depends on a voltage has none."""
-        if self.keys() - {()}:
-            raise ValueError(f"{what} of voltages; {NOT_LINEAR}")
-        return self.get((), 0.0)
-
-    def __add__(self, other: Sum) -> Sum:
-        return Sum({p: self.get(p, 0.0) + other.get(p, 0.0) for p in {**self, **other}})
-
-    def __sub__(self, other: Sum) -> Sum:
-        return self + other * Sum({(): -1.0})
-
-    def __mul__(self, other: Sum) -> Sum:
-        of_number = not self.keys() - {()}
-        one, factor = (other, self) if of_number else (self, other)
-        by = factor._number("a product")
-        return Sum({probe: by * value for probe, value in one.items()})
-
-    def __truediv__(self, other: Sum) -> Sum:
-        return self * Sum({(): 1.0 / other._number("a quotient")})
-
-    def __pow__(self, other: Sum) -> Sum:
-        base, power = self._number("a product"), other._number("a product")
-        if not base > 0.0:
-            raise ValueError(NOT_LINEAR)
-        return Sum({(): base**power})
+Coefficient = float | str
+"""A number, or an expression of parameters."""
+Form = dict[tuple[str, ...], Coefficient]
+"""Coefficients by the product of unknowns, such as ``("s", "s")``; those that are 0 are absent."""
+HIGHEST = 12  # order of a transfer function
+RATIONAL = "expected a quotient of polynomials of s, such as {1e5/(1+s/62.8)}, of order 0 to 12"
 
 
-def affine(text: str) -> Sum:
+def _joined(sign: str, one: Coefficient, other: Coefficient) -> Coefficient:
+    """Return a sum or a product: a number where both are numbers."""
+    if isinstance(one, float) and isinstance(other, float):
+        return one + other if sign == "+" else one * other
+    return f"({one}{sign}{other})" if sign == "+" or one != 1.0 else other
+
+
+def _sum(one: Form, other: Form) -> Form:
+    every = {**one, **other} | {k: _joined("+", one[k], other[k]) for k in one.keys() & other}
+    return {k: each for k, each in every.items() if each != 0.0}
+
+
+def _product(one: Form, other: Form) -> Form:
+    if max(map(len, one), default=0) + max(map(len, other), default=0) > 2 * HIGHEST:
+        raise ValueError(f"an order above {2 * HIGHEST}; {RATIONAL}")
+    found: Form = {}
+    for i, a in one.items():
+        for j, b in other.items():
+            found = _sum(found, {tuple(sorted(i + j)): _joined("*", a, b)})
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Ratio:
+    """A quotient of sums."""
+
+    above: Form
+    below: Form = field(default_factory=lambda: {(): 1.0})
+
+    @property
+    def value(self) -> float | None:
+        """A plain number, None where it is none."""
+        found = self.above.get((), 0.0)
+        alone = self.below == {(): 1.0} and not self.above.keys() - {()}
+        return found if alone and isinstance(found, float) else None
+
+    def __add__(self, other: _Ratio) -> _Ratio:
+        if self.below == other.below:
+            return _Ratio(_sum(self.above, other.above), self.below)
+        crossed = _product(self.above, other.below), _product(other.above, self.below)
+        return _Ratio(_sum(*crossed), _product(self.below, other.below))
+
+    def __sub__(self, other: _Ratio) -> _Ratio:
+        return self + _Ratio({(): -1.0}) * other
+
+    def __mul__(self, other: _Ratio) -> _Ratio:
+        return _Ratio(_product(self.above, other.above), _product(self.below, other.below))
+
+    def __truediv__(self, other: _Ratio) -> _Ratio:
+        if (value := other.value) is not None:
+            return self * _Ratio({(): 1.0 / value})
+        return self * _Ratio(other.below, other.above)
+
+    def __pow__(self, other: _Ratio) -> _Ratio:
+        base, power = self.value, other.value
+        if base is not None and power is not None and base > 0.0:
+            return _Ratio({(): base**power})
+        if power is None or power not in range(HIGHEST + 1):
+            raise ValueError(f"no quotient of polynomials; {RATIONAL}")
+        found = _Ratio({(): 1.0})
+        for _ in range(int(power)):
+            found = found * self
+        return found
+
+
+def affine(text: str) -> dict[Probe, float]:
     """Return the coefficients of an expression by their probes; ValueError: it is not linear."""
     probes: dict[str, Probe] = {}
 
@@ -104,14 +145,19 @@ def affine(text: str) -> Sum:
         probes[name] = (kind, one, other or "0") if kind == "v" else (kind, one)
         return name
 
-    def leaf(found: str | float) -> Sum:
-        if isinstance(found, float):
-            return Sum({(): found})
-        if found not in probes:
+    def leaf(found: str | float) -> _Ratio:
+        if isinstance(found, str) and found not in probes:
             raise ValueError(NOT_LINEAR)
-        return Sum({probes[found]: 1.0})
+        return _Ratio({(): found} if isinstance(found, float) else {(found,): 1.0})
 
-    return Sum(_evaluated(_PROBE.sub(placed, text.strip().strip("{}'")), leaf, NOT_LINEAR))
+    made = _evaluated(_PROBE.sub(placed, text.strip().strip("{}'")), leaf, NOT_LINEAR)
+    if made.below != {(): 1.0} or max(map(len, made.above), default=0) > 1:
+        raise ValueError(NOT_LINEAR)
+    found = dict[Probe, float]()
+    for names, value in made.above.items():
+        probe = probes[names[0]] if names else ()
+        found[probe] = found.get(probe, 0.0) + float(value)
+    return found
 
 
 _POLY = re.compile(r"([efgh])(\S+) (\S+) (\S+) poly ?\(? ?(\d+)\b ?\)? ?(.*)")
@@ -229,9 +275,7 @@ def _point(text: str) -> str:
         return f"({text.strip().strip('{}')})"
 
 
-HIGHEST = 12  # order of a transfer function
 FARADS = 1e-9  # of a state
-RATIONAL = "expected a quotient of polynomials of s, such as {1e5/(1+s/62.8)}, of order 0 to 12"
 _LAPLACE = (
     re.compile(r"([eg]\S*) (\S+) (\S+) laplace ?=? ?\{(?P<inner>[^{}]*)\} ?=? ?[{(](.*)[)}]"),
     re.compile(r"([eg]\S*) (\S+) (\S+) (?P<plus>\S+) (?P<minus>\S+) laplace ?= ?(.+)"),
@@ -240,64 +284,6 @@ _LAPLACE = (
 """Of PSpice, of LTspice, and of LTspice's B."""
 _OPAMP = re.compile(r"(e\S*) (\S+) (\S+) opamp (\S+) (\S+)")
 _NUMERICAL = re.compile(r" (?:window|nfft|mtol) ?= ?\S+")  # of LTspice's inverse transform
-Coefficient = float | str
-"""A number, or an expression of parameters."""
-Polynomial = dict[int, Coefficient]
-"""Coefficients by the power of s; those that are 0 are absent."""
-
-
-def _joined(sign: str, one: Coefficient, other: Coefficient) -> Coefficient:
-    """Return a sum or a product: a number where both are numbers."""
-    if isinstance(one, float) and isinstance(other, float):
-        return one + other if sign == "+" else one * other
-    return f"({one}{sign}{other})" if sign == "+" or one != 1.0 else other
-
-
-def _sum(one: Polynomial, other: Polynomial) -> Polynomial:
-    every = {**one, **other} | {k: _joined("+", one[k], other[k]) for k in one.keys() & other}
-    return {k: each for k, each in every.items() if each != 0.0}
-
-
-def _product(one: Polynomial, other: Polynomial) -> Polynomial:
-    if max(one, default=0) + max(other, default=0) > 2 * HIGHEST:
-        raise ValueError(f"an order above {2 * HIGHEST}; {RATIONAL}")
-    found: Polynomial = {}
-    for i, a in one.items():
-        for j, b in other.items():
-            found = _sum(found, {i + j: _joined("*", a, b)})
-    return found
-
-
-@dataclass(frozen=True, slots=True)
-class _Ratio:
-    """A quotient of polynomials of s."""
-
-    above: Polynomial
-    below: Polynomial
-
-    def __add__(self, other: _Ratio) -> _Ratio:
-        if self.below == other.below:
-            return _Ratio(_sum(self.above, other.above), self.below)
-        crossed = _product(self.above, other.below), _product(other.above, self.below)
-        return _Ratio(_sum(*crossed), _product(self.below, other.below))
-
-    def __sub__(self, other: _Ratio) -> _Ratio:
-        return self + _Ratio({0: -1.0}, {0: 1.0}) * other
-
-    def __mul__(self, other: _Ratio) -> _Ratio:
-        return _Ratio(_product(self.above, other.above), _product(self.below, other.below))
-
-    def __truediv__(self, other: _Ratio) -> _Ratio:
-        return self * _Ratio(other.below, other.above)
-
-    def __pow__(self, other: _Ratio) -> _Ratio:
-        power = other.above.get(0, 0.0)
-        if other.above.keys() - {0} or other.below != {0: 1.0} or power not in range(HIGHEST + 1):
-            raise ValueError(f"no quotient of polynomials; {RATIONAL}")
-        found = _Ratio({0: 1.0}, {0: 1.0})
-        for _ in range(int(power)):
-            found = found * self
-        return found
 
 
 def _ratio(text: str) -> _Ratio:
@@ -305,17 +291,17 @@ def _ratio(text: str) -> _Ratio:
 
     def leaf(found: str | float) -> _Ratio:
         if found == "s":
-            return _Ratio({1: 1.0}, {0: 1.0})
+            return _Ratio({("s",): 1.0})
         if isinstance(found, str) and re.search(r"\bs\b", found):
             raise ValueError(f"no quotient of polynomials; {RATIONAL}")
         value = found if isinstance(found, float) else f"({found})"
-        return _Ratio({0: value} if value else {}, {0: 1.0})
+        return _Ratio({(): value} if value else {})
 
-    made: _Ratio = _evaluated(text, leaf, RATIONAL)
+    made = _evaluated(text, leaf, RATIONAL)
     if not made.below:
         raise ValueError(f"a denominator of 0; {RATIONAL}")
-    if (order := max(made.below)) > HIGHEST or max(made.above, default=0) > order:
-        highest = max(made.above, default=0)
+    order, highest = (max(map(len, each), default=0) for each in (made.below, made.above))
+    if order > HIGHEST or highest > order:
         raise ValueError(f"the order of the numerator is {highest}, above {order}; {RATIONAL}")
     return made
 
@@ -353,39 +339,30 @@ def source_cards(text: str) -> list[str]:
 def _states(name: str, ends: tuple[str, str], is_voltage: bool, ratio: _Ratio) -> list[str]:
     """Return the cards of the states and of the output.
 
-    With ``p = s / w`` state k is ``p^k x``; ``sum below_k w^k p^k x = u`` gives the last rate. All
+    With ``p = s / w`` the voltage of node k is ``p^k x``. Capacitors hold all but the last one,
+    which has ``sum below_k w^k p^k x = u``; the output is ``sum above_k w^k p^k x``. All
     coefficients are shares of the lowest one of the denominator.
     """
-    above, below = (
-        {k: f"({value})" for k, value in each.items()} for each in (ratio.above, ratio.below)
+    node, own = f"taction_{name}", f"{OWN}{name}"
+    by_order = sorted(ratio.below, key=len)
+    first, order = len(by_order[0]), len(by_order[-1])
+    lowest, highest = ratio.below[by_order[0]], ratio.below[by_order[-1]]
+    w = f"abs(({lowest})/({highest}))**{1.0 / (order - first)!r}" if order > first else "1"
+    below, above = (
+        {len(s): f"({each})/({lowest})*({w})**{len(s)}" for s, each in form.items()}
+        for form in (ratio.below, ratio.above)
     )
-    node, own, order, first = f"taction_{name}", f"{OWN}{name}", max(below), min(below)
-    w = f"abs({below[first]}/{below[order]})**{1.0 / (order - first)!r}" if order > first else "1"
-    scaled = {k: f"({each}/{below[first]}*({w})**{k})" for k, each in below.items()}
-    source, states = f"{node}_u", [f"{node}_{k}" for k in range(order)]
-    cards = [f"c{own}_{k} {state} 0 {FARADS!r}" for k, state in enumerate(states)]
-    rate = f"{FARADS!r}*{w}"
-    currents = [("0", a, b, rate) for a, b in pairwise(states)]
-    if order:
-        last = f"{rate}/{scaled[order]}"
-        currents.append(("0", states[-1], source, last))
-        currents += [
-            ("0", states[-1], state, f"-({last})*{scaled[k]}")
-            for k, state in enumerate(states)
-            if k in below
-        ]
+    *states, last = nodes = [f"{node}_{k}" for k in range(order + 1)]
     a, b = ("0", f"{node}_y") if is_voltage else ends
-    through = f"({above[order]}/{below[order]})" if order in above else "0"
-    for k, state in enumerate(states):
-        shown = [f"{above[k]}/{below[first]}*({w})**{k}"] if k in above else []
-        shown += [f"-{through}*{scaled[k]}"] if k in below and order in above else []
-        currents += [(a, b, state, "".join(shown))] if shown else []
-    currents += [(a, b, source, through)] if order in above else []
+    currents = [("0", one, other, f"{FARADS!r}*{w}") for one, other in pairwise(nodes)]
+    currents += [(last, "0", nodes[k], each) for k, each in below.items()]
+    currents += [("0", last, f"{node}_u", "1")]
+    currents += [(a, b, nodes[k], each) for k, each in above.items()]
+    cards = [f"c{own}_{k} {state} 0 {FARADS!r}" for k, state in enumerate(states)]
     if is_voltage:
         currents.append((b, "0", b, "1"))
         cards.append(f"e{own}_y {ends[0]} {ends[1]} {b} 0 1")
-    cards += [
+    return cards + [
         f"g{own}_{k} {one} {other} {control} 0 {{{factor}}}"
         for k, (one, other, control, factor) in enumerate(currents)
     ]
-    return cards

@@ -14,7 +14,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from taction.netlist_gen.deck.expressions import OWN, source_cards
+from taction.netlist_gen.deck.expressions import OWN
+from taction.netlist_gen.deck.foreign_cards import LIBRARY, MISSING, ngspice_cards, spelt
 from taction.netlist_gen.deck.foreign_lines import (
     CODE_MODEL,
     DEEPEST_FILES,
@@ -25,14 +26,13 @@ from taction.netlist_gen.deck.foreign_lines import (
     MOST_FILES,
     MOST_LINES,
     Card,
+    blocks_of,
     called,
     check_expanded,
     check_functions,
     file_of,
     logical_lines,
-    subcircuits,
 )
-from taction.netlist_gen.deck.ltspice import DROPPED, LIBRARY, plain_cards, spelt
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import UnusableFileError, read_bounded
 
@@ -59,6 +59,7 @@ KEPT = (
 )
 LETTERS = "rclkviefghxbdqjmsw"
 """Devices that may stand in the text: no A, which may start programs."""
+NOT_LINEAR = re.compile(r"[dqjmswb]|[efgh].*(?:\bvalue\b|\bvol\b|\bcur\b|\{v)")
 NODES = {"r": 2, "c": 2, "l": 2, "v": 2, "i": 2, "e": 4, "g": 4, "f": 3, "h": 3}
 """Parts with a value, and how many nodes and names stand before it."""
 _BRACES = re.compile(r"\{[^{}]*\}")
@@ -98,7 +99,7 @@ class ForeignDeck:
     """A checked deck."""
 
     file: Path  # where it stands
-    cards: tuple[Card, ...]  # cards of parts and values, in their order
+    cards: tuple[Card, ...]  # of parts and values, as ngspice reads them
     left: tuple[Card, ...] = ()  # cards that are left out: analyses, outputs, options
     remarks: tuple[str, ...] = ()  # what a reader of the deck should know: commands that do not run
 
@@ -113,7 +114,7 @@ class ForeignDeck:
         found, depth = list[str](), 0
         for card in self.cards:
             depth += (card.word == ".subckt") - (card.word == ".ends")
-            if card.word == ".param" and depth == 0:
+            if card.word == ".param" and depth == 0 and card.text != MISSING["pi"]:
                 found += re.findall(r"\b([a-z_][a-z0-9_]*) ?=(?!=)", card.text)
         return tuple(dict.fromkeys(found))
 
@@ -126,6 +127,11 @@ class ForeignDeck:
             if match and match[1] not in (*self.parameters, *made):
                 made[match[1]] = card.with_text(f".param {match[1]} = {match[2]}")
         return replace(self, cards=(*self.cards, *made.values()))
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether no card may be other than linear."""
+        return not any(map(NOT_LINEAR.match, self.lines))
 
     @property
     def unanswered(self) -> Iterator[str]:
@@ -147,16 +153,6 @@ class ForeignDeck:
                     return card.refused(text)
         return None
 
-    def check_size(self, called_one: str = "") -> None:
-        """Refuse a deck, or one subcircuit of it, too large with all subcircuits expanded."""
-        blocks, top = subcircuits(self.cards)
-        if called_one:
-            top = [self.cards[-1].with_text(f"x {called_one}")]
-        elif not any(card.text[0].isalpha() for card in top):
-            text = "has no part outside its subcircuits; expected a circuit, which may call them"
-            raise InputError(self.file, Complaint("deck", "", f"{text} (X)"))
-        check_expanded(blocks, top)
-
 
 def read_deck(file: str | Path) -> ForeignDeck:
     """Read a deck and check every card; nothing in it runs.
@@ -168,10 +164,15 @@ def read_deck(file: str | Path) -> ForeignDeck:
         text = "a schematic of LTspice is no deck; expected its netlist: View, SPICE Netlist"
         raise InputError(path, Complaint("file", repr(path.name), text))
     reading = _DeckReading(path)
-    deck = reading.checked(reading.file(path))
-    if not any(not card.word.startswith(".") for card in deck.cards):
+    cards = reading.file(path)
+    deck, top = reading.checked(cards), blocks_of(cards)
+    if not any(card.text[0].isalpha() for card in deck.cards):
         text = "the deck has no parts; expected cards such as 'R1 in out 10k'"
         raise InputError(path, Complaint("file", repr(path.name), text))
+    if not any(card.text[0].isalpha() for card in top.cards):
+        text = "has no part outside its subcircuits; expected a circuit, which may call them"
+        raise InputError(path, Complaint("deck", "", f"{text} (X)"))
+    check_expanded(top)
     return deck
 
 
@@ -181,18 +182,19 @@ def read_library(file: str | Path, name: str) -> ForeignDeck:
     Models, parameters and functions outside of subcircuits stay; all else there is left out.
     """
     path = Path(file)
-    reading = _DeckReading(path)
-    blocks, outside = subcircuits(reading.file(path), whole=True)
-    top = (card for card in outside if card.word in (".model", ".param", ".func"))
-    if name.lower() not in blocks:
-        known = ", ".join(sorted(blocks)[:10]) or "none"
+    reading, own = _DeckReading(path), name.lower()
+    top = blocks_of(reading.file(path))
+    if own not in top.inner:
+        known = ", ".join(sorted(top.inner)[:10]) or "none"
         text = f"the file has no subcircuit {name!r}; it has {known}"
         raise InputError(path, Complaint("netlist", "", text))
-    wanted = [name.lower()]
+    wanted = [own]
     for each in wanted:  # which grows
-        inner = dict.fromkeys(called(card.text) for card in blocks[each] if card.word[0] == "x")
-        wanted += [one for one in inner if one in blocks and one not in wanted]
-    return reading.checked([*top, *(card for each in wanted for card in blocks[each])])
+        inner = dict.fromkeys(called(card.text) for card in top.inner[each].whole)
+        wanted += [one for one in inner if one in top.inner and one not in wanted]
+    check_expanded(replace(top, cards=[top.inner[own].cards[0].with_text(f"x {own}")]))
+    outside = (card for card in top.cards if card.word in (".model", ".param", ".func"))
+    return reading.checked([*outside, *(card for each in wanted for card in top.inner[each].whole)])
 
 
 @dataclass(slots=True)
@@ -213,10 +215,10 @@ class _DeckReading:
         """Read the deck, or the file or the section of a library that a card names."""
         real, text = _real(path), self._text(path)
         text = _section(path, text, section) if section else text
-        lines = logical_lines(text, path, title=caller is None)
-        self.lines += lines.count
+        cards, remarks = logical_lines(text, path, title=caller is None)
+        self.lines += text.count("\n") + 1
         self.files += 1
-        self.remarks += lines.remarks
+        self.remarks += remarks
         if caller is not None:
             if (real, section) in self.open:
                 raise caller.refused("files within one another: this one is being read")
@@ -225,7 +227,7 @@ class _DeckReading:
             caller.limited(self.lines, "lines of the deck with its files", MOST_LINES)
             caller.limited(self.bytes, "bytes of the deck with its files", LARGEST)
         self.open.append((real, section))
-        for card in itertools.takewhile(lambda card: card.word != ".end", lines.cards):
+        for card in itertools.takewhile(lambda card: card.word != ".end", cards):
             if card.word in FILES and (named := file_of(card.text)):
                 self._include(card, path, *named)
                 continue
@@ -237,14 +239,14 @@ class _DeckReading:
 
     def checked(self, found: Iterable[Card]) -> ForeignDeck:
         """Return the deck of some cards, each checked and in plain words."""
-        cards, left = list[Card](), list[Card]()
+        left, cards = list[Card](), list[Card]()
         for card in found:
-            if card.word in LEFT:
-                left.append(card)
-            else:
-                cards += self._written(card)
+            if card.word not in LEFT:
+                _screen(card)
+            (left if card.word in LEFT else cards).append(card)
         check_functions(cards)
-        return ForeignDeck(self.deck, tuple(cards), tuple(left), tuple(self.remarks))
+        made, said = ngspice_cards(cards)
+        return ForeignDeck(self.deck, tuple(made), tuple(left), (*self.remarks, *said))
 
     def _text(self, path: Path) -> str:
         """Return the text of a file: UTF-8, UTF-16 as LTspice writes, or Latin-1; u for micro."""
@@ -283,29 +285,20 @@ class _DeckReading:
         self.known |= {(target, section)} if self.depth == 0 else set()
         self.file(target, card, section)
 
-    def _written(self, card: Card) -> list[Card]:
-        """Return plain cards for one that is accepted."""
-        word, text = card.word, card.text
-        if word[1:].startswith(OWN):
-            raise card.refused(f"names that begin with {word[0]}{OWN} are taken by taction")
-        if word.startswith(".") and word not in KEPT:
-            accepted = " ".join((*KEPT, *FILES, *LEFT))
-            raise card.refused(f"the card {word!r} is not accepted; accepted: {accepted}")
-        if word[0] not in f".{LETTERS}":
-            what = CODE_MODEL if word[0] == "a" else f"a device {word[0].upper()!r} is not accepted"
-            raise card.refused(f"{what}; {LINEAR}")
-        if reason := forbidden(text):
-            raise card.refused(reason)
-        for beginning, pattern, name in DROPPED:
-            if text.startswith(beginning) and pattern.search(text):
-                text = pattern.sub("", text)
-                named = text.split(maxsplit=2)[: 2 if word == ".model" else 1]
-                self.remarks.append(f"{' '.join(named)}: {name} does not count")
-        try:
-            made = [one for each in plain_cards(text) for one in source_cards(each)]
-        except ValueError as error:
-            raise card.refused(str(error)) from None
-        return [card.with_text(each) for each in made]
+
+def _screen(card: Card) -> None:
+    """Refuse a card that is not accepted."""
+    word, text = card.word, card.text
+    if word[1:].startswith(OWN):
+        raise card.refused(f"names that begin with {word[0]}{OWN} are taken by taction")
+    if word.startswith(".") and word not in KEPT:
+        accepted = " ".join((*KEPT, *FILES, *LEFT))
+        raise card.refused(f"the card {word!r} is not accepted; accepted: {accepted}")
+    if word[0] not in f".{LETTERS}":
+        what = CODE_MODEL if word[0] == "a" else f"a device {word[0].upper()!r} is not accepted"
+        raise card.refused(f"{what}; {LINEAR}")
+    if reason := forbidden(text):
+        raise card.refused(reason)
 
 
 def forbidden(text: str) -> str:

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from taction.system.errors import Complaint, InputError
@@ -99,22 +99,15 @@ class Card:
             raise self.refused(beyond(count, what, most))
 
 
-@dataclass(frozen=True, slots=True)
-class Lines:
-    """The lines of a file."""
-
-    count: int  # as they stand in it
-    cards: list[Card]  # logical ones
-    remarks: list[str]  # what is said of those that were left out
-
-
 def beyond(count: int, what: str, most: int) -> str:
     """Return the reason for a refusal, such as ``"9 cards; at most 8 are read"``."""
     return f"{count:,} {what}; at most {most:,} are read"
 
 
-def logical_lines(text: str, file: str | Path = "netlist", *, title: bool = False) -> Lines:
-    """Return the logical lines of a file's text: no empty ones, and no commands.
+def logical_lines(
+    text: str, file: str | Path = "netlist", *, title: bool = False
+) -> tuple[list[Card], list[str]]:
+    """Return the logical lines of a file's text, and what is said of those that were left out.
 
     A card that names a file has its text as it stands, any other one is in lower case. The first
     line may be a `title`.
@@ -168,7 +161,7 @@ def logical_lines(text: str, file: str | Path = "netlist", *, title: bool = Fals
         more = f" and {len(unusual) - 1} more" if len(unusual) > 1 else ""
         why = "begins with no letter, so that it is a comment, as in ngspice"
         remarks.insert(0, f"{name}: line {unusual[0]}{more}: {why}")
-    return Lines(len(raw), cards, remarks)
+    return cards, remarks
 
 
 def _braced(match: re.Match[str]) -> str:
@@ -184,65 +177,70 @@ def file_of(line: str) -> tuple[str, str] | None:
     return None
 
 
-def subcircuits(
-    cards: Iterable[Card], *, whole: bool = False
-) -> tuple[dict[str, list[Card]], list[Card]]:
-    """Return the cards of each subcircuit, its ``.subckt`` first, and those outside of all.
+@dataclass(slots=True, eq=False)
+class Block:
+    """A subcircuit, or all of a deck: its cards, and the subcircuits that stand in it."""
 
-    With `whole` the text of each outermost one, with its ``.ends`` and those within it.
-    """
-    blocks, top, inside = dict[str, list[Card]](), list[Card](), list[list[Card]]()
+    outer: Block | None = None
+    cards: list[Card] = field(default_factory=list)  # its own, the ``.subckt`` first
+    whole: list[Card] = field(default_factory=list)  # with the inner ones, and its ``.ends``
+    inner: dict[str, Block] = field(default_factory=dict)
+
+    def find(self, name: str) -> Block | None:
+        """Return the subcircuit that a name means here: an inner one hides an outer one."""
+        block: Block | None = self
+        while block is not None and name not in block.inner:
+            block = block.outer
+        return block and block.inner[name]
+
+
+def blocks_of(cards: Iterable[Card]) -> Block:
+    """Return a deck as a block, its subcircuits within one another as they stand."""
+    here = Block()
     for card in cards:
         if card.word == ".subckt" and card.text != ".subckt":
-            inside.append([card])
-        elif card.word == ".subckt" or (card.word == ".ends" and not inside):
+            here = Block(here)
+        elif card.word == ".subckt" or (card.word == ".ends" and here.outer is None):
             raise card.refused(WHOLE)
-        elif card.word == ".ends":
-            block = [*inside.pop(), *([card] if whole else [])]
-            if whole and inside:
-                inside[-1] += block
-                continue
-            first = blocks.setdefault(block[0].text.split()[1], block)
-            if [each.text for each in first] != [each.text for each in block]:
-                raise block[0].refused("a second subcircuit of this name, which differs")
-        else:
-            (inside[-1] if inside else top).append(card)
-    if inside:
-        raise inside[0][0].refused(WHOLE)
-    return blocks, top
+        here.whole.append(card)
+        if card.word != ".ends" or here.outer is None:
+            here.cards.append(card)
+            continue
+        done, here = here, here.outer
+        here.whole += done.whole
+        first = here.inner.setdefault(done.cards[0].text.split()[1], done)
+        if [each.text for each in first.whole] != [each.text for each in done.whole]:
+            raise done.cards[0].refused("a second subcircuit of this name, which differs")
+    if here.outer is not None:
+        raise here.cards[0].refused(WHOLE)
+    return here
 
 
 def called(text: str) -> str:
     """Return the subcircuit that a card X calls; empty where it names none."""
     words = [w for w in re.sub(r" ?= ?", "=", text).split()[1:] if "=" not in w and w != "params:"]
-    return words[-1] if words else ""
+    return words[-1] if text[0] == "x" and words else ""
 
 
 def check_expanded(
-    blocks: Mapping[str, Sequence[Card]],
-    top: Sequence[Card],
-    calls: Callable[[Card], Sequence[str]] = lambda card: (
-        [called(card.text)] * (card.text[0] == "x")
-    ),
+    top: Block,
+    calls: Callable[[str], Sequence[str]] = lambda text: [called(text)],
     what: str = "subcircuit",
 ) -> None:
     """Refuse the card with which there are too many, each block in the place of its calls."""
-    sizes = dict[str, int]()
+    sizes = dict[Block, int]()
 
-    def size(cards: Sequence[Card], callers: tuple[str, ...]) -> int:
-        total = len(cards)
-        for card in cards:
-            inner = (
-                calls(card) if calls is not None else [called(card.text)] * (card.text[0] == "x")
-            )
-            for name in filter(blocks.__contains__, inner):
-                if name in callers:
+    def size(block: Block, callers: tuple[Block, ...]) -> int:
+        total = len(block.cards)
+        for card in block.cards:
+            for inner in filter(None, map(block.find, calls(card.text))):
+                if inner in callers:
                     raise card.refused(f"a {what} that calls itself")
                 levels = f"levels of {what}s within one another"
                 card.limited(len(callers) + 1, levels, MOST_LEVELS)
-                if name not in sizes:
-                    sizes[name] = size(blocks[name], (*callers, name))
-                total += sizes[name]
+                if inner not in sizes:
+                    sizes[inner] = size(inner, (*callers, inner))
+                total += sizes[inner]
             card.limited(total, f"cards with every {what} expanded", MOST_CARDS)
         return total
 
@@ -253,9 +251,13 @@ _FUNC = re.compile(r"\.func ([a-z_]\w*) ?\([^()]*\) ?=? ?(.*)")
 _WORD = re.compile(r"[a-z_]\w*")
 
 
-def check_functions(cards: Sequence[Card]) -> None:
+def check_functions(cards: Iterable[Card]) -> None:
     """Refuse functions that call too many others; what their arguments add, ngspice refuses."""
-    found = [(card, _FUNC.fullmatch(card.text)) for card in cards]
-    made = {match[1]: [card.with_text(match[2])] for card, match in found if match}
-    rest = [card for card, match in found if not match] if made else []
-    check_expanded(made, rest, lambda card: _WORD.findall(card.text), "function")
+    top = Block()
+    for card in cards:
+        if match := _FUNC.fullmatch(card.text):
+            top.inner[match[1]] = Block(top, [card.with_text(match[2])])
+        else:
+            top.cards.append(card)
+    if top.inner:
+        check_expanded(top, _WORD.findall, "function")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.deck.expressions import polynomial
-from taction.netlist_gen.deck.ltspice import missing_cards, plain_cards
+from taction.netlist_gen.deck.foreign_cards import missing_cards, plain_cards
 from taction.netlist_gen.deck.vendor_subcircuit import (
     flat_subcircuit,
     stored_subcircuit,
@@ -149,9 +149,11 @@ def test_subcircuits_of_one_name_within_others(tmp_path: Path, ngspice: str) -> 
     place.write_text(f"t\n{RC}{wrapper.format(k=1, inner=same)}{wrapper.format(k=2, inner=same)}"
                      f"{calls}.end\n")  # fmt: skip
     assert poles(read_board(place).circuit).rightmost.real == pytest.approx(-3e6, rel=1e-9)
-    place.write_text(f"t\n{RC}{wrapper.format(k=1, inner=same)}{wrapper.format(k=2, inner=other)}"
-                     f"{calls}.end\n")  # fmt: skip
-    with pytest.raises(InputError, match=r"line 12 .*second subcircuit of this name"):
+    two = f"{wrapper.format(k=1, inner=same)}{wrapper.format(k=2, inner=other)}"
+    place.write_text(f"t\n{RC}{two}{calls}.end\n")  # each call means the nearest one, as in ngspice
+    assert poles(read_board(place).circuit).rightmost.real == pytest.approx(-2.5e6, rel=1e-9)
+    place.write_text(f"t\n{RC}{two}{two.replace('2k', '3k')}{calls}.end\n")
+    with pytest.raises(InputError, match=r"line 23 .*second subcircuit of this name"):
         read_board(place)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 
 from taction.netlist_gen.board.circuit import Circuit
@@ -25,8 +25,6 @@ from taction.netlist_gen.deck.flat_cards import (
 )
 from taction.netlist_gen.deck.foreign_deck import LINEAR, ForeignDeck, read_deck
 from taction.netlist_gen.deck.foreign_lines import number
-from taction.netlist_gen.deck.ltspice import missing_cards
-from taction.netlist_gen.deck.vendor_subcircuit import is_plain, ltspice_opamps, ready_lines
 from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
 from taction.system.processes import one_limit
 from taction.verification.characterise.operating_point import (
@@ -67,7 +65,7 @@ class ForeignBoard:
         if self.point is not None:
             return self.point
         nodes, options = [*self.flat.nodes], _options(self.deck)
-        return DeckPoint.of(self._ready, self.lines, self.flat, nodes, options)
+        return DeckPoint.of(self.deck.lines, self.lines, self.flat, nodes, options)
 
     @property
     def flat_text(self) -> str:
@@ -80,10 +78,6 @@ class ForeignBoard:
         """Names of the ``.param`` cards that can be moved."""
         return self.deck.parameters
 
-    @cached_property
-    def _ready(self) -> tuple[str, ...]:
-        return tuple(ready_lines(self.deck))
-
     def at(self, changes: Sequence[Mapping[str, float]]) -> list[Circuit | InputError]:
         """Return the circuit at some values of its ``.param`` cards, an error where there is none.
 
@@ -92,7 +86,7 @@ class ForeignBoard:
         """
 
         def measured(changed: Mapping[str, float]) -> Flat:
-            lines = list(self._ready)
+            lines = list(self.deck.lines)
             for k, line in enumerate(lines):
                 for name, value in changed.items() if line.startswith(".param") else ():
                     own = rf"\b{re.escape(name)} ?=(?!=) ?(?:\{{[^{{}}]*\}}|\S+)"
@@ -111,7 +105,7 @@ class ForeignBoard:
             with one_limit(VALUE_SECONDS * len(changes), more=True):
                 return [circuit(partial(measured, each)) for each in changes]
         try:
-            every = expand(self._ready, find_simulator(), changes)
+            every = expand(self.deck.lines, find_simulator(), changes)
         except DidNotLoad as error:
             raise self._error(f"with other values of its .param: {one_line(error)}") from None
         return [circuit(partial(read_cards, cards)) for cards in every]
@@ -123,7 +117,7 @@ class ForeignBoard:
         """Return the value of a ``.param``, as ngspice computes it; None if it is no number."""
         probe = f"{PROBE} {PROBE} 0 {{{parameter}}}"
         try:
-            (cards,) = expand((*self._ready, probe), find_simulator())
+            (cards,) = expand((*self.deck.lines, probe), find_simulator())
             (found,) = (card for card in cards if card.startswith(PROBE))
             return number(found.split()[-1])
         except (DidNotLoad, ValueError):
@@ -136,16 +130,14 @@ def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
     InputError: a card that is not accepted, with its line and what is; a node that is not there.
     SimulationError: ngspice is missing, or does not expand the deck.
     """
-    deck = read_deck(file).with_first_steps
-    deck.check_size()
-    ready, point, small = tuple(ready_lines(deck)), None, ""
+    deck, point, small = read_deck(file).with_first_steps, None, ""
     try:
-        if plain := is_plain(deck):
-            (cards,) = expand(ready, find_simulator())
+        if plain := deck.is_plain:
+            (cards,) = expand(deck.lines, find_simulator())
             flat = read_cards(cards, measure=True)
             plain = not flat.elements
         if not plain:
-            point = find_point(ready, _options(deck), find_simulator())
+            point = find_point(deck.lines, _options(deck), find_simulator())
             cards, (flat, small) = point.cards, _measured(point)
             point = point if small else None
         flat, stimulus = stepped(flat, small=point is not None)
@@ -204,13 +196,6 @@ def _notes(deck: ForeignDeck, flat: Flat, immediate: bool) -> Iterator[str]:
         yield "uic: the board starts with no charge"
     yield from deck.remarks
     yield from deck.unanswered
-    for name in dict.fromkeys(ltspice_opamps(deck).values()):
-        yield (
-            f"{name}: the linear part of LTspice's op-amp of this name, its gain, bandwidth and"
-            " phase margin; its limits and its noise do not count"
-        )
-    for name in missing_cards(deck.lines)[1]:
-        yield f"{name}(): a drawn value counts with its nominal one; --tolerances draws"
     for card in deck.left:
         celsius = _TEMPERATURE.search(card.text)
         if celsius and celsius[1] != "27":

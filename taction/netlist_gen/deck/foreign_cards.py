@@ -1,0 +1,272 @@
+"""What other simulators read and ngspice does not, written anew as plain cards of ngspice.
+
+LTspice's characters, op-amps, parasitics and numbers; PSpice's switches, its ground and its
+temperature; POLY, tables and transfer functions. What a card stands for, or that something of it
+does not count, is said.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Iterator, Sequence
+
+from taction.netlist_gen.deck.expressions import (
+    source_cards,
+    without_calls,
+    without_poly,
+    without_table,
+)
+from taction.netlist_gen.deck.foreign_lines import (
+    MOST_COUPLINGS,
+    Block,
+    Card,
+    blocks_of,
+    called,
+    number,
+)
+
+SPELT = {
+    "\N{MICRO SIGN}": "u",
+    "\N{GREEK SMALL LETTER MU}": "u",
+    "\N{OHM SIGN}": "ohm",
+    "\N{GREEK CAPITAL LETTER OMEGA}": "ohm",
+    "\N{NO-BREAK SPACE}": " ",
+}
+"""Characters of values, and what is read for them."""
+SIGNS = "\N{SECTION SIGN}\N{DEGREE SIGN}"  # in names, beside letters of other alphabets
+_FOREIGN = re.compile(r"[^\x00-\x7f]")
+MISSING = {
+    "pi": f".param pi={math.pi!r}",
+    "mc": ".func mc(x,tol) {x}",
+    "agauss": ".func agauss(x,tol,sigma) {x}",
+    "gauss": ".func gauss(x,tol,sigma) {x}",
+    "aunif": ".func aunif(x,tol) {x}",
+    "unif": ".func unif(x,tol) {x}",
+    "limit": ".func limit(x,a,b) {min(max(x,min(a,b)),max(a,b))}",
+}
+"""What another simulator defines, by its name; ngspice alone draws all but the first two.
+
+A drawn value counts with its nominal one.
+"""
+DRAWN = ("mc", "agauss", "gauss", "aunif", "unif")
+DRAWN_WORDS = "a drawn value counts with its nominal one; --tolerances draws"
+DRAWN_LIMIT = ".func limit(x,tol) {x}"  # that of ngspice: one of both ends
+_TWO = re.compile(r"\blimit ?\([^(),]*,[^(),]*\)")
+_LEVEL = "avol=1meg gbw=10meg slew=10meg ilimit=25m rail=0 vos=0 phimargin=45 en=0 enk=0 in=0 ink=0"
+_FIVE = f"1 2 3 4 5 params: {_LEVEL} rin=500meg"
+_STAGE = (
+    "rin 1 2 {rin}",
+    "eos p 0 1 0 1",
+    "vos q p {vos}",
+    "g1 0 x q 2 {avol*1u}",
+    "r1 x 0 1meg",
+    f"c1 x 0 {{avol/gbw*1u/{math.tau!r}}}",
+)
+_ONE_POLE = (*_STAGE, "e1 5 0 x 0 1")
+_TWO_POLES = (
+    *_STAGE,
+    "g2 0 y x 0 1m",
+    "r2 y 0 1k",
+    f"c2 y 0 {{1m/({math.tau!r}*gbw*tan(phimargin*{math.pi!r}/180))}}",
+    "e1 5 0 y 0 1",
+)
+OPAMPS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "opamp": (
+        "1 2 3 params: aol=100k gbw=10meg",
+        ("g1 0 3 2 1 {aol}", "r3 3 0 1", f"c3 3 0 {{aol/gbw/{math.tau!r}}}"),
+    ),
+    **dict.fromkeys(("level.1", "level1", "level.2", "level2"), (_FIVE, _ONE_POLE)),
+    **dict.fromkeys(("level.3a", "level3a"), (_FIVE, _TWO_POLES)),
+}
+"""Op-amps of LTspice by name: ports and parameters, and the linear cards that stand for them."""
+OPAMP_WORDS = (
+    "the linear part of LTspice's op-amp of this name, its gain, bandwidth and phase margin; its"
+    " limits and its noise do not count"
+)
+UNKNOWN = (
+    "the deck has no subcircuit {}; put the file with its .subckt into the folder and write"
+    " '.include FILE'; known without one: {}"
+)
+LIBRARY = re.compile(r"(?:opamp|universalopamps?2?)\.sub|ltc\d*\.lib|standard\.\w+", re.I)
+"""Files that LTspice reads from a folder of its own."""
+PARASITIC = {
+    "r": (("rser",), ("cpar",)),
+    "c": (("rser", "lser"), ("rpar", "cpar")),
+    "l": (("rser",), ("rpar", "cpar")),
+    "v": (("rser",), ("cpar",)),
+}
+"""Parts within resistors, capacitors, coils and sources, in series with them, and across them."""
+IDLE = {"tol", "pwr", "v", "irms", "mfg", "pn", "type", "ipk"}
+"""What a catalogue says of a part, without effect."""
+_GIVEN = re.compile(r"\s+([a-z]\w*)\s*=\s*(\{[^{}]*\}|\S+)")
+_CATALOGUE = re.compile(r"\s(?:mfg|pn|type)=\"[^\"\n]*\"", re.I)
+_MARKED = re.compile(r"(\d+)(meg|[tgkmunpfr])(\d+)(?:f|h|ohm)?")  # such as 2k2
+_MARKED_PARAM = re.compile(r"= ?(\d+)(meg|[tgkmunpf])(\d+)(?= |$)")
+_THERMAL = re.compile(
+    r" (?:noiseless|tc ?= ?[^ ,{}]+(?: ?, ?[^ ,{}]+)?)(?= |$)"
+)  # no effect at 27 degrees C, or on poles
+_COMMA = re.compile(r"(\{[^{}]*\}|= ?[a-z_]\w* ?\([^()]*\))|,")  # those in expressions stay
+_PORT = re.compile(r" portnum ?=? ?\d+(?: z0 ?=? ?(\S+))?(?: (?:pwr|freq|phase) ?=? ?\S+)*")
+DROPPED = (
+    ("r", re.compile(r" ac ?= ?(?:\{[^{}]*\}|\S+)"), "its AC value ac="),
+    (".model", re.compile(r"\bt_abs ?= ?(?:\{[^{}]*\}|[^ ,()]+)"), "T_ABS"),
+)
+"""What is left out of cards with these beginnings, and its name."""
+
+
+def spelt(text: str) -> str:
+    """Return the text of a file with ASCII for the characters of values and of names.
+
+    A sign or a letter of another alphabet becomes its code, so that no two names become one.
+    Other characters stay, and are refused outside of comments.
+    """
+    return _FOREIGN.sub(_ascii, _CATALOGUE.sub("", text))
+
+
+def _ascii(match: re.Match[str]) -> str:
+    letter = match[0]
+    if letter in SPELT:
+        return SPELT[letter]
+    return f"_{ord(letter):x}_" if letter in SIGNS or letter.isalpha() else letter
+
+
+def plain_cards(text: str) -> Iterator[str]:
+    """Yield plain cards for one in lower case: 2k2 in digits, parasitics as parts."""
+    letter, words = text[0], text.split()
+    if words[0] == ".param":
+        yield _MARKED_PARAM.sub(r"=\1.\3\2", text)
+    elif words[0] == ".model":
+        yield " ".join(_COMMA.sub(lambda match: match[1] or " ", text).split())
+    elif letter == "k" and len(words) > 4:  # of several coils, each with each
+        pairs = list(itertools.combinations(words[1:-1][:MOST_COUPLINGS], 2))
+        if len(pairs) > MOST_COUPLINGS:
+            raise ValueError(f"more than {MOST_COUPLINGS} couplings; expected several cards K")
+        yield from (f"{words[0]}_{k} {a} {b} {words[-1]}" for k, (a, b) in enumerate(pairs, 1))
+    elif letter in PARASITIC:
+        yield from _with_parasitics(text)
+    else:
+        yield text.removesuffix(" load") if letter == "i" else text
+
+
+def _with_parasitics(text: str) -> Iterator[str]:
+    """Yield the cards of R, C, L or V with the parts that it has besides."""
+    letter = text[0]
+    if letter == "v" and (match := _PORT.search(text)):
+        text = f"{_PORT.sub('', text)} rser={match[1] or '50'}"
+    text = text if letter == "v" else _THERMAL.sub("", text)
+    fields = dict(_GIVEN.findall(text))
+    inner, outer = ([key for key in keys if fields.get(key, "0").strip("0.")]
+                    for keys in PARASITIC[letter])  # fmt: skip
+    idle = {*itertools.chain(*PARASITIC[letter]), *(IDLE if letter != "v" else ())}
+    name, *words = _GIVEN.sub(lambda match: "" if match[1] in idle else match[0], text).split()
+    if letter != "v" and len(words) > 2 and (match := _MARKED.fullmatch(words[2])):
+        words[2] = f"{match[1]}.{match[3]}{match[2].removeprefix('r')}"
+    if not (inner or outer) or len(words) < 3:
+        yield " ".join((name, *words))
+        return
+    nodes = [words[0], *(f"{words[0]}_taction_{name}_{k + 1}" for k in range(len(inner)))]
+    yield " ".join((name, nodes[-1], *words[1:]))
+    places = [*itertools.pairwise(nodes), *([tuple(words[:2])] * len(outer))]
+    for key, (a, b) in zip((*inner, *outer), places, strict=True):
+        yield f"{key}_{name} {a} {b} {fields[key]}"
+
+
+def missing_cards(texts: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the cards that define what others use and do not define, and the drawn functions."""
+    cards, drawn = list[str](), list[str]()
+    for word, definition in MISSING.items():
+        used = re.compile(rf"\b{word}\b" if word == "pi" else rf"\b{word} ?\(")
+        using = [text for text in texts if word in text and used.search(text)]
+        own = re.compile(rf"^\.func {word}\b|\b{word} ?=(?!=)")
+        if using and not any(own.search(text) for text in using):
+            two = word == "limit" and any(map(_TWO.search, using))
+            cards.append(DRAWN_LIMIT if two else definition)
+            drawn += [word] if two or word in DRAWN else []
+    return cards, drawn
+
+
+# Switches of PSpice; those with thresholds are ngspice's own.
+_SMOOTH = re.compile(r"\.model (\S+) ([vi])switch\b(?!.*\b[vi][th] ?=)(.*)")
+_FIELD = re.compile(r"(\w+) ?= ?(\{[^{}]*\}|[^\s(),]+)")
+_RANGES = {
+    "v": {"ron": "1", "roff": "1meg", "von": "1", "voff": "0"},
+    "i": {"ron": "1", "roff": "1meg", "ion": "1m", "ioff": "0"},
+}
+"""Of PSpice's switches, by what controls them, with its values."""
+_GROUND = re.compile(r"(?<=[\s(,])gnd(?=[\s),]|$)(?! ?=)")
+
+
+def ngspice_cards(cards: Sequence[Card]) -> tuple[list[Card], list[str]]:
+    """Return the cards as ngspice reads them, what they lack before them, and what is said."""
+    lacking, drawn = missing_cards([card.text for card in cards])
+    said = [f"{name}(): {DRAWN_WORDS}" for name in drawn]
+    made, here, opamps = list[Card](), blocks_of(cards), dict[str, None]()
+    for card in cards:
+        text = card.text
+        if card.word == ".subckt":
+            here = here.inner[text.split()[1]]
+        elif card.word == ".ends" and here.outer is not None:
+            here = here.outer
+        if here.outer is not None and "gnd" not in here.cards[0].text.split():
+            text = _GROUND.sub("0", text)  # there PSpice has it as another node
+        for beginning, pattern, what in DROPPED:
+            if text.startswith(beginning) and pattern.search(text):
+                text = pattern.sub("", text)
+                named = text.split(maxsplit=2)[: 2 if card.word == ".model" else 1]
+                said.append(f"{' '.join(named)}: {what} does not count")
+        if text[0] == "x" and here.find(name := called(text)) is None:
+            if name not in OPAMPS:
+                raise card.refused(UNKNOWN.format(repr(name), ", ".join(OPAMPS)))
+            opamps[name] = None
+            text = re.sub(rf"(?<=\s){re.escape(name)}(?=\s|$)", _plain_name(name), text)
+        try:
+            made += map(card.with_text, _written(text, here))
+        except ValueError as error:
+            raise card.refused(str(error)) from None
+    for name in opamps:
+        head, body = OPAMPS[name]
+        lacking += [f".subckt {_plain_name(name)} {head}", *body, ".ends"]
+        said.append(f"{name}: {OPAMP_WORDS}")
+    return [*(cards[0].with_text(each) for each in lacking), *made], said
+
+
+def _written(text: str, here: Block) -> Iterator[str]:
+    """Yield the cards for ngspice of one that stands in a block."""
+    if "{" in text:  # ngspice lacks the temperature
+        text = re.sub(r"\btemp(?:er)?\b(?! ?=)", "27", text)
+    if _SMOOTH.match(text):
+        return
+    for plain in plain_cards(text):
+        switch = _smooth_switch(plain, here) if plain[0] in "sw" else plain
+        for each in source_cards(switch):
+            yield without_calls(without_table(without_poly(each)))
+
+
+def _plain_name(name: str) -> str:
+    """Return the name of an op-amp for ngspice, in which a dot would end it."""
+    return f"ltspice_{name.replace('.', '_')}"
+
+
+def _smooth_switch(text: str, here: Block | None) -> str:
+    """Return PSpice's switch as a resistance that changes smoothly with what controls it."""
+    name, *words = text.split()
+    model = None
+    while model is None and here is not None:
+        every = (_SMOOTH.match(card.text) for card in here.cards)
+        model, here = next((m for m in every if m and m[1] == words[-1]), None), here.outer
+    if model is None or len(words) != {"s": 5, "w": 4}[text[0]]:
+        return text
+    kind, given = model[2], dict(_FIELD.findall(model[3]))
+    if unknown := given.keys() - _RANGES[kind].keys():
+        raise ValueError(f"{min(unknown)} of a {kind}switch is not accepted")
+    every_value = (_RANGES[kind] | given).values()
+    ron, roff, on, off = (each if each[0] == "{" else repr(number(each)) for each in every_value)
+    if on == off or any(each.startswith("-") or each == "0.0" for each in (ron, roff)):
+        raise ValueError(f"a {kind}switch needs resistances above 0, and two ends that differ")
+    control = f"v({words[2]},{words[3]})" if kind == "v" else f"i({words[2]})"
+    # ln R = ln sqrt(Ron Roff) + ln(Ron/Roff) (1.5 x - 2 x³), x from -1/2 to 1/2
+    place = f"max(min(({control}-0.5*({on}+{off}))/({on}-{off}),0.5),-0.5)"
+    power = f"0.5*log({ron}*{roff})+log({ron}/{roff})*{place}*(1.5-2.0*{place}*{place})"
+    return f"b{name} {words[0]} {words[1]} i=v({words[0]},{words[1]})*exp(-({power}))"
