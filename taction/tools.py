@@ -331,7 +331,7 @@ def check(
     if tolerances is not None:
         from taction.netlist_gen.deck.part_tolerances import read_tolerances
 
-        spread = read_tolerances(tolerances, board.circuit, board.parameters)
+        spread = read_tolerances(tolerances, board.circuit, board.deck.parameters)
     # all that can be refused is refused before the engine is loaded
     from taction.verification.studies.decks.board_check import check_board
 

@@ -133,9 +133,12 @@ class Flat:
 
     @property
     def nodes(self) -> dict[str, None]:
-        """All nodes without ground: those of R, then of C, then of other parts."""
+        """All nodes without ground: those of R, then of C, then of other parts and of elements."""
         parts = sorted(self.parts, key=lambda part: {"R": 0, "C": 1}.get(part.letter, 2))
         found = dict.fromkeys(node for part in parts for node in part.nodes)
+        for each in self.elements:
+            inner = (node for node, _ in each.inner.values())
+            found |= dict.fromkeys((*each.held, *(each.out or ())[1:], *inner))
         found.pop(GROUND, None)
         return found
 

@@ -6,9 +6,9 @@ A kind counts outside of subcircuits; a name in ``[parts]``, with * and ? for an
 from __future__ import annotations
 
 import difflib
-import math
+import fnmatch
 from collections.abc import Iterator, Mapping, Sequence
-from fnmatch import fnmatchcase
+from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, NamedTuple
@@ -40,13 +40,10 @@ class DeckTolerances(NamedTuple):
 
 def _share(value: object) -> float:
     """Return a fraction from ``"5%"`` or 0.05."""
-    try:
-        share = fraction(value)
-    except ValueError:
-        share = math.nan
-    if not 0.0 <= share <= LARGEST:
-        raise ValueError(f'expected a share from 0 to {LARGEST:g}, such as "5%" or 0.05')
-    return share
+    with suppress(ValueError):
+        if 0.0 <= (share := fraction(value)) <= LARGEST:
+            return share
+    raise ValueError(f'expected a share from 0 to {LARGEST:g}, such as "5%" or 0.05')
 
 
 Share = Annotated[float, BeforeValidator(_share)]
@@ -65,9 +62,6 @@ class _File(Model):
     params: dict[str, Share] = Field(default_factory=dict)
 
 
-KINDS = ("resistor", "capacitor", "coil", "coupling", "gain")
-
-
 def read_tolerances(
     file: str | Path, circuit: Circuit, parameters: Sequence[str] = ()
 ) -> DeckTolerances:
@@ -78,49 +72,47 @@ def read_tolerances(
     InputError: the file cannot be read, has a key or a value that is none, or names no part; all
       mistakes.
     """
-    path = Path(file)
+    path, found, wrong = Path(file), _File(), list[Complaint]()
     data, _ = read_toml(path, ACCEPTED)
-    table, found, wrong = data.get("tolerances", data), _File(), list[Complaint]()
+    table = data.get("tolerances", data)
     if not isinstance(table, dict):
         raise InputError(path, Complaint("tolerances", repr(table)[:80], f"expected {ACCEPTED}"))
     try:
         found = validated(_File, table, path)
     except InputError as error:
         wrong += error.complaints
-    kinds = {key: kind for key, kind in varying_parts(circuit) if kind in KINDS}
-    wrong += _unknown(table.get("parts"), "parts", {name.lower(): name for name in kinds})
-    wrong += _unknown(table.get("params"), "params", {name: name for name in parameters})
-    parts = {
-        name: share
-        for name, kind in kinds.items()
-        if "." not in name and (share := getattr(found, kind)) is not None
-    }
+    kinds = {key: kind for key, kind in varying_parts(circuit) if kind in _File.model_fields}
+    lower = {name.lower(): name for name in kinds}
+    wrong += _unknown(table, "parts", "part", lower)
+    wrong += _unknown(table, "params", ".param", {name: name for name in parameters})
+    parts = {name: getattr(found, kind) for name, kind in kinds.items() if "." not in name}
     for key, share in found.parts.items():
-        hits = [name for name in kinds if fnmatchcase(name.lower(), key.lower())]
-        parts |= dict.fromkeys(hits, share)
-    parts = {name: share for name, share in parts.items() if share > 0.0}
-    params = {key.lower(): share for key, share in found.params.items() if share > 0.0}
+        parts |= {lower[name]: share for name in fnmatch.filter(lower, key.lower())}
+    parts = {name: share for name, share in parts.items() if share}
+    params = {key.lower(): share for key, share in found.params.items() if share}
     for branch in circuit.branches:
-        share = parts.get(branch.label, 0.0)
-        if branch.letter == "K" and share > 0.0 and abs(branch.value) * (1.0 + share) >= 1.0:
-            most = 100.0 * (1.0 / abs(branch.value) - 1.0)
+        share, size = parts.get(branch.label, 0.0), abs(branch.value)
+        if branch.letter == "K" and share and size * (1.0 + share) >= 1.0:
+            most = 100.0 * (1.0 / size - 1.0)
             text = f"reaches 1 within its tolerance; expected less than {most:.2g} %"
             given = f"{branch.value:g} ± {100.0 * share:g} %"
             wrong.append(Complaint(branch.label, given, text))
+    if not (wrong or parts or params):
+        wrong.append(Complaint("tolerances", "", "nothing varies; expected " + ACCEPTED))
     if wrong:
         raise InputError(path, *wrong)
-    if not (parts or params):
-        raise InputError(path, Complaint("tolerances", "", "nothing varies; expected " + ACCEPTED))
     exact = dict.fromkeys(("resistor", "capacitor", "stray", "opamp_gbw", "opamp_gain"), 0.0)
     spread = Tolerances(distribution=found.distribution, parts=parts, **exact)
     return DeckTolerances(spread, params)
 
 
-def _unknown(named: Any, table: str, known: Mapping[str, str]) -> Iterator[Complaint]:
+def _unknown(
+    tables: dict[str, Any], table: str, what: str, known: Mapping[str, str]
+) -> Iterator[Complaint]:
     """Yield the names of a table that the deck does not have; `known` are those in lower case."""
-    what = {"parts": "part", "params": ".param"}[table]
+    named = tables.get(table)
     for key in named if isinstance(named, dict) else ():
-        if not any(fnmatchcase(name, key.lower()) for name in known):
+        if not fnmatch.filter(known, key.lower()):
             near = difflib.get_close_matches(key.lower(), known, n=1, cutoff=0.0)
             more = f"; the nearest is {known[near[0]]!r}" if near else "; it has none"
             yield Complaint(f"{table}.{key}", "", f"no {what} of the deck has this name{more}")

@@ -15,7 +15,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,15 +26,11 @@ from taction.netlist_gen.deck.flat_cards import Flat, card_of, read_cards, sum_p
 from taction.netlist_gen.deck.foreign_lines import number
 from taction.spice_models.branches import Branch
 from taction.system.array_types import Complexes, Floats
-from taction.verification.engines.ngspice.commands import (
-    RESULT,
-    TEXT,
-    Answers,
-    listed_cards,
-    run_commands,
-)
+from taction.system.errors import DidNotLoad
+from taction.verification.engines.ngspice.commands import RESULT, Answers, expand, run_commands
 from taction.verification.engines.ngspice.executable import Simulator, find_simulator
 
+MOST_NODES = 600  # of a deck: above it the engine needs the structure of a topology
 TIGHT = "reltol=1e-9 abstol=1e-15 vntol=1e-12"
 AT_ONCE = "optran 1 1 1 0 0 0"  # no transient to the operating point
 TRIED = (
@@ -130,29 +126,31 @@ class DeckPoint:
 def find_point(
     lines: Sequence[str], options: str, simulator: Simulator, modes: Sequence[str] = MODES
 ) -> DeckPoint:
-    """Return where a deck rests; it is read in the first of the `modes` that expands it.
+    """Return where a deck rests; of a linear one, which is the same everywhere, any point.
 
-    `CardError`: ngspice does not expand it, or finds no point; or a card is not read.
+    It is read in the first of the `modes` that expands it. `CardError`: it has too many nodes, or
+    a card is not read, or ngspice finds no point. `DidNotLoad`: ngspice does not expand it.
     """
-    first, said = Answers((), "", ""), ""
-    commands = [f"listing expand > {TEXT}", "save all", "op", f"write {RESULT}"]
-    given = [f".options {options}"] if options else []
+    given = [*lines, *([f".options {options}"] if options else [])]
     for mode in modes:
-        first = run_commands([*lines, *given], commands, simulator, mode=mode)
-        said = said or first.complaint
-        if cards := listed_cards(first.listed):
+        try:
+            (cards,) = expand(given, simulator, mode=mode)
             break
-    else:
-        raise CardError(f"ngspice does not expand the deck: {said}")
-    flat, volts = read_cards(cards, measure=True), read_volts(first)
+        except DidNotLoad:
+            if mode == modes[-1]:
+                raise
+    flat = read_cards(cards, measure=True)
+    if (count := len(flat.nodes)) > MOST_NODES:
+        raise CardError(f"the deck has {count} nodes; up to {MOST_NODES} are read")
+    if not flat.elements:
+        return DeckPoint.of(lines, cards, flat, [*flat.nodes], options, mode)
+    first = run_commands(given, ["save all", "op", f"write {RESULT}"], simulator, mode=mode)
+    if not (volts := read_volts(first)):
+        raise CardError(f"ngspice finds no operating point: {first.complaint}")
     words = {word for card in cards for word in card.split()}
     nodes = [name for name in volts if name in words]
-    linear = DeckPoint.of(lines, cards, flat, nodes, options, mode)
-    if not flat.elements:
-        return replace(linear, volts=volts)
-    if not volts:
-        raise CardError(f"ngspice finds no operating point: {first.complaint}")
-    return _tight(replace(linear, volts=volts, limits=OWN, text=()), simulator)
+    point = DeckPoint.of(lines, cards, flat, nodes, options, mode)
+    return _tight(replace(point, volts=volts, limits=OWN, text=()), simulator)
 
 
 def _tight(point: DeckPoint, simulator: Simulator) -> DeckPoint:
@@ -328,46 +326,15 @@ class _Measured:
             constant = float(self.rest[i] - self.G[i] @ volts)
             if a != b or kind == "v":
                 yield from sum_parts(card, kind, (a, b), _terms(self.G[i], controls), constant)
-        every: Iterable[Branch] = (
-            self._charges(ports, charging)
-            if n
-            else (
-                Branch("Y", f"{name}#q{j}", *rows[0][2:], float(self.C[0, j]), control)
-                for j, control in enumerate(charging)
-            )
-        )
-        least = SMALL * float(np.abs(self.C).max(initial=0.0))
-        yield from (part for part in every if abs(part.value) > least and part.a != part.b)
-
-    def _charges(self, ports: Sequence[str], controls: Sequence[Control]) -> Iterator[Branch]:
-        """Yield the capacitances of a device, from the last of its terminals that have any.
-
-        Where the substrate has none, the others sum to zero, and from there rounding would be a
-        pole.
-        """
-        C, n = self.C, len(ports)
-        least = SMALL * float(np.abs(C).max(initial=0.0))
-        large = np.abs(C[:n]) > least
-        *own, last = [i for i in range(n) if large[i].any() or large[:, i].any()] or [0]
-        end, sums = ports[last], np.diag(C).copy()
-
-        def made(letter: str, card: str, a: str, b: str, value: float, *control: str) -> Branch:
-            return Branch(letter, f"{self.element.name}#{card}", a, b, float(value), control)
-
-        for i in own:
-            for j in own[: own.index(i)]:
-                one, other = float(C[i, j]), float(C[j, i])
-                shared = min(one, other, key=abs) if one * other > 0.0 else 0.0
-                if abs(shared) <= least or ports[i] == ports[j]:
-                    shared = 0.0
-                sums[[i, j]] += shared
-                yield made("C", f"c{i}{j}", ports[i], ports[j], -shared)
-                yield made("Y", f"q{i}{j}", ports[i], end, one - shared, ports[j], end)
-                yield made("Y", f"q{j}{i}", ports[j], end, other - shared, ports[i], end)
-            for j in range(n, len(controls)):
-                yield made("Y", f"q{i}{j}", ports[i], end, C[i, j], *controls[j])
-        for i in own:
-            yield made("C", f"c{i}", ports[i], end, sums[i])
+        large = np.abs(self.C) > SMALL * float(np.abs(self.C).max(initial=0.0))
+        # From the last terminal that has a charge: the others sum to zero, and from another one
+        # rounding would be a pole.
+        *own, last = [i for i in range(n) if large[i].any() or large[:n, i].any()] or [0]
+        ends = {i: (ports[i], ports[last]) for i in own} if n else {0: rows[0][2:]}
+        charges = {**(ends if n else {}), **dict(enumerate(charging[n:], n))}
+        for (i, (a, b)), (j, control) in itertools.product(ends.items(), charges.items()):
+            if large[i, j] and a != b:
+                yield Branch("Y", f"{name}#q{i}{j}", a, b, float(self.C[i, j]), control)
 
 
 def _terms(gains: Floats, controls: Sequence[Control]) -> Iterator[tuple[float, Control]]:

@@ -158,7 +158,7 @@ def test_what_ltspice_defines_and_ngspice_does_not(folder: Path, ngspice: str) -
     board = read_board(written(folder, text))
     assert board.circuit.value("C1") == pytest.approx(1.0 / (2.0 * math.pi * 1e3), rel=1e-9)
     assert board.circuit.value("R1") == 1e3
-    assert board.parameters == ("x",)
+    assert board.deck.parameters == ("x",)
     assert ".step param x 1 2 1: does not run; --over x=1:2 does it" in board.notes
     own = read_board(written(folder, text + ".param pi=3\n"))
     assert own.circuit.value("C1") == pytest.approx(1.0 / 6e3, rel=1e-9)

@@ -201,6 +201,6 @@ def test_a_transfer_function_whose_coefficients_differ_by_decades(read: Read) ->
         "V1 in 0 PULSE(0 1)\nR1 out 0 1k\n"
         "E1 out 0 in 0 Laplace=1e5*(1+s/1e3)/((1+s/62.8)*(1+s/1e6)^2)"
     )
-    assert board.point is None  # it is linear, and nothing of it is measured
+    assert board.is_linear  # it is linear, and nothing of it is measured
     assert found_poles(board) == pytest.approx([-1e6, -1e6, -62.8], rel=1e-6)
     assert rest(board) == pytest.approx(1e5, rel=1e-9)

@@ -117,6 +117,7 @@ def expand(
     lines: Iterable[str],
     simulator: Simulator,
     values: Sequence[Mapping[str, float]] = ({},),
+    mode: str = "",
     seconds: float = SECONDS,
 ) -> tuple[tuple[str, ...], ...]:
     """Return the flat cards of a deck, for each of some values of its parameters.
@@ -125,7 +126,7 @@ def expand(
 
     `lines`: cards, one a line, checked before.
     `values`: numbers for ``.param`` names, in the place of the deck's own.
-    `seconds`: time allowed, s.
+    `mode`, `seconds`: as of `run_commands`.
     SimulationError: ngspice does not expand the deck; the text has what it said.
     """
     commands: list[str] = []
@@ -133,7 +134,7 @@ def expand(
         commands += [f"alterparam {name}={value!r}" for name, value in changed.items()]
         commands += ["reset", LIST] if changed else [LIST]
     *others, last = commands
-    answers = run_commands(lines, others, simulator, seconds=seconds, last=last)
+    answers = run_commands(lines, others, simulator, mode=mode, seconds=seconds, last=last)
     if answers.failure is not None:
         raise answers.failure
     found = tuple(listed_cards(part) for part in _HEAD.split(answers.listed)[1:])

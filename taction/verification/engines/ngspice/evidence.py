@@ -12,14 +12,10 @@ An exit status of 0 is not enough. A result is accepted when
 7. every value is finite and below a physical bound (ngspice clamps an overflow to 1e99, and
    computes 1/0 as 1e32 and the square root of a negative number as that of its magnitude).
 
-A noise analysis has other points in the place of 3 to 7: every card has two plots, the spectrum and
-its integral. The spectrum begins and ends at the requested frequencies, with the requested number
-of points, all finite and zero or more. A node without any noise is refused: ngspice adds a node of
-an unknown name to the circuit.
-
-The integral of the noise is not ngspice's own: between two points ngspice takes the density for ``a
-f^k`` and computes a and ``f^k`` separately. On the flanks of a resonance k is in the hundreds, so
-that a underflows and the resonance has no noise.
+A noise analysis has a spectrum for each card in the place of 3 to 7, at the requested frequencies,
+all finite and zero or more. A node without any noise is refused: ngspice adds a node of an unknown
+name to the circuit. ngspice's own integral does not count: on the flanks of a resonance it takes
+the density for ``a f^k`` with k in the hundreds, and a underflows.
 """
 
 from __future__ import annotations
@@ -145,14 +141,12 @@ def check_log(ending: Ending) -> None:
 
 
 def important_lines(errors: str, limit: int = 12) -> str:
-    """Return the lines of an error stream, notes last of all, each once and at most `limit`."""
+    """Return the lines of an error stream, each once, at most `limit`; notes without others."""
     shortened = (line.rstrip()[:LONGEST_LINE] for line in errors.splitlines() if line.strip())
     lines = list(dict.fromkeys(shortened))
     important = [line for line in lines if not line.lower().startswith("note:")] or lines
-    if len(important) > limit:
-        half = limit // 2
-        omitted = f"... {len(important) - limit} lines"
-        important = [*important[:half], omitted, *important[-half:]]
+    if (more := len(important) - limit) > 0:
+        important[limit // 2 : -limit // 2] = [f"... {more} lines"]
     return "\n".join(important)
 
 
@@ -177,19 +171,20 @@ def accepted_waveforms(
     SimulationError: one of its kinds, for the first piece of evidence that is missing, with the
       important lines of the log, the run folder, and the points that were written.
     """
-    waveforms = None
+
+    def waveforms(partial: bool) -> Waveforms:
+        return _waveforms(deck, read_raw(ending.raw, partial=partial), ending, engine, solver)
+
     try:
         with _explained(ending):
-            waveforms = _waveforms(deck, read_raw(ending.raw), ending, engine, solver)
-            _check_time(deck, waveforms.time)
-            _check_values(waveforms, bound)
-            return waveforms
+            found = waveforms(partial=False)
+            _check_time(deck, found.time)
+            _check_values(found, bound)
+            return found
     except SimulationError as error:
-        if waveforms is None:
-            with contextlib.suppress(SimulationError):
-                plot = read_raw(ending.raw, partial=True)
-                waveforms = _waveforms(deck, plot, ending, engine, solver)
-        error.partial = waveforms if waveforms is not None and len(waveforms.time) else None
+        with contextlib.suppress(SimulationError):
+            written = waveforms(partial=True)
+            error.partial = written if len(written.time) else None
         raise
 
 
@@ -219,20 +214,17 @@ def _check_plot(plot: Plot, name: str, vectors: Sequence[str]) -> None:
 
 def _check_time(deck: SimulatedDeck, time: Floats) -> None:
     """Check point 6."""
-    analysis = deck.analysis
+    analysis, ends = deck.analysis, (float(time[0]), float(time[-1]))
     if not isinstance(analysis, Transient):
         if len(time) != 1:
             raise BadEvidence(f"an operating point has one point, not {len(time)}")
-        return
-    if not bool(np.all(time[1:] > time[:-1])):
+    elif not bool(np.all(time[1:] > time[:-1])):
         raise BadEvidence("time does not increase strictly")
     # With `uic` the first point that ngspice writes is its first step, not t = 0.
-    if not 0.0 <= time[0] <= analysis.max_step:
-        raise BadEvidence(f"the record begins at {float(time[0])!r} s, not at 0")
-    if abs(time[-1] - analysis.stop) > STOP_TOLERANCE * analysis.stop:
-        raise BadEvidence(
-            f"the record ends at {float(time[-1])!r} s; {analysis.stop!r} s was asked for"
-        )
+    elif not 0.0 <= ends[0] <= analysis.max_step:
+        raise BadEvidence(f"the record begins at {ends[0]!r} s, not at 0")
+    elif abs(ends[1] - analysis.stop) > STOP_TOLERANCE * analysis.stop:
+        raise BadEvidence(f"the record ends at {ends[1]!r} s; {analysis.stop!r} s was asked for")
 
 
 def _check_values(waveforms: Waveforms, bound: float) -> None:
@@ -283,37 +275,27 @@ def integrated_noise(deck: SimulatedDeck, ending: Ending) -> float:
     """
     with _explained(ending):
         bands, plots = cast(NoiseAnalysis, deck.analysis).bands, read_plots(ending.raw)
-        spectra = plots[0::2]
         if len(plots) != 2 * len(bands):
             raise BadEvidence(f"{len(plots)} plots; {2 * len(bands)} were asked for")
-        for spectrum, integral in zip(spectra, plots[1::2], strict=True):
-            _check_plot(spectrum, *SPECTRUM)
-            _check_plot(integral, *INTEGRAL)
+        for k, plot in enumerate(plots):
+            _check_plot(plot, *(SPECTRUM, INTEGRAL)[k % 2])
         # ngspice runs the last card first.
-        spectra.sort(key=lambda plot: float(plot.data[0, 0]))
-        for spectrum, band in zip(spectra, bands, strict=True):
-            _check_frequencies(spectrum.data[:, 0], band)
-        if not (variance := sum(map(_variance, spectra))):
+        spectra = sorted(plots[0::2], key=lambda plot: float(plot.data[0, 0]))
+        variance = sum(map(_variance, spectra, bands))
+        if not variance:
             raise BadEvidence(f"no noise at node {deck.saved[0]}; is the node in the circuit?")
         return math.sqrt(variance)
 
 
-def _check_frequencies(found: Floats, band: NoiseBand) -> None:
-    expected = band.start * 10.0 ** (np.arange(band.steps + 1) / band.density)
-    if found.shape != expected.shape or not np.allclose(
-        found, expected, rtol=FREQUENCY_TOLERANCE, atol=0
-    ):
-        raise BadEvidence(
-            f"{len(found)} frequencies; {len(expected)} from {band.start:g} to {band.stop:g} Hz"
-            " were asked for"
-        )
-
-
-def _variance(spectrum: Plot) -> float:
+def _variance(spectrum: Plot, band: NoiseBand) -> float:
     """Return the integral of a spectrum by Simpson's rule over the logarithm of f, V²."""
     from scipy.integrate import simpson
 
-    frequencies, densities = np.array(spectrum.data.T)
+    found, densities = np.array(spectrum.data.T)
+    wanted = band.start * 10.0 ** (np.arange(band.steps + 1) / band.density)
+    if len(found) != len(wanted) or not np.allclose(found, wanted, FREQUENCY_TOLERANCE, 0.0):
+        asked = f"{len(wanted)} from {band.start:g} to {band.stop:g} Hz were asked for"
+        raise BadEvidence(f"{len(found)} frequencies; {asked}")
     if not (np.isfinite(densities).all() and densities.min() >= 0.0):
         raise BadEvidence("a noise density is negative or not finite")
-    return float(simpson(frequencies * densities**2, x=np.log(frequencies)))
+    return float(simpson(found * densities**2, x=np.log(found)))

@@ -69,8 +69,6 @@ class Simulator:
 def find_simulator(path: str | None = None) -> Simulator:
     """Return the ngspice at `path`, else at ``$TACTION_NGSPICE``, else on the PATH.
 
-    Its version is read once in each Python process.
-
     SimulatorNotFound: there is no such executable, or the executable is not ngspice.
     SimulatorTooOld: the version is below `OLDEST`.
     """
@@ -83,6 +81,7 @@ def find_simulator(path: str | None = None) -> Simulator:
 
 @functools.cache
 def _probe(executable: str) -> Simulator:
+    """Return the simulator; its version is read once in each Python process."""
     try:
         status, answer = _answer(executable)
     except OSError as error:

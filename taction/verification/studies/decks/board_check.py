@@ -170,13 +170,13 @@ def check_board(
     checks, why = [*judge(found, asked, margin)], ["" if ngspice else "without ngspice"]
     if ngspice:
         every = np.append(found.poles.poles, found.apart.hidden)
-        checks.append(compare_ac(deck.at_rest, board, every))
+        checks.append(compare_ac(deck.point, board, every))
     if transient or "engines_agree" in asked.names:
         from taction.verification.studies.decks.transient_witness import compare_transient
 
         limit = asked.limits.engines_agree.tolerance
         checks.append(compare_transient(found, deck, limit, ngspice=ngspice))
-    if ngspice and deck.point is not None:
+    if ngspice and not deck.is_linear:
         why.append(points_note(found, deck.point))
         if any(each.moves for each in deck.flat.stimuli.values()):
             why.append(step_note(found, deck.point))
@@ -204,18 +204,8 @@ def check_board(
 
 
 STARTS = 12  # along the growing mode, then drawn
-REACHES = (
-    0.05,
-    -0.05,
-    0.15,
-    -0.15,
-    0.4,
-    -0.4,
-    1.0,
-    -1.0,
-    10.0,
-    -10.0,
-)  # of the range of all voltages, along this mode
+SIZES = (0.05, 0.15, 0.4, 1.0, 10.0)
+REACHES = [sign * size for size in SIZES for sign in (1.0, -1.0)]  # of the range of all voltages
 WIDER = 2.0  # times the range of all voltages on either side: drawn ones
 SAME = 1e-3  # of this range, or of a voltage: a smaller distance is the same point
 SECONDS = 4.0  # of one start

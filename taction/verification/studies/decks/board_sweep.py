@@ -81,20 +81,18 @@ class VariedDeck(Varied):
         self.known.update(zip(missing, self.deck.at(wanted) if wanted else (), strict=True))
 
     def _values(self, z: Floats) -> tuple[float, ...]:
-        count = len(self.varied) - len(self.params)
-        shares = [math.log1p(parameter.tolerance) for parameter in self.varied[count:]]
-        values = np.array([*self.params.values()]) * np.exp(z[count:] * shares)
-        return tuple(values.tolist())
+        shares = [p.tolerance for p in self.varied if p.kind == PARAM]
+        factors = np.power(1.0 + np.array(shares), z[len(z) - len(shares) :])
+        return tuple((np.array([*self.params.values()]) * factors).tolist())
 
     def at(self, z: Floats) -> Circuit:
         """Return the board with deviations `z`."""
-        board: Circuit | InputError = self.nominal
-        if self.params:
-            self.expand([z])
-            board = self.known[self._values(z)]
-        if isinstance(board, InputError):
+        if not self.params:
+            return vary(self.nominal, self.tolerances, z)
+        self.expand([z])
+        if isinstance(board := self.known[self._values(z)], InputError):
             raise board
-        return vary(board, self.tolerances, z[: len(self.varied) - len(self.params)])
+        return vary(board, self.tolerances, z[: len(z) - len(self.params)])
 
     def measured(self, number: int, z: Floats) -> BoardSample:
         """Return the sample with deviations `z`; `EngineError` where it cannot be measured."""
@@ -152,7 +150,7 @@ class SweptValue:
         name, _, body = (part.strip() for part in text.partition("="))
         circuit, lower = deck.circuit, name.lower()
         parts = {knob.name.lower(): knob for knob in circuit.knobs if knob.role}
-        knob, known = parts.get(lower), deck.parameters
+        knob, known = parts.get(lower), deck.deck.parameters
         if knob is None and lower not in known:
             listed = ", ".join([*known, *(each.name for each in parts.values())][:LISTED])
             raise InputError("--over", Complaint("name", repr(name), f"expected one of {listed}"))
@@ -190,15 +188,13 @@ class PointRow:
         """Return the poles and the answers at a value."""
         if isinstance(found, Exception):
             return cls(value, failure=str(found))
-        figures = dict[str, float | None]()
+        poles, figures = found.poles, dict[str, float | None]()
         for each in QUESTIONS.values():
-            if each.over:
-                figures |= each.figures(each.worst(found))
-        made, lead = cls(value, stable=found.poles.stable, figures=figures), found.poles.rightmost
-        if not len(found.poles.poles):
-            return made
-        bound, frequency = found.poles.resolution, lead.imag / math.tau
-        return replace(made, real=lead.real, frequency=frequency, bound=bound)
+            figures |= each.figures(each.worst(found)) if each.over else {}
+        if not len(poles.poles):
+            return cls(value, stable=poles.stable, figures=figures)
+        lead = poles.rightmost.real, poles.rightmost.imag / math.tau
+        return cls(value, *lead, poles.stable, poles.resolution, figures=figures)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -240,14 +236,10 @@ class Sweep:
     @property
     def doubtful(self) -> tuple[float, ...]:
         """Values, other than crossings, that are not stable within a range that would be."""
-        values = [point.value for point in self.points if not point.stable]
-        return tuple(
-            value
-            for value in values
-            if value is not None
-            and any(low <= value <= high for low, high in self.edges.stable_ranges)
-            and not any(abs(value - e.value) <= SAME * abs(value) for e in self.crossings)
-        )
+        values = [point.value or 0.0 for point in self.points if not point.stable]
+        values = [v for v in values if any(a <= v <= b for a, b in self.edges.stable_ranges)]
+        crossings = [edge.value for edge in self.crossings]
+        return tuple(v for v in values if not any(abs(v - e) <= SAME * abs(v) for e in crossings))
 
 
 def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweptValue, band: float) -> Sweep:

@@ -29,6 +29,7 @@ from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
 from taction.system.processes import one_limit
 from taction.verification.characterise.operating_point import (
     MISFIT,
+    MODES,
     DeckPoint,
     find_point,
     linear_flat,
@@ -38,7 +39,6 @@ from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.studies.decks.measured_board import Start
 
 MOST_PARTS = 3000  # R C L K E F G H that are not measured
-MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a topology
 PROBE = "v_taction_parameter"  # a source whose value is that of a .param
 VALUE_SECONDS = 1.0  # that a value of a .param adds to the time of all runs
 NAMED = 12  # elements in a note
@@ -56,27 +56,18 @@ class ForeignBoard:
     circuit: Circuit  # every part is a knob
     initial: Start  # "zero" for a transient with ``uic``
     notes: tuple[str, ...]  # the step, op-amps that were replaced, what was left out
-    lines: tuple[str, ...] = ()  # as ngspice expands them
-    point: DeckPoint | None = None  # where a deck rests that is not linear
+    point: DeckPoint  # where it rests
 
     @property
-    def at_rest(self) -> DeckPoint:
-        """Where it rests; of a linear deck, which is the same everywhere, any point."""
-        if self.point is not None:
-            return self.point
-        nodes, options = [*self.flat.nodes], _options(self.deck)
-        return DeckPoint.of(self.deck.lines, self.lines, self.flat, nodes, options)
+    def is_linear(self) -> bool:
+        """Whether nothing in it is measured."""
+        return not self.point.flat.elements
 
     @property
     def flat_text(self) -> str:
         """The flat cards as a deck."""
-        cards = (_CHARGE.sub("", line) for line in self.lines)
+        cards = (_CHARGE.sub("", line) for line in self.point.cards)
         return "\n".join(["* flat cards of a deck", *cards, ".end", ""])
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of the ``.param`` cards that can be moved."""
-        return self.deck.parameters
 
     def at(self, changes: Sequence[Mapping[str, float]]) -> list[Circuit | InputError]:
         """Return the circuit at some values of its ``.param`` cards, an error where there is none.
@@ -86,22 +77,22 @@ class ForeignBoard:
         """
 
         def measured(changed: Mapping[str, float]) -> Flat:
-            lines = list(self.deck.lines)
-            for k, line in enumerate(lines):
-                for name, value in changed.items() if line.startswith(".param") else ():
-                    own = rf"\b{re.escape(name)} ?=(?!=) ?(?:\{{[^{{}}]*\}}|\S+)"
-                    lines[k] = re.sub(own, f"{name}={value!r}", lines[k])
-            return _measured(find_point(lines, _options(self.deck), find_simulator()))[0]
+            text = "\n".join(self.deck.lines)
+            for name, value in changed.items():
+                own = rf"^(\.param (?:.*\W)?){name} ?=(?!=) ?(?:\{{[^{{}}]*\}}|\S+)"
+                text = re.sub(own, rf"\g<1>{name}={value!r}", text, flags=re.M)
+            point = find_point(text.split("\n"), _options(self.deck), find_simulator())
+            return _measured(point)[0]
 
         def circuit(read: Callable[[], Flat]) -> Circuit | InputError:
             try:
-                flat, _ = stepped(read(), small=self.point is not None)
-            except CardError as error:
-                return self._error(str(error))
+                flat, _ = stepped(read(), small=not self.is_linear)
+            except (CardError, DidNotLoad) as error:
+                return self._error(one_line(error))
             nodes = [out.node for out in self.circuit.outputs]
             return circuit_of(flat, self.circuit.name, nodes)
 
-        if self.point is not None:
+        if not self.is_linear:
             with one_limit(VALUE_SECONDS * len(changes), more=True):
                 return [circuit(partial(measured, each)) for each in changes]
         try:
@@ -130,17 +121,12 @@ def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
     InputError: a card that is not accepted, with its line and what is; a node that is not there.
     SimulationError: ngspice is missing, or does not expand the deck.
     """
-    deck, point, small = read_deck(file).with_first_steps, None, ""
+    deck = read_deck(file).with_first_steps
     try:
-        if plain := deck.is_plain:
-            (cards,) = expand(deck.lines, find_simulator())
-            flat = read_cards(cards, measure=True)
-            plain = not flat.elements
-        if not plain:
-            point = find_point(deck.lines, _options(deck), find_simulator())
-            cards, (flat, small) = point.cards, _measured(point)
-            point = point if small else None
-        flat, stimulus = stepped(flat, small=point is not None)
+        modes = MODES[-1:] if deck.is_plain else MODES
+        point = find_point(deck.lines, _options(deck), find_simulator(), modes)
+        flat, small = _measured(point)
+        flat, stimulus = stepped(flat, small=bool(small))
     except (CardError, DidNotLoad) as error:
         refused = deck.unbraced_expression if "unknown parameter" in str(error) else None
         said = one_line(error)
@@ -148,19 +134,15 @@ def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
         accepted = "" if whole else f"; {LINEAR}"
         raise refused or InputError(deck.file, Complaint("deck", "", said + accepted)) from None
     nodes = outputs_of(flat, outputs, (card.text for card in deck.left))
-    for count, what, most in (
-        (len(flat.nodes), "nodes", MOST_UNKNOWNS),
-        (len(flat.knobs), "parts", MOST_PARTS),
-    ):
-        if count > most:
-            text = f"the deck has {count} {what}; up to {most} are read"
-            raise InputError(deck.file, Complaint("deck", "", text))
+    if (count := len(flat.knobs)) > MOST_PARTS:
+        text = f"the deck has {count} parts; up to {MOST_PARTS} are read"
+        raise InputError(deck.file, Complaint("deck", "", text))
     immediate = any(re.search(r"\buic\b", c.text) for c in deck.left if c.word == ".tran")
-    immediate &= point is None  # the small signal begins where the circuit rests
+    immediate &= not small  # the small signal begins where the circuit rests
     notes = (*([small] if small else ()), stimulus, *_notes(deck, flat, immediate))
     start: Start = "zero" if immediate else "rest"
     circuit = circuit_of(flat, deck.file.stem, nodes)
-    return ForeignBoard(deck, flat, circuit, start, notes, tuple(cards), point)
+    return ForeignBoard(deck, flat, circuit, start, notes, point)
 
 
 def _options(deck: ForeignDeck) -> str:

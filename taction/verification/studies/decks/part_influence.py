@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -103,16 +102,16 @@ def influences(
     families = dict(zip([k.name for k in knobs], Family.of_each(board, knobs), strict=True))
     rates = sensitivities(board, found, families)
     order = sorted(rates, key=lambda name: -abs(rates[name].real))
-    looked = order if every or found.known_unstable else order[:MOST_MARGINS]
+    most = len(order) if every or found.known_unstable else MOST_MARGINS
     large = not every and board.descriptor.size > MOST_UNKNOWNS
     if large or not found.certain or board.state_space.lost:
-        looked = []
-    nearest, rows = dict.fromkeys(order, _Nearest(doubt=UNKNOWN, sure=1.0)), list[PartRow]()
-    nearest |= _nearest_of({name: families[name] for name in looked}, found)
-    for name in order:
-        rate, own, unit = rates[name], c.value(name), c.facts[name].unit
-        ends, frequency = nearest[name].values(own), rate.imag / math.tau
-        rows.append(PartRow(name, own, unit, rate.real, frequency, *ends, nearest[name].doubt))
+        most = 0
+    nearest, rows = dict[str, _Nearest](), list[PartRow]()
+    for k, name in enumerate(order):
+        near = _nearest(families[name], found) if k < most else _Nearest(doubt=UNKNOWN, sure=1.0)
+        rate, own, unit, nearest[name] = rates[name], c.value(name), c.facts[name].unit, near
+        rate_of = rate.real, rate.imag / math.tau
+        rows.append(PartRow(name, own, unit, *rate_of, *near.values(own), near.doubt))
     margin = None
     if every and not found.known_stable:
         margin = Margin(0.0, 0.0, "the board is not stable")
@@ -150,31 +149,26 @@ class _Nearest:
         return (low, high) if own > 0.0 else (high, low)
 
 
-def _nearest_of(families: Mapping[str, Family], found: Poles) -> dict[str, _Nearest]:
-    """Return the nearest edges of values that are not zero, by name; each keeps its sign.
+def _nearest(family: Family, found: Poles) -> _Nearest:
+    """Return the nearest edges of a value, which keeps its sign; of 0 none.
 
     Of a board that is not stable they are the nearest ends of ranges in which it is.
     """
     reach, stable = REACH * MORE, found.known_stable
-    nearest = dict.fromkeys(families, _Nearest())
-    for name, family in families.items():
-        if not family.own:
-            continue
-        board = partial(lambda each, factor: each.board(each.own * factor), family)
-        over = replace(family, board=board, own=1.0)
-        try:
-            edges = find_edges(over, 1.0 / reach, reach, found)
-        except EngineError as error:
-            nearest[name] = _Nearest(doubt=str(error), sure=1.0)
-            continue
-        every = [edge for edge in edges.edges if stable or edge.changes_stability]
-        below = max((e for e in every if e.value < 1.0), key=lambda e: e.value, default=None)
-        above = min((e for e in every if e.value > 1.0), key=lambda e: e.value, default=None)
-        low, high = below.value if below else 0.0, above.value if above else math.inf
-        near = [max(factor, 1.0 / factor) for factor in edges.near if low <= factor <= high]
-        doubt = "a pole comes close to the axis" if near else ""
-        nearest[name] = _Nearest(below, above, doubt, min(near, default=math.inf))
-    return nearest
+    if not family.own:
+        return _Nearest()
+    over = replace(family, board=lambda factor: family.board(family.own * factor), own=1.0)
+    try:
+        edges = find_edges(over, 1.0 / reach, reach, found)
+    except EngineError as error:
+        return _Nearest(doubt=str(error), sure=1.0)
+    every = [edge for edge in edges.edges if stable or edge.changes_stability]
+    below = max((e for e in every if e.value < 1.0), key=lambda e: e.value, default=None)
+    above = min((e for e in every if e.value > 1.0), key=lambda e: e.value, default=None)
+    low, high = below.value if below else 0.0, above.value if above else math.inf
+    near = [max(factor, 1.0 / factor) for factor in edges.near if low <= factor <= high]
+    doubt = "a pole comes close to the axis" if near else ""
+    return _Nearest(below, above, doubt, min(near, default=math.inf))
 
 
 def _least(circuit: Circuit, nearest: Mapping[str, _Nearest]) -> Margin:

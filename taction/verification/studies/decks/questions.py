@@ -127,17 +127,15 @@ class Question:
 
 def _reading(name: str, title: str, words: str, example: str, second: str = "") -> Question:
     """Return the question of a reading of the step, which `measurements` has."""
-    return Question(
-        name,
-        READINGS[name].unit,
-        title,
-        words,
-        lambda found: [channel.readings[name] for channel in found.measurements.channels],
-        name.removesuffix("_time"),
-        example,
-        second,
-        whole=lambda found: found.measurements.readings[name],
-    )
+
+    def answer(found: MeasuredBoard) -> Answers:
+        return [channel.readings[name] for channel in found.measurements.channels]
+
+    def whole(found: MeasuredBoard) -> Reading | None:
+        return found.measurements.readings[name]
+
+    short, unit = name.removesuffix("_time"), READINGS[name].unit
+    return Question(name, unit, title, words, answer, short, example, second, whole=whole)
 
 
 def _noise(found: MeasuredBoard) -> Answers:

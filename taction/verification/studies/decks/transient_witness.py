@@ -45,7 +45,7 @@ def compare_transient(
     unknown = partial(Check, "engines_agree", Outcome.INCONCLUSIVE, None, None, limit, None, "step")
     if not ngspice:
         return unknown("without ngspice")
-    if deck.point is not None:
+    if not deck.is_linear:
         return unknown("the deck is not linear: a step of any size may leave its operating point")
     if found.apart.beyond:
         return unknown(FAR)

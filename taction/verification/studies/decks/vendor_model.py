@@ -34,6 +34,7 @@ from taction.spice_models.imported import (
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import (
     Complaint,
+    DidNotLoad,
     EngineError,
     InputError,
     SimulationError,
@@ -221,8 +222,8 @@ def import_opamp(
         found = flat_subcircuit(cards, port_nodes(pins), subcircuit)
         bench = replace(bench, subcircuit=found)
         point = find_point(bench.lines(), "", simulator, modes=("",))
-    except CardError as error:
-        raise InputError(file, Complaint("netlist", "", str(error))) from None
+    except (CardError, DidNotLoad) as error:
+        raise InputError(file, Complaint("netlist", "", one_line(error))) from None
     seen = respond(bench, point)
     if reason := _no_opamp(seen, middle):
         raise InputError(file, Complaint("--pins", "", reason))

@@ -162,7 +162,7 @@ def _board(given: Place) -> ForeignBoard:
         file = Path(folder, "board.cir")
         file.write_text(deck.text, encoding="utf-8")
         board = read_board(file)
-    if board.point is not None:
+    if not board.is_linear:
         text = "its deck is not linear; compare the scene with a raw file of the other deck"
         raise InputError(given.file, Complaint("deck", "", text))
     return board
@@ -204,7 +204,7 @@ def _stepped(board: Place, wave: Waveforms) -> tuple[Circuit, Start, float, tupl
         assert isinstance(deck.analysis, Transient)  # noqa: S101 - `deck_of` writes transients
         return circuit, deck.analysis.initial, 0.0, ()
     found = read_board(board)
-    if found.point is not None:
+    if not found.is_linear:
         text = "is not linear, and small signals say nothing of a record; expected a linear deck"
         raise InputError(board, Complaint("deck", "", text))
     steps = [each.at for each in found.flat.stimuli.values() if each.moves]
