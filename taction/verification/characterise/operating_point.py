@@ -124,9 +124,14 @@ class DeckPoint:
 
 
 def find_point(
-    lines: Sequence[str], options: str, simulator: Simulator, modes: Sequence[str] = MODES
+    lines: Sequence[str],
+    options: str,
+    simulator: Simulator,
+    modes: Sequence[str] = MODES,
+    *,
+    volts: bool = False,
 ) -> DeckPoint:
-    """Return where a deck rests; of a linear one, which is the same everywhere, any point.
+    """Return where a deck rests; of a linear one any point, with its voltages only if `volts`.
 
     It is read in the first of the `modes` that expands it. `CardError`: it has too many nodes, or
     a card is not read, or ngspice finds no point. `DidNotLoad`: ngspice does not expand it.
@@ -142,15 +147,18 @@ def find_point(
     flat = read_cards(cards, measure=True)
     if (count := len(flat.nodes)) > MOST_NODES:
         raise CardError(f"the deck has {count} nodes; up to {MOST_NODES} are read")
-    if not flat.elements:
-        return DeckPoint.of(lines, cards, flat, [*flat.nodes], options, mode)
+    linear = DeckPoint.of(lines, cards, flat, [*flat.nodes], options, mode)
+    if not (flat.elements or volts):
+        return linear
     first = run_commands(given, ["save all", "op", f"write {RESULT}"], simulator, mode=mode)
-    if not (volts := read_volts(first)):
+    if not (found := read_volts(first)):
         raise CardError(f"ngspice finds no operating point: {first.complaint}")
+    if not flat.elements:
+        return replace(linear, volts=found)
     words = {word for card in cards for word in card.split()}
-    nodes = [name for name in volts if name in words]
+    nodes = [name for name in found if name in words]
     point = DeckPoint.of(lines, cards, flat, nodes, options, mode)
-    return _tight(replace(point, volts=volts, limits=OWN, text=()), simulator)
+    return _tight(replace(point, volts=found, limits=OWN, text=()), simulator)
 
 
 def _tight(point: DeckPoint, simulator: Simulator) -> DeckPoint:

@@ -243,6 +243,10 @@ LINES = {
         "line 20002 = 'r19999 out 0 1k'",
         "20,001 cards; at most 20,000 are read",
     ),
+    "transistors": (
+        ".model n npn(rb=10 re=1)\n" + "".join(f"Q{k} out {k} 0 n\n" for k in range(1, 300)),
+        "the deck has 899 nodes; up to 600 are read",
+    ),
     "coils": (coupled(80), "the deck has 3322 parts; up to 3000 are read"),
     "one coupling": (f"K9 {'a b ' * 4900}1\n", "line 5 = 'k9", "more than 200 couplings"),
     "functions": (

@@ -221,7 +221,7 @@ def import_opamp(
         cards = find_point(bench.lines(), "", simulator).cards
         found = flat_subcircuit(cards, port_nodes(pins), subcircuit)
         bench = replace(bench, subcircuit=found)
-        point = find_point(bench.lines(), "", simulator, modes=("",))
+        point = find_point(bench.lines(), "", simulator, modes=("",), volts=True)
     except (CardError, DidNotLoad) as error:
         raise InputError(file, Complaint("netlist", "", one_line(error))) from None
     seen = respond(bench, point)
