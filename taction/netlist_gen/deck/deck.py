@@ -140,28 +140,27 @@ def write_deck(
 
 def _strains(circuit: Circuit, analysis: Analysis) -> list[str]:
     """Return the sources of the strain, the only parts that depend on `analysis`."""
-    ramp = ""
-    if isinstance(analysis, Transient) and starts_from_rest(circuit, analysis):
-        ramp = repr(analysis.begin)
-    lines = []
+    ramps = isinstance(analysis, Transient) and starts_from_rest(circuit, analysis)
+    begin, lines = getattr(analysis, "begin", 0.0), []
     for source in circuit.strains:
         if isinstance(source, VoltageSource):
-            ends, value = (source.node, GROUND), repr(source.volts)
+            ends, value = f"{source.node} {GROUND}", source.volts
         else:
-            ends, value = (GROUND, source.node), repr(source.amps)
-        lines.append(" ".join([source.card, *ends, f"PWL(0 0 {ramp} {value})" if ramp else value]))
+            ends, value = f"{GROUND} {source.node}", source.amps
+        wave = f"PWL(0 0 {begin!r} {value!r})" if ramps else repr(value)
+        lines.append(f"{source.card} {ends} {wave}")
     return lines
 
 
 def matrix_lines(matrices: Iterable[ResistorMatrix]) -> list[str]:
     """Return one line per resistor by rows, ``Rf_3_5`` in row 3, column 5, or with its wires."""
-    text, lines = _Texts(), list[str]()
+    lines = list[str]()
     for matrix in matrices:
         if matrix.wires is not None:
             lines += [f"{name} {a} {b} {ohms!r}" for name, a, b, ohms in wire_branches(matrix)]
         else:
             lines += [
-                f"{matrix.name}_{k + 1}_{n + 1} {drive} {sink} {text[ohms]}"
+                f"{matrix.name}_{k + 1}_{n + 1} {drive} {sink} {ohms!r}"
                 for k, n, drive, sink, ohms in matrix.elements()
             ]
     return lines
@@ -244,20 +243,12 @@ def _opamp_text(model: OpAmp, grounded: bool, supply: float, noisy: bool) -> str
     return str(opamp_subcircuit(model, noninverting_grounded=grounded, supply=supply, noisy=noisy))
 
 
-class _Texts(dict[float, str]):
-    """The text of each number, printed once; many parts have the same value."""
-
-    def __missing__(self, number: float) -> str:
-        return self.setdefault(number, repr(number))
-
-
 def _parts(circuit: Circuit) -> list[str]:
     """Return the lines of op-amps, resistors, capacitors and transistors."""
-    text = _Texts()
     return [
         *(f"X{c.name} {c.noninverting} {c.inverting} {c.output} {c.model}" for c in circuit.opamps),
-        *(f"R{r.name} {r.a} {r.b} {text[r.ohms]}" for r in circuit.resistors),
-        *(f"C{c.name} {c.a} {c.b} {text[c.farads]}" for c in circuit.capacitors),
+        *(f"R{r.name} {r.a} {r.b} {r.ohms!r}" for r in circuit.resistors),
+        *(f"C{c.name} {c.a} {c.b} {c.farads!r}" for c in circuit.capacitors),
         *(f"Q{q.name} {q.collector} {q.base} {q.emitter} {q.model}" for q in circuit.transistors),
     ]
 
@@ -345,10 +336,8 @@ def check_request(
             for name in ("start", "steps", "density"):
                 _check_value(name, getattr(band, name))
     if isinstance(analysis, Transient):
-        _check_value("stop", analysis.stop)
-        _check_value("max_step", analysis.max_step)
-        _check_value("truncation", analysis.truncation)
-        _check_value("first_step", analysis.begin)
+        for name in ("stop", "max_step", "truncation", "begin"):
+            _check_value(name, getattr(analysis, name))
         _check_value("charge", 1.0 if analysis.charge is None else analysis.charge)
         # a dot separates a subcircuit from its node, as in "xv_1.p1"
         _check_names(part for node in analysis.voltages for part in node.split("."))
@@ -380,11 +369,9 @@ def tolerances(circuit: Circuit, relative: float) -> SimulatorTolerances:
 
 
 def _check_names(names: Iterable[str]) -> None:
-    distinct = dict.fromkeys(names)  # each node occurs in several parts
-    distinct.pop(GROUND, None)
-    if not all(map(NAME.fullmatch, distinct)):
-        wrong = next(name for name in distinct if not NAME.fullmatch(name))
-        raise ValueError(f"{wrong!r} is not a valid name in a deck")
+    for name in dict.fromkeys(names):  # each node occurs in several parts
+        if name != GROUND and not NAME.fullmatch(name):
+            raise ValueError(f"{name!r} is not a valid name in a deck")
 
 
 def _check_value(name: str, value: float) -> None:

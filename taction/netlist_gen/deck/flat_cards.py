@@ -79,24 +79,17 @@ def stimulus_of(text: str) -> Stimulus:
     return Stimulus(given[0], given[1], at, "exp" if wave == "exp" else "pulse", ac)
 
 
-KINDS = {
-    "r": ("resistor", "ohm"),
-    "c": ("capacitor", "F"),
-    "l": ("coil", "H"),
-    "k": ("coupling", ""),
-    "e": ("gain", ""),
-    "f": ("gain", ""),
-    "g": ("transconductance", "S"),
-    "h": ("transresistance", "ohm"),
+PARTS = {
+    "r": ("resistor", "ohm", 2, "two nodes"),
+    "c": ("capacitor", "F", 2, "two nodes"),
+    "l": ("coil", "H", 2, "two nodes"),
+    "k": ("coupling", "", 2, "two coils"),
+    "e": ("gain", "", 4, "four nodes"),
+    "f": ("gain", "", 3, "two nodes, a voltage source"),
+    "g": ("transconductance", "S", 4, "four nodes"),
+    "h": ("transresistance", "ohm", 3, "two nodes, a voltage source"),
 }
-"""Letters of the parts that are knobs: what they are, and their unit."""
-SHAPES = {
-    **dict.fromkeys("rcl", (2, "two nodes and one number")),
-    "k": (2, "two coils and one number"),
-    **dict.fromkeys("eg", (4, "four nodes and one number; polynomials are not linear")),
-    **dict.fromkeys("fh", (3, "two nodes, a voltage source and one number")),
-}
-"""How many names stand before the number of a linear part, and what it has in words."""
+"""Parts that are knobs: what they are, their unit, and the names that stand before the number."""
 IDLE = {"tc1", "tc2", "tc", "noisy", "ic"}  # without effect at 27 degrees C, or on poles
 PASSIVE = ("r", "res", "c", "l")  # kinds of their models
 _PASSIVE = re.compile(r"\.model \S+ \w+ ?\(?([^()]*)\)?")
@@ -184,7 +177,7 @@ def _read(flat: Flat, name: str, text: str) -> None:
         flat.stimuli[part.card] = found
     elif letter == "b":
         _expression(flat, name, text)
-    elif letter in SHAPES:
+    elif letter in PARTS:
         _part(flat, name, text)
     else:
         raise ValueError(f"a device {letter.upper()!r} is not linear")
@@ -192,8 +185,8 @@ def _read(flat: Flat, name: str, text: str) -> None:
 
 def _part(flat: Flat, name: str, text: str) -> None:
     """Add R, C, L, K, E, F, G or H with one number."""
-    letter, (count, shape) = name[0], SHAPES[name[0]]
-    passive = letter in "rcl"
+    letter, (_, _, count, names) = name[0], PARTS[name[0]]
+    passive, shape = letter in "rcl", f"{names} and one number"
     words = _FIELD.findall(_without_model(letter, text, flat.models) if passive else text)
     plain = [word for word in words if "=" not in word]
     keyed = dict(re.split(r"\s*=\s*", word, maxsplit=1) for word in words if "=" in word)
@@ -304,7 +297,7 @@ def circuit_of(flat: Flat, name: str, outputs: Iterable[str]) -> Circuit:
     largest = max(farads, default=LEAST_FARADS)
     facts = common_facts(U0=1.0, C=largest)  # the scales of voltages and charges
     for own, part in flat.knobs.items():
-        title, unit = KINDS[part.letter.lower()]
+        title, unit, *_ = PARTS[part.letter.lower()]
         facts[own] = Fact(own, part.value, unit, own, title, own, role=own)
     circuit = Circuit(
         name=name,
@@ -330,21 +323,19 @@ def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
     moving = [card for card, found in flat.stimuli.items() if found.moves]
     if moving:
         return flat, f"step at t = 0: {_named(moving)}"
-    still = "no source changes over time"
-    sources = [*flat.stimuli]
+    sources, before, step = [*flat.stimuli], 0.0, 0.0
     excited = [card for card in sources if flat.stimuli[card].ac]
-    faint = [card for card in excited if flat.stimuli[card].after]
-    before, step = 0.0, 0.0
     if small:
         chosen, before, step = excited or sources[-1:], 1.0, SMALL_STEP
-        text = f"{still}, so a step by {SMALL_STEP:g} at t = 0"
-    elif faint:
-        chosen, before = faint, 1.0 - BIASED_STEP
-        text = f"{still}, so at t = 0 from {before:.0%} to the DC value"
+        text = f"a step by {SMALL_STEP:g} at t = 0"
+    elif chosen := [card for card in excited if flat.stimuli[card].after]:
+        before = 1.0 - BIASED_STEP
+        text = f"at t = 0 from {before:.0%} to the DC value"
     else:
-        chosen, text = excited or sources, f"{still}, so switched on at t = 0"
+        chosen, text = excited or sources, "switched on at t = 0"
         if not any(flat.stimuli[card].after for card in chosen):  # of an AC analysis: to 1
-            step, text = 1.0, f"{still}, so at t = 0 from 0 to 1"
+            step, text = 1.0, "at t = 0 from 0 to 1"
+    still = "no source changes over time"
     if not chosen:
         return flat, still if small else ""
     parts = [
@@ -353,7 +344,7 @@ def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
         else part
         for part in flat.parts
     ]
-    return replace(flat, parts=parts), f"{text}: {_named(chosen)}"
+    return replace(flat, parts=parts), f"{still}, so {text}: {_named(chosen)}"
 
 
 def _named(cards: Sequence[str]) -> str:

@@ -3,77 +3,45 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
-from itertools import chain
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from PySpice.Spice.Netlist import Circuit, Netlist
+    from PySpice.Spice.Netlist import Circuit
 
-_MODEL = re.compile(r"\.model (\w+) (\w+)\((.*)\)")
-_ANALYSES = {".title", ".save", ".tran", ".op", ".meas", ".noise", ".ic", ".end"}
-_TWO_ENDED = {"R": "R", "C": "C", "I": "I", "V": "V"}  # letter of a card: method of a netlist
-_CONTROLLED = {"E": ("VCVS", "voltage_gain"), "G": ("VCCS", "transconductance")}
-_PARTS = {*_TWO_ENDED, *_CONTROLLED, "B", "X", "Q"}
+_CELL = re.compile(r"^\.subckt (\S+).*\n((?:.*\n)*?)\.ends \1\n", re.M)
+_CAPACITOR = re.compile(r"^C(\S+) (\S+) (\S+) (\S+)\n", re.M)
+VALUES = ("resistance", "voltage_gain", "transconductance", "dc_value")
+_FOREIGN = re.compile(r"^[^RCIVEGBXQ]", re.M)  # a card that taction does not write
 
 
 def pyspice_circuit(text: str, files: Mapping[str, str]) -> Circuit:
-    """Return the parts, models and options of a deck of ngspice.
+    """Return the parts, models and options of a deck of ngspice, by PySpice's parser.
 
     The analysis, what is saved and what is measured are left to PySpice's simulator. A subcircuit
     with cards that taction does not write, a vendor's, stays text (``raw_spice``).
     """
-    from PySpice.Spice.Netlist import Circuit, SubCircuit
+    from PySpice.Spice.Parser import SpiceParser
 
-    circuit = Circuit("taction board")
-    included = (
-        files[line.split()[1]].split("\n") if line.startswith(".include ") else [line]
-        for line in text.split("\n")
-    )
-    lines = chain.from_iterable(included)
-    for line in lines:
-        words = line.split()
-        if not words or line.startswith("*"):
-            continue
-        if words[0] == ".subckt":
-            body = list(iter(lambda: next(lines), f".ends {words[1]}"))
-            if all(card[:1] in _PARTS for card in body):
-                cell = SubCircuit(words[1], *words[2:])
-                _add_parts(cell, body)
-                circuit.subcircuit(cell)
-            else:
-                circuit.raw_spice += "\n".join([line, *body, f".ends {words[1]}", ""])
-        elif found := _MODEL.fullmatch(line):
-            figures = dict(figure.split("=") for figure in found[3].split())
-            circuit.model(found[1], found[2], **figures)
-        elif line[0] in _PARTS:
-            _add_parts(circuit, [line])
-        elif words[0] not in _ANALYSES:
-            circuit.raw_spice += line + "\n"
+    for name, inner in files.items():
+        text = text.replace(f".include {name}\n", inner)
+    kept = [cell[0] for cell in _CELL.finditer(text) if _FOREIGN.search(cell[2])]
+    for vendors in kept:
+        text = text.replace(vendors, "")
+    parser = SpiceParser(source=_CAPACITOR.sub("", text))  # it takes them for expressions
+    circuit, cells = parser.build_circuit(), {cell[1]: cell[2] for cell in _CELL.finditer(text)}
+    netlists = [(circuit, _CELL.sub("", text))]
+    for statement in parser.subcircuits:
+        circuit.subcircuit(cell := statement.build())
+        netlists.append((cell, cells[cell.name]))
+    for netlist, cards in netlists:
+        for name, a, b, farads in _CAPACITOR.findall(cards):
+            netlist.C(name, a, b, float(farads))
+        for element in netlist.elements:
+            for key in VALUES:
+                with suppress(AttributeError, ValueError):  # another part, or a waveform
+                    setattr(element, key, float(getattr(element, key)))
+    options = (line + "\n" for line in text.split("\n") if line.startswith(".options"))
+    circuit.raw_spice += "".join((*kept, *options))
     return circuit
-
-
-def _add_parts(netlist: Netlist, lines: Iterable[str]) -> None:
-    for line in lines:
-        kind, (name, *words) = line[0], line[1:].split()
-        if kind in _TWO_ENDED:
-            value = _number(" ".join(words[2:]))
-            getattr(netlist, _TWO_ENDED[kind])(name, *words[:2], value)
-        elif kind in _CONTROLLED:
-            method, figure = _CONTROLLED[kind]
-            getattr(netlist, method)(name, *words[:4], **{figure: _number(words[4])})
-        elif kind == "B":
-            expression = line.split(None, 3)[3].partition("=")[2]
-            netlist.BehavioralSource(name, *words[:2], voltage_expression=expression)
-        elif kind == "X":
-            netlist.X(name, words[-1], *words[:-1])
-        else:
-            netlist.Q(name, *words[:3], model=words[3])
-
-
-def _number(text: str) -> Any:
-    """Return a value as a number, or as the text of an expression or a waveform."""
-    try:
-        return float(text)
-    except ValueError:
-        return text
