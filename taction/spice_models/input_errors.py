@@ -145,23 +145,20 @@ def changes(
     `errors` are the distributions of the input errors at `ROOM`; the others as `with_input_errors`.
     """
     most, found, lacking = dict(opamp.guaranteed), dict[str, Spread](), list[str]()
-
-    def proportional(figure: str, factor: float, none: float) -> None:
-        typical = given.get(figure, getattr(opamp, figure))
-        if not factor or (level == "none" and figure not in given):
-            return
-        if typical == none and figure not in given:
+    doubles = math.isfinite(opamp.bias_doubling)
+    factors = {"offset_drift": around.kelvin, "supply_rejection": around.volts}
+    factors |= {} if doubles else {"bias_drift": around.kelvin}
+    for figure, factor in factors.items():
+        none = math.inf if figure in DECIBELS else 0.0
+        typical, own = given.get(figure, getattr(opamp, figure)), figure in given
+        if not factor or (level == "none" and not own):
+            continue
+        if typical == none and not own:
             lacking.append(figure)
-            return
-        limit = None if figure in given else most.get(figure)
-        each = spread(figure, typical, limit, opamp.assumed)
+            continue
+        each = spread(figure, typical, None if own else most.get(figure), opamp.assumed)
         found[figure] = Spread(0.0, each.sigma * abs(factor), each.assumed)
-
-    proportional("offset_drift", around.kelvin, 0.0)
-    proportional("supply_rejection", around.volts, math.inf)
-    if math.isinf(opamp.bias_doubling):
-        proportional("bias_drift", around.kelvin, 0.0)
-    elif around.hotter > 0.0:
+    if doubles and around.hotter > 0.0:
         factor = 2.0 ** (around.hotter / opamp.bias_doubling)
         for change in ("bias_drift", "offset_current_drift"):
             figure = CHANGES[change]
@@ -174,7 +171,7 @@ def changes(
 def _most(figure: str, found: Spread) -> float:
     """Return the size of a figure three standard deviations away."""
     size = abs(found.mean) + MOST * found.sigma
-    if figure == "common_mode_rejection":
+    if figure in DECIBELS:
         return -20.0 * math.log10(size)
     return math.copysign(size, found.mean or 1.0)
 
@@ -200,14 +197,13 @@ def drawn(opamp: OpAmp, deviations: Mapping[str, float], name: str = "") -> OpAm
 
 def not_known(models: Collection[OpAmp]) -> tuple[str, ...]:
     """Return a sentence for each op-amp whose sheet lacks figures of its input errors."""
-    found = []
+    found = list[str]()
     for model in {each.name: each for each in models}.values():
-        name, lacking = opamp_name(model.name), model.not_known
+        lacking, name = model.not_known, opamp_name(model.name)
         if lacking[: len(NONE)] == tuple(NONE):
             text = "input errors not known, so offset, bias current and CMRR are left out"
             found.append(f"op-amp {name}: {text}")
             lacking = lacking[len(NONE) :]
-        if lacking:
-            listed = ", ".join(figure.replace("_", " ") for figure in lacking)
-            found.append(f"op-amp {name}: {listed} not known, so left out")
+        listed = ", ".join(figure.replace("_", " ") for figure in lacking)
+        found += [f"op-amp {name}: {listed} not known, so left out"] if lacking else []
     return tuple(found)

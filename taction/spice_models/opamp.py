@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from taction.spice_models.imported import ImportedOpAmp
@@ -25,27 +26,21 @@ where an output entered its limit: the iteration alternates between both ends.""
 
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-ABOVE_ZERO = (
-    "gbw",
-    "second_pole",
-    "input_resistance",
-    "slew_rate",
-    "output_current",
-    "common_mode_rejection",
-    "bias_doubling",
-    "supply_rejection",
-)
-SIGNED = ("offset_voltage", "bias_current", "offset_current")
-ZERO_OR_MORE = (
-    "differential_capacitance",
-    "input_capacitance",
-    "output_resistance",
-    "voltage_noise",
-    "current_noise",
-    "supply_current",
-    "offset_drift",
-    "bias_drift",
-)
+_ABOVE_ZERO = """
+    gbw second_pole input_resistance slew_rate output_current common_mode_rejection bias_doubling
+    supply_rejection
+"""
+_ZERO_OR_MORE = """
+    differential_capacitance input_capacitance output_resistance voltage_noise current_noise
+    supply_current offset_drift bias_drift voltage_noise_corner
+"""
+_SIGNED = "offset_voltage bias_current offset_current"
+RANGES: dict[str, tuple[str, Callable[[float], bool]]] = {
+    **dict.fromkeys(_ABOVE_ZERO.split(), ("above 0", lambda value: value > 0.0)),
+    **dict.fromkeys(_ZERO_OR_MORE.split(), ("finite, 0 or more", lambda v: 0.0 <= v < math.inf)),
+    **dict.fromkeys(_SIGNED.split(), ("finite", math.isfinite)),
+}
+"""What the values of figures must be, in words and as a test."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,12 +122,10 @@ class OpAmp:
     input_errors: bool = False  # whether the macromodel has offset, bias and common-mode error
     rejection_sign: float = 1.0  # of the common-mode error
     guaranteed: tuple[tuple[str, float], ...] = ()  # limits of figures by the sheet, 25 degrees C
-    assumed: tuple[
-        str, ...
-    ] = ()  # figures and limits ("guaranteed.NAME") that no document confirms
-    varying: tuple[
-        tuple[str, Spread], ...
-    ] = ()  # input errors and their changes (`input_errors.CHANGES`)
+    # figures and limits ("guaranteed.NAME") that no document confirms
+    assumed: tuple[str, ...] = ()
+    # input errors and their changes (`input_errors.CHANGES`)
+    varying: tuple[tuple[str, Spread], ...] = ()
     not_known: tuple[str, ...] = ()  # errors and changes that should be there, and no sheet has
     imported: ImportedOpAmp | None = None  # a vendor's macromodel in the place of ours
 
@@ -141,16 +134,10 @@ class OpAmp:
             raise ValueError(f"name = {self.name!r}: expected a letter, then letters, digits, '_'")
         if not 1.0 < self.dc_gain < math.inf:
             raise ValueError(f"dc_gain = {self.dc_gain!r}: must be finite and above 1")
-        for figure in ABOVE_ZERO:
-            if not getattr(self, figure) > 0.0:
-                raise ValueError(f"{figure} = {getattr(self, figure)!r}: must be above 0")
-        known = () if self.voltage_noise_corner is None else ("voltage_noise_corner",)
-        for figure in (*ZERO_OR_MORE, *known):
-            if not 0.0 <= getattr(self, figure) < math.inf:
-                raise ValueError(f"{figure} = {getattr(self, figure)!r}: must be finite, 0 or more")
-        for figure in SIGNED:
-            if not math.isfinite(getattr(self, figure)):
-                raise ValueError(f"{figure} = {getattr(self, figure)!r}: must be finite")
+        for figure, (accepted, is_good) in RANGES.items():
+            value = getattr(self, figure)
+            if value is not None and not is_good(value):
+                raise ValueError(f"{figure} = {value!r}: must be {accepted}")
         if not (isinstance(self.channels_per_package, int) and self.channels_per_package >= 1):
             found = repr(self.channels_per_package)
             raise ValueError(f"channels_per_package = {found}: must be a whole number, 1 or more")

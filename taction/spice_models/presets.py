@@ -98,13 +98,11 @@ def figure_origins(name: str) -> dict[str, Origin]:
 
     Nothing is known about an op-amp of another package.
     """
-    table = _tables().get(name, {})
-    lists: Mapping[str, list[str]] = table.get("origin", {})
+    lists, notes = _tables().get(name, {}).get("origin", {}), _notes().get(name, {})
     documents = {figure: document for document, figures in lists.items() for figure in figures}
-    notes = _notes().get(name, {})
     return {
-        key: Origin(documents[key], documents.get(f"guaranteed.{key}", ""), notes.get(key, ""))
-        for key in documents
+        key: Origin(document, documents.get(f"guaranteed.{key}", ""), notes.get(key, ""))
+        for key, document in documents.items()
         if not key.startswith("guaranteed.")
     }
 

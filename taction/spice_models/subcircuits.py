@@ -101,13 +101,11 @@ def _inputs(
     """Add the input impedances."""
     if math.isfinite(model.input_resistance):
         cell.R("d", "inp", "inn", float(model.input_resistance), **silent)
-    if model.differential_capacitance > 0.0:
-        cell.C("d", "inp", "inn", float(model.differential_capacitance))
-    if model.input_capacitance > 0.0:
-        farads = float(model.input_capacitance)
-        cell.C("n", "inn", "0", farads)
-        if not noninverting_grounded:
-            cell.C("p", "inp", "0", farads)
+    own = float(model.input_capacitance)
+    cards = (("d", "inp", "inn", float(model.differential_capacitance)), ("n", "inn", "0", own))
+    for *card, farads in (*cards, ("p", "inp", "0", 0.0 if noninverting_grounded else own)):
+        if farads > 0.0:
+            cell.C(*card, farads)
 
 
 def _errors(cell: SubCircuit, model: OpAmp, noninverting_grounded: bool) -> str:

@@ -6,6 +6,7 @@ input is that of a node which follows the output with a time constant of 1e15 s.
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Mapping
@@ -113,11 +114,10 @@ class VendorBench:
 
         All voltages are from the middle of the supplies.
         """
-        levels = (0.0, volts, -volts, volts)
+        levels = itertools.pairwise((0.0, volts, -volts, volts))
         points = (
-            f"{(k + late) * period!r} {levels[k + bool(late)]!r}"
-            for k in range(3)
-            for late in (0.0, EDGE)
+            f"{k * period!r} {before!r} {(k + EDGE) * period!r} {after!r}"
+            for k, (before, after) in enumerate(levels)
         )
         plan = Transient(3.0 * period, period / POINTS, initial="rest")
         run = f".tran {plan.max_step!r} {plan.stop!r} 0.0 {plan.max_step!r}"
@@ -219,8 +219,7 @@ def import_opamp(
     simulator, bench = find_simulator(), VendorBench(found, pins, supply, compensation, middle)
     try:
         cards = find_point(bench.lines(), "", simulator).cards
-        found = flat_subcircuit(cards, port_nodes(pins), subcircuit)
-        bench = replace(bench, subcircuit=found)
+        bench = replace(bench, subcircuit=flat_subcircuit(cards, port_nodes(pins), subcircuit))
         point = find_point(bench.lines(), "", simulator, modes=("",), volts=True)
     except (CardError, DidNotLoad) as error:
         raise InputError(file, Complaint("netlist", "", one_line(error))) from None
@@ -233,8 +232,8 @@ def import_opamp(
     except (CardError, EngineError, SimulationError) as error:
         said = re.sub(rf"\b{DEVICE}\.\w\.(?={DEVICE}\.)", "", one_line(error))
         linear, missing = None, f"no linear model: {said}"
-    stored = ImportedOpAmp(found, pins, supply, figures, linear, missing, compensation)
-    return replace(stored, doubts=tuple(doubts), middle=middle)
+    of_circuit = (figures, linear, missing, compensation, tuple(doubts), middle)
+    return ImportedOpAmp(bench.subcircuit, pins, supply, *of_circuit)
 
 
 def _no_opamp(measured: Responses, middle: float) -> str:
@@ -251,8 +250,7 @@ def _no_opamp(measured: Responses, middle: float) -> str:
         )
     if gain[0].real < 0.0:
         return "the gain is negative: exchange the roles inp and inn"
-    below = np.flatnonzero(size < 1.0)
-    if size[0] <= 1.0 or not below.size:
+    if size[0] <= 1.0 or not np.any(size < 1.0):
         return (
             f"the gain is {size[0]:.4g} at {f[0]:g} Hz and never crosses 1 up to {f[-1]:.2g} Hz:"
             " are the pins right, or does it need a compensation capacitor?"
@@ -260,14 +258,12 @@ def _no_opamp(measured: Responses, middle: float) -> str:
     if abs(measured.rest[0]) > AT_REST:
         output = middle + measured.rest[0]
         return f"as a follower at {middle:g} V its output rests at {output:.3g} V"
-    steps = np.abs(np.diff(np.log(size[: below[0] + 1])))
-    if steps.max() > math.log(JUMP):
-        k = int(np.argmax(steps))
-        return (
-            f"the gain jumps from {size[k]:.3g} to {size[k + 1]:.3g} between {f[k]:.4g} and"
-            f" {f[k + 1]:.4g} Hz"
-        )
-    return ""
+    steps = np.abs(np.diff(np.log(size[: int(np.argmax(size < 1.0)) + 1])))
+    if steps.max() <= math.log(JUMP):
+        return ""
+    k = int(np.argmax(steps))
+    sizes, ends = f"{size[k]:.3g} to {size[k + 1]:.3g}", f"{f[k]:.4g} and {f[k + 1]:.4g} Hz"
+    return f"the gain jumps from {sizes} between {ends}"
 
 
 def _figures(
@@ -316,26 +312,25 @@ def _ends(
 
     None: the netlist has no such limit.
     """
-    supply, most = bench.supply, SLEWS * math.tau * unity * min(DRIVE, 0.5 * bench.supply)
-    period = PERIODS / unity
-    for _ in range(ATTEMPTS):
-        time, output = bench.switched(min(DRIVE, 0.5 * supply), period, simulator)
-        if np.abs(output).max() > BEYOND * supply:  # the netlist does not know its supplies
-            rate = slope(time, output, RAMP[0] * supply, RAMP[1] * supply)
-            return (rate if rate < most else None), None
-        places = np.searchsorted(time, np.array([[0.9, 1.0], [1.9, 2.0], [2.9, 3.0]]) * period) - 1
-        before, ends = output[places].T
-        if np.abs(ends - before).max() < ENDED * supply:
+    supply, drive, period = bench.supply, min(DRIVE, 0.5 * bench.supply), PERIODS / unity
+    for attempt in range(ATTEMPTS):
+        time, output = bench.switched(drive, period * LONGER**attempt, simulator)
+        share = 3.0 * time / time[-1]  # of the three levels
+        before, ends = (np.interp((k, 1.0 + k, 2.0 + k), share, output) for k in (0.9, 1.0))
+        beyond = bool(np.abs(output).max() > BEYOND * supply)
+        if beyond or np.abs(ends - before).max() < ENDED * supply:
             break
-        period *= LONGER
     swing = float(min(ends[0], -ends[1]))
-    if not swing > 0.0:
+    if beyond:  # the netlist does not know its supplies
+        rates = [slope(time, output, RAMP[0] * supply, RAMP[1] * supply)]
+    elif swing > 0.0:
+        parts = ((share >= 1.0) & (share <= 2.0), -1.0), (share >= 2.0, 1.0)  # it falls, and rises
+        rates = [slope(time[part], sign * output[part], -MIDDLE * swing, MIDDLE * swing)
+                 for part, sign in parts]  # fmt: skip
+    else:
         raise SimulationError("the output does not change its sign")
-    rate = math.inf
-    for k, sign in ((1.0, -1.0), (2.0, 1.0)):  # it falls, and rises
-        part = (time >= k * period) & (time <= (k + 1.0) * period)
-        rate = min(rate, slope(time[part], sign * output[part], -MIDDLE * swing, MIDDLE * swing))
-    return (rate if rate < most else None), swing
+    slews = min(rates) < SLEWS * math.tau * unity * drive
+    return (min(rates) if slews else None), (None if beyond else swing)
 
 
 def _linear_model(point: DeckPoint, f: Floats, simulator: Simulator) -> LinearModel:
@@ -354,9 +349,7 @@ def _linear_model(point: DeckPoint, f: Floats, simulator: Simulator) -> LinearMo
     check = compare_ac(point, LinearBoard(circuit_of(flat, "bench", (OUT,))), found.poles)
     if check.value is None or not check.value <= GOOD:
         raise CardError(f"it differs from the small signal of ngspice: {check.reason}")
-    parts = tuple(  # the op-amp with its supplies: the bench without what drives it
-        Branch(part.letter, part.name, part.a, part.b, part.value, part.control)
-        for part in flat.parts
-        if part.card.lower() not in BENCH
-    )
-    return LinearModel(parts, max(check.value, LIMIT), (float(f[0]), float(f[-1])))
+    # the op-amp with its supplies: the bench without what drives it
+    own = (part for part in flat.parts if part.card.lower() not in BENCH)
+    parts = (Branch(p.letter, p.name, p.a, p.b, p.value, p.control) for p in own)
+    return LinearModel(tuple(parts), max(check.value, LIMIT), (float(f[0]), float(f[-1])))
