@@ -46,8 +46,7 @@ test-bare: ## demo and all tests in a minimal Debian, made as root by mmdebstrap
 test-browser: ready ## the reports in a headless Chromium, which is installed where missing
 	@browser=$$(bash scripts/chromium.sh) && TACTION_BROWSER=$$browser $(PYTHON_IN_VENV) -m pytest -n $(JOBS) tests/browser $(ARGS)
 
-test-install: ready ## wheel and sdist by pip and uv into empty environments; completion in bash, zsh and fish
-	@bash scripts/shells.sh
+test-install: ready ## wheel and sdist by pip and uv into empty environments
 	TACTION_INSTALL=1 $(PYTHON_IN_VENV) -m pytest tests/install $(ARGS)
 
 test-kicad: ready ## the KiCad projects in a real kicad-cli, which is installed where missing

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 from taction.cli.command import (
     ANNOTATE,
@@ -25,6 +24,7 @@ from taction.cli.command import (
     NumberRange,
     argument,
     folder,
+    is_given,
     option,
     output,
     own_file,
@@ -129,16 +129,10 @@ def _rescaled(call: Call) -> None:
     file = call.arguments.pop("file", "scene.toml")
     refuse_existing(Path(file), force=call.options["force"])
     call.arguments["output"] = file
-    if _is_given("opamp"):
+    if is_given("opamp"):
         refuse_unknown(call.arguments["opamp"], "--opamp")
     else:
         del call.arguments["opamp"]
-
-
-def _is_given(name: str) -> bool:
-    """Whether an option is given, maybe with its default."""
-    source = click.get_current_context().get_parameter_source(name)
-    return source is not ParameterSource.DEFAULT
 
 
 def _new_job(options: Mapping[str, Any]) -> Job | None:
@@ -149,7 +143,7 @@ def _new_job(options: Mapping[str, Any]) -> Job | None:
             if options["lam" if name == "lambda" else name] is not None:
                 raise click.UsageError(f"--from has the problem of its scene; leave out --{name}")
         return NEW_SCALED
-    if _is_given("share"):
+    if is_given("share"):
         raise click.UsageError("--share needs --from")
     return None if options["matrix"] is None else NEW_MATRIX
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 import taction
 from taction.cli.command import (
@@ -22,6 +21,7 @@ from taction.cli.command import (
     Job,
     NumberRange,
     argument,
+    is_given,
     is_of_stdout,
     load,
     option,
@@ -140,8 +140,7 @@ def _several(options: Mapping[str, Any]) -> Job | None:
     if options["solution"]:
         if not alone:
             raise click.UsageError("--solve is for one scene")
-        source = click.get_current_context().get_parameter_source("engine")
-        if source is not ParameterSource.DEFAULT:
+        if is_given("engine"):
             raise click.UsageError("--solve simulates no board: leave out --engine")
         return SOLUTION
     if alone and options["junit"] is None:
