@@ -31,7 +31,7 @@ import re
 import sys
 import types
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import PurePath
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
@@ -384,7 +384,12 @@ _PLAIN[float] = _NUMBER["type"]
 def _schema(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
     kind, notes = unwrapped(kind)
     unit = next((note for note in notes if isinstance(note, str)), "")
-    return _schema_of(kind, shared) | ({"unit": unit} if unit else {})
+    return _noted(_schema_of(kind, shared), unit)
+
+
+def _noted(made: dict[str, Any], unit: str, note: str = "") -> dict[str, Any]:
+    more = {"unit": unit, "description": note}
+    return made | {name: text for name, text in more.items() if text}
 
 
 def _schema_of(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
@@ -435,22 +440,19 @@ def _object(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
                 inside["properties"][place] = _no_parts("")
                 inside["required"].append(place)
             inside = inside["properties"][place]
-        properties, required = inside["properties"], inside["required"]
-        unit = {"unit": part.unit} if part.unit else {}
         if part.inline is None:
-            note = {"description": part.note} if part.note else {}
-            properties[key] = _schema(part.kind, shared) | unit | note
-            required += [key] * part.required
+            made = _noted(_schema(part.kind, shared), part.unit, part.note)
+            beside, required = {key: made}, [key] * part.required
         elif part.inline:
-            for name, known in part.inline.items():
-                properties[name] = _NUMBER | ({"unit": known} if known else {})
-            required += part.inline
+            beside = {name: _noted(_NUMBER, unit) for name, unit in part.inline.items()}
+            required = list(beside)
         else:
             kinds = (*get_args(part.kind), part.kind)
             inner = next(each for each in kinds if dataclasses.is_dataclass(each))
-            beside = _object(document_of(inner), shared)
-            properties |= beside["properties"]
-            required += beside["required"]
+            whole = _object(document_of(inner), shared)
+            beside, required = whole["properties"], whole["required"]
+        inside["properties"] |= beside
+        inside["required"] += required
     return found
 
 
@@ -465,31 +467,29 @@ def units(kind: Any) -> dict[str, str]:
     Where a name has several units, the first is by the name, the others are by the path.
     """
     made, found = schema(kind), dict[str, str]()
-    for inside, name, unit in _units(made, "", made.get("$defs", {}), frozenset()):
-        if found.setdefault(name, unit) != unit:
-            found[f"{inside}.{name}".lstrip(".")] = unit
+
+    def walk(part: Any, inside: str, seen: frozenset[str]) -> None:
+        name = part.get("$ref", "").rpartition("/")[2]
+        if name and name not in seen:
+            walk(made["$defs"][name], inside, seen | {name})
+        for key, field in part.get("properties", {}).items():
+            unit = _unit_in(field)
+            if unit and found.setdefault(key, unit) != unit:
+                found[f"{inside}.{key}".lstrip(".")] = unit
+            walk(field, key, seen)
+        for each in _inner(part):
+            walk(each, inside, seen)
+
+    walk(made, "", frozenset())
     return dict(sorted(found.items()))
 
 
-def _units(
-    part: Any, inside: str, shared: Mapping[str, Any], seen: frozenset[str]
-) -> Iterator[tuple[str, str, str]]:
-    if not isinstance(part, dict):  # of `additionalProperties`
-        return
-    reference = part.get("$ref", "").rpartition("/")[2]
-    if reference and reference not in seen:
-        yield from _units(shared[reference], inside, shared, seen | {reference})
-    for name, field in part.get("properties", {}).items():
-        if found := _unit_in(field):
-            yield inside, name, found
-        yield from _units(field, name, shared, seen)
-    for each in (part.get("items"), *part.get("anyOf", ()), part.get("additionalProperties")):
-        yield from _units(each, inside, shared, seen)
+def _inner(part: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the schemas of the items of a list or a table, or of either."""
+    every = (part.get("items"), part.get("additionalProperties"), *part.get("anyOf", ()))
+    return [each for each in every if isinstance(each, dict)]
 
 
-def _unit_in(field: Any) -> str:
+def _unit_in(field: dict[str, Any]) -> str:
     """Return the unit of a field, also where it is a list or a table of numbers."""
-    if not isinstance(field, dict):
-        return ""
-    inner = (field.get("items", field.get("additionalProperties")), *field.get("anyOf", ()))
-    return field.get("unit") or next(filter(None, map(_unit_in, inner)), "")
+    return field.get("unit") or next(filter(None, map(_unit_in, _inner(field))), "")
