@@ -12,7 +12,6 @@ import stat
 import tempfile
 import time
 from collections.abc import Collection, Iterator, Mapping
-from importlib import metadata
 from pathlib import Path
 
 from taction.system.errors import Complaint, InputError
@@ -144,6 +143,8 @@ def check_file(path: str, option: str, endings: Mapping[str, str]) -> None:
 
 def check_extra(extra: str, option: str, otherwise: str = "") -> None:
     """Refuse work that needs an extra of taction of which a package is not installed."""
+    from importlib import metadata  # it loads the package email
+
     own = re.compile(rf"([\w-]+).*; extra == ['\"]{extra}['\"]")
     needs = [found[1] for each in metadata.requires("taction") or () if (found := own.match(each))]
     if missing := [name for name in needs if importlib.util.find_spec(name) is None]:
