@@ -42,14 +42,13 @@ OUTCOMES = {
     "error": Look("error", PURPLE, "triangle-up-open", "xxxx", "!"),
 }
 OTHER_LOOKS = {
-    "fail": ((ORANGE, "x", "////"), ("#e69f00", "triangle-up", "\\\\\\\\"),
-             ("#b8860b", "diamond", "xxxx"), ("#8f3f00", "cross", "++++"),
-             ("#a0522d", "triangle-down", "||||"), ("#c9a400", "star", "----"),
-             ("#b8574d", "hourglass", "oo")),
-    "inconclusive": ((GREY, "square-open", "...."), (GREY, "diamond-open", "oo"),
-                     (GREY, "circle-open", "")),
-    "error": ((PURPLE, "triangle-up-open", "xxxx"), (PURPLE, "hexagon-open", "**")),
-}  # fmt: skip
+    "fail": (
+        *((ORANGE, "x"), ("#e69f00", "triangle-up"), ("#b8860b", "diamond"), ("#8f3f00", "cross")),
+        *(("#a0522d", "triangle-down"), ("#c9a400", "star"), ("#b8574d", "hourglass")),
+    ),
+    "inconclusive": ((GREY, "square-open"), (GREY, "diamond-open"), (GREY, "circle-open")),
+    "error": ((PURPLE, "triangle-up-open"), (PURPLE, "hexagon-open")),
+}
 SERIES = ("#2f7fc1", "#c4661f", "#7d6bc4", "#2b8f8f", "#a8628f", "#8a7a2a", "#5c7a9a", "#b8574d")
 """Colours of curves; one lightness between the two papers."""
 SPREAD = ((47, 127, 193), (125, 107, 196), (168, 98, 143), (196, 102, 31))
@@ -197,16 +196,6 @@ class Grid:
     bar: bool = True  # of colours, beside the chart
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Cells:
-    """Results (m, n) over the two axes, by the names of their looks; an empty name: none."""
-
-    x: ArrayLike  # (n,) middles of the cells
-    y: ArrayLike  # (m,)
-    names: np.ndarray[Any, Any]
-    looks: dict[str, Look]  # see `looks_of`
-
-
 @dataclass(frozen=True, slots=True)
 class Text:
     """A text on the side `align` of a place; None: at the edge that `align` says."""
@@ -221,7 +210,7 @@ class Text:
     colour: str = "muted"
 
 
-Mark = Curve | Limit | Band | Columns | Grid | Cells | Text
+Mark = Curve | Limit | Band | Columns | Grid | Text
 
 
 @dataclass(frozen=True, slots=True)

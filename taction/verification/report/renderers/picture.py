@@ -330,22 +330,16 @@ def _columns(axes: Axes, mark: charts.Columns, chart: Chart) -> None:
         axes.grid(visible=False, axis="y")
 
 
-def _edges(axes: Axes, mark: charts.Grid | charts.Cells, chart: Chart) -> tuple[Floats, Floats]:
-    """Return the edges of the cells, and show all of them."""
+def _grid(axes: Axes, mark: charts.Grid, chart: Chart) -> None:
+    from matplotlib.colors import LinearSegmentedColormap
+
+    axes.set_facecolor("0.85")
     across, down = (
         cell_edges(_values(places, axis), log=axis.scale == "log")
         for places, axis in ((mark.x, chart.x), (mark.y, chart.y))
     )
     axes.grid(visible=False)
     axes.set(xlim=across[[0, -1]], ylim=down[[0, -1]])
-    return across, down
-
-
-def _grid(axes: Axes, mark: charts.Grid, chart: Chart) -> None:
-    from matplotlib.colors import LinearSegmentedColormap
-
-    axes.set_facecolor("0.85")
-    across, down = _edges(axes, mark, chart)
     places, labels = charts.levels(mark, np.asarray(mark.values, dtype=np.float64))
     if not labels:
         axes.text(0.5, 0.5, "nowhere", transform=axes.transAxes, ha="center")
@@ -364,20 +358,6 @@ def _grid(axes: Axes, mark: charts.Grid, chart: Chart) -> None:
     for y, row in zip(_values(mark.y, chart.y), mark.written, strict=False):
         for x, text in zip(_values(mark.x, chart.x), row, strict=True):
             axes.text(x, y, text, ha="center", va="center", fontsize="small")
-
-
-def _cells(axes: Axes, mark: charts.Cells, chart: Chart) -> None:
-    from matplotlib.colors import ListedColormap
-
-    across, down = _edges(axes, mark, chart)
-    axes.set_facecolor("white")
-    for name, look in mark.looks.items():
-        cells = np.ma.masked_not_equal((mark.names == name).astype(np.int8), 1)
-        edge = {"edgecolor": "white" if look.hatch else "none", "linewidth": 0.0}
-        if cells.count():
-            colours = ListedColormap([look.colour])
-            axes.pcolor(across, down, cells, cmap=colours, hatch=look.hatch, **edge)  # type: ignore[arg-type]
-        axes.fill([], [], facecolor=look.colour, hatch=look.hatch, edgecolor="white", label=name)
 
 
 def _text(axes: Axes, mark: charts.Text, chart: Chart) -> None:
@@ -403,19 +383,14 @@ DRAWERS: dict[type, Callable[[Any, Any, Chart], None]] = {
     charts.Band: _band,
     charts.Columns: _columns,
     charts.Grid: _grid,
-    charts.Cells: _cells,
     charts.Text: _text,
 }
 
 
 def _keys(chart: Chart) -> list[str]:
     """Return the names in the legend of a chart, each once."""
-    found: dict[str, None] = {}
-    for mark in chart.marks if chart.legend else ():
-        names = mark.looks if isinstance(mark, charts.Cells) else [getattr(mark, "name", "")]
-        if getattr(mark, "label", "legend"):
-            found |= dict.fromkeys(filter(None, names))
-    return [*found]
+    marks = (mark for mark in chart.marks if chart.legend and getattr(mark, "label", "legend"))
+    return [*dict.fromkeys(filter(None, (getattr(mark, "name", "") for mark in marks)))]
 
 
 def _in_a_line(keys: Sequence[str], inches: float) -> int:

@@ -104,7 +104,7 @@ def _known(chart: charts.Chart, name: str) -> Floats:
     """Return the finite values of the marks along an axis."""
     found: list[Any] = []
     for mark in chart.marks:
-        if isinstance(mark, charts.Curve | charts.Grid | charts.Cells):
+        if isinstance(mark, charts.Curve | charts.Grid):
             found.append(getattr(mark, name))
         elif isinstance(mark, charts.Columns):
             found.append(mark.places if mark.across == name else mark.sizes)
@@ -259,36 +259,10 @@ def _grid(mark: charts.Grid, chart: charts.Chart) -> Iterator[dict[str, Any]]:
     yield trace
 
 
-def _cells(mark: charts.Cells, chart: charts.Chart) -> Iterator[dict[str, Any]]:
-    x, y = (np.asarray(places, dtype=np.float64) for places in (mark.x, mark.y))
-    for name, look in mark.looks.items():
-        rows, columns = np.nonzero(mark.names == name)
-        if not len(rows):
-            continue
-        texts = [
-            f"{_place_text(chart.x, x[column])}, {_place_text(chart.y, y[row])}"
-            for row, column in zip(rows, columns, strict=True)
-        ]
-        marker = {"color": look.colour, "symbol": look.mark, "size": 9}
-        yield {
-            "type": "scatter", "mode": "markers", "name": words(name), "marker": marker,
-            "x": _values(x[columns], chart.x), "y": _values(y[rows], chart.y),
-            "customdata": [words(text) for text in texts],
-            "hovertemplate": f"{words(name)}: %{{customdata}}<extra></extra>",
-        }  # fmt: skip
-
-
-def _place_text(axis: charts.Axis, value: float) -> str:
-    if axis.scale == "names":
-        return f"{axis.title} {axis.names[round(value)]}"
-    return f"{axis.title} {figure(float(value), axis.unit)}"
-
-
 TRACES: dict[type, Callable[[Any, charts.Chart], Iterator[dict[str, Any]]]] = {
     charts.Curve: _curve,
     charts.Columns: _columns,
     charts.Grid: _grid,
-    charts.Cells: _cells,
 }
 
 

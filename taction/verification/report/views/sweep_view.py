@@ -37,6 +37,7 @@ OUTCOME = (
     "The result of every point. Of several checks that fail the first one is shown, stability"
     " before all others. A grey or empty cell has no value."
 )
+CROWD = 250.0  # points of a picture's length over which the marks of a map stand
 STRONGEST = "The strongest colour is the largest value."
 EDGE = (
     " Thick line: stability boundary, interpolated between the points; `taction onset` finds every"
@@ -73,9 +74,14 @@ class Plane:
     where: str = ""
 
     @cached_property
+    def axes(self) -> tuple[tuple[charts.Axis, Floats], ...]:
+        """Both axes, and the places of their values."""
+        return tuple(axis_of(group[0]) for group in self.plan.groups[:2])
+
+    @cached_property
     def edge(self) -> charts.Curve | None:
         """The boundary; nothing lies between two values of a list."""
-        (x, across), (y, down) = (axis_of(group[0]) for group in self.plan.groups[:2])
+        (x, across), (y, down) = self.axes
         if "names" in (x.scale, y.scale):
             return None
         ends: list[Any] = list(charts.zero_lines(across, down, self.growth.T))
@@ -93,16 +99,25 @@ class Plane:
         where = "at every point" if np.isfinite(self.growth).all() else "where it is known"
         return f" Stability is the same {where}."
 
-    def chart(self, title: str, mark: type[Any], summary: str, *values: Any) -> charts.Chart:
-        """Return a chart of cells with `values`, made by `mark`, and with the boundary."""
-        (x, across), (y, down) = (axis_of(group[0]) for group in self.plan.groups[:2])
-        marks = (mark(across, down, *values), *filter(None, [self.edge]))
+    def chart(self, title: str, marks: Iterable[charts.Mark], summary: str) -> charts.Chart:
+        """Return a chart of `marks` with the boundary."""
+        (x, _), (y, _) = self.axes
+        marks = (*marks, *filter(None, [self.edge]))
         text = f"{summary.format(x=x.title, y=y.title)}{self.note}"
         return charts.Chart(f"{title}{self.where}", x, y, marks, text, height=420)
 
     def outcomes(self, names: Names, looks: dict[str, charts.Look]) -> charts.Chart:
         """Return what each point says."""
-        return self.chart("Outcome", charts.Cells, OUTCOME, names.T, looks)
+        places = np.meshgrid(*(values for _, values in self.axes), indexing="ij")
+        wheres = [group[0] for group in self.plan.groups[:2]]
+        hover = [
+            ", ".join(
+                f"{each.name} {place_text(each, v)}" for each, v in zip(wheres, at, strict=True)
+            )
+            for at in itertools.product(*(each.values for each in wheres))
+        ]
+        size = float(np.clip(CROWD / max(names.shape), 2.0, 9.0))
+        return self.chart("Outcome", results(*places, names, looks, hover, size), OUTCOME)
 
     def quantity(
         self, name: str, values: Floats, limits: tuple[float, float] | None = None
@@ -112,7 +127,9 @@ class Plane:
         scale = "signed" if signed else "log" if name in LOGARITHMIC else "linear"
         colours = "Blue decays, orange grows." if signed else STRONGEST
         text = f"{title} over {{x}} and {{y}}. {colours} Empty: no value."
-        return self.chart(title, charts.Grid, text, values.T, FIGURES[name].unit, scale, limits)
+        (_, across), (_, down) = self.axes
+        mark = charts.Grid(across, down, values.T, FIGURES[name].unit, scale, limits)
+        return self.chart(title, [mark], text)
 
 
 def band_of(plan: Plan) -> float | None:
@@ -130,12 +147,7 @@ def curve_of(
     marks: list[charts.Mark] = list(_unstable(data["growth_rate"], places))
     if x.scale != "names":
         marks.append(charts.Curve(places, values, "", "muted", width=0.8, behind=True))
-    for kind, look in looks.items():
-        there = names == kind
-        if there.any():
-            hover = tuple(figure(v, unit) for v in values[there].tolist())
-            own = places[there], values[there], kind, look.colour
-            marks.append(charts.Curve(*own, line="", mark=look.mark, size=7.0, hover=hover))
+    marks += results(places, values, names, looks, [figure(v, unit) for v in values.tolist()])
     known = np.abs(values[np.isfinite(values)])
     low, high = float(known.min(initial=np.inf)), float(known.max(initial=0.0))
     log = name != "growth_rate" and 0.0 < 10.0 * low < high
@@ -146,6 +158,23 @@ def curve_of(
     title = titled(name, band)
     summary = f"{title} over {x.title}; the mark is the result of the point."
     return charts.Chart(title, x, y, tuple(marks), summary)
+
+
+def results(
+    x: Floats,
+    y: Floats,
+    names: Names,
+    looks: dict[str, charts.Look],
+    hover: Sequence[str],
+    size: float = 7.0,
+) -> Iterator[charts.Curve]:
+    """Yield the points of each result, by the names of their looks, in that look."""
+    for name, look in looks.items():
+        there = names == name
+        if there.any():
+            texts = tuple(itertools.compress(hover, there.ravel()))
+            own = x[there], y[there], name, look.colour, "", look.mark
+            yield charts.Curve(*own, size=size, hover=texts)
 
 
 def _unstable(growth: Floats, places: Floats) -> Iterator[charts.Band]:

@@ -7,11 +7,8 @@ import gzip
 import hashlib
 import io
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib.resources import files
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -21,24 +18,8 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text as FigureText
 
 from taction.netlist_gen.kicad.drawing import Strokes
-from taction.system.charts import (
-    OUTCOMES,
-    Axis,
-    Band,
-    Cells,
-    Chart,
-    Columns,
-    Curve,
-    Grid,
-    Limit,
-    Text,
-    View,
-    looks_of,
-    segments,
-    spread_colours,
-)
+from taction.system.charts import OUTCOMES, Axis, Band, Chart, Columns, Curve, Limit, View
 from taction.verification.report.blocks import (
-    PAGE,
     Bar,
     Bars,
     Block,
@@ -55,7 +36,6 @@ from taction.verification.report.renderers import notebook, picture, plotly, ter
 from taction.verification.report.renderers.notebook import card
 from taction.verification.report.renderers.page import FILES, page_html
 from taction.verification.report.renderers.picture import new_figure
-from taction.verification.report.views.waveforms_view import end_names
 from tests.support.report_pages import HOSTILE, hostile, page
 from tests.support.running import words_of
 
@@ -64,93 +44,33 @@ EVERYWHERE = "terminal page notebook"
 STROKES = Strokes([[(0.0, 0.0), (9.0, 9.0)]], [((1.0, 1.0), 2.0, True)], [])
 TOUCH = 1.0  # pixels by which boxes may overlap: a box is larger than its letters
 MOST = 6_000_000  # bytes
+DRAWN = (
+    "passing",
+    "64 channels",
+    "montecarlo",
+    "tune",
+    "sweep, a map",
+    "accuracy",
+    "choose",
+    "onset",
+)
 SAMPLE = ("passing", "exponential", "64 channels", "sweep, a map", "regress")
 
 
-def charts() -> dict[str, Chart]:
-    """Return a chart of every kind by its name."""
-    time = np.linspace(0.0, 1e-4, 201)
-    records = [target * (1.0 - np.exp(-time / 1e-5)) for target in (0.1, 0.101, -0.05)]
-    colours = spread_colours(3)
-    outputs = (
-        *(
-            Curve(time, record, f"u{n}", look, label="", line="dash" if n == 3 else "solid")
-            for n, (record, look) in enumerate(zip(records, colours, strict=True), 1)
-        ),
-        *end_names([float(record[-1]) for record in records], -0.06, 0.12, colours),
-        Curve(time, records[2], "second engine", colours[2], "", "circle-open"),
-        Limit(4e-5, "x", "settled", "ink"),
-        Band(-0.01, 0.01, "y", "band of 1 %"),
-    )  # fmt: skip
-    decades = np.geomspace(1e-12, 1e-9, 7)
-    ohms = np.geomspace(1e3, 1e5, 5)
-    rates = np.log10(decades * 1e11)[None, :] * np.log10(ohms / 1e2)[:, None] * 1e4
-    words = np.where(rates > 0.0, "pass", "fail: stability").astype(object)
-    words[0, 0], words[1, 0], words[2, 0] = "", "inconclusive: rise time", "error: TimedOut"
-    looks = looks_of(words.ravel().tolist())
-    plane = Axis("C", "F", "log"), Axis("gain", "ohm", "log")
-    edge = segments([((1e-11, 1e3), (1e-11, 1e5))])
-    poles = np.array([-2e5 + 3e5j, -1e4 + 8e5j, 3e4 + 5e5j])
-    steps = np.array([3e-4, -1e-4, 5e-5])
-    return {
-        "waveforms": Chart(
-            "Outputs", Axis("time", "s"), Axis("output", "V"), outputs,
-            "Three outputs over time.",
-            (View("first rise", (0.0, 5e-5)), View("everything", (0.0, 1e-4), (-0.06, 0.12))),
-        ),
-        "deviation": Chart(
-            "Deviation", Axis("time", "s"), Axis("deviation", "step", limits=(-0.06, 0.06)),
-            (Band(-0.01, 0.01, "y"), Curve(time, 0.05 * np.exp(-time / 1e-5), "u1")),
-            summary="The deviation in per cent of the step.",
-        ),
-        "poles": Chart(
-            "Pole map", Axis("real part", "1/s"), Axis("frequency", "Hz"),
-            (Band(0.0, 1e5, "x", colour="fail"), Limit(0.0),
-             Curve(poles.real[:2], poles.imag[:2] / 6.28, "decays", "pass", "", "circle"),
-             Curve(poles.real[2:], poles.imag[2:] / 6.28, "grows", "fail", "", "x"),
-             Curve([0.0, -4e5], [0.0, 1.3e5], "", "band", "solid", behind=True),
-             Text("grows →", None, None, ("left", "above"), "muted")),
-            "Three poles.",
-        ),
-        "values": Chart(
-            "Growth rate", *plane,
-            (Grid(decades, ohms, rates, "1/s", "signed"),
-             Curve(*edge, "edge of stability", "ink", width=2.5)),
-            summary="Rates over two axes.", legend=False,
-        ),
-        "results": Chart(
-            "Outcome", *plane,
-            (Cells(decades, ohms, words, looks),
-             Curve(*edge, "edge of stability", "ink", width=2.5)),
-            summary="Results over two axes.",
-        ),
-        "shares": Chart(
-            "Worst value", Axis("C", scale="names", names=("1 pF", "10 pF")),
-            Axis("gain", scale="names", names=("1 kΩ", "10 kΩ")),
-            (Grid([0, 1], [0, 1], [[0.2, 3.0], [0.9, np.nan]], "ratio", "share", (0.1, 10.0),
-                  written=(("0.2", "3"), ("0.9", ""))),),
-            summary="Shares of a limit.",
-        ),
-        "histogram": Chart(
-            "Settling time", Axis("settling time", "s"), Axis("samples", whole=True),
-            (Columns([1e-5, 2e-5, 3e-5], [4.0, 9.0, 2.0], widths=[1e-5] * 3, name="samples",
-                     looks=("pass", "pass", "fail")), Limit(2.5e-5, "x", "limit")),
-            summary="Fifteen samples.",
-        ),
-        "waterfall": Chart(
-            "Waterfall", Axis("error", "V"),
-            Axis(scale="names", names=("op-amps", "strays", "whole"), reverse=True),
-            (Columns([0, 1, 2], [*steps[:2], steps[0] + steps[1]], "y",
-                     looks=("pass", "fail", "band")),),
-            summary="Parts of an error.", legend=False,
-        ),
-        "work": Chart(
-            "Error against run time", Axis("wall time", "s", "log"), Axis("error", "step", "log"),
-            (Curve([0.1, 1.0, 10.0], [1e-2, 1e-4, 1e-6], "order 2", "#009e73", mark="square"),
-             Curve([0.1, 10.0], [1e-3, 1e-5], "fit", "#cc79a7", "dot")),
-            summary="Errors of three runs.",
-        ),
-    }  # fmt: skip
+TIME, OUTPUT = Axis("time", "s", limits=(0.0, 1e-4)), Axis("output", "V")
+CHARTS = {
+    "deviation": Chart(
+        "Deviation", TIME, Axis("deviation", "step", limits=(-0.06, 0.06)),
+        (Band(-0.01, 0.01, "y"), Curve([0.0, 5e-5, 1e-4], [0.05, 0.02, 0.0], "u1")),
+        "The deviation in per cent of the step.", (View("first rise", (0.0, 5e-5)),),
+    ),
+    "histogram": Chart(
+        "Settling time", Axis("settling time", "s", "log"), Axis("samples", whole=True),
+        (Columns([1e-5, 2e-5, 3e-5], [4.0, 9.0, 2.0], widths=[1e-5] * 3, name="samples",
+                 looks=("pass", "pass", "fail")), Limit(2.5e-5, "x", "limit")),
+        "Fifteen samples.",
+    ),
+}  # fmt: skip
 
 
 def gallery() -> Page:
@@ -178,32 +98,12 @@ def gallery() -> Page:
         Code("deck", "* a board\nR1 a b 1e4"),
         Notes("Warnings", ("the record ends early",), "fail"),
         Drawing("Cell", STROKES, "a cell"),
-        *charts().values(),
+        *CHARTS.values(),
     )  # fmt: skip
     return Page(
         "gallery", "taction gallery", "fail", "1 of 3 checks fails.", ("3 channels",),
         (Section("Everything", blocks, "Every block.", EVERYWHERE),), ("made in 1 s",),
     )  # fmt: skip
-
-
-def drawn_blocks() -> list[Block]:
-    """Return every chart and the two other blocks of pictures."""
-    found = [*charts().values()]
-    bars = next(b for b in gallery().sections[0].made(PAGE) if isinstance(b, Bars))
-    return [*found, bars, Notes("Nothing", ("No sample stands out.",))]
-
-
-@contextmanager
-def figures() -> Iterator[list[Figure]]:
-    """Give the list of figures that are saved; no file is written."""
-    saved: list[Figure] = []
-
-    def keep(figure: Figure, file: Any, **_options: Any) -> None:
-        figure.draw_without_rendering()  # which places everything
-        saved.append(figure)
-
-    with patch.object(Figure, "savefig", keep):
-        yield saved
 
 
 def texts_of(figure: Figure) -> list[tuple[str, Any]]:
@@ -257,7 +157,6 @@ def cut_off(figure: Figure, texts: list[tuple[str, Any]]) -> list[str]:
     ]
 
 
-CHARTS = charts()
 WIDTHS = (40, 60, 80, 100, 120, 160, 200)
 
 
@@ -267,13 +166,6 @@ def at_width(page: Page, width: int) -> str:
     console.width = width
     terminal.print_page(page, console)
     return text.getvalue()
-
-
-def luminance(colour: str) -> float:
-    """Return the relative luminance of a colour, by the definition of WCAG 2."""
-    parts = [int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)]
-    linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
 @pytest.mark.parametrize("outcome", OUTCOMES)
@@ -338,17 +230,17 @@ def test_sections_are_made_only_for_their_media() -> None:
 
 
 def test_plotly_has_the_units_of_the_axes() -> None:
-    share = plotly.plotly_spec(CHARTS["deviation"])["layout"]["yaxis"]
+    share, time = (plotly.plotly_spec(CHARTS["deviation"])["layout"][f"{n}axis"] for n in "yx")
     assert share["title"]["text"] == "deviation (% of the step)"
     assert share["range"] == [-6.0, 6.0]
-    log = plotly.plotly_spec(CHARTS["work"])["layout"]["xaxis"]
-    assert (log["type"], log["title"]["text"]) == ("log", "wall time (s)")
-    time = plotly.plotly_spec(CHARTS["waveforms"])["layout"]["xaxis"]
     assert (time["ticksuffix"], time["range"]) == ("s", [0.0, 5e-5])
+    log = plotly.plotly_spec(CHARTS["histogram"])["layout"]["xaxis"]
+    assert (log["type"], log["title"]["text"]) == ("log", "settling time (s)")
 
 
-def test_a_picture_has_no_text_over_another_or_beyond_its_edge() -> None:
-    figure = picture.draw_blocks("gallery: every chart", drawn_blocks(), "grey: no value")
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_picture_has_no_text_over_another_or_beyond_its_edge(name: str) -> None:
+    figure = picture.draw_page(page(name))
     figure.draw_without_rendering()
     texts = texts_of(figure)
     assert not overlapping(texts)

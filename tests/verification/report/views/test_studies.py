@@ -12,7 +12,7 @@ import pytest
 
 import taction
 from taction.netlist_gen.scene.axes import with_values
-from taction.system.charts import Axis, Cells, Chart, Curve, Limit, thinned
+from taction.system.charts import Axis, Chart, Curve, Limit, thinned
 from taction.system.documents import plain
 from taction.verification.evidence.paper import reproduce
 from taction.verification.evidence.paper.findings import Chapter, Finding, chart, load_claims
@@ -128,11 +128,13 @@ def test_the_boundary_of_a_map_is_between_the_points_around_the_crossing_of_onse
 
 
 def test_what_fails_is_told_apart_by_colour_and_mark() -> None:
-    (cells,) = (mark for mark in _charts("sweep, a map")[0].marks if isinstance(mark, Cells))
-    kinds = {name.partition(":")[0] for name in cells.looks}
-    assert kinds == {"pass", "fail", "inconclusive", "error"}
-    looks = [(look.colour, look.mark) for look in cells.looks.values()]
-    assert len(set(looks)) == len(looks)
+    points = [m for m in _charts("sweep, a map")[0].marks if isinstance(m, Curve) and m.name]
+    assert {each.name.partition(":")[0] for each in points} == {
+        "pass", "fail", "inconclusive", "error"
+    }  # fmt: skip
+    assert len({(each.colour, each.mark) for each in points}) == len(points)
+    assert sum(len(each.hover) for each in points) == 4 * 3
+    assert all(each.hover[0].startswith("C ") for each in points)
 
 
 SAMPLES = [
