@@ -86,7 +86,7 @@ class Result:
 
     def _repr_html_(self) -> str:
         """Return the result as a card for a notebook."""
-        card: str = load(f"{RENDERERS}.notebook:card")(self.page(), self.CARD)
+        card: str = load(f"{RENDERERS}.terminal:card")(self.page(), self.CARD)
         return card
 
 
@@ -104,5 +104,5 @@ def plot(view: str, path: str | Path | None, *shown: Any) -> Figure:
 
 def card(view: str, kind: str, shown: Any) -> str:
     """Return the card of what a function of the report's views makes of a value; see `plot`."""
-    made: str = load(f"{RENDERERS}.notebook:card")(load(f"{REPORT}.views.{view}")(shown), kind)
+    made: str = load(f"{RENDERERS}.terminal:card")(load(f"{REPORT}.views.{view}")(shown), kind)
     return made

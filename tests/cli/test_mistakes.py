@@ -281,9 +281,8 @@ def test_a_name_with_a_command_in_every_medium() -> None:
         junit_suite,
         junit_text,
     )
-    from taction.verification.report.renderers.notebook import card
     from taction.verification.report.renderers.page import page_html
-    from taction.verification.report.renderers.terminal import markdown, page_text
+    from taction.verification.report.renderers.terminal import card, markdown, page_text
 
     blocks = (
         Table(ODD, (ODD,), ((cell(ODD),),), ODD),

@@ -35,10 +35,10 @@ from taction.verification.report.blocks import (
     Section,
     Table,
 )
-from taction.verification.report.views import accuracy_view as accuracy
 from taction.verification.report.views import choose_view as choose
 from taction.verification.report.views import comparison_view as regression
 from taction.verification.report.views import design_view as tune
+from taction.verification.report.views import evidence_view as evidence
 from taction.verification.report.views import stability_view as onset
 from taction.verification.report.views import tolerance_view as tolerance
 from taction.verification.report.views.sweep_view import view as sweep_report
@@ -213,7 +213,7 @@ def work_precision() -> WorkPrecisionStudy:
 
 
 def _accuracy() -> Page:
-    return accuracy.view(work_precision())
+    return evidence.accuracy_view(work_precision())
 
 
 def _regression() -> Page:

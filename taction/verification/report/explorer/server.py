@@ -142,7 +142,7 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
     from starlette.routing import Mount, Route, WebSocketRoute
     from starlette.staticfiles import StaticFiles
 
-    jobs = ExplorerJob(), ExplorerJob()
+    judging = ExplorerJob()
 
     async def page(request: object) -> HTMLResponse:
         return HTMLResponse(_templates().get_template("explorer.html").render(start_part(start)))
@@ -151,7 +151,7 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
         announce(address)  # a browser that is faster than the server waits
         if show and has_display():
             await asyncio.to_thread(webbrowser.open, address)
-        await jobs[0].warm_up()
+        await judging.warm_up()
         gc.freeze()  # a collection that visits all imported modules takes longer than a move
 
     @asynccontextmanager
@@ -159,12 +159,11 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
         opening = asyncio.create_task(open_to_all())
         yield
         opening.cancel()
-        for job in jobs:
-            job.stop()
+        judging.stop()
 
     places = {"/taction": PAGE, "/plotly": files("plotly") / "package_data", "/report": PAGE_FILES}
     mounts = (Mount(path, StaticFiles(directory=str(place))) for path, place in places.items())
-    talk = WebSocketRoute("/talk", lambda socket: _talk(socket, start, jobs))
+    talk = WebSocketRoute("/talk", lambda socket: _talk(socket, start, judging))
     routes = [Route("/", page), talk, *mounts]
     app = Guard(Starlette(routes=routes, lifespan=serving), token, port)
     hangup = getattr(signal, "SIGHUP", None)  # unknown on some systems
@@ -176,10 +175,10 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
         server.run(sockets=[listening])
 
 
-async def _talk(socket: Any, start: Start, jobs: tuple[ExplorerJob, ExplorerJob]) -> None:
+async def _talk(socket: Any, start: Start, judging: ExplorerJob) -> None:
     """Answer the page of one browser tab until it is closed."""
     told = asyncio.Queue[Part]()
-    session = Session(start, told.put_nowait, *jobs)
+    session = Session(start, told.put_nowait, judging)
 
     async def tell() -> None:
         while True:

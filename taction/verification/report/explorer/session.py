@@ -15,18 +15,8 @@ from typing import Any, TypeVar
 from taction.system.documents import read
 from taction.system.errors import EngineError, InputError, TactionError
 from taction.system.quantities import readable
-from taction.verification.design.exploration import (
-    STEPS,
-    Judgement,
-    Settings,
-    Start,
-    judge,
-    others,
-    outcome_of,
-    read_value,
-    spots,
-    view_boundary,
-)
+from taction.verification.design import exploration
+from taction.verification.design.exploration import STEPS, Judgement, Settings, Start
 from taction.verification.report.explorer import page_parts as parts
 from taction.verification.report.explorer.page_parts import Part, SliderLook
 from taction.verification.stability.edges import Edges
@@ -58,8 +48,8 @@ class ExplorerJob:
         self._call: asyncio.Task[Any] | None = None
         self._turn = asyncio.Lock()
 
-    async def run(self, function: Callable[..., T], *args: Any, ends: bool = False) -> T:
-        """Return ``function(*args)``; where this is cancelled, the call goes on, or it `ends`."""
+    async def run(self, function: Callable[..., T], *args: Any) -> T:
+        """Return ``function(*args)``; where this is cancelled, the call goes on for a while."""
         async with self._turn:
             if self._call is not None:
                 await asyncio.wait([self._call], timeout=PATIENCE)
@@ -68,12 +58,7 @@ class ExplorerJob:
             call = asyncio.create_task(asyncio.to_thread(self._worker.call, None, function, *args))
             call.add_done_callback(lambda done: done.cancelled() or done.exception())
             self._call = call
-            try:
-                return await asyncio.shield(call)
-            except asyncio.CancelledError:
-                if ends:
-                    self.stop()
-                raise
+            return await asyncio.shield(call)
 
     async def warm_up(self) -> None:
         """Start the process before the first call needs it."""
@@ -93,7 +78,6 @@ class Session:
     start: Start
     send: Callable[[Part], None]
     judging: ExplorerJob  # the process of the verdict
-    simulating: ExplorerJob  # the process of ngspice
     settings: Settings = field(default_factory=Settings)
     window: str = "rise"
     work: asyncio.Task[None] | None = None  # what is found for the newest values
@@ -126,7 +110,7 @@ class Session:
         for path, place in move.places.items():
             values[path] = self.start.control(path).chosen(place / STEPS)
         for path, text in move.texts.items():
-            values[path] = read_value(self.start.control(path), text)
+            values[path] = exploration.read_value(self.start.control(path), text)
         settings = Settings.of(self.start, values, opamp if move.opamp is None else move.opamp)
         settings.scene(self.start)  # a value that its key does not accept changes nothing
         return settings
@@ -154,7 +138,7 @@ class Session:
         ):
             await self._step(stage)
         try:
-            look.verdict = await self.judging.run(judge, look.scene, "statespace")
+            look.verdict = await self.judging.run(exploration.judge, look.scene, "statespace")
         except WorkerDiedError as error:
             look.verdict = Judgement.without_verdict(error)
         better = {} if look.is_exact else look.outputs_part(self.window)
@@ -172,7 +156,7 @@ class Session:
     def _known_along(self, settings: Settings) -> dict[str, dict[int, tuple[str, str]]]:
         """Return what is known of the checks along each slider, and forget what holds no more."""
         for control in self.start.controls:
-            key = others(control, settings)
+            key = exploration.others(control, settings)
             if self._along.get(control.path, (None, {}))[0] != key:
                 self._along[control.path] = (key, {})
         return {path: outcomes for path, (_, outcomes) in self._along.items()}
@@ -180,12 +164,12 @@ class Session:
     async def _judge_along(self, settings: Settings) -> None:
         """Find the outcome of the checks along each slider."""
         known, clock = self._known_along(settings), asyncio.get_running_loop().time
-        for control, cell, there in spots(self.start, settings):
+        for control, cell, there in exploration.spots(self.start, settings):
             began = clock()
             if cell in known[control.path]:
                 continue
             try:
-                found = await self.judging.run(outcome_of, there.scene(self.start))
+                found = await self.judging.run(exploration.outcome_of, there.scene(self.start))
             except (InputError, WorkerDiedError) as error:
                 found = ERROR, str(error).partition("\n")[0]
             known[control.path][cell] = found
@@ -198,12 +182,14 @@ class Session:
         if look.poles is None:
             return {}
         control = self.start.controls[0]
-        key = others(control, look.settings)
+        key = exploration.others(control, look.settings)
         if self._boundary is None or self._boundary[0] != key:
             name = look.rest.board.circuit.knob(control.path).name
             found: Edges | EngineError
             try:
-                found = view_boundary(look.rest, look.poles, name, control.low, control.high)
+                found = exploration.view_boundary(
+                    look.rest, look.poles, name, control.low, control.high
+                )
             except EngineError as error:
                 found = error
             self._boundary = (key, found)
@@ -224,13 +210,17 @@ class Session:
         self.simulation = asyncio.create_task(self._simulate(self._look))
 
     async def _simulate(self, look: SliderLook) -> None:
+        """Run ngspice in a process of its own, which ends with the run."""
         self._tell(simulating=True)
+        worker, told = Worker(), Part()
         try:
-            look.other = await self.simulating.run(judge, look.scene, "ngspice", ends=True)
+            call = asyncio.to_thread(worker.call, None, exploration.judge, look.scene, "ngspice")
+            look.other = await call
+            told = parts.simulation_part(look.other) | look.outputs_part(self.window)
         except (WorkerDiedError, asyncio.CancelledError):
-            self._tell(simulating=False)
-            return
-        told = parts.simulation_part(look.other) | look.outputs_part(self.window)
+            pass
+        finally:
+            worker.end()
         self._tell(simulating=False, **told)
 
     def cancel(self) -> None:

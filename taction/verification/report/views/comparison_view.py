@@ -25,8 +25,7 @@ from taction.verification.report.texts import (
     outcome_cell,
 )
 from taction.verification.report.views import waveforms_view as waveforms
-from taction.verification.report.views.answer_view import check_bar, margin_lines
-from taction.verification.report.views.origin_view import origin_section
+from taction.verification.report.views.answer_view import check_bar, margin_lines, origin_section
 from taction.verification.studies.regression.difference import VerdictDifference
 from taction.verification.studies.regression.regress import RegressionReport, SceneResult, Status
 from taction.verification.studies.scene_files import VerifiedFiles

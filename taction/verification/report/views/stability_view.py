@@ -24,7 +24,7 @@ from taction.verification.report.texts import (
     number_cell,
     outcome_cell,
 )
-from taction.verification.report.views.origin_view import origin_section
+from taction.verification.report.views.answer_view import origin_section
 from taction.verification.stability.edges import Edge, Edges, Range
 from taction.verification.stability.margin import AROUND, first_knob, stable_values
 from taction.verification.stability.poles import Poles

@@ -14,7 +14,7 @@ from taction.system.charts import Axis, Band, Chart, Columns, Limit, Mark, Text,
 from taction.system.quantities import counted, percent, spaced
 from taction.verification.report.blocks import Content, Notes, Page, Section, Table
 from taction.verification.report.texts import Cell, Column, fields, figure, number_cell, titled
-from taction.verification.report.views.origin_view import origin_section
+from taction.verification.report.views.answer_view import origin_section
 from taction.verification.studies.tolerance.corners import Corner, CornerStudy
 from taction.verification.studies.tolerance.montecarlo import CHECK_OF, QuantitySpread, YieldReport
 from taction.verification.studies.tolerance.varied_board import Quantity

@@ -19,9 +19,13 @@ from taction.verification.report.texts import Cell, Column, fields, figure, numb
 from taction.verification.report.views import answer_view as answers
 from taction.verification.report.views import board_view as boards
 from taction.verification.report.views import waveforms_view as waveforms
-from taction.verification.report.views.answer_view import answer_text, decisive_text, yield_text
+from taction.verification.report.views.answer_view import (
+    answer_text,
+    decisive_text,
+    origin_section,
+    yield_text,
+)
 from taction.verification.report.views.opamp_view import counts_text, packages_text
-from taction.verification.report.views.origin_view import origin_section
 from taction.verification.report.views.stability_view import active_set_table, stability_blocks
 from taction.verification.studies.tolerance.varied_board import VerifiedSample
 from taction.verification.verdict.answer_error import ErrorPart, worst_channel

@@ -43,7 +43,7 @@ class InstalledPart:
 class Installation(Result):
     """The results of `taction.doctor`: what is installed, and what it is needed for."""
 
-    VIEW = "taction.verification.report.views.origin_view:installation_view"
+    VIEW = "taction.verification.report.views.answer_view:installation_view"
     SHOWN = ("ok",)
 
     findings: tuple[InstalledPart, ...]

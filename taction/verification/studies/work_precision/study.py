@@ -114,7 +114,7 @@ class Ladder:
 class WorkPrecisionStudy(Result):
     """A work-precision study of one scene."""
 
-    VIEW = "taction.verification.report.views.accuracy_view:view"
+    VIEW = "taction.verification.report.views.evidence_view:accuracy_view"
     DOCUMENT = (
         *("scene = scene.name", "file = scene.file", "stop [s] = transient.stop"),
         *("stretch", "period [s]", "references", "reference_error = floor"),

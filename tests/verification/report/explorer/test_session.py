@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import base64
 import socket
-import time
 from collections.abc import Callable, MutableMapping
 from typing import Any
 
@@ -17,9 +16,9 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import InputError
 from taction.verification.design import exploration
 from taction.verification.design.exploration import Start
-from taction.verification.report.explorer import server, session
+from taction.verification.report.explorer import server
 from taction.verification.report.explorer.server import Guard
-from taction.verification.report.explorer.session import ExplorerJob, Session
+from taction.verification.report.explorer.session import Session
 from taction.verification.studies.running.pool import WorkerDiedError
 from tests.support.paths import SCENES
 
@@ -35,7 +34,7 @@ class Here:
     def __init__(self) -> None:
         self.calls = 0
 
-    async def run(self, function: Callable[..., Any], *args: Any, ends: bool = False) -> Any:
+    async def run(self, function: Callable[..., Any], *args: Any) -> Any:
         self.calls += 1
         return function(*args)
 
@@ -43,7 +42,7 @@ class Here:
 class Ended(Here):
     """A job whose process ends."""
 
-    async def run(self, function: Callable[..., Any], *args: Any, ends: bool = False) -> Any:
+    async def run(self, function: Callable[..., Any], *args: Any) -> Any:
         raise WorkerDiedError("the process was ended")
 
 
@@ -51,7 +50,7 @@ class Ended(Here):
 def strips(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
     """No verdicts along the sliders but in tests of them."""
     if "strips" not in request.node.name:
-        monkeypatch.setattr(session, "spots", lambda *_: [])
+        monkeypatch.setattr(exploration, "spots", lambda *_: [])
 
 
 def told(
@@ -65,7 +64,7 @@ def told(
 
     async def run() -> None:
         start = Start.of(load_scene(SCENES / f"{name}.toml"))
-        page = Session(start, parts.append, job or Here(), Here())  # type: ignore[arg-type]
+        page = Session(start, parts.append, job or Here())  # type: ignore[arg-type]
         for move in (*moves, again):
             if move is None:
                 continue
@@ -106,7 +105,7 @@ def test_only_the_newest_values_have_a_verdict() -> None:
 
 def test_strips_show_the_checks_along_every_slider(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nine values of each; after a move of C the outcomes along C still hold, the others do not."""
-    monkeypatch.setattr(session, "outcome_of", first := Stub())
+    monkeypatch.setattr(exploration, "outcome_of", first := Stub())
     job = Here()
     parts = told({}, job=job, again={"places": {C: 600}})
     cells = [part["along"] for part in parts if "along" in part]
@@ -168,7 +167,7 @@ def test_ngspice_is_told_beside_the_state_space(ngspice: str) -> None:
 
     async def run() -> None:
         start = Start.of(load_scene(SCENES / "paper-breadboard.toml"))
-        session = Session(start, parts.append, Here(), Here())  # type: ignore[arg-type]
+        session = Session(start, parts.append, Here())  # type: ignore[arg-type]
         session.move({})
         await session.work  # type: ignore[misc]
         session.simulate()
@@ -189,28 +188,22 @@ def test_a_port_that_is_taken_is_refused() -> None:
             server.bound(taken.getsockname()[1])
 
 
-def test_a_page_ends_no_run_of_another_page() -> None:
-    """Both pages share the processes; the second one waits and is cancelled, the first one runs."""
+def test_a_run_of_ngspice_ends_when_it_is_cancelled() -> None:
+    parts: list[Any] = []
 
-    async def run() -> str:
-        job = ExplorerJob()
-        try:
-            await job.warm_up()
-            first = asyncio.create_task(job.run(time.sleep, 0.5))
-            second = asyncio.create_task(job.run(time.sleep, 60.0, ends=True))
-            await asyncio.sleep(0.1)
-            second.cancel()
-            await first
-            third = asyncio.create_task(job.run(time.sleep, 60.0, ends=True))
-            await asyncio.sleep(0.1)
-            third.cancel()
-            with pytest.raises(WorkerDiedError) as ended:
-                await job._call  # type: ignore[misc]
-            return str(ended.value)
-        finally:
-            job.stop()
+    async def run() -> None:
+        start = Start.of(load_scene(SCENES / "paper-breadboard.toml"))
+        page = Session(start, parts.append, Here())  # type: ignore[arg-type]
+        page.move({})
+        await page.work  # type: ignore[misc]
+        page.simulate()
+        await asyncio.sleep(0.1)
+        page.cancel()
+        await page.simulation  # type: ignore[misc]
 
-    assert asyncio.run(run())
+    asyncio.run(run())
+    assert [part["simulating"] for part in parts if "simulating" in part] == [True, False]
+    assert not any("simulation" in part for part in parts)
 
 
 def answer(

@@ -32,10 +32,10 @@ from taction.verification.report.blocks import (
     Section,
     Table,
 )
-from taction.verification.report.renderers import notebook, picture, plotly, terminal
-from taction.verification.report.renderers.notebook import card
+from taction.verification.report.renderers import picture, plotly, terminal
 from taction.verification.report.renderers.page import FILES, page_html
 from taction.verification.report.renderers.picture import new_figure
+from taction.verification.report.renderers.terminal import card
 from tests.support.report_pages import HOSTILE, hostile, page
 from tests.support.running import words_of
 
@@ -176,8 +176,8 @@ def test_an_outcome_has_the_same_colour_in_every_medium(outcome: str) -> None:
     assert picture.colour(outcome) == plotly.colour(outcome) == look.colour
     assert terminal.outcome_text("x", outcome).style == look.colour
     page = Page("title", "study", outcome, "", (), ())
-    assert look.colour in notebook.card(page)
-    assert f"{look.sign} {outcome}" in notebook.card(page)
+    assert look.colour in terminal.card(page)
+    assert f"{look.sign} {outcome}" in terminal.card(page)
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -226,7 +226,7 @@ def test_sections_are_made_only_for_their_media() -> None:
 
     page = Page("t", "c", "", "", (), (Section("only the page", refuse),))
     assert terminal.page_text(page) == "t"
-    assert "only the page" not in notebook.card(page)
+    assert "only the page" not in terminal.card(page)
 
 
 def test_plotly_has_the_units_of_the_axes() -> None:
