@@ -246,11 +246,6 @@ class Chart:
         """Height on a page; rows with names need more of it the more there are."""
         return self.height or (100 + 30 * len(self.y.names) if self.y.names else HEIGHT)
 
-    @property
-    def zoom(self) -> bool:
-        """Whether buttons of a page zoom and move along the horizontal axis."""
-        return self.x.unit == "s" and not self.y.names
-
 
 HEIGHT = 360  # pixels
 

@@ -7,8 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import urllib.error
-import urllib.request
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -217,36 +215,6 @@ def test_a_saved_scene_has_the_same_reading(
     assert verdict.measurements.settling_time is not None
     shown = quantity(verdict.measurements.settling_time.value, "s")
     assert shown in page.inner_text("#readings")
-
-
-def status(address: str, **headers: str) -> int:
-    """Return the status of an answer that is an error."""
-    request = urllib.request.Request(address, headers=headers)  # noqa: S310 - our own server
-    with pytest.raises(urllib.error.HTTPError) as refusal:
-        urllib.request.urlopen(request, timeout=10)  # noqa: S310
-    refusal.value.close()
-    return refusal.value.code
-
-
-@pytest.mark.parametrize("path", ["/", "/?token=wrong", "/taction/explorer.js", "/talk"])
-def test_without_the_token_nothing_is_given(serve: Callable[[str], Server], path: str) -> None:
-    assert status(serve("paper-breadboard").host + path) == 403
-
-
-def test_a_websocket_needs_the_cookie(browser: Any, serve: Callable[[str], Server]) -> None:
-    """A page of the browser that never had the token gets no websocket."""
-    server = serve("paper-breadboard")
-    context = browser.new_context()
-    page = context.new_page()
-    page.goto("about:blank")
-    address = server.host.replace("http", "ws") + "/talk"
-    code = """(address) => new Promise((resolve) => {
-      const socket = new WebSocket(address);
-      socket.onopen = () => resolve('open');
-      socket.onerror = () => resolve('refused');
-    })"""
-    assert page.evaluate(code, address) == "refused"
-    context.close()
 
 
 @pytest.mark.parametrize(("scheme", "capacitance"), [("light", "10 pF"), ("dark", "5 pF")])

@@ -67,20 +67,19 @@ def junit_suite(
     """Return the tests of a file; the first of them has the time of the run, s, which made all."""
     name, cases = visible(Path(file).stem), [*tests]
     ends = Counter(case.end for case in cases)
-    counts = {"failures": ends["failure"], "errors": ends["error"], "skipped": ends["skipped"]}
-    suite = ET.Element("testsuite", name=name, tests=str(len(cases)), file=visible(file))
-    suite.attrib |= {key: str(count) for key, count in counts.items()} | {"time": f"{seconds:.3f}"}
+    counts = {"tests": len(cases), "failures": ends["failure"], "errors": ends["error"]}
+    suite = ET.Element("testsuite", name=name, file=visible(file), time=f"{seconds:.3f}")
+    suite.attrib |= {key: str(n) for key, n in {**counts, "skipped": ends["skipped"]}.items()}
     known = ET.SubElement(suite, "properties")
     for key, value in properties.items():
-        named = key.replace("_", " ")
-        ET.SubElement(known, "property", name=named, value=visible_lines(value))
-    for number, case in enumerate(cases):
-        own = {"name": visible(case.name), "classname": f"taction.{name}"}
-        own["time"] = f"{0.0 if number else seconds:.3f}"
-        test = ET.SubElement(suite, "testcase", own)
+        ET.SubElement(known, "property", name=key.replace("_", " "), value=visible_lines(value))
+    for case in cases:
+        own = {"name": visible(case.name), "classname": f"taction.{name}", "time": f"{seconds:.3f}"}
+        test, seconds = ET.SubElement(suite, "testcase", own), 0.0
         if case.end:
-            message = visible_lines(case.message)
-            ended = ET.SubElement(test, case.end, message=message, type=case.end)
+            ended = ET.SubElement(
+                test, case.end, message=visible_lines(case.message), type=case.end
+            )
             ended.text = visible_lines(case.text)
     return suite
 

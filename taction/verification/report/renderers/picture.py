@@ -246,7 +246,7 @@ def _values(values: ArrayLike, axis: Axis) -> Floats:
 
 def _label(axes: Axes, axis: Axis, name: str) -> None:
     """Write the title and the ticks of an axis; the unit stands at each number."""
-    from matplotlib.ticker import EngFormatter, LogLocator, MaxNLocator, NullFormatter
+    from matplotlib import ticker
 
     ruler: Any = getattr(axes, f"{name}axis")
     ruler.set_label_text(axis.caption)
@@ -256,18 +256,21 @@ def _label(axes: Axes, axis: Axis, name: str) -> None:
             axes.tick_params("x", labelrotation=30)
         return
     unit, log = axis.sign.strip("%"), axis.scale == "log"
-    ruler.set_major_formatter(EngFormatter(unit) if unit else _power if log else _plain)
+    if unit:
+        ruler.set_major_formatter(ticker.EngFormatter(unit))
+    elif log:
+        ruler.set_major_formatter(
+            ticker.LogFormatterMathtext(minor_thresholds=(9.0, 9.0))
+        )  # at each tick
     if log:
         low, high = sorted(ruler.get_view_interval())
         short = high < (300.0 if name == "y" else 60.0) * low
-        ruler.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
-        ruler.set_minor_formatter(NullFormatter())
+        ruler.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
+        ruler.set_minor_formatter(ticker.NullFormatter())
     elif axis.whole or unit or name == "x":
-        ruler.set_major_locator(MaxNLocator(integer=True) if axis.whole else MaxNLocator(FEW))
-
-
-def _plain(value: float, _: object = None) -> str:
-    return f"{value:.6g}".replace("-", "−")
+        ruler.set_major_locator(
+            ticker.MaxNLocator(integer=True) if axis.whole else ticker.MaxNLocator(FEW)
+        )
 
 
 def _inches(axes: Axes) -> float:
@@ -278,14 +281,6 @@ def _inches(axes: Axes) -> float:
 def _crowded(axes: Axes, axis: Axis) -> bool:
     """Tell whether the names of a horizontal axis are too long to stand beside each other."""
     return sum(len(name) + 2 for name in axis.names) > LETTERS * _inches(axes)
-
-
-def _power(value: float, _: object = None) -> str:
-    """Return a tick of a logarithmic axis, far ones as powers of ten, which are short."""
-    if 1e-3 <= value < 1e5:
-        return f"{value:g}"
-    digit, _, exponent = f"{value:.0e}".partition("e")
-    return f"${digit}\\cdot10^{{{int(exponent)}}}$".replace("$1\\cdot", "$")
 
 
 def _curve(axes: Axes, mark: charts.Curve, chart: Chart) -> None:

@@ -34,8 +34,8 @@ const tactionCharts = (() => {
     uirevision: "kept",
   });
   const config = {
-    displaylogo: false, responsive: true, displayModeBar: coarse.matches ? false : "hover",
-    modeBarButtonsToRemove: ["select2d", "lasso2d", "zoomIn2d", "zoomOut2d", "autoScale2d"],
+    displaylogo: false, responsive: true, displayModeBar: coarse.matches || "hover",
+    modeBarButtonsToRemove: ["select2d", "lasso2d", "sendChartToCloud"], plotlyServerURL: "", // nothing is sent
   };
   // Draw the chart `spec` into `canvas`; `more` replaces parts of its layout.
   const draw = (canvas, spec, more = {}) => {

@@ -19,30 +19,11 @@
   const drawAll = (width) => { if (window.Plotly) canvases.forEach((each) => draw(each, width)); };
 
   const change = (canvas, layout) => Plotly.relayout(canvas, layout);
-  const zoom = (canvas, factor) => {
-    if (!factor) return change(canvas, { "xaxis.autorange": true, "yaxis.autorange": true });
-    const [low, high] = canvas._fullLayout.xaxis.range.map(Number);
-    const middle = (low + high) / 2, half = (high - low) / 2 * factor;
-    return change(canvas, { "xaxis.range": [middle - half, middle + half] });
-  };
-  const move = (canvas, share) => {
-    const [low, high] = canvas._fullLayout.xaxis.range.map(Number);
-    const by = (high - low) * share;
-    return change(canvas, { "xaxis.range": [low + by, high + by] });
-  };
-  const press = (button) => all("[aria-pressed]", button.parentElement).forEach((each) =>
-    each.setAttribute("aria-pressed", String(each === button)));
-  all(".picture").forEach((figure) => {
-    const canvas = figure.querySelector(".canvas");
-    all(".tools button", figure).forEach((button) => button.addEventListener("click", () => {
-      if (!window.Plotly) return;
-      press(button);
-      const { view, zoom: factor, move: share } = button.dataset;
-      if (view) change(canvas, JSON.parse(view));
-      else if (share) move(canvas, Number(share));
-      else zoom(canvas, Number(factor));
-    }));
-  });
+  all("[data-view]").forEach((button) => button.addEventListener("click", () => {
+    if (!window.Plotly) return;
+    all("[data-view]", button.parentElement).forEach((each) => each.setAttribute("aria-pressed", String(each === button)));
+    change(button.closest(".picture").querySelector(".canvas"), JSON.parse(button.dataset.view));
+  }));
 
   // Plotly is packed into the page; the policy of the page knows its digest.
   const unpack = async () => {
