@@ -190,18 +190,16 @@ def outputs_chart(
     targets, count = view.targets, outputs.shape[1]
     low = min(float(outputs.min()), float(targets.min()))
     limits = waveforms.with_room(low, max(float(outputs.max()), float(targets.max())))
-    marks, note = list[charts.Mark](), ""
-    if count <= waveforms.LABELLED:
+    marks, few = list[charts.Mark](), count <= waveforms.LABELLED
+    if few:
         step = float(np.abs(targets - outputs[0]).max(initial=0.0))
         band = view.scene.checks.settling_time.band * step
-        for y, colour in zip(targets.tolist(), charts.spread_colours(count), strict=True):
-            marks.append(charts.Band(y - band, y + band, "y", "", colour))
-            marks.append(charts.Limit(y, "y", "", colour, "dot"))
-        marks += waveforms.end_names(outputs[-1].tolist(), *limits, ["ink"] * count)
-        note = "Dotted: targets; shaded: the settling band."
+        pairs = zip(targets.tolist(), charts.spread_colours(count), strict=True)
+        marks += (charts.Band(y - band, y + band, "y", "", look) for y, look in pairs)
     points = min(POINTS * count, ALL_POINTS)
-    marks += waveforms.curves(time, outputs, width=1.8, points=points)
-    note += waveforms.looks_text(count)
+    looks: Any = {"width": 1.8, "points": points}
+    marks += waveforms.output_marks(time, outputs, targets.tolist(), limits, **looks)
+    note = f"Dotted: targets{'; shaded: the settling band' * few}.{waveforms.looks_text(count)}"
     if beyond:
         supply = quantity(view.board.circuit.supply, "V")
         note += f" The chart ends at the supply of {supply}: beyond it the linear board is not the"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -96,39 +97,41 @@ def with_room(low: float, high: float) -> charts.Limits:
     return low - room, high + room
 
 
-def _records(verdict: Verdict, values: Floats, width: float) -> Iterator[charts.Curve]:
-    time = verdict.waveforms.time
-    return curves(time, values, width=width, early=early_end(verdict))
+def output_marks(
+    time: Floats, outputs: Floats, targets: Sequence[float], limits: charts.Limits, **more: Any
+) -> Iterator[charts.Mark]:
+    """Yield outputs with their targets, and the names of few channels beside them; see `curves`."""
+    colours = charts.spread_colours(len(targets))
+    yield from curves(time, outputs, **more)
+    pairs = zip(targets, colours, strict=True)
+    yield from (charts.Limit(y, "y", "", look, "dot") for y, look in pairs)
+    if len(targets) <= LABELLED:
+        yield from end_names(targets, *limits, colours)
 
 
 def outputs_chart(verdict: Verdict) -> charts.Chart:
     """Return the outputs with their targets; `difference_chart` has the second engine."""
     found, end = verdict.measurements, float(verdict.waveforms.time[-1])
     targets = [channel.target for channel in found.channels]
-    count, (limits, cut) = len(targets), _window(verdict)
-    colours = charts.spread_colours(count)
-    marks: list[charts.Mark] = list(_records(verdict, verdict.u, 1.2))
-    pairs = zip(targets, colours, strict=True)
-    marks += (charts.Limit(y, "y", "", look, "dot") for y, look in pairs)
+    (limits, cut), early = _window(verdict), early_end(verdict)
+    marks = [*output_marks(verdict.waveforms.time, verdict.u, targets, limits, early=early)]
     settled = "not settled"
     if found.settling_time is not None:
         marks.append(charts.Limit(found.settling_time.value, "x", "", "muted"))
         settled = settled_text(verdict)
     elif states := {channel.state.value for channel in found.channels} - {"settled"}:
         settled = f"not settled ({', '.join(sorted(states))})"
-    if count <= LABELLED:
-        marks += end_names(targets, *limits, colours)
     engine = verdict.waveforms.simulator.replace("statespace", "the state-space engine")
     summary = (
-        f"Outputs of {counted(count, 'channel')} from 0 to {quantity(end, 's')} by {engine}."
+        f"Outputs of {counted(len(targets), 'channel')} from 0 to {quantity(end, 's')} by {engine}."
         " Dotted: the target of each channel, from the numerical solution."
-    ) + looks_text(count)
+    ) + looks_text(len(targets))
     if cut:
         largest = quantity(float(np.abs(verdict.u).max()), "V", 2)
         supply = quantity(verdict.circuit.supply, "V", 3)
         summary += f" The chart ends where the record grows to {largest}; the supply is ±{supply}."
     views = [
-        charts.View("first rise", (0.0, early_end(verdict))),
+        charts.View("first rise", (0.0, early)),
         charts.View("whole record", (0.0, end)),
     ]
     if verdict.poles.known_unstable:  # the first periods are flat beside the growth
@@ -180,7 +183,9 @@ def deviation_chart(verdict: Verdict) -> charts.Chart:
     m, end = verdict.measurements, float(verdict.waveforms.time[-1])
     band = m.band
     off = (verdict.u - np.array([c.target for c in m.channels])) / (m.amplitude or 1.0)
-    marks: list[charts.Mark] = [charts.Band(-band, band, "y"), *_records(verdict, off, 0.8)]
+    early = early_end(verdict)
+    drawn = curves(verdict.waveforms.time, off, width=0.8, early=early)
+    marks: list[charts.Mark] = [charts.Band(-band, band, "y"), *drawn]
     largest = float(np.nanmax(np.abs(off), initial=0.0)) * 1.05 or 1.0
     if m.settling_time is None:
         settled = "the board does not settle within the record"
@@ -189,7 +194,7 @@ def deviation_chart(verdict: Verdict) -> charts.Chart:
         settled = f"dashed: {settled_text(verdict)}"
         marks.append(charts.Limit(m.settling_time.value, "x"))
         first = charts.View("around the band", (0.0, end), (-6.0 * band, 6.0 * band))
-    rise = charts.View("first rise", (0.0, early_end(verdict)), (-1.3, 1.3))
+    rise = charts.View("first rise", (0.0, early), (-1.3, 1.3))
     views = first, rise, charts.View("everything", (0.0, end), (-largest, largest))
     summary = (
         f"Output minus target of every channel; shaded: the band of ±{100 * band:g} % of the step"

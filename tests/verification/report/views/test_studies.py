@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import taction
-from taction.netlist_gen.scene.axes import with_values
 from taction.system.charts import Axis, Chart, Curve, Limit, thinned
 from taction.system.documents import plain
 from taction.verification.evidence.paper import reproduce
@@ -21,15 +19,13 @@ from taction.verification.report.renderers.plotly import plotly_spec, view_layou
 from taction.verification.report.views import tolerance_view as tolerance
 from taction.verification.report.views.sweep_view import Plane
 from taction.verification.report.views.tolerance_view import _edges
-from taction.verification.studies.sweep.result import grids
 from taction.verification.studies.tolerance.montecarlo import (
     QuantitySpread,
     Sensitivity,
     YieldReport,
 )
 from tests.support.entries import grid_plan, make_sample
-from tests.support.making import make_scene
-from tests.support.report_pages import STATESPACE, STUDIES, VERDICTS, page
+from tests.support.report_pages import STUDIES, VERDICTS, page
 
 MARKED = "#123456"  # in the place of a colour of the style sheet
 LISTS = ("opamp.base=ua741,op27", "C=10pF,20pF")
@@ -103,28 +99,6 @@ def test_a_regression_marks_what_changed() -> None:
 
 def _charts(name: str) -> list[Chart]:
     return [each for each in page(name).blocks() if isinstance(each, Chart)]
-
-
-def ends(plane: Plane) -> list[tuple[float, float, float, float]]:
-    """Return the lines of the boundary: x and y of one end, x and y of the other."""
-    x, y = (np.asarray(v).reshape(-1, 3)[:, :2] for v in (plane.edge.x, plane.edge.y))
-    return [(*a, *b) for a, b in zip(x.tolist(), y.tolist(), strict=True)]
-
-
-def test_the_boundary_of_a_map_is_between_the_points_around_the_crossing_of_onset() -> None:
-    scene = make_scene({"channels": 3, "span": 2.0}, analysis=STATESPACE)
-    result = taction.sweep(scene, over=("C=1pF:100pF:9", "gain=5Mohm:8Mohm:2"), jobs=1)
-    capacitances, gain = result.axes[0].axis.values, result.axes[1].axis.values[0]
-    lines = ends(Plane(result.plan, grids(result)["growth_rate"]))
-    both = [(x, y) for x0, x1, y0, y1 in lines for x, y in ((x0, y0), (x1, y1))]
-    drawn = sorted(x for x, y in both if y == pytest.approx(gain))
-    onset = taction.onset(
-        with_values(scene, {"design.gain": gain}), over="C=1pF:100pF", transients=False
-    )
-    solved = [each.crossing.value for each in onset.findings if each.crossing.changes_stability]
-    assert solved
-    places = [np.searchsorted(capacitances, found).tolist() for found in (drawn, sorted(solved))]
-    assert places[0] == places[1]
 
 
 def test_what_fails_is_told_apart_by_colour_and_mark() -> None:
