@@ -181,15 +181,14 @@ class Columns:
 class Grid:
     """Values (m, n) over the two axes as colours; NaN is a cell without a value.
 
-    A ``"signed"`` scale is blue below 0 and orange above it, by the square root; ``"share"`` has
-    parts of a limit on a logarithmic scale, blue within, orange beyond.
+    A ``"signed"`` scale is blue below 0 and orange above it, by the square root.
     """
 
     x: ArrayLike  # (n,) middles of the cells
     y: ArrayLike  # (m,)
     values: ArrayLike
     unit: str = ""
-    scale: Literal["linear", "log", "signed", "share"] = "linear"
+    scale: Literal["linear", "log", "signed"] = "linear"
     limits: Limits | None = None  # ends of the colours
     texts: tuple[tuple[str, ...], ...] = ()  # for the pointer
     written: tuple[tuple[str, ...], ...] = ()  # in the cells
@@ -297,9 +296,9 @@ def levels(mark: Grid, values: Floats) -> tuple[Floats, tuple[tuple[float, float
         high = max(abs(low), abs(high)) or 1.0
         low, along = -high, _signed_root
         shown = [share * abs(share) * high for share in (-1.0, -0.5, 0.0, 0.5, 1.0)]
-    elif mark.scale == "share" or (mark.scale == "log" and 0.0 < 10.0 * low <= high):
+    elif mark.scale == "log" and 0.0 < 10.0 * low <= high:
         low, along = max(low, high * DECADES), np.log
-        shown = [low, 1.0, high] if mark.scale == "share" else np.geomspace(low, high, 5).tolist()
+        shown = np.geomspace(low, high, 5).tolist()
     else:
         shown = np.linspace(low, high, 5).tolist()
     first, last = float(along(low)), float(along(high))

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import io
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -15,7 +14,7 @@ from numpy.typing import ArrayLike
 from taction.netlist_gen.kicad.sheet import GRID
 from taction.system import charts
 from taction.system.array_types import Floats
-from taction.system.charts import BLUE, ORANGE, PURPLE, Axis, Chart
+from taction.system.charts import Axis, Chart
 from taction.system.output_files import check_extra, replacing
 from taction.system.results import check_plot_file
 from taction.verification.report.blocks import PICTURE, Bars, Block, Drawing, Notes, Page
@@ -29,11 +28,9 @@ METADATA = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
 TITLE_LETTERS = 9.0  # of the title in an inch
 MARGIN = 0.1  # beside every chart, inches
 DPI = 100  # of the picture in a notebook
-CYCLE = [BLUE, ORANGE, "#009e73", PURPLE, "#e69f00", "#56b4e9"]
 STYLE: dict[Any, Any] = {
     "axes.grid": True,
     "grid.alpha": 0.3,
-    "axes.prop_cycle": f"cycler('color', {CYCLE})",
     "axes.spines.top": False,
     "axes.spines.right": False,
     "hatch.linewidth": 0.6,
@@ -65,19 +62,23 @@ LINE = 0.22  # height of a line of a legend, inches
 
 def draw_page(page: Page, path: str | Path | None = None) -> Figure:
     """Draw the first charts of a page on a grid, other blocks below, to `path` if any."""
+    if path is not None:
+        check_plot_file(path)
+    check_extra("plot", "plot")
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        drawn = _drawn(page)
+        if path is not None:
+            with replacing(path) as file:
+                drawn.savefig(file, dpi=150, metadata=METADATA.get(Path(path).suffix.lower()))
+    return drawn
+
+
+def _drawn(page: Page) -> Figure:
     found = list(page.blocks(PICTURE))
-    drawn = [each for each in found if not isinstance(each, Notes)] or found
-    drawn = sorted(drawn or [Notes("", (page.summary,))], key=lambda each: each.kind == "bars")
-    leads = [each.lead for each in page.sections if PICTURE in each.media and each.lead]
-    foot = next(iter([*leads, *(getattr(each, "summary", "") for each in drawn)]), "")
-    title = ": ".join(filter(None, (page.title, page.summary)))
-    return draw_blocks(title, drawn[:MOST], foot, path)
-
-
-def draw_blocks(
-    title: str, blocks: Sequence[Block], foot: str = "", path: str | Path | None = None
-) -> Figure:
-    """Draw charts, drawings, `Bars` and `Notes` on a grid below a title, see `draw_page`."""
+    shown: list[Block] = [each for each in found if not isinstance(each, Notes)]
+    blocks = (shown or found)[:MOST] or [Notes("", (page.summary,))]
     panels = [each for each in blocks if not isinstance(each, Bars)]
     across = 2 if len(panels) == 4 else max(min(len(panels), 3), 1)
     lines = [panels[first : first + across] for first in range(0, len(panels), across)]
@@ -85,15 +86,37 @@ def draw_blocks(
     columns = [PANEL[0] + max(map(_beside, panels[k::across]), default=0.0) for k in range(across)]
     if across == 1:
         columns = [ALONE * columns[0]]
-    rows = [max(_height(block, sum(columns)) for block in line) for line in lines]
-    with new_figure(sum(columns), sum(rows) + 0.6, path, title) as figure:
-        grid = figure.add_gridspec(len(rows), across, width_ratios=columns, height_ratios=rows)
-        for row, line in enumerate(lines):
-            for column, block in enumerate(line):
-                end = column + 1 if row * across < len(panels) else across
-                BLOCKS[type(block)](figure.add_subplot(grid[row, column:end]), block)
-        if foot:
-            figure.supxlabel(wrapped(foot, SMALL * sum(columns)), fontsize="small")
+    width, rows = sum(columns), [max(_height(e, sum(columns)) for e in line) for line in lines]
+    figure = _new_figure(width, sum(rows) + 0.6)
+    if title := ": ".join(filter(None, (page.title, page.summary))):
+        figure.suptitle(wrapped(title, TITLE_LETTERS * width), fontweight="bold")
+    grid = figure.add_gridspec(len(rows), across, width_ratios=columns, height_ratios=rows)
+    for row, line in enumerate(lines):
+        for column, block in enumerate(line):
+            end = column + 1 if row * across < len(panels) else across
+            BLOCKS[type(block)](figure.add_subplot(grid[row, column:end]), block)
+    leads = [each.lead for each in page.sections if PICTURE in each.media and each.lead]
+    foot = next(iter([*leads, *(getattr(each, "summary", "") for each in blocks)]), "")
+    figure.supxlabel(wrapped(foot, SMALL * width), fontsize="small")
+    return figure
+
+
+def _new_figure(width: float, height: float) -> Figure:
+    """Return a figure of so many inches, which a notebook shows in the same style."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    class NotebookFigure(Figure):
+        def _repr_png_(self) -> bytes:
+            picture = io.BytesIO()
+            with mpl.rc_context(STYLE):
+                self.savefig(picture, format="png", dpi=DPI)
+            return picture.getvalue()
+
+    figure = NotebookFigure(figsize=(width, height))
+    figure.set_layout_engine("constrained", w_pad=MARGIN)
+    FigureCanvasAgg(figure)
     return figure
 
 
@@ -121,37 +144,6 @@ def wrapped(text: str, letters: float) -> str:
     whole, most = glued(text, "\N{NO-BREAK SPACE}"), max(30, int(letters))
     even = len(whole) // max(len(textwrap.wrap(whole, most)), 1) + WORD
     return textwrap.fill(whole, min(most, even))
-
-
-@contextmanager
-def new_figure(
-    width: float, height: float, path: str | Path | None = None, title: str = ""
-) -> Iterator[Figure]:
-    """Give a figure of so many inches in one style; to a `path` it is written with equal bytes."""
-    if path is not None:
-        check_plot_file(path)
-    check_extra("plot", "plot")
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    class NotebookFigure(Figure):
-        def _repr_png_(self) -> bytes:
-            picture = io.BytesIO()
-            with mpl.rc_context(STYLE):
-                self.savefig(picture, format="png", dpi=DPI)
-            return picture.getvalue()
-
-    with mpl.rc_context(STYLE):
-        figure = NotebookFigure(figsize=(width, height))
-        figure.set_layout_engine("constrained", w_pad=MARGIN)
-        FigureCanvasAgg(figure)
-        if title:
-            figure.suptitle(wrapped(title, TITLE_LETTERS * width), fontweight="bold")
-        yield figure
-        if path is not None:
-            with replacing(path) as file:
-                figure.savefig(file, dpi=150, metadata=METADATA.get(Path(path).suffix.lower()))
 
 
 def _notes(axes: Axes, notes: Notes) -> None:
@@ -210,8 +202,7 @@ def draw_chart(axes: Axes, chart: Chart) -> None:
             getattr(axes, f"invert_{name}axis")()
         _label(axes, axis, name)
     _legend(axes, chart)
-    if chart.title:
-        axes.set_title(wrapped(chart.title, LETTERS * _inches(axes)), fontsize="medium")
+    axes.set_title(wrapped(chart.title, LETTERS * _inches(axes)), fontsize="medium")
 
 
 def colour(name: str) -> str:
@@ -339,9 +330,9 @@ def _grid(axes: Axes, mark: charts.Grid, chart: Chart) -> None:
     if not labels:
         axes.text(0.5, 0.5, "nowhere", transform=axes.transAxes, ha="center")
         return
-    colours: Any = LinearSegmentedColormap.from_list("shares", DIVERGING)
-    if mark.scale in ("linear", "log"):
-        colours = "viridis"
+    colours: Any = "viridis"
+    if mark.scale == "signed":
+        colours = LinearSegmentedColormap.from_list("signed", DIVERGING)
     shown = np.ma.masked_invalid(places)
     mesh = axes.pcolormesh(across, down, shown, vmin=0.0, vmax=1.0, cmap=colours)
     if mark.bar:
@@ -384,8 +375,9 @@ DRAWERS: dict[type, Callable[[Any, Any, Chart], None]] = {
 
 def _keys(chart: Chart) -> list[str]:
     """Return the names in the legend of a chart, each once."""
-    marks = (mark for mark in chart.marks if chart.legend and getattr(mark, "label", "legend"))
-    return [*dict.fromkeys(filter(None, (getattr(mark, "name", "") for mark in marks)))]
+    named = (each for each in chart.marks if getattr(each, "label", "legend"))
+    names = [str(getattr(each, "name", "")) for each in named] if chart.legend else []
+    return [*dict.fromkeys(filter(None, names))]
 
 
 def _in_a_line(keys: Sequence[str], inches: float) -> int:

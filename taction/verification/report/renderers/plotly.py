@@ -24,8 +24,7 @@ LETTER = 6.5  # width of a letter beside a chart, pixels
 HATCH = {"fgcolor": "rgba(255,255,255,0.75)", "fillmode": "overlay", "size": 6}
 PATTERNS = {"////": "/", "\\\\\\\\": "\\", "xxxx": "x", "....": ".", "++++": "+", "": ""}
 MAP = [[0, "--map-low"], [1, "--map-high"]]
-DIVERGING = [[0, "--positive"], [0.5, "--neutral"], [1, "--negative"]]
-COLORSCALES = {"linear": MAP, "log": MAP, "signed": DIVERGING, "share": DIVERGING}
+SIGNED = [[0, "--positive"], [0.5, "--neutral"], [1, "--negative"]]
 FLAT, CLEAR = 0.01, 1.5  # of a curve: relative change, and height of the chart
 NEAR, ROOM = 0.2, 1.5  # of points on a logarithmic axis: decades, and the factor around them
 
@@ -245,7 +244,8 @@ def _grid(mark: charts.Grid, chart: charts.Chart) -> Iterator[dict[str, Any]]:
         "type": "heatmap", "x": _values(mark.x, chart.x), "y": _values(mark.y, chart.y),
         "z": [numbers(row) for row in places], "zmin": 0, "zmax": 1,
         "customdata": [[words(text) for text in row] for row in texts],
-        "colorscale": COLORSCALES[mark.scale], "showscale": mark.bar, "showlegend": False,
+        "colorscale": SIGNED if mark.scale == "signed" else MAP,
+        "showscale": mark.bar, "showlegend": False,
         "colorbar": {"thickness": 12, "outlinewidth": 0, "tickvals": [*ticks.values()],
                      "ticktext": [*ticks]},
         "hovertemplate": f"{words(chart.x.title)} %{{x}}, {words(chart.y.title)} %{{y}}:"

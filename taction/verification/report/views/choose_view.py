@@ -41,7 +41,8 @@ LONGEST = 60  # characters of a reason in a table
 SHOWN = 12  # op-amps in a terminal
 LISTED = 500  # designs in the table
 MAPS, ACROSS = 9, 3  # op-amps with a map, the best first; maps side by side in a picture
-LOW, HIGH = 0.1, 10.0  # ends of the colours: shares of a limit
+KNOWN = 1e-3, 1e3  # shares of a limit on a map
+ENDS = -1.0, 1.0  # of the colours: decades of a limit
 MAP = (
     "Blue: within every limit; orange: beyond one; the line is where the worst value reaches its"
     " limit; empty: unstable, or without a verdict. Circle: passes, with parts that can be bought;"
@@ -245,10 +246,10 @@ def _map(name: str, own: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> 
     across, up = (np.array(sorted(set(each))) for each in zip(*map(_values, own), strict=True))
     at = {_values(design): design for design in own}
     cells = [[at.get((x, y)) for x in across.tolist()] for y in up.tolist()]
-    levels = np.array([[_level(design) for design in row] for row in cells])
+    levels = np.log10([[_level(design) for design in row] for row in cells])
     hover = tuple(tuple(map(_hover, row)) for row in cells)
-    grid = Grid(across, up, levels, "", "share", (LOW, HIGH), texts=hover, bar=False)
-    edge = list(zero_lines(np.log(across), np.log(up), np.log(levels)))
+    grid = Grid(across, up, levels, "", "signed", ENDS, texts=hover, bar=False)
+    edge = list(zero_lines(np.log(across), np.log(up), levels))
     line_x, line_y = map(np.exp, segments(edge))
     limit = (Curve(line_x, line_y, "the limit", "ink", width=2.0),) if edge else ()
     chosen = {one.design.place for one in best}
@@ -273,11 +274,11 @@ def _points(designs: Sequence[ChosenDesign], name: str, mark: str, size: float) 
 
 
 def _level(design: ChosenDesign | None) -> float:
-    """Return the worst share, at most as bad as the colours go; NaN for one without a verdict."""
+    """Return the worst share; NaN for a design without a verdict."""
     undecided = design is not None and design.outcome == "inconclusive"
     if design is None or not design.shares or (undecided and design.worst_share is None):
         return math.nan
-    return min(max(design.worst, LOW / 10.0), HIGH)
+    return float(np.clip(design.worst, *KNOWN))
 
 
 def _hover(design: ChosenDesign | None) -> str:

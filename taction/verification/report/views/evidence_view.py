@@ -158,7 +158,7 @@ NEXT = (
 )
 
 
-STEPS: dict[str, Column] = {
+BOARDS: dict[str, Column] = {
     **fields("board = title; outcome = verdict.outcome outcome"),
     "because": lambda step: decisive_text(step.verdict.checks, step.verdict.outcome.value),
 }
@@ -186,7 +186,7 @@ def _sections(number: int, step: DemonstrationStep) -> tuple[Section, Section]:
     verdict, title, first = step.verdict, f"{number}. {step.title}", number == 1
     answer = answer_text(verdict.answer) if first else ""
     shown = (outputs_chart, stress_chart)[: 1 + first]
-    told = (step.text, answer, Table.of("", (step,), STEPS))
+    told = (step.text, answer, Table.of("", (step,), BOARDS))
 
     def charts() -> Iterator[Chart]:
         for made in (each(verdict) for each in shown):

@@ -108,7 +108,8 @@ class Plane:
 
     def outcomes(self, names: Names, looks: dict[str, charts.Look]) -> charts.Chart:
         """Return what each point says."""
-        places = np.meshgrid(*(values for _, values in self.axes), indexing="ij")
+        (_, across), (_, down) = self.axes
+        x, y = np.meshgrid(across, down, indexing="ij")
         wheres = [group[0] for group in self.plan.groups[:2]]
         hover = [
             ", ".join(
@@ -117,14 +118,14 @@ class Plane:
             for at in itertools.product(*(each.values for each in wheres))
         ]
         size = float(np.clip(CROWD / max(names.shape), 2.0, 9.0))
-        return self.chart("Outcome", results(*places, names, looks, hover, size), OUTCOME)
+        return self.chart("Outcome", results(x, y, names, looks, hover, size), OUTCOME)
 
     def quantity(
         self, name: str, values: Floats, limits: tuple[float, float] | None = None
     ) -> charts.Chart:
         """Return the values (n, m) of a quantity as colours."""
         title, signed = titled(name, band_of(self.plan)), name == "growth_rate"
-        scale = "signed" if signed else "log" if name in LOGARITHMIC else "linear"
+        scale: Any = "signed" if signed else "log" if name in LOGARITHMIC else "linear"
         colours = "Blue decays, orange grows." if signed else STRONGEST
         text = f"{title} over {{x}} and {{y}}. {colours} Empty: no value."
         (_, across), (_, down) = self.axes
@@ -173,8 +174,8 @@ def results(
         there = names == name
         if there.any():
             texts = tuple(itertools.compress(hover, there.ravel()))
-            own = x[there], y[there], name, look.colour, "", look.mark
-            yield charts.Curve(*own, size=size, hover=texts)
+            own: Any = {"line": "", "mark": look.mark, "size": size, "hover": texts}
+            yield charts.Curve(x[there], y[there], name, look.colour, **own)
 
 
 def _unstable(growth: Floats, places: Floats) -> Iterator[charts.Band]:

@@ -34,7 +34,6 @@ from taction.verification.report.blocks import (
 )
 from taction.verification.report.renderers import picture, plotly, terminal
 from taction.verification.report.renderers.page import FILES, page_html
-from taction.verification.report.renderers.picture import new_figure
 from taction.verification.report.renderers.terminal import card
 from tests.support.report_pages import HOSTILE, hostile, page
 from tests.support.running import words_of
@@ -248,19 +247,15 @@ def test_a_picture_has_no_text_over_another_or_beyond_its_edge(name: str) -> Non
 
 
 def test_a_picture_has_the_values_of_the_chart() -> None:
-    with new_figure(5.0, 4.0) as figure:
-        axes = figure.add_subplot()
-        picture.draw_chart(axes, CHARTS["deviation"])
-        curve = next(line for line in axes.lines if len(line.get_xdata()) > 2)
-        assert np.allclose(np.asarray(curve.get_ydata())[0], 5.0)
-        assert axes.get_ylim() == (-6.0, 6.0)
-        assert axes.get_xlabel() == "time"
-        assert axes.xaxis.get_major_formatter()(4e-5) == "40 µs"
-        hatched = figure.add_subplot()
-        picture.draw_chart(hatched, CHARTS["histogram"])
-        looks = [(patch.get_hatch(), patch.get_height()) for patch in hatched.patches]
-    assert [height for _, height in looks] == [4.0, 9.0, 2.0]
-    assert [hatch or "" for hatch, _ in looks] == ["", "", "////"]
+    section = Section("", CHARTS.values(), media="picture")
+    axes, hatched = picture.draw_page(Page("", "", sections=(section,))).axes
+    curve = next(line for line in axes.lines if len(np.asarray(line.get_xdata())) > 2)
+    assert np.allclose(np.asarray(curve.get_ydata())[0], 5.0)
+    assert axes.get_ylim() == (-6.0, 6.0)
+    assert axes.get_xlabel() == "time"
+    assert axes.xaxis.get_major_formatter()(4e-5) == "40 µs"
+    looks = [(patch.get_hatch() or "", patch.get_height()) for patch in hatched.patches]
+    assert looks == [("", 4.0), ("", 9.0), ("////", 2.0)]
 
 
 def test_a_wide_table_is_cut_into_parts_that_repeat_the_heads() -> None:
