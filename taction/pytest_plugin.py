@@ -15,7 +15,6 @@ import pytest
 
 if TYPE_CHECKING:
     from taction.verification.studies.regression.baseline import Entry
-    from taction.verification.studies.regression.regress import SceneResult
     from taction.verification.verdict.verify import Verdict
 
 SUFFIX = ".scene.toml"
@@ -64,32 +63,19 @@ class SceneItem(pytest.Item):
         self._entry = baseline.get(self.path.name)
 
     def runtest(self) -> None:
-        """Verify the scene; SceneFailed without a pass, or if the baseline differs."""
+        """Verify the scene; fail without a pass, or if the baseline differs."""
+        from taction.verification.report.views.comparison_view import change_line, remarks
         from taction.verification.studies.regression.regress import Status, compare_scene
 
-        result = compare_scene(self.path, self._entry)
-        if result.fails or result.status in (Status.NO_VERDICT, Status.BAD_INPUT):
-            raise SceneFailed(result)
-
-    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
-        """Return the failure, without a traceback of taction."""
-        failed = isinstance(excinfo.value, SceneFailed)
-        return str(excinfo.value) if failed else super().repr_failure(excinfo, style)
+        found = compare_scene(self.path, self._entry)
+        if found.fails or found.status in (Status.NO_VERDICT, Status.BAD_INPUT):
+            status = found.status.value if found.baseline or not found.checks else "fail"
+            lines = [f"{found.file}: {status}", *remarks(found), *map(change_line, found.changes)]
+            pytest.fail("\n  ".join(lines), pytrace=False)
 
     def reportinfo(self) -> tuple[Path, None, str]:
         """Return the file and the name of the test."""
         return self.path, None, f"{self.path.name}: {self.name}"
-
-
-class SceneFailed(Exception):  # noqa: N818 - a failed test, not an error of taction
-    """A scene that did not pass; pytest shows the text."""
-
-    def __init__(self, result: SceneResult) -> None:
-        from taction.verification.report.views.comparison_view import change_line, remarks
-
-        lines = [*remarks(result), *map(change_line, result.changes)]
-        status = result.status.value if result.baseline or not result.checks else "fail"
-        super().__init__("\n  ".join([f"{result.file}: {status}", *lines]))
 
 
 @pytest.fixture
