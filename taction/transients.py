@@ -211,21 +211,18 @@ def verify_files(
     >>> found.outcome, found.count()
     ('pass', {'pass': 3})
     """
+    from taction.system.documents import plain
     from taction.system.errors import Interrupted
+    from taction.system.results import load
     from taction.verification.studies.scene_files import scene_files
 
     files = scene_files([str(name) for name in scenes], exclude)
     from taction.verification.studies.running.study import for_each_file
     from taction.verification.studies.scene_files import VerifiedFiles, document_of, verify_file
 
-    describe: Callable[..., dict[str, Any]]
-    if margins:
-        from taction.verification.report.documents.verdict import (
-            verdict_document_with_margins as describe,
-        )
-    else:
-        from taction.system.documents import plain as describe
-    arguments = [(describe, engine)] * len(files)
+    describe = "report.documents.verdict:verdict_document_with_margins"
+    arguments = [(load(f"taction.verification.{describe}") if margins else plain, engine)]
+    arguments *= len(files)
     results = for_each_file(verify_file, files, arguments, jobs=jobs, progress=progress)
     found = VerifiedFiles(tuple(map(document_of, files, results)))
     if found.interrupted:

@@ -37,8 +37,6 @@ from taction.system.errors import OutOfDisk
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """The variables that set how many threads the linear algebra libraries use."""
 
-GUARD_OPTIONS = ("--pdeathsig", "KILL")  # of `setpriv`: the signal for a process whose parent ends
-
 
 @functools.cache
 def guard() -> tuple[str, ...]:
@@ -46,11 +44,9 @@ def guard() -> tuple[str, ...]:
 
     Empty where the system has no such guard.
     """
-    setpriv = shutil.which("setpriv") if sys.platform == "linux" else None
-    if setpriv is None:
-        return ()
-    trial = subprocess.run([setpriv, *GUARD_OPTIONS, "true"], capture_output=True, check=False)
-    return (setpriv, *GUARD_OPTIONS) if trial.returncode == 0 else ()
+    words = (shutil.which("setpriv") or "", "--pdeathsig", "KILL")  # when its parent ends
+    works = words[0] and not subprocess.run([*words, "true"], capture_output=True).returncode
+    return words if works else ()
 
 
 _END: ContextVar[float] = ContextVar("end of all runs", default=math.inf)
@@ -75,7 +71,7 @@ def time_left(seconds: float) -> float:
     return min(seconds, max(_END.get() - time.monotonic(), 0.0))
 
 
-ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
+ENDING: tuple[int, ...] = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 AGAIN = 0.02  # s until a signal comes again whose exception was lost
 
 
@@ -106,11 +102,9 @@ def ending_signals() -> Iterator[list[int]]:
         signal.signal(number, end)
         threading.Timer(AGAIN, os.kill, (os.getpid(), number)).start()
 
-    before: dict[int, Any] = {}
-    usual = (signal.SIG_DFL, signal.default_int_handler)
-    for name in ENDING:
-        number = getattr(signal, name, None)  # SIGHUP is unknown on some systems
-        if number is not None and signal.getsignal(number) in usual:
+    before, usual = dict[int, Any](), (signal.SIG_DFL, signal.default_int_handler)
+    for number in ENDING:
+        if signal.getsignal(number) in usual:
             with contextlib.suppress(ValueError):  # not the main thread
                 before[number] = signal.signal(number, end)
     hook, sys.unraisablehook = sys.unraisablehook, show
