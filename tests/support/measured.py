@@ -20,7 +20,7 @@ from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles, summarise
 from taction.verification.verdict.board import SteadyState
 from taction.verification.verdict.checks import Check, Evidence
-from taction.verification.verdict.run import Agreement, StepError
+from taction.verification.verdict.run import Agreement
 from taction.verification.verdict.run_checks import run_checks
 from taction.verification.verdict.verify import Verdict
 
@@ -32,7 +32,6 @@ def rounded_poles(values: Complexes) -> Poles:
 
 
 ROUNDING = 1e-15  # an error is never 0
-EXACT = StepError(ROUNDING, dict.fromkeys(READINGS, ROUNDING))
 STABLE = rounded_poles(np.array([-1e3 + 1e5j, -1e3 - 1e5j]))
 UNSTABLE = rounded_poles(np.array([1e3 + 1e5j, 1e3 - 1e5j]))
 
@@ -40,17 +39,17 @@ UNSTABLE = rounded_poles(np.array([1e3 + 1e5j, 1e3 - 1e5j]))
 def channel(index: int = 0, **changes: Any) -> ChannelMeasure:
     """A settled channel that goes from 0 to 1 V, rises in 10 µs and settles in 1 ms.
 
-    Changes by the name of a reading are readings, or excursions without an error.
+    Changes by the name of a reading are readings, or numbers that only rounding makes uncertain.
     """
     readings = {
         "rise_time": Reading(10e-6, 1e-9),
         "settling_time": Reading(1e-3, 1e-7),
-        "overshoot": Reading(0.1, 0.0),
-        "undershoot": Reading(0.02, 0.0),
+        "overshoot": Reading(0.1, ROUNDING),
+        "undershoot": Reading(0.02, ROUNDING),
     }
     for name in READINGS.keys() & changes.keys():
         given = changes.pop(name)
-        readings[name] = Reading(given, 0.0) if isinstance(given, float) else given
+        readings[name] = Reading(given, ROUNDING) if isinstance(given, float) else given
     made = ChannelMeasure(
         index=index,
         target=1.0,
@@ -85,14 +84,13 @@ def measured(*channels: ChannelMeasure, **changes: Any) -> Measurements:
 def evidence(
     *channels: ChannelMeasure,
     checks: dict[str, Any] | None = None,
-    error: StepError = EXACT,
     **changes: Any,
 ) -> Evidence:
     measurements = changes.pop("measurements", None) or measured(*(channels or (channel(),)))
     made = Evidence(
         limits=Checks.model_validate(checks or {}),
         measurements=measurements,
-        error=error,
+        end_error=ROUNDING,
         steady=steady(*(c.final for c in measurements.channels)),
         end=1.0,
         forever=False,
@@ -119,7 +117,7 @@ def agreement(difference: float, step_error: float = 0.0, reason: str = "") -> A
     u = np.array([[difference]])
     wave = Waveforms(np.array([1e-6]), ("v_1",), 0.0 * u, "statespace", Cost(0.0, 1))
     return Agreement(
-        wave.time, u, wave.values, wave, ROUNDING, "", reason, step_error=step_error, limit=AGREE
+        wave.time, u, wave.values, wave, ROUNDING, reason, step_error=step_error, limit=AGREE
     )
 
 

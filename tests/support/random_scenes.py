@@ -20,7 +20,7 @@ from taction.verification.engines.statespace.transients import stepped
 from taction.verification.evidence.stress.judge import TrueValues
 from taction.verification.reference.ideal_answer import ideal_answer
 from taction.verification.verdict.board import SteadyState
-from taction.verification.verdict.build import build
+from taction.verification.verdict.simulation import build
 from taction.verification.verdict.transient_plan import StepModel, settled_after
 from tests.support.readings import Samples, read
 

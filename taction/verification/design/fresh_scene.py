@@ -34,7 +34,7 @@ from taction.verification.design.scaling import Scaled, Scaling, find_scaling
 from taction.verification.reference.lambda_choice import choose
 from taction.verification.reference.problem import Problem, solution_difference
 from taction.verification.reference.solve import solve
-from taction.verification.verdict.build import build
+from taction.verification.verdict.simulation import build
 from taction.verification.verdict.verify import verify
 
 GRADES = (0.01, 1e-3, 1e-4)  # tolerances of resistors that are sold, the cheapest first

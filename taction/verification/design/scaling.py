@@ -55,9 +55,9 @@ from taction.verification.reference.ideal_answer import (
     lambda_times_resistance,
 )
 from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.verdict.build import build
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.headroom import FULL, Load, describe
+from taction.verification.verdict.simulation import build
 from taction.verification.verdict.verify import Verdict, verify
 
 NO_C = "no C that was tried makes the board pass"

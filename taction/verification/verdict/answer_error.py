@@ -329,7 +329,7 @@ def error_budget(run: Run, evidence: Evidence, answer: AnswerError) -> ErrorBudg
     Where a solution cannot be found its part is not known, and the part after it contains it.
     """
     board, noise, spread = run.board, evidence.noise, evidence.spread
-    error = evidence.error.steady_state * (evidence.measurements.amplitude or 1.0)
+    error = evidence.end_error * (evidence.measurements.amplitude or 1.0)
     end = error if math.isfinite(error) else None
     parts, last = list[ErrorPart](), answer.stress
     for name, how, solution, bound in _links(run, answer, end):

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +19,7 @@ from taction.netlist_gen.scene.check_keys import Checks
 from taction.netlist_gen.scene.fields import Model
 from taction.system.array_types import Floats
 from taction.system.quantities import percent, show, show_rate
+from taction.system.reading_definitions import READINGS
 from taction.verification.readings.measurements import Measurements, describe_states
 from taction.verification.readings.settling import ChannelState
 from taction.verification.stability.margin import Margin
@@ -26,7 +28,7 @@ from taction.verification.verdict.board import SteadyState
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
 from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.output_noise import OutputNoise
-from taction.verification.verdict.run import Agreement, Run, StepError
+from taction.verification.verdict.run import Agreement, Run
 from taction.verification.verdict.transient_plan import AFTER_SETTLING
 
 
@@ -67,7 +69,7 @@ class Evidence:
 
     limits: Checks  # what the scene asks for: a field for each table ``[checks.NAME]``
     measurements: Measurements
-    error: StepError
+    end_error: float  # bound on the error of the record's end, fraction of the step
     steady: SteadyState  # the equilibrium of the board, and what its modes leave at an instant
     end: float  # last instant of the record, s
     forever: bool  # whether the measurements hold for all time: they are those of an exact solution
@@ -83,6 +85,17 @@ class Evidence:
     spread: InputSpread | None = None  # where boards with other op-amps of the type rest
     unwitnessed: str = ""  # which of the two witnesses the board lacks, or empty
     run: Run | None = None  # the record with its error; None in evidence made by hand
+
+    @property
+    def reading_errors(
+        self,
+    ) -> Annotated[
+        Mapping[str, float], {"inline": {name: kind.unit for name, kind in READINGS.items()}}
+    ]:
+        """Bounds on the errors of the readings: 0 for a time that no channel has."""
+        found = {n: r.uncertainty if r else 0.0 for n, r in self.measurements.readings.items()}
+        rises = (channel.rise_time for channel in self.measurements.channels)
+        return found | {"rise_time": max((r.uncertainty for r in rises if r), default=0.0)}
 
     @property
     def no_step(self) -> str:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, cast
+from typing import Literal, cast
 
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import OpAmpCell
-from taction.system.array_types import Floats
+from taction.system.array_types import Bools, Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import Initial, LinearBoard
@@ -120,40 +120,43 @@ def _loads(
     rows, nodes = tuple(_rows(board.circuit)), watched_nodes(board.circuit)
     if not rows:
         return ()
-    number, shape = {node: k for k, node in enumerate(nodes)}, (len(rows), len(nodes))
-    entries = [(k, number[n], w) for k, row in enumerate(rows) for n, w in row[3].items()]
-    at, nth, weights = (np.array(each) for each in zip(*entries, strict=True))
-    slopes = np.array([row[1] == "slope" for row in rows])[at]
-    volts, rates = (
-        csr_array((np.where(slopes == kind, weights, 0.0), (at, nth)), shape=shape)
-        for kind in (False, True)
-    )
-    slewing = list[float | None]([None] * len(rows))
+    number = {node: k for k, node in enumerate(nodes)}
+    entries = [(w, k, number[n]) for k, row in enumerate(rows) for n, w in row[3].items()]
+    values, *places = zip(*entries, strict=True)
+    weights = csr_array((values, places), shape=(len(rows), len(nodes)))
+    slopes = np.array([row[1] == "slope" for row in rows])
     if transient is None or is_exact(board):
-        solution = combinations(board, nodes, volts.toarray(), rates.toarray(), initial=initial)
-        peaks, instants, errors = _exact_peaks(solution)
+        dense = weights.toarray()
+        of_volts = np.where(slopes[:, None], 0.0, dense)
+        solution = combinations(board, nodes, of_volts, dense - of_volts, initial=initial)
+        found = _exact_peaks(solution)
     else:
-        time, values = _record(board, nodes, transient, tolerance)
-        peaks, instants, errors, beyond = _sampled_peaks(volts, rates, time, values)
-        lasting = zip(rows, beyond.tolist(), strict=True)
-        slewing = [each if row[1] == DRIVE else None for row, each in lasting]
-    rest = np.abs(volts @ np.array([board.equilibrium[node] for node in nodes]))
-    sizes = (each.tolist() for each in (peaks, instants, rest, errors))
-    found = (
-        Load(part, quantity, peak * limit, limit, when, still * limit, error * limit, slews)
-        for (part, quantity, limit, _), peak, when, still, error, slews in zip(
-            rows, *sizes, slewing, strict=True
+        time, volts = _record(board, nodes, transient, tolerance)
+        found = _sampled_peaks(time, weights @ volts.T, slopes)
+    rest = np.abs(weights @ np.array([board.equilibrium[node] for node in nodes]))
+    rest[slopes] = 0.0
+    loads = (
+        Load(
+            *(part, quantity, peak * limit, limit, when, still * limit, error * limit),
+            beyond if quantity == DRIVE else None,
+        )
+        for (part, quantity, limit, _), peak, when, error, beyond, still in zip(
+            rows, *(each.tolist() for each in (*found, rest)), strict=True
         )
     )
-    return tuple(sorted(found, key=lambda load: (-load.share, load.part, load.quantity)))
+    return tuple(sorted(loads, key=lambda load: (-load.share, load.part, load.quantity)))
 
 
-def _exact_peaks(solution: Exact) -> tuple[Floats, Floats, Floats]:
-    """Return the largest sizes of a solution (K,), their instants, s, and bounds on the errors."""
+Peaks = tuple[Floats, Floats, Floats, Floats]
+"""Of K sizes: the largest, when that is, s, a bound on its error, and how long it is above 1, s."""
+
+
+def _exact_peaks(solution: Exact) -> Peaks:
+    """Return the peaks of a solution; how long they are above 1 is not looked for."""
     count = len(solution.final)
     found = np.array(ExactTrace(solution, np.ones(count), np.zeros(count), PRECISION, DETAIL).peaks)
     heights, doubts, at = np.where(found[0, 0] > found[0, 1], found[:, 0], found[:, 1])
-    return heights, at, doubts
+    return heights, at, doubts, np.zeros(count)
 
 
 def _record(
@@ -175,20 +178,19 @@ def _record(
     return times, curve.at(times)[:, -len(nodes) :]
 
 
-def _sampled_peaks(
-    volts: Any, rates: Any, time: Floats, values: Floats
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return as `_exact_peaks`, by every second point, and how long each size is above 1, s."""
+def _sampled_peaks(time: Floats, values: Floats, slopes: Bools) -> Peaks:
+    """Return the peaks of values (K, P), of some their slopes; the errors by every second point."""
 
     def sizes(step: int) -> Floats:
-        t, V = time[::step], np.ascontiguousarray(values[::step].T)
-        return np.asarray(np.abs(volts @ V + rates @ np.gradient(V, t, axis=1)).T)
+        found = values[:, ::step].copy()
+        found[slopes] = np.gradient(found[slopes], time[::step], axis=1) if slopes.any() else 0.0
+        return np.abs(found)
 
     fine = sizes(1)
-    peaks = fine.max(axis=0)
-    errors = np.abs(peaks - sizes(2).max(axis=0)) + PRECISION
-    beyond = np.trapezoid(np.where(fine > 1.0, 1.0, 0.0), time, axis=0)
-    return peaks, time[fine.argmax(axis=0)], errors, beyond
+    peaks = fine.max(axis=1)
+    errors = np.abs(peaks - sizes(2).max(axis=1)) + PRECISION
+    beyond = np.trapezoid(np.where(fine > 1.0, 1.0, 0.0), time, axis=1)
+    return peaks, time[fine.argmax(axis=1)], errors, beyond
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ from taction.netlist_gen.board.variation import (
 )
 from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.spice_models.input_errors import CHANGES, MOST
-from taction.system.array_types import Floats
+from taction.system.array_types import Bools, Floats
 from taction.system.quantities import percent, show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
@@ -48,8 +48,24 @@ NOTHING = Tolerances(
 """Of a board whose parts have their nominal values."""
 
 
-_LAST: dict[tuple[object, ...], InputSpread] = {}
-"""Of the last board: those of a study that differ in capacitances alone have one spread."""
+class Deviation(NamedTuple):
+    """How a part differs from board to board, and what it moves the outputs by."""
+
+    part: str
+    kind: str
+    row: Floats  # (N,): change of the outputs for one standard deviation, V
+    size: float  # one standard deviation: of ln R, or in the z of `vary`
+    shift: Floats = np.zeros(1)  # (N,): what the mean less the value on the board adds, V
+
+    @property
+    def is_of_resistor(self) -> bool:
+        """Whether ln R deviates; else a z of `vary`."""
+        return self.kind == DRIFT or self.kind in KINDS
+
+    @property
+    def name(self) -> str:
+        """The part, with its figure: ``"v_1.offset_voltage"``."""
+        return f"{self.part}.{self.kind}" if self.kind not in (DRIFT, "") else self.part
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,15 +73,14 @@ class InputSpread:
     """The outputs at rest of boards whose op-amps, or parts, differ."""
 
     mean: Floats  # (N,): V
-    parts: Floats  # (P, N): what each normal deviation adds for one standard deviation, V
-    curvature: float  # error of the first order, as a share of a deviation
-    largest: str  # what moves the outputs most: a part, or an op-amp and its figure
-    assumed: bool  # whether a sheet lacks a largest size, so that a spread is assumed
+    rows: Floats  # (P, N): what each deviation adds for one standard deviation, V
+    uniform: int = 0  # so many of the last rows are uniform, all others normal
+    curvature: float = 0.0  # error of the first order, as a share of a deviation
+    largest: str = ""  # what moves the outputs most: a part, or an op-amp and its figure
     moved: Floats | float = 0.0  # (N,): what the changes of temperature and supply add to the mean
     # How far each kind of change (`CHANGES`, `DRIFT`, `KINDS` of devices) moves an output by itself
     # in all but 5 % of the boards, V.
     changes: Mapping[str, float] = field(default_factory=dict)
-    ends: Floats | None = None  # (Q, N): what uniform deviations add at the end of a tolerance, V
 
     @classmethod
     def of(
@@ -77,71 +92,72 @@ class InputSpread:
         EngineError: the board has no equilibrium. InputError: a tolerance is of no part of it.
         """
         models = board.circuit.models
-        devices = {name: own for name, own in device_spreads(board.circuit).items() if own}
         varied = () if tolerances is NOTHING else parameters(board.circuit, tolerances)
         at_rest = [p for p in varied if p.kind not in (INPUT_ERROR, DEVICE, *DYNAMIC)]
+        devices = any(device_spreads(board.circuit).values())
         if not (resistors or devices or at_rest or any(m.varying for m in models.values())):
             return None
         if not board.circuit.is_small_signal:
             small = {name: model.small_signal for name, model in models.items()}
             board = LinearBoard(replace(board.circuit, models=small))
-        outputs, parts_of = outputs_at_rest(board), (*board.circuit.outputs, *board.circuit.opamps)
-        plain = not (resistors or devices or at_rest or board.descriptor.is_large)
-        alike = board.descriptor.at_rest, outputs.tobytes(), parts_of, tuple(models.values())
-        if plain and alike in _LAST:
-            return _LAST[alike]
-        sensitivity = RestSensitivity.of(board)
-        normal = [*_deviations(board.circuit, sensitivity, resistors, devices)]
-        count, uniform = len(outputs), tolerances.distribution == "uniform" and bool(at_rest)
 
-        def varied_by(z: Mapping[str, float]) -> Circuit:
+        def at(shares: Mapping[str, float]) -> Circuit:
+            """Return the board with these z of `vary`."""
             every = parameters(board.circuit, tolerances)
-            drawn = np.array([z.get(each.name, 0.0) for each in every])
-            return vary(board.circuit, tolerances, drawn)
+            z = np.array([shares.get(each.name, 0.0) for each in every])
+            return vary(board.circuit, tolerances, z)
 
-        shifts = np.array([each.slope * each.shift for each in normal]).reshape(-1, count)
-        parts = np.array([each.slope * each.sigma for each in normal]).reshape(-1, count)
-        ends = tolerance_slopes(sensitivity, at_rest, lambda name, z: varied_by({name: z}))
-        size = math.sqrt(3.0) if uniform else MOST  # of a tolerance, in standard deviations
-        every = np.concatenate([parts, ends / size])
+        sensitivity, uniform = RestSensitivity.of(board), tolerances.distribution == "uniform"
+        size = 1.0 / (math.sqrt(3.0) if uniform else MOST)
+        every = [
+            *_deviations(board.circuit, sensitivity, resistors),
+            *tolerance_deviations(sensitivity, at_rest, at, size),
+        ]
+        rest = outputs_at_rest(board)
         found = cls(
-            outputs + shifts.sum(axis=0),
-            parts if uniform else every,
-            0.0,
-            "",
-            any(each.assumed for model in models.values() for _, each in model.varying),
-            ends=ends if uniform else None,
+            sum((each.shift for each in every), rest),
+            np.array([each.row for each in every]),
+            len(at_rest) if uniform else 0,
         )
-        worst = int(np.argmax(found.sigma))
-        curvature = 0.0
-        if found.sigma[worst] > 0.0:
-            z = PROBED * every[:, worst] / found.sigma[worst]
-            shares, scale = _deviated(normal, at_rest, z, size)
-            probed = LinearBoard(with_resistors_at(varied_by(shares), scale))
-            off = outputs_at_rest(probed) - found.mean - every.T @ z
-            curvature = float(np.abs(off).max()) / (PROBED * float(found.sigma[worst]))
-        moved, changes = np.zeros(count), dict[str, float]()
+        return found._probed(every, at)._with_changes(every)
+
+    def _probed(
+        self, every: Sequence[Deviation], at: Callable[[Mapping[str, float]], Circuit]
+    ) -> InputSpread:
+        """Compare the first order with the rest of a board at which the worst output is far off."""
+        worst = int(np.argmax(self.sigma))
+        sigma, column = float(self.sigma[worst]), self.rows[:, worst]
+        found = replace(self, largest=every[int(np.argmax(np.abs(column)))].name)
+        if not sigma > 0.0:
+            return found
+        z, shares, logs = PROBED * column / sigma, dict[str, float](), dict[str, float]()
+        for each, value in zip(every, z.tolist(), strict=True):
+            if each.is_of_resistor:
+                logs[each.part] = logs.get(each.part, 0.0) + each.size * value
+            else:
+                shares[each.name] = each.size * value
+        scale = {name: math.exp(value) for name, value in logs.items()}
+        probed = outputs_at_rest(LinearBoard(with_resistors_at(at(shares), scale)))
+        off = float(np.abs(probed - self.mean - self.rows.T @ z).max())
+        return replace(found, curvature=off / (PROBED * sigma))
+
+    def _with_changes(self, every: Sequence[Deviation]) -> InputSpread:
+        """Return the spread with what each kind of change does by itself."""
+        none = np.zeros_like(self.mean)
+        moved, changes = none, dict[str, float]()
         for kind in (*CHANGES, DRIFT, *KINDS):
-            here = np.array([each.kind == kind for each in normal], dtype=np.bool_)
-            if here.any():
-                shift = shifts[here].sum(axis=0)
-                moved += shift
-                alone = cls(shift, parts[here], 0.0, "", False)
-                changes[kind] = alone.distance(np.zeros(count))[0]
-        names = [f"{each.part}.{each.kind}".removesuffix(f".{DRIFT}") for each in normal]
-        names += [part.name for part in at_rest]
-        largest = names[int(np.argmax(np.abs(every[:, worst])))]
-        found = replace(found, curvature=curvature, largest=largest, moved=moved, changes=changes)
-        if plain:
-            _LAST.clear()
-            _LAST[alike] = found
-        return found
+            if alike := [each for each in every if each.kind == kind]:
+                alone = InputSpread(
+                    sum((each.shift for each in alike), none),
+                    np.array([each.row for each in alike]),
+                )
+                moved, changes[kind] = moved + alone.mean, alone.distance(none)[0]
+        return replace(self, moved=moved, changes=changes)
 
     @functools.cached_property
     def sigma(self) -> Floats:
         """The standard deviations of the outputs (N,), V."""
-        uniform = 0.0 if self.ends is None else (self.ends**2).sum(axis=0) / 3.0
-        return np.asarray(np.sqrt((self.parts**2).sum(axis=0) + uniform))
+        return np.asarray(np.sqrt((self.rows**2).sum(axis=0)))
 
     def distance(self, target: Floats, share: float = SHARE) -> tuple[float, float]:
         """Return how far from `target` (N,) a share of the boards rests, and its error, V."""
@@ -177,12 +193,10 @@ class InputSpread:
     @functools.cached_property
     def _independent(self) -> tuple[Floats, Floats]:
         """The uniform deviations that are drawn, (Q, N), and the normal ones, (at most N, N), V."""
-        normal, uniform = self.parts, np.zeros((0, len(self.mean)))
-        if self.ends is not None:
-            single = (self.ends**2 > 3.0 * SINGLE * self.sigma**2).any(axis=1)
-            normal = np.concatenate([normal, self.ends[~single] / math.sqrt(3.0)])
-            uniform = self.ends[single]
-        return uniform, np.asarray(np.linalg.qr(normal, mode="r"))
+        single: Bools = np.any(self.rows**2 > SINGLE * self.sigma**2, axis=1)
+        single[: len(single) - self.uniform] = False
+        normal = np.linalg.qr(self.rows[~single], mode="r")
+        return math.sqrt(3.0) * self.rows[single], np.asarray(normal)
 
     @functools.cached_property
     def _sums(self) -> Floats:
@@ -213,46 +227,29 @@ def _standard(count: int, distribution: str) -> Floats:
     return np.asarray(np.linalg.solve(lower, drawn.T).T)  # their covariance is 1
 
 
-def tolerance_slopes(
-    sensitivity: RestSensitivity, parts: Sequence[Parameter], at: Callable[[str, float], Circuit]
-) -> Floats:
-    """Return the change of each output for a deviation of one tolerance, V, (parts, N).
+def tolerance_deviations(
+    sensitivity: RestSensitivity,
+    parts: Sequence[Parameter],
+    at: Callable[[Mapping[str, float]], Circuit],
+    size: float,
+) -> Iterator[Deviation]:
+    """Yield the deviations of parts with tolerances; one standard deviation is `size` of them.
 
-    Where it is not analytic, the equations of the board `at` a deviation are differenced.
+    Where a slope is not analytic, the equations of the board `at` a deviation are differenced.
     """
-    none = np.zeros(len(sensitivity.adjoint))
     known = sensitivity.resistors() | sensitivity.gains() if parts else {}
-    errors = sensitivity.input_errors() if parts else {}
-
-    def slope(part: Parameter) -> Floats:
-        if part.kind in DYNAMIC:
-            return none
-        if part.kind == INPUT_ERROR:
-            return errors[part.name] * part.tolerance
-        if part.kind in ("resistor", "opamp_gain", DEVICE) and part.name in known:
-            return known[part.name] * math.log1p(part.tolerance)
-        up, down = (sensitivity.towards(at(part.name, z)) for z in (DIFFERENCED, -DIFFERENCED))
-        return np.asarray((up - down) / (2.0 * DIFFERENCED))
-
-    return np.array([slope(part) for part in parts]).reshape(-1, len(none))
-
-
-class _Deviation(NamedTuple):
-    """A normal deviation: what it is, what it moves the outputs by, and its size."""
-
-    part: str
-    kind: str
-    slope: Floats  # (N,): change of the outputs, V per unit
-    shift: float  # mean less the value on the board
-    sigma: float
+    for part in parts:
+        if part.kind in ("resistor", "opamp_gain") and part.name in known:
+            slope = known[part.name] * math.log1p(part.tolerance)
+        else:
+            ends = (sensitivity.towards(at({part.name: z})) for z in (DIFFERENCED, -DIFFERENCED))
+            slope = (next(ends) - next(ends)) / (2.0 * DIFFERENCED)
+        yield Deviation(part.name, "", size * slope, size)
 
 
 def _deviations(
-    circuit: Circuit,
-    sensitivity: RestSensitivity,
-    resistors: float,
-    devices: Mapping[str, Mapping[str, float]],
-) -> Iterator[_Deviation]:
+    circuit: Circuit, sensitivity: RestSensitivity, resistors: float
+) -> Iterator[Deviation]:
     """Yield input errors and their changes, the drift of resistors, and devices of arrays."""
     errors = sensitivity.input_errors()
     for cell in circuit.opamps:
@@ -262,27 +259,14 @@ def _deviations(
             if figure not in CHANGES:  # the board has the error, in the units of its spread
                 name = {"common_mode_rejection": "rejection_error"}.get(figure, figure)
                 shift -= getattr(model, name)
-            yield _Deviation(cell.name, figure, slope, shift, each.sigma)
+            yield Deviation(cell.name, figure, slope * each.sigma, 1.0 / MOST, slope * shift)
+    devices = device_spreads(circuit)
     slopes = sensitivity.resistors() if resistors or devices else {}
     for name, slope in slopes.items() if resistors else ():
-        yield _Deviation(name, DRIFT, slope, 0.0, resistors)
+        yield Deviation(name, DRIFT, slope * resistors, resistors)
     for name, shares in devices.items():
         for kind, share in shares.items():
-            yield _Deviation(name, kind, slopes[name], 0.0, share)
-
-
-def _deviated(
-    normal: Sequence[_Deviation], at_rest: Sequence[Parameter], z: Floats, size: float
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Return deviations in tolerances, of `size`, and factors of resistors, from standard ones."""
-    of_parts = zip(at_rest, z[len(normal) :].tolist(), strict=True)
-    shares, logs = {part.name: value / size for part, value in of_parts}, dict[str, float]()
-    for each, value in zip(normal, z[: len(normal)].tolist(), strict=True):
-        if each.kind == DRIFT or each.kind in KINDS:
-            logs[each.part] = logs.get(each.part, 0.0) + each.sigma * value
-        else:
-            shares[f"{each.part}.{each.kind}"] = value / MOST
-    return shares, {name: math.exp(value) for name, value in logs.items()}
+            yield Deviation(name, kind, slopes[name] * share, share)
 
 
 def covered(circuit: Circuit, tolerances: Tolerances, *, drift: bool = False) -> str:

@@ -96,7 +96,7 @@ FIGURES: dict[str, FigureRule[Verdict]] = {
     "end_error": FigureRule(
         "step",
         lambda v: max(map(abs, _relative(v, v.run.first_and_last[-1]))),
-        lambda v: v.error.steady_state + v.ideal.error,
+        lambda v: v.end_error + v.ideal.error,
     ),
     "growth_rate": FigureRule(
         "1/s", lambda v: v.poles.rightmost.real, lambda v: v.poles.resolution
@@ -112,7 +112,7 @@ FIGURES: dict[str, FigureRule[Verdict]] = {
     "resistance": FigureRule("ohm", lambda v: v.circuit.number("R")),
     "wanted_error": FigureRule("step", lambda v: v.board.plan.wanted),
     "attained_error": FigureRule("step", lambda v: v.run.achieved),
-    "simulation_error": FigureRule("step", lambda v: v.error.steady_state),
+    "simulation_error": FigureRule("step", lambda v: v.end_error),
     "seconds": FigureRule("s", lambda v: v.timing["total"]),
 }
 """Figures of the whole board; the worst channel counts."""
@@ -334,7 +334,6 @@ def within_uncertainties(times: float = 1.0) -> Tolerance:
 
 Row = tuple[Group, str, int | None]
 """Group, name and channel of a quantity."""
-WORDS = ("outcome", "checks", "states")
 
 
 def compare(
@@ -355,16 +354,35 @@ def compare(
     bands = _of_both(band_text, first, second)
     notes = {("values", "steady_state"): _of_both(boards_text, first, second)}
     notes |= {(group, "settling_time"): bands for group in ("values", "figures", "channels")}
-    found = []
-    for row in {**one, **two}:
-        a, b = one.get(row), two.get(row)
-        if row[0] in WORDS:
-            found.append(words(*row, *(None if each is None else str(each) for each in (a, b))))
-        else:
-            one_of, two_of = (each if isinstance(each, Figure) else Figure(None) for each in (a, b))
-            made = numbers(*row, one_of, two_of, tolerance)
-            found.append(replace(made, note=notes.get(row[:2], "")))
-    return tuple(each for each in found if each.group in groups)
+    return tuple(
+        _difference(row, one.get(row), two.get(row), tolerance, notes.get(row[:2], ""))
+        for row in {**one, **two}
+        if row[0] in groups
+    )
+
+
+def _difference(
+    row: Row,
+    first: Figure | str | None,
+    second: Figure | str | None,
+    tolerance: Tolerance,
+    note: str,
+) -> Difference:
+    """Return the difference of two words, or of two numbers, of fragile ones the nearest values."""
+    if isinstance(first, str) or isinstance(second, str):
+        one, two = (None if each is None else str(each) for each in (first, second))
+        return Difference(*row, one, two, "", None, None, 0.0 if one == two else math.inf)
+    a, b = first or Figure(None), second or Figure(None)
+    made = Difference(*row, a.value, b.value, a.unit or b.unit, None, None, math.inf, note)
+    if a.value is None or b.value is None:
+        same = all(x.value is None or (x.fragile and x.alternative is None) for x in (a, b))
+        return replace(made, off=0.0) if same else made
+    others = [(a.value, b.alternative), (a.alternative, b.value)]
+    pairs = [(a.value, b.value), *((x, y) for x, y in others if x is not None and y is not None)]
+    x, y = min(pairs, key=lambda pair: abs(pair[1] - pair[0]))
+    allowed = tolerance(row[1], a, b)
+    off = relative(abs(y - x), allowed)
+    return replace(made, first=x, second=y, difference=y - x, allowed=allowed, off=off)
 
 
 def _rows(
@@ -393,36 +411,6 @@ def _of_both(text: Callable[[Check], str], first: Record, second: Record) -> str
     return "A {}, B {}".format(*known) if len(known) > 1 else "".join(known)
 
 
-def words(
-    group: Group, name: str, channel: int | None, first: str | None, second: str | None
-) -> Difference:
-    """Return the difference of two words, which must be equal."""
-    off = 0.0 if first == second else math.inf
-    return Difference(group, name, channel, first, second, "", None, None, off)
-
-
-def numbers(
-    group: Group,
-    name: str,
-    channel: int | None,
-    first: Figure,
-    second: Figure,
-    tolerance: Tolerance,
-) -> Difference:
-    """Return the difference of two numbers, of fragile ones that of the nearest values."""
-    unit = first.unit or second.unit
-    made = Difference(group, name, channel, first.value, second.value, unit, None, None, math.inf)
-    if first.value is None or second.value is None:
-        same = _may_be_missing(first) and _may_be_missing(second)
-        return replace(made, off=0.0) if same else made
-    allowed = tolerance(name, first, second)
-    pairs = [(first.value, b) for b in _values(second)]
-    pairs += [(a, second.value) for a in _values(first)]
-    one, two = min(pairs, key=lambda pair: abs(pair[1] - pair[0]))
-    off = relative(abs(two - one), allowed)
-    return replace(made, first=one, second=two, difference=two - one, allowed=allowed, off=off)
-
-
 def relative(distance: float, allowed: float | None) -> float:
     """Return a distance over what is allowed; a distance of 0 is always allowed."""
     if distance == 0.0:
@@ -430,11 +418,3 @@ def relative(distance: float, allowed: float | None) -> float:
     if allowed is None:
         return math.nan
     return distance / allowed if allowed > 0.0 else math.inf
-
-
-def _may_be_missing(figure: Figure) -> bool:
-    return figure.value is None or (figure.fragile and figure.alternative is None)
-
-
-def _values(figure: Figure) -> Iterator[float]:
-    return (v for v in (figure.value, figure.alternative) if v is not None)

@@ -9,7 +9,6 @@ the end of a record.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
@@ -25,7 +24,6 @@ from taction.system.documents import HIDDEN
 from taction.system.errors import EngineError, StepTooSmall, TimedOut
 from taction.system.progress import Clock, Progress
 from taction.system.quantities import quantity
-from taction.system.reading_definitions import READINGS
 from taction.system.results import Result
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -33,12 +31,12 @@ from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.readings.measurements import Measurements, measure, summary
 from taction.verification.readings.record import CUBIC, Curve, Rest, lagrange
 from taction.verification.verdict.board import Board
-from taction.verification.verdict.build import build
 from taction.verification.verdict.headroom import watched_nodes
 from taction.verification.verdict.simulation import (
     StateSpaceError,
     Waiting,
     begin,
+    build,
     on_curve,
     own_error,
     state_space_error,
@@ -51,6 +49,7 @@ from taction.verification.verdict.transient_plan import (
     plan_transient,
 )
 
+COMPARED = "difference to the state-space engine, and the error of that engine"
 MAX_INSTANTS = 20_000
 LATE = 0.9  # of a record: after it the largest distance from the equilibrium will not be exceeded
 
@@ -64,11 +63,15 @@ class Agreement:
     other: Floats  # (Q, N): outputs of the second solution, V
     solution: Waveforms  # the second solution at instants that resolve it
     doubt: float  # bound of the error of the second solution, V; infinite without one
-    how: str  # source of the second solution
     reason: str = ""  # why the state-space engine has no solution, or empty
     step_error: float = 0.0  # expected error of the time steps of ngspice, V
     limit: float = AGREE  # accepted difference, of the step amplitude; without a step, of `unit`
     unit: float = 1.0  # unit voltage U0, V
+
+    @property
+    def how(self) -> str:
+        """Source of the second solution."""
+        return f"no state-space solution: {self.reason}" if self.reason else COMPARED
 
     @property
     def differences(self) -> Floats:
@@ -102,9 +105,7 @@ def second_solution(board: Board, record: Waveforms) -> Agreement:
         found = state_space_beside(linear, plan.transient, record, plan.tolerance, dense, wanted)
     except EngineError as error:
         at, u = record.time[[0, -1]], outputs(board.circuit, record)[[0, -1]]
-        found = Agreement(
-            at, u, u, record, math.inf, f"no state-space solution: {error}", str(error)
-        )
+        found = Agreement(at, u, u, record, math.inf, str(error))
     return replace(
         found,
         step_error=plan.forecast.error * board.amplitude,
@@ -153,28 +154,7 @@ def state_space_beside(
         u = lagrange(record.time, outputs(linear.circuit, record), instants, CUBIC)
         at = replace(at, time=instants, values=on_curve(at, instants))
     other = outputs(linear.circuit, at)[np.searchsorted(at.time, instants)]
-    how = "difference to the state-space engine, and the error of that engine"
-    return Agreement(instants, u, other, error.record, error.volts, how)
-
-
-@dataclass(frozen=True, slots=True)
-class StepError:
-    """Bounds on the errors of the readings of a simulation; infinite if nothing is known."""
-
-    steady_state: float  # of the record's end, fraction of the step amplitude
-    # Of the readings of the network; 0 for a time that no channel has, the largest of all channels.
-    readings: Annotated[
-        Mapping[str, float], {"inline": {name: kind.unit for name, kind in READINGS.items()}}
-    ]
-
-    @classmethod
-    def of(cls, measured: Measurements, end_error: float) -> StepError:
-        """Return the errors of measurements; `end_error` bounds that of the record's end, V."""
-        readings = measured.readings.items()
-        known = {name: found.uncertainty if found else 0.0 for name, found in readings}
-        rises = (channel.rise_time for channel in measured.channels)
-        known["rise_time"] = max((rise.uncertainty for rise in rises if rise), default=0.0)
-        return cls(end_error / (measured.amplitude or 1.0), known)
+    return Agreement(instants, u, other, error.record, error.volts)
 
 
 def measure_with_bounds(
@@ -302,13 +282,16 @@ class Accuracy:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A transient of a board, with the error of its record."""
+    """A transient of a board, the error of its record, and its readings."""
 
     board: Board  # with the plan of this record
     ends: Waveforms  # the record, at least its first and its last point
+    measured: Measurements
+    forever: bool = False  # whether `measured` holds for all time: it is of an exact solution
     own: StateSpaceError | None = None  # its error, if its engine bounds that itself
     beside: Agreement | None = None  # else the second solution; None for an unstable board
-    before: Accuracy | None = None  # of the runs that did not suffice
+    tries: int = 1  # number of runs
+    before: float = 0.0  # wall time of those that did not suffice, s
 
     @cached_property
     def waveforms(self) -> Waveforms:
@@ -353,47 +336,41 @@ class Run:
     @cached_property
     def accuracy(self) -> Accuracy:
         """The error over all time, and what it cost."""
-        board, cost, before = self.board, self.waveforms.cost, self.before
+        board, cost = self.board, self.waveforms.cost
         periods = board.transient.stop / board.scales.max_step_for(1.0)
         return Accuracy(
             wanted=board.plan.wanted,
             achieved=self.achieved,
-            seconds=cost.seconds + (before.seconds if before else 0.0),
+            seconds=cost.seconds + self.before,
             points=cost.points,
             points_per_period=max(cost.points, 1) / periods,
             engine=self.ends.engine,
             method=str(board.transient.method) if self.own is None else self.ends.method,
             how=self.error[2],
-            tries=1 + (before.tries if before else 0),
+            tries=self.tries,
             asked=board.scene.analysis.points_per_period is None,
         )
 
 
-def observe(board: Board, pending: Waiting | None, clock: Clock) -> tuple[Run, Measurements, bool]:
+def observe(board: Board, pending: Waiting | None, clock: Clock) -> Run:
     """Wait for a simulation, which begins here unless it runs, and measure the record.
 
     A run that missed the wanted error is repeated with smaller steps, a record that is too short
-    for a reading is repeated with a longer stop time; the record stays if its repeat fails. The
-    last value is that of `measure_with_bounds`. SimulationError: of the first run, as `begin`.
+    for a reading is repeated with a longer stop time; the record stays if its repeat fails.
+    SimulationError: of the first run, as `begin`.
     """
-    run, measured, forever = _observed(board, pending, clock)
-    for _ in range(REPEATS):
-        plan = better_plan(run, measured)
-        if plan is None:
-            break
+    run = _observed(board, pending, clock)
+    while run.tries <= REPEATS and (plan := better_plan(run)) is not None:
         try:
-            again, measured, forever = _observed(replace(run.board, plan=plan), None, clock)
+            again = _observed(replace(run.board, plan=plan), None, clock)
         except (StepTooSmall, TimedOut) as error:
             flag = REPEAT_FAILED.format(reason=str(error).splitlines()[0])
-            ends = replace(run.ends, flags=(*run.ends.flags, flag))
-            return replace(run, ends=ends), measured, forever
-        run = replace(again, before=run.accuracy)
-    return run, measured, forever
+            return replace(run, ends=replace(run.ends, flags=(*run.ends.flags, flag)))
+        run = replace(again, tries=run.tries + 1, before=run.accuracy.seconds)
+    return run
 
 
-def _observed(
-    board: Board, pending: Waiting | None, clock: Clock
-) -> tuple[Run, Measurements, bool]:
+def _observed(board: Board, pending: Waiting | None, clock: Clock) -> Run:
     """Wait for a simulation, find the error of its record, and measure it."""
     clock.begin("simulation", remark=board.plan.remark)
     wave = (pending or begin(board))()
@@ -403,12 +380,12 @@ def _observed(
         beside = second_solution(board, wave)
     clock.begin("measures")
     wave = wave if own is None else own.record
-    return Run(board, wave, own, beside), *measure_with_bounds(board, wave, own, beside)
+    return Run(board, wave, *measure_with_bounds(board, wave, own, beside), own, beside)
 
 
-def better_plan(run: Run, measured: Measurements) -> TransientPlan | None:
+def better_plan(run: Run) -> TransientPlan | None:
     """Return a plan for a better run; None if the run suffices or no plan would be better."""
-    return _longer(run.board, measured) or _finer(run)
+    return _longer(run.board, run.measured) or _finer(run)
 
 
 def _longer(board: Board, measured: Measurements) -> TransientPlan | None:

@@ -108,7 +108,7 @@ def _unsettled(evidence: Evidence, check: Make) -> Check:
     limits, reason = evidence.limits.settling_time, evidence.measurements.reason
     if evidence.unsteady and not evidence.steady.linear:
         return check(FAIL, reason=reason)
-    outside = evidence.at_end - evidence.error.steady_state - evidence.reference_error > limits.band
+    outside = evidence.at_end - evidence.end_error - evidence.reference_error > limits.band
     if outside and limits.max is not None and evidence.end > limits.max:
         late = f"outside ±{100 * limits.band:g} % after {show(limits.max, 's')}, the limit"
         off = f"{percent(evidence.at_end)} off the reference at {show(evidence.end, 's')}"
@@ -184,7 +184,7 @@ def excursion(name: str, evidence: Evidence) -> Check | None:
     if unknown := _unknown(evidence, check, "no limit: "):
         return unknown
     reading = evidence.measurements.readings[name]
-    value, error = 0.0 if reading is None else reading.value, evidence.error.readings[name]
+    value, error = (0.0, 0.0) if reading is None else (reading.value, reading.uncertainty)
     outcome, reason = at_most(value, error, limits.max), f"largest {name} of any channel"
     if evidence.unsteady and not evidence.steady.linear:
         outcome, reason = FAIL, evidence.unsteady

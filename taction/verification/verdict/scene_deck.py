@@ -26,7 +26,7 @@ from taction.system.quantities import show
 from taction.verification.reference.ideal_answer import IdealNetwork, ideal_network
 from taction.verification.reference.problem import Solution, solution_difference
 from taction.verification.verdict.board import Board
-from taction.verification.verdict.build import build
+from taction.verification.verdict.simulation import build
 
 if TYPE_CHECKING:
     from taction.netlist_gen.deck.dialects import Measures

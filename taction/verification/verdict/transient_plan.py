@@ -168,11 +168,6 @@ class StepModel:
         truncation = (max_step * float(np.abs(self.poles.imag).max(initial=0.0))) ** 3 / 6.0
         return self.forecast(min(max(truncation / CHARGE, LEAST), MOST), max_step)
 
-    def reached(self, forecast: StepForecast, steps: float) -> float:
-        """Return the instant at which a run of `forecast` has taken `steps` steps, s."""
-        rate = 1.0 / self.step_lengths(forecast.truncation, forecast.max_step)
-        return float(np.interp(steps, integral(rate, self.time), self.time))
-
     def instants(self, error: float) -> Floats:
         """Return instants, s, whose cubic errs by `error`: ``h⁴ |d⁴u/dt⁴| 3/128``."""
         rate = np.abs(self.growth @ (self.poles[:, None] * self.shares)).max(axis=1, initial=TINY)
@@ -197,20 +192,14 @@ class StepModel:
 
     def _within(self, error: float, max_step: float, truncation: float) -> StepForecast:
         """Search the largest truncation error whose forecast stays within `error`."""
-        low, high, best = LEAST, MOST, None
         for _ in range(TRIES):
             forecast = self.forecast(truncation, max_step)
-            if forecast.error <= error:
-                low, best = truncation, forecast
-                if forecast.error >= CLOSE * error or truncation >= MOST:
-                    break
-            else:
-                high = truncation
             ratio = SEARCH_AIM * error / max(forecast.error, TINY)
-            following = min(truncation * min(ratio, 1e12) ** EXPONENT, MOST)
-            inside = low < following < high or (following == high == MOST)
-            truncation = following if inside else math.sqrt(low * high)
-        return best or forecast
+            following = min(max(truncation * min(ratio, 1e12) ** EXPONENT, LEAST), MOST)
+            if CLOSE * error <= forecast.error <= error or following == truncation:
+                break
+            truncation = following
+        return forecast
 
 
 def slip(step: Floats, poles: Complexes) -> Complexes:
@@ -351,7 +340,7 @@ def plan_transient(
         elif growing:
             forecast = model.cheapest(GROWTH_ERROR * GROWN)
             if forecast.steps * step_seconds > UNSTABLE_SECONDS:
-                stop = model.reached(forecast, UNSTABLE_SECONDS / step_seconds)
+                stop *= UNSTABLE_SECONDS / (forecast.steps * step_seconds)
                 notes = (TOO_SLOW.format(stop=show(stop, "s", 3), seconds=UNSTABLE_SECONDS),)
                 forecast = StepModel.of(board, stop, initial).cheapest(GROWTH_ERROR)
         else:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
@@ -30,16 +30,18 @@ from taction.verification.verdict.answer_error import (
     error_budget,
 )
 from taction.verification.verdict.board import Board
-from taction.verification.verdict.build import build
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
+from taction.verification.verdict.details import (
+    VisitedSet,
+    all_warnings,
+    find_contradiction,
+    missing_witness,
+    visited_sets,
+)
 from taction.verification.verdict.output_noise import OutputNoise
-from taction.verification.verdict.run import Accuracy, Run, StepError, observe
+from taction.verification.verdict.run import Accuracy, Run, observe
 from taction.verification.verdict.run_checks import run_checks
-from taction.verification.verdict.simulation import Waiting, begin
-from taction.verification.verdict.warnings import all_warnings, find_contradiction, missing_witness
-
-if TYPE_CHECKING:
-    from taction.verification.verdict.active_sets import VisitedSet
+from taction.verification.verdict.simulation import Waiting, begin, build
 
 T = TypeVar("T")
 DETAILS = ("answer", "budget", "active_sets")
@@ -148,8 +150,6 @@ class Verdict(Evidence, Result):
         nothing: tuple[VisitedSet, ...] = ()
         if self.circuit.is_linear:
             return nothing
-        from taction.verification.verdict.active_sets import visited_sets
-
         return self._detail("the active sets", partial(visited_sets, self.run), nothing)
 
     @cached_property
@@ -214,14 +214,15 @@ def read(board: Board, pending: Waiting | None, clock: Clock) -> Evidence:
     clock.begin("reference")
     ideal, steady, margin = board.ideal, board.steady, board.margin
     parts, noise, spread = board.loads, OutputNoise.of(board), board.spread
-    run, measurements, forever = observe(board, pending, clock)
+    run = observe(board, pending, clock)
+    amplitude = run.measured.amplitude or 1.0
     return Evidence(
         limits=board.scene.checks,
-        measurements=measurements,
-        error=StepError.of(measurements, run.error[1]),
+        measurements=run.measured,
+        end_error=run.error[1] / amplitude,
         steady=steady,
         end=float(run.ends.time[-1]),
-        forever=forever,
+        forever=run.forever,
         wanted=run.board.plan.wanted,
         agreement=run.beside,
         poles=board.poles,

@@ -23,8 +23,8 @@ from taction.verification.engines.ngspice.process import Simulation, find_simula
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.simulate import simulate
-from taction.verification.verdict.build import build
 from taction.verification.verdict.output_noise import OutputNoise
+from taction.verification.verdict.simulation import build
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.paths import SCENES
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from typing import Any
 
 import numpy as np
@@ -24,10 +23,9 @@ from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.views.answer_view import check_bar
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.board_power import board_power
-from taction.verification.verdict.build import build
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.headroom import Load, PartLoads
-from taction.verification.verdict.simulation import begin, own_error
+from taction.verification.verdict.simulation import begin, build, own_error
 from taction.verification.verdict.verify import verify
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
 from tests.support.measured import named
@@ -106,27 +104,6 @@ def test_a_current_at_rest_is_that_of_kirchhoff() -> None:
     cell = next(cell for cell in design.circuit.opamps if cell.name == load.part)
     expected = current_at(design.circuit, voltages, cell.output)
     assert load.rest == pytest.approx(abs(expected), rel=1e-6)
-
-
-@pytest.mark.parametrize("amplifier", ["linear", "exponential"])
-def test_loads_follow_the_limits(amplifier: str) -> None:
-    whole, half = (
-        PartLoads.of(
-            (d := build(board(amplifier, opamp=opamp))).linear, transient=d.transient
-        ).loads
-        for opamp in (
-            {"base": "tl084", "level": "small-signal"},
-            {
-                "base": "tl084",
-                "level": "small-signal",
-                "slew_rate": "6.5V/us",
-                "saturation": "8.25V",
-            },
-        )
-    )
-    for quantity in ("slope", "voltage"):
-        share = worst(whole, quantity).share
-        assert worst(half, quantity).share == pytest.approx(2.0 * share, rel=5e-3)
 
 
 def test_loads_and_record_of_a_board_by_steps_are_of_one_integration(
@@ -215,22 +192,6 @@ def test_one_channel_by_hand() -> None:
     assert power.outputs == pytest.approx(9.0 * v + 9.0 * a + 9.5 * w, rel=1e-9)
     assert power.resistors == pytest.approx(0.5e-6 + 200e-6 + 1e-6 + 0.5e-6, rel=1e-9)
     assert power.supply_current == pytest.approx(3e-3 + a + w, rel=1e-9)
-
-
-@pytest.mark.parametrize("amplifier", ["linear", "exponential"])
-def test_what_the_supplies_deliver_is_dissipated(amplifier: str) -> None:
-    """Tellegen: the op-amps, amplifiers and sources deliver what the resistors take."""
-    scene = make_scene(design={"amplifier": amplifier, "opamp": NEAR_IDEAL, "lambda": 0.4})
-    problem = matrix_problem([[0.3, -0.2, 0.5], [0.1, 0.4, 0.25]], [1.0, -0.5])
-    board = LinearBoard(synthesise(scene, problem))
-    circuit, rest, currents = board.circuit, board.equilibrium, defaultdict[str, float](float)
-    placed = [(part.a, part.b, part.ohms) for part in circuit.resistors]
-    placed += [element[2:] for matrix in circuit.matrices for element in matrix.elements()]
-    for a, b, ohms in placed:
-        currents[a] += (rest[a] - rest[b]) / ohms
-        currents[b] -= (rest[a] - rest[b]) / ohms
-    delivered = sum(rest[node] * amps for node, amps in currents.items())
-    assert board_power(board).resistors == pytest.approx(delivered, rel=1e-9)
 
 
 def built(scene: Scene, level: str = "auto") -> LinearBoard:

@@ -230,21 +230,21 @@ def test_the_verdict_counts_what_the_scene_asks_for() -> None:
 
 
 @pytest.mark.parametrize(
-    ("parts", "ends", "expected"),
+    ("rows", "uniform", "expected"),
     [
-        (np.ones((1, 1)), None, 1.959963985),
-        (np.eye(2), None, 2.236476502),  # (2 Phi(q) - 1)^2 = 0.95
-        (np.ones((1, 2)), None, 1.959963985),  # channels that move together
-        (np.zeros((0, 1)), np.ones((1, 1)), 0.95),
-        (np.zeros((0, 1)), np.ones((2, 1)), 2.0 - 0.2**0.5),  # triangular
-        (np.zeros((0, 1)), np.ones((400, 1)), 1.959963985 * (400 / 3) ** 0.5),
+        (np.ones((1, 1)), 0, 1.959963985),
+        (np.eye(2), 0, 2.236476502),  # (2 Phi(q) - 1)^2 = 0.95
+        (np.ones((1, 2)), 0, 1.959963985),  # channels that move together
+        (np.ones((1, 1)), 1, 0.95 * 3**0.5),
+        (np.ones((2, 1)), 2, (2.0 - 0.2**0.5) * 3**0.5),  # triangular
+        (np.ones((400, 1)), 400, 1.959963985 * 20.0),
     ],
 )
 def test_the_distance_is_the_quantile_of_the_distribution(
-    parts: Floats, ends: Floats | None, expected: float
+    rows: Floats, uniform: int, expected: float
 ) -> None:
-    count = parts.shape[1]
-    spread = InputSpread(np.zeros(count), parts, 0.0, "", False, ends=ends)
+    count = rows.shape[1]
+    spread = InputSpread(np.zeros(count), rows, uniform)
     distance, error = spread.distance(np.zeros(count))
     assert abs(distance - expected) < min(error, 0.02 * expected)
     least, most = spread.within(np.zeros(count), expected)

@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 
 from taction.system.quantities import show
-from taction.system.reading_definitions import READINGS
 from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
 from taction.verification.verdict.checks import Check, Outcome, at_most, overall
-from taction.verification.verdict.run import Accuracy, Agreement, StepError
+from taction.verification.verdict.run import Accuracy, Agreement
 from taction.verification.verdict.run_checks import run_checks
 from tests.support.measured import (
     UNSTABLE,
@@ -133,8 +132,8 @@ def test_a_rise_time_that_is_missing_is_not_passed_over() -> None:
 )
 def test_overshoot_and_undershoot(limit: float, error: float, outcome: Outcome) -> None:
     checks = {"overshoot": {"max": limit}, "undershoot": {"max": limit}}
-    both = channel(overshoot=0.1, undershoot=0.1)
-    given = evidence(both, checks=checks, error=StepError(0.0, dict.fromkeys(READINGS, error)))
+    both = dict.fromkeys(checks, Reading(0.1, error))
+    given = evidence(channel(**both), checks=checks)
     for name in checks:
         assert check(name, given).outcome is outcome
         cycle = evidence(oscillating(), checks=checks, steady=steady(1.0, linear=False))

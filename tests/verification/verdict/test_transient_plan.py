@@ -28,11 +28,11 @@ from taction.verification.engines.statespace.linearised.time_scales import TimeS
 from taction.verification.engines.statespace.transients import simulate, stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.verdict.board import Board
-from taction.verification.verdict.build import build
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.simulation import (
     StateSpaceError,
     begin,
+    build,
     on_curve,
     state_space_error,
 )

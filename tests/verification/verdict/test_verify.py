@@ -23,7 +23,6 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.engines.statespace.transients import simulate
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.evidence.stress.catalogue import load_catalogue
-from taction.verification.readings.measurements import Measurements
 from taction.verification.readings.settling import ChannelState
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.report.documents.verdict import verdict_document
@@ -32,20 +31,18 @@ from taction.verification.report.views.verdict_view import view
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.verdict import board, transient_plan
 from taction.verification.verdict import board as board_module
-from taction.verification.verdict import build as design
 from taction.verification.verdict import run as module
+from taction.verification.verdict import simulation as design
 from taction.verification.verdict.board import Board
-from taction.verification.verdict.build import build
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run import (
     Agreement,
     Run,
-    StepError,
     better_plan,
     observe,
     outputs,
 )
-from taction.verification.verdict.simulation import StateSpaceError, Waiting, choose_engine
+from taction.verification.verdict.simulation import StateSpaceError, Waiting, build, choose_engine
 from taction.verification.verdict.transient_plan import AIM, TransientPlan
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import make_scene, ringing_scene
@@ -265,30 +262,30 @@ def cut(waveforms: Waveforms, stop: float) -> Waveforms:
 
 def recorded(
     fine: Waveforms, other: Waveforms, stop: float, monkeypatch: pytest.MonkeyPatch
-) -> tuple[Run, Measurements, StepError]:
+) -> Run:
     """Measure `fine` beside `other`, the record of a board that has no exact solution."""
     design, _ = paper()
     transient = replace(design.plan.transient, stop=stop)
     design = replace(design, plan=replace(design.plan, transient=transient))
     u, values = outputs(design.circuit, fine)[: len(other.time)], outputs(design.circuit, other)
-    beside = Agreement(other.time, u, values, other, DOUBT, "")
+    beside = Agreement(other.time, u, values, other, DOUBT)
     monkeypatch.setattr(module, "second_solution", lambda *_: beside)
     monkeypatch.setattr(board, "is_exact", lambda _: False)
     monkeypatch.setattr(module, "better_plan", lambda *_: None)
     wave = replace(fine, engine="ngspice")
-    run, measured, _ = observe(design, lambda: wave, Clock(lambda stage: None))
-    return run, measured, StepError.of(measured, run.error[1])
+    return observe(design, lambda: wave, Clock(lambda stage: None))
 
 
 def test_all_errors_follow_from_the_other_record(monkeypatch: pytest.MonkeyPatch) -> None:
     _, whole = paper()
     stop = float(whole.time[-1])
     shifted = replace(whole, values=whole.values * (1 + 3e-4))
-    _, found, errors = recorded(whole, shifted, stop, monkeypatch)
+    run = recorded(whole, shifted, stop, monkeypatch)
+    found = run.measured
     # All outputs are 3e-4 of themselves apart, and the largest difference counts.
-    error = (3e-4 * max(abs(c.final) for c in found.channels) + DOUBT) / found.amplitude
-    assert errors.steady_state == pytest.approx(error, rel=1e-9)
-    assert 0 < errors.readings["settling_time"] < 1e-2 * found.settling_time.value
+    error = 3e-4 * max(abs(c.final) for c in found.channels) + DOUBT
+    assert run.error[1] == pytest.approx(error, rel=1e-9)
+    assert 0 < found.settling_time.uncertainty < 1e-2 * found.settling_time.value
 
 
 def test_a_record_that_settles_beside_one_that_does_not_leaves_it_open(
@@ -297,10 +294,11 @@ def test_a_record_that_settles_beside_one_that_does_not_leaves_it_open(
     _, whole = paper()
     stop = float(whole.time[-1])
     short = cut(whole, 0.9 * stop)  # it ends before the stop time, so it proves nothing
-    _, found, errors = recorded(whole, short, stop, monkeypatch)
-    assert found.settling_time is not None
-    assert errors.readings["settling_time"] == math.inf
-    assert math.isfinite(errors.readings["rise_time"])
+    found = recorded(whole, short, stop, monkeypatch).measured
+    assert found.settling_time.uncertainty == math.inf
+    rises = [each.rise_time for each in found.channels if each.rise_time]
+    assert rises
+    assert all(math.isfinite(each.uncertainty) for each in rises)
 
 
 def test_auto_takes_the_cheapest_engine_unless_both_are_to_be_compared(ngspice: str) -> None:
@@ -356,7 +354,7 @@ def test_a_record_stays_where_its_repeat_fails(
         return begin(asked)
 
     monkeypatch.setattr(module, "begin", second_fails)
-    found, *_ = observe(replace(design, plan=rough), None, Clock(lambda stage: None))
+    found = observe(replace(design, plan=rough), None, Clock(lambda stage: None))
     assert len(plans) == 2
     assert found.achieved is not None
     assert found.achieved > rough.wanted
@@ -375,7 +373,7 @@ def test_without_an_answer_of_the_other_engine_nothing_has_a_bound(
     monkeypatch.setattr(simulate, "simulate", no_answer)
     verdict = verify(ringing_scene(error=1e-3, engine="ngspice"))
     assert verdict.accuracy.achieved is None
-    assert verdict.error.readings["settling_time"] == math.inf
+    assert verdict.reading_errors["settling_time"] == math.inf
     assert verdict.budget.parts[-1].value is None
     checks = {check.name: check for check in verdict.checks}
     for name in ("settling_time", "engines_agree"):
@@ -417,8 +415,8 @@ def test_only_a_known_miss_of_a_stepping_engine_is_tried_again() -> None:
 
     def again(achieved: float, own: StateSpaceError | None = None) -> TransientPlan | None:
         u = np.full((1, 1), achieved * design.amplitude)
-        beside = Agreement(wave.time[:1], u, 0.0 * u, wave, 0.0, "")
-        return better_plan(Run(design, wave, own, beside), done.measurements)
+        beside = Agreement(wave.time[:1], u, 0.0 * u, wave, 0.0)
+        return better_plan(Run(design, wave, done.measurements, own=own, beside=beside))
 
     plan = again(4e-4)
     # The forecast was four times too small, so the next aim is four times smaller.

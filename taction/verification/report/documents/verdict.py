@@ -19,8 +19,8 @@ from taction.system.output_files import printable
 from taction.verification.design.remedies import Remedies, StableRange, stable_ranges
 from taction.verification.stability.margin import Margin
 from taction.verification.studies.regression.difference import StoredKey
-from taction.verification.verdict.active_sets import VisitedSet
 from taction.verification.verdict.answer_error import ErrorBudget, ErrorPart, difference
+from taction.verification.verdict.details import VisitedSet
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.record import Record, finite
 from taction.verification.verdict.verify import Verdict
@@ -113,8 +113,8 @@ class VerdictBody:
         "answer = verdict.answer",
         "error_budget = verification.report.documents.verdict:budget_parts(verdict.budget)",
         *("opamp_level", "headroom", "noise = verdict.noise"),
-        "simulation_error.steady_state [step] = verdict.error.steady_state # bound on the error",
-        "simulation_error.* = verdict.error.readings",
+        "simulation_error.steady_state [step] = verdict.end_error # bound on the error",
+        "simulation_error.* = verdict.reading_errors",
         *("accuracy = verdict.accuracy", "lambda = record.figures.lambda"),
         "lambda_rule = verdict.scene.lambda_rule or null",
         "resistance [ohm] = record.figures.resistance",

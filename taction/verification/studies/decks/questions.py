@@ -40,7 +40,6 @@ from taction.verification.verdict.checks import (
     undecided,
 )
 from taction.verification.verdict.record import Figure, Record, finite
-from taction.verification.verdict.run import StepError
 from taction.verification.verdict.run_checks import run_checks
 
 SHARE = 1e-3  # default tolerance of an expected value
@@ -326,7 +325,7 @@ def judge(
     evidence = Evidence(
         limits=asked.limits,
         measurements=found.measurements,
-        error=StepError.of(found.measurements, 0.0),
+        end_error=0.0,
         steady=SteadyState.of(found.board, found.scales),
         end=math.inf,
         forever=True,

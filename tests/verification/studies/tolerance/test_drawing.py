@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.board.variation import draw, vary
+from taction.netlist_gen.board.variation import DYNAMIC, draw, vary
 from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
@@ -38,7 +38,7 @@ from taction.verification.studies.tolerance.varied_board import (
     prepare,
     quantities,
 )
-from taction.verification.verdict.input_spread import tolerance_slopes
+from taction.verification.verdict.input_spread import tolerance_deviations
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify
 from tests.support.entries import make_sample
@@ -293,19 +293,22 @@ def test_slopes_are_those_of_the_solved_boards() -> None:
     scene = scene.model_copy(update={"tolerances": Tolerances(**tolerances)})
     study = prepare(scene)
     names = [part.name for part in study.varied]
-    slopes = tolerance_slopes(
+    found = tolerance_deviations(
         RestSensitivity.of(LinearBoard(study.nominal)),
-        study.varied,
-        lambda name, z: study.at(np.array([z * (name == each) for each in names])),
+        [part for part in study.varied if part.kind not in DYNAMIC],
+        lambda shares: study.at(np.array([shares.get(name, 0.0) for name in names])),
+        1.0,
     )
+    rows = {each.part: each.row for each in found}
 
     def rest(z: Floats) -> Floats:
         board = LinearBoard(study.at(z))
         return np.array([o.sign * board.equilibrium[o.node] for o in study.nominal.outputs])
 
-    for place, unit in enumerate(0.01 * np.eye(len(study.varied))):
+    assert {part.kind for part in study.varied} > {"resistor", "opamp_gain", "temperature"}
+    for name, unit in zip(names, 0.01 * np.eye(len(names)), strict=True):
         expected = (rest(unit) - rest(-unit)) / 0.02
-        assert slopes[place] == pytest.approx(expected, rel=1e-5, abs=1e-9)
+        assert rows.get(name, np.zeros(2)) == pytest.approx(expected, rel=1e-5, abs=1e-9)
 
 
 def test_the_worst_corner_at_rest_is_the_first_direction() -> None:
