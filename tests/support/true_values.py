@@ -35,8 +35,8 @@ from taction.verification.evidence.stress.judge import TrueValues
 from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.solve import solve
-from taction.verification.verdict.build import has_large_signal
 from taction.verification.verdict.scene_deck import deck_of
+from taction.verification.verdict.simulation import has_large_signal
 from tests.support.deck_equations import DeckText, StateEquations, parse_deck, state_equations
 from tests.support.exact_readings import Signal, UnreadableError, exact_modes
 from tests.support.nonlinear_response import Board, DivergenceError, integrate

@@ -71,19 +71,19 @@ LIMITED = (LEAST_OHMS, MOST_OHMS)
 EVERY_OHM = (1e-3, 1e12)  # of resistors that need not be real
 
 
-def scaled_resistors(
+def with_resistors(
     scene: Scene,
     problem: InverseProblem,
     answer: IdealAnswer,
     factor: float,
     notes: list[str],
     limits: tuple[float, float] = LIMITED,
-) -> dict[str, float]:
-    """Return s and G0 by their paths; R, which follows from lambda, is in the series, too.
+) -> Scene:
+    """Return the scene with other s and G0; R, which follows from lambda, is in the series, too.
 
-    s is `factor` times the value that balances constraint plane and outputs; resistors are within
-    `limits`, ohm, and `notes` receives what could not be reached. `InputError` where T or lambda
-    need others.
+    Lambda stays, and the op-amps are at the small-signal level. s is `factor` times the value that
+    balances constraint plane and outputs; resistors are within `limits`, ohm, and `notes` receives
+    what could not be reached. `InputError` where T or lambda need others.
     """
     sizes = np.abs(problem.matrix[problem.matrix != 0.0])
     largest = float(sizes.max())
@@ -121,7 +121,8 @@ def scaled_resistors(
     if not low <= balanced <= high:
         notes.append("s is not balanced with the outputs: R would be out of its range")
     unit *= math.sqrt(product / (lam * gain * resistance))
-    return {"design.gain": gain, "design.unit_conductance": unit}
+    changes = {"design.gain": gain, "design.unit_conductance": unit, "design.lambda": lam}
+    return with_values(at_small_signal(scene), changes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,8 +257,7 @@ def find_scaling(
     found = list[tuple[float, Scene, tuple[Load, ...], list[str]]]()
     for factor in SMALLER:
         notes = list[str]()
-        values = scaled_resistors(scene, problem, answer, factor, notes, limits)
-        scaled = _with_voltage(_held(scene, values, answer), problem, answer, share)
+        scaled = with_resistors(scene, problem, answer, factor, notes, limits)
         scaled = _with_capacitance(scaled, accepted, notes, _damped) or scaled
         scaled, loads = _with_loads(scaled, problem, share, notes)
         volts = max((load.share for load in loads if load.quantity == "voltage"), default=0.0)
@@ -287,26 +287,10 @@ def rescaled(
 ) -> Scene:
     """Return the scene with G0, U0 and s as `scale` has them, and a C with the same R C."""
     before = topology_of(scene).facts(scene)["R"].value
-    scaled = _held(scene, scaled_resistors(scene, problem, answer, factor, []), answer)
+    scaled = with_resistors(scene, problem, answer, factor, [])
     ratio = before / topology_of(scaled).facts(scaled)["R"].value
     scaled = with_values(scaled, {"design.capacitance": scene.design.capacitance * ratio})
-    return _with_loads(_with_voltage(scaled, problem, answer, share), problem, share, [])[0]
-
-
-def _held(scene: Scene, values: dict[str, float], answer: IdealAnswer) -> Scene:
-    """Return the scene with changes and the same lambda, its op-amps at the small-signal level."""
-    return with_values(at_small_signal(scene), {**values, "design.lambda": answer.network.lam})
-
-
-def _with_voltage(
-    scene: Scene, problem: InverseProblem, answer: IdealAnswer, share: float
-) -> Scene:
-    """Return the scene with the U0 that the outputs at rest allow; the loads refine it."""
-    model = next(iter(synthesise(scene, problem).models.values()))
-    swing, drive = model.swing(scene.design.supply), float(np.abs(answer.solution.u).max())
-    if not math.isfinite(swing) or not drive:
-        return scene
-    return _at_voltage(scene, share * swing / drive)
+    return _with_loads(scaled, problem, share, [])[0]
 
 
 def _at_voltage(scene: Scene, volts: float) -> Scene:

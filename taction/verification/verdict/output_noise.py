@@ -55,6 +55,12 @@ def _density(f: float, poles: Complexes) -> int:
     return int(COARSEST * 2**doublings)
 
 
+UNSTATED = (
+    "the voltage noise of op-amp {} is not given: set design.opamp.voltage_noise, such as"
+    " '20nV/rtHz', or take a preset that has one (taction parts)"
+)
+NOISELESS = "op-amp {} is ideal and has no noise: only resistors and sensors count"
+NO_CORNER = "1/f noise of op-amp {} not known (design.opamp.voltage_noise_corner), so left out"
 UNSTABLE = "an unstable board has no noise at rest"
 MAYBE_UNSTABLE = "the board may be unstable, and an unstable board has no noise at rest"
 
@@ -73,11 +79,10 @@ class OutputNoise:
     unknown: str = ""  # why they are not known, or empty
     # Noise of the channel with the largest one from ngspice, V; None without ngspice.
     simulated: float | None = None
-    unstated: tuple[str, ...] = ()  # op-amps with poles whose voltage noise is not given
-    noiseless: tuple[str, ...] = ()  # ideal op-amps: without poles and without voltage noise
+    lacking: str = ""  # of which op-amps with poles the voltage noise is not given, or empty
+    notes: tuple[str, ...] = ()  # what else op-amps leave out
     lowest: float = 0.0  # the lowest frequency that counts, Hz
-    flickering: tuple[str, ...] = ()  # op-amps with 1/f noise
-    unknown_corners: tuple[str, ...] = ()  # those whose sheet has no corner of it
+    flickers: bool = False  # whether op-amps have 1/f noise
 
     @classmethod
     def of(cls, board: Board) -> OutputNoise | None:
@@ -85,8 +90,8 @@ class OutputNoise:
         limit, models = board.scene.checks.noise, board.circuit.models.values()
         if limit is None:
             return None
-        flickering = tuple(model.name for model in models if model.flicker_noise > 0.0)
-        lowest = limit.lowest or (LOWEST if flickering else 0.0)
+        flickers = any(model.flicker_noise > 0.0 for model in models)
+        lowest = limit.lowest or (LOWEST if flickers else 0.0)
         if not board.poles.known_stable:
             return cls(unknown=UNSTABLE if board.poles.known_unstable else MAYBE_UNSTABLE)
         try:
@@ -96,24 +101,22 @@ class OutputNoise:
         except (EngineError, SimulationError) as problem:
             return cls(unknown=f"the noise is not known: {problem}")
         silent = [model for model in models if model.voltage_noise == 0.0]
-        corners = (m for m in models if m.voltage_noise > 0.0 and m.voltage_noise_corner is None)
-        return cls(
-            tuple(rms.tolist()),
-            tuple(error.tolist()),
-            simulated=simulated,
-            unstated=tuple(model.name for model in silent if math.isfinite(model.gbw)),
-            noiseless=tuple(model.name for model in silent if math.isinf(model.gbw)),
-            lowest=lowest,
-            flickering=flickering,
-            unknown_corners=tuple(model.name for model in corners),
-        )
+        named = {
+            UNSTATED: [m.name for m in silent if math.isfinite(m.gbw)],
+            NO_CORNER: [m.name for m in models
+                        if m.voltage_noise > 0.0 and m.voltage_noise_corner is None],
+            NOISELESS: [m.name for m in silent if math.isinf(m.gbw)],
+        }  # fmt: skip
+        lacking, *notes = (text.format(", ".join(n)) if n else "" for text, n in named.items())
+        bounds = tuple(rms.tolist()), tuple(error.tolist())
+        return cls(*bounds, "", simulated, lacking, tuple(notes), lowest, flickers)
 
     @property
     def band(self) -> str:
         """The frequencies that count, in words."""
         if not self.lowest:
             return "over all frequencies"
-        return f"above {show(self.lowest, 'Hz')}" + (", with 1/f noise" if self.flickering else "")
+        return f"above {show(self.lowest, 'Hz')}" + ", with 1/f noise" * self.flickers
 
     @property
     def worst(self) -> int:

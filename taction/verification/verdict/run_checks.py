@@ -264,12 +264,6 @@ def headroom(evidence: Evidence) -> Check | None:
     return check(outcome, value, error, reason=reason)
 
 
-UNSTATED = (
-    "the voltage noise of op-amp {} is not given: set design.opamp.voltage_noise, such as"
-    " '20nV/rtHz', or take a preset that has one (taction parts)"
-)
-NOISELESS = "op-amp {} is ideal and has no noise: only resistors and sensors count"
-NO_CORNER = "1/f noise of op-amp {} not known (design.opamp.voltage_noise_corner), so left out"
 NOISE_AGREES = 0.01  # of the noise: the largest difference of the two engines
 
 
@@ -287,11 +281,9 @@ def noise(evidence: Evidence) -> Check | None:
     if found.difference > NOISE_AGREES * value:
         outcome = UNDECIDED
         reason = joined(reason, f"ngspice differs by {percent(found.difference / value)}")
-    elif outcome is PASS and found.unstated:
-        outcome, reason = UNDECIDED, joined(reason, UNSTATED.format(", ".join(found.unstated)))
-    notes = {NO_CORNER: found.unknown_corners, NOISELESS: found.noiseless}
-    more = (text.format(", ".join(names)) for text, names in notes.items() if names)
-    return check(outcome, value, error, reason=joined(reason, *more))
+    elif outcome is PASS and found.lacking:
+        outcome, reason = UNDECIDED, joined(reason, found.lacking)
+    return check(outcome, value, error, reason=joined(reason, *found.notes))
 
 
 EXPLAINED = 3.0  # times the expected error of the steps: they explain no larger difference

@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import taction
@@ -21,10 +19,8 @@ from taction.verification.report.documents.verdict import VerdictBody
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene
-from tests.support.readings import Samples
 from tests.support.true_values import true_values
 
-Matrix = NDArray[np.float64]
 T = np.array(
     [[1.0, 0.3, -0.2, 0.0], [0.3, 1.2, 0.3, 0.1], [-0.1, 0.3, 1.1, 0.3], [0.0, 0.1, 0.3, 0.9]]
 )
@@ -62,47 +58,6 @@ def test_three_witnesses_agree(ngspice: str, topology: str, way: str) -> None:
     both = [v.measurements.settling_time for v in (found, exact)]
     apart = abs(both[0].value - both[1].value)
     assert apart <= both[0].uncertainty + both[1].uncertainty
-
-
-def settled(A: Matrix, drive: Matrix, target: Matrix, band: float) -> float:
-    """Return when ``x' = A x + drive`` is last outside the band around the target."""
-    rest = -np.linalg.solve(A, drive)
-
-    def largest(t: float) -> float:
-        return float(np.abs((rest - expm(A * t) @ rest)[-4:] - target).max())
-
-    slow = -1.0 / np.linalg.eigvals(A).real.max()
-    end = float(np.abs(rest[-4:] - target).max())
-    found = Samples.of_function(largest, np.linspace(0.0, 12.0 * slow, 4001), end)
-    last = found.last_outside(band * float(np.abs(target).max()))
-    assert last is not None
-    return last
-
-
-@pytest.mark.parametrize("topology", ["inv", "pinv"])
-def test_the_settling_time_is_that_of_the_matrix_exponential(topology: str) -> None:
-    """One-pole op-amps: the state matrix is a product of loads and conductances."""
-    wt, gain, G0, gf = math.tau * 1e7, 1e6, 5e-5, 4e-4
-    opamp = {"base": "ideal", "dc_gain": gain, "gbw": 1e7, "output_resistance": 0.0}
-    found = taction.verify(scene(topology, opamp=opamp, stray_capacitance=0))
-    tall = topology != "inv"
-    X = G0 * (np.vstack([T, MORE]) if tall else T)
-    amps = G0 * (np.append(EPS, MORE_EPS) if tall else EPS)
-    plus, minus = np.maximum(X, 0.0), np.maximum(-X, 0.0)
-    M, N = X.shape
-    rows = np.maximum(plus.sum(axis=1), minus.sum(axis=1)) + gf * tall
-    D, bracket = 1.0 / rows, -X
-    if tall:
-        columns = np.maximum(plus.sum(axis=0), minus.sum(axis=0))
-        D = np.append(D, 1.0 / columns)
-        bracket = np.block([[-gf * np.eye(M), -X], [X.T, np.zeros((N, N))]])
-    A = wt * (np.diag(D) @ bracket - np.eye(len(D)) / gain)
-    drive = np.zeros(len(D))
-    drive[:M] = -wt * D[:M] * amps
-    target = -np.linalg.lstsq(X, amps, rcond=None)[0]
-    reading = found.measurements.settling_time
-    assert reading.value == pytest.approx(settled(A, drive, target, 0.01), rel=1e-9)
-    assert found.ideal.settling_time == 0.0
 
 
 def board_scene(seed: int) -> Scene:
@@ -175,20 +130,6 @@ def test_budget_and_document() -> None:
     data = plain(VerdictBody.of(found))
     assert [data[key] for key in ("lambda", "resistance")] == [0.05, None]
     assert "gf" in str(found.circuit._repr_html_())
-
-
-def test_the_margin_of_gf_is_between_boards_built_anew() -> None:
-    from taction.verification.stability.margin import find_margin
-
-    one = scene("ridge", feedback_conductance="1mS")
-    margin = find_margin(taction.synthesise(one), "gf")
-    assert margin.factor > 1.0
-    assert margin.text.startswith("gf can shrink by the factor")
-    stable = []
-    for share in (1.001, 0.999):
-        moved = scene("ridge", feedback_conductance=1e-3 / margin.factor * share)
-        stable.append(bool(taction.verify(moved).poles.stable))
-    assert stable == [True, False]
 
 
 def test_the_margin_of_inv_is_where_the_slowest_inputs_let_a_mode_grow() -> None:

@@ -19,20 +19,16 @@ from taction.system.errors import EngineError, SimulatorNotFound, StepTooSmall, 
 from taction.system.progress import Clock
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients import simulate
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.evidence.stress.catalogue import load_catalogue
 from taction.verification.readings.settling import ChannelState
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.verdict_view import view
-from taction.verification.stability.poles import Poles, poles
 from taction.verification.verdict import board, transient_plan
 from taction.verification.verdict import board as board_module
 from taction.verification.verdict import run as module
-from taction.verification.verdict import simulation as design
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run import (
@@ -153,33 +149,6 @@ def test_half_the_capacitance_oscillates(engine: str) -> None:
     assert "every channel oscillating at 37.9" in named(verdict, "steady_state").reason
 
 
-@pytest.mark.usefixtures("ngspice")
-@pytest.mark.parametrize("G0", [1e-12, 1e-3])
-def test_the_scale_of_the_conductances_does_not_matter(G0: float) -> None:
-    """The tuned board with every admittance in proportion: the same waveforms in the same time."""
-    tuned = shipped("tuned-breadboard")
-    k = G0 / tuned.design.unit_conductance
-    opamp = {
-        "base": "ideal", "dc_gain": 1e5, "gbw": "1.38MHz", "second_pole": "4.14MHz",
-        "output_resistance": 75.0 / k,
-    }  # fmt: skip
-    scene = shipped(
-        "tuned-breadboard",
-        design={
-            "unit_conductance": G0, "resistance": 14.4e6 / k, "gain": 2.3e6 / k,
-            "capacitance": 10e-12 * k, "stray_capacitance": 2.05e-12 * k,
-            "inverter_resistance": tuned.design.inverter_resistance / k, "opamp": opamp,
-        },
-    )  # fmt: skip
-    verdict, wanted = verify(scene), verdict_of("tuned-breadboard", "ngspice")
-    assert verdict.outcome is Outcome.PASS
-    for name in ("settling_time", "overshoot"):
-        assert named(verdict, name).value == pytest.approx(named(wanted, name).value, rel=1e-3)
-    assert named(verdict, "steady_state").value == pytest.approx(
-        named(wanted, "steady_state").value, rel=0.02
-    )
-
-
 def test_an_untrusted_reference_is_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
     original = board_module.ideal_answer
 
@@ -207,41 +176,6 @@ def test_a_simulation_out_of_time() -> None:
     scene = shipped("paper-breadboard", analysis={"engine": "ngspice", "timeout": "10ms"})
     with pytest.raises(TimedOut, match=r"0\.01 s"):
         verify(scene)
-
-
-@pytest.fixture(scope="module")
-def scene() -> Scene:
-    return next(case for case in load_catalogue() if case.name == "onset-itself").scene()
-
-
-def shifted(monkeypatch: pytest.MonkeyPatch, share: float) -> None:
-    """Move the rightmost pair of poles by a share of its rounding error."""
-
-    def moved(board: LinearBoard) -> Poles:
-        found = poles(board)
-        values = found.poles.copy()
-        values[:2] = share * found.errors[:2] + 1j * values[:2].imag
-        rightmost = complex(values[0].real, abs(values[0].imag))
-        return replace(found, poles=values, rightmost=rightmost)
-
-    monkeypatch.setattr(design, "poles", moved)
-
-
-@pytest.mark.parametrize("engine", ["statespace", "ngspice"])
-def test_the_verdict_is_the_same(
-    scene: Scene, engine: str, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
-) -> None:
-    if engine == "ngspice":
-        request.getfixturevalue("ngspice")
-    asked = scene.model_copy(
-        update={"analysis": scene.analysis.model_copy(update={"engine": engine})}
-    )
-    outcomes = []
-    for share in (-0.5, 0.5):
-        shifted(monkeypatch, share)
-        outcomes.append({c.name: c.outcome.value for c in verify(asked).checks})
-    assert outcomes[0] == outcomes[1]
-    assert outcomes[0]["stability"] == "inconclusive"
 
 
 @cache
@@ -394,18 +328,6 @@ def test_a_record_is_as_long_as_a_channel_needs_to_settle(ngspice: str) -> None:
     verdict = verify(Scene.model_validate(data))
     assert verdict.measurements.settling_time is not None
     assert verdict.accuracy.tries == 1
-
-
-def test_the_state_space_states_what_it_reached() -> None:
-    linear = verify(ringing_scene(error=1e-6, engine="statespace")).accuracy
-    assert linear.method == "exact"
-    assert linear.achieved < 1e-9
-    scene = load_scene(SCENES / "paper-exponential.toml")
-    analysis = {"error": 1e-4, "stop": 1e-4, "engine": "statespace"}
-    scene = scene.model_copy(update={"analysis": scene.analysis.model_copy(update=analysis)})
-    curved = verify(scene).accuracy
-    assert curved.reached
-    assert curved.method == "Radau IIA"
 
 
 def test_only_a_known_miss_of_a_stepping_engine_is_tried_again() -> None:

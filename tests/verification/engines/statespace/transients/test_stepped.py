@@ -47,8 +47,7 @@ from taction.verification.engines.statespace.transients.straight_pieces import (
     shortened,
 )
 from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
-from taction.verification.verdict.build import large_signal
-from taction.verification.verdict.simulation import on_curve, state_space_error
+from taction.verification.verdict.simulation import large_signal, on_curve, state_space_error
 from tests.support.boards import bare, board, kernel, lone_amplifier, strain, two_pole
 
 
