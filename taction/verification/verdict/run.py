@@ -108,7 +108,7 @@ def second_solution(board: Board, record: Waveforms) -> Agreement:
         found = Agreement(at, u, u, record, math.inf, str(error))
     return replace(
         found,
-        step_error=plan.forecast.error * board.amplitude,
+        step_error=plan.error * board.amplitude,
         limit=board.scene.agreement_limit,
         unit=board.circuit.value("U0"),
     )
@@ -407,12 +407,12 @@ def _finer(run: Run) -> TransientPlan | None:
     even = board.scene.analysis.points_per_period is not None
     if achieved is None or achieved <= wanted or even or run.own is not None:
         return None
-    error = board.plan.forecast.error
+    error = board.plan.error
     aim = AIM * wanted * min(error / achieved, 1.0)
     if aim < LEAST_ERROR:
         return None
     plan = _planned(board, board.transient.stop, aim)
-    return plan if SMALLER * plan.forecast.error < error else None
+    return plan if SMALLER * plan.error < error else None
 
 
 def _planned(board: Board, stop: float, aim: float | None = None) -> TransientPlan:

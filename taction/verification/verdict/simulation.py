@@ -76,8 +76,8 @@ def state_space_error(
     """Bound the error of a `record` of the state-space engine, or of a better one in its place.
 
     Steps are halved again until the bound is at most `wanted`, V. The errors of half a step fall by
-    512. A difference that falls by little is of rounding, and two draws of rounding may err alike;
-    one that falls by more is small by chance.
+    512, and a difference that falls by more than `FALL` is small by chance. One that falls by
+    little is of rounding, and two draws of rounding may err alike.
     """
     found = _bounded(board, record)
     for _ in range(1, HALVINGS):
@@ -86,16 +86,8 @@ def state_space_error(
         record, before, better = found.record, found.volts, _bounded(board, found.record)
         if not better.volts < before:
             break
-        seen = max(better.volts - least_bound(better.record), 0.0)
-        times = min(ALIKE, FALL * better.volts / before)
-        volts = better.volts + max(times - 1.0, 0.0) * seen
-        found = replace(better, volts=max(volts, before / FALL))
+        found = replace(better, volts=max(ALIKE * better.volts, before / FALL))
     return found
-
-
-def least_bound(record: Waveforms) -> float:
-    """Return the least bound of a record by steps, V."""
-    return DIGITS * float(np.abs(record.values).max(initial=0.0))
 
 
 def _bounded(board: LinearBoard, record: Waveforms) -> StateSpaceError:
@@ -116,7 +108,8 @@ def _bounded(board: LinearBoard, record: Waveforms) -> StateSpaceError:
     except EngineError as error:
         return StateSpaceError(math.nan, f"the second run failed: {error}", record)
     how = f"difference to a run with {other}, and what rounding leaves"
-    volts = max(share * apart + better.rounding, least_bound(better))
+    least = DIGITS * float(np.abs(better.values).max(initial=0.0))
+    volts = max(share * apart + better.rounding, least)
     return StateSpaceError(volts, how, better)
 
 
@@ -232,7 +225,7 @@ def _ngspice(board: Board) -> Waiting:
     analysis, plan, timeout = board.transient, board.plan, board.scene.analysis.timeout
     if plan.seconds > SLOWER * timeout:
         raise TimedOut(
-            f"ngspice would need about {plan.seconds:.2g} s for {plan.forecast.steps:.2g} steps;"
+            f"ngspice would need about {plan.seconds:.2g} s for {plan.steps:.2g} steps;"
             f" analysis.timeout is {timeout:g} s. Use the state-space engine, a larger"
             " analysis.error, a shorter analysis.stop or a longer analysis.timeout"
         )

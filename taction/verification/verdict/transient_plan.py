@@ -61,13 +61,9 @@ LEAST, MOST = 1e-15, 0.5  # truncation errors
 
 @dataclass(frozen=True, slots=True)
 class StepForecast:
-    """A step control and the forecast of its steps and error."""
+    """A transient with its step control, and the forecast of its steps and error."""
 
-    truncation: float  # local error that one step may make, relative
-    charge: float  # charge below which the truncation error is absolute, C
-    # `max_step`, `first_step`: maximum and first step, s.
-    max_step: float
-    first_step: float
+    transient: Transient
     steps: float  # number of accepted steps
     error: float  # largest error of any output at any time, in step amplitudes
 
@@ -76,6 +72,8 @@ class StepForecast:
 class StepModel:
     """The step control of one board over one record."""
 
+    stop: float  # end of the record, s
+    initial: Initial
     time: Floats  # (T,): s, from 0 to the end of the record
     poles: Complexes  # (n,): modes that show at the outputs, one of each conjugate pair, 1/s
     shares: Complexes  # (n, N): their amplitudes at the outputs, in step amplitudes
@@ -116,6 +114,8 @@ class StepModel:
         shown = np.abs(shares).max(axis=1, initial=0.0) > UNSEEN * amplitude
         earliest = min(EARLIEST / float(np.abs(poles).max(initial=1.0 / stop)), 0.5 * stop)
         return cls(
+            stop=stop,
+            initial=initial,
             time=np.concatenate([[0.0], np.geomspace(earliest, stop, INSTANTS)]),
             poles=poles[shown],
             shares=shares[shown] / amplitude,
@@ -154,13 +154,17 @@ class StepModel:
         step = self.step_lengths(truncation, max_step)[:, None]
         drift = integral(slip(step, self.poles), self.time)
         off = limited_exp(np.multiply.outer(self.time, self.poles) + drift) - self.growth
+        transient = Transient(
+            self.stop,
+            _six_digits(max_step),
+            _six_digits(truncation),
+            charge=_six_digits(self.charge),
+            first_step=_six_digits(FIRST * float(step[0, 0])),
+            initial=self.initial,
+        )
+        steps = float(integral(1.0 / step[:, 0], self.time)[-1])
         return StepForecast(
-            truncation=truncation,
-            charge=self.charge,
-            max_step=max_step,
-            first_step=FIRST * float(step[0, 0]),
-            steps=float(integral(1.0 / step[:, 0], self.time)[-1]),
-            error=float(np.abs((off @ self.shares).real).max(initial=0.0)),
+            transient, steps, float(np.abs((off @ self.shares).real).max(initial=0.0))
         )
 
     def even(self, max_step: float) -> StepForecast:
@@ -181,11 +185,11 @@ class StepModel:
 
     def cheapest(self, error: float) -> StepForecast:
         """Return the step control with the fewest steps within `error`, or the least error."""
-        found, stop, begin = list[StepForecast](), float(self.time[-1]), 1e-6
+        found, begin = list[StepForecast](), 1e-6
         for fewest in FEWEST_STEPS:
-            found.append(self._within(error, stop / fewest, begin))
+            found.append(self._within(error, self.stop / fewest, begin))
             best = min(found, key=lambda each: (max(each.error, error), each.steps))
-            begin = best.truncation
+            begin = best.transient.truncation
             if best.error <= error and best.steps <= 4.0 * fewest:
                 break  # no shorter maximum step has fewer steps
         return best
@@ -240,7 +244,6 @@ step takes `NEWTON` times as long."""
 NEWTON = 2.5
 LONG = 10.0  # s: a longer run is announced
 SHORTER = "the state-space engine (--engine statespace) is usually faster"
-NO_STEPS = StepForecast(0.0, 0.0, 0.0, 0.0, steps=0.0, error=0.0)
 UNSTABLE_PERIODS = 100.0  # of ringing: the same for the state-space engine, where it needs steps
 EXACT_PERIODS = 20_000.0  # the same where it needs none: the record has `GROWING_POINTS` on each
 GROWING_POINTS = 10.0  # on a period: fewer would show ringing at another frequency
@@ -258,9 +261,11 @@ class TransientPlan:
     transient: Transient  # the transient to simulate
     # Largest error of any output at any time that the checks allow, in step amplitudes.
     wanted: float
-    # What ngspice's step control will do; `NO_STEPS` for the state-space engine.
-    forecast: StepForecast
-    seconds: float  # estimated processor time of ngspice, s
+    # `steps`, `error`, `seconds`: of ngspice, by the forecast: its steps, its error, in step
+    # amplitudes, and its processor time, s; 0 for an engine that bounds its own error.
+    steps: float
+    error: float
+    seconds: float
     growing: bool  # whether the board is unstable and its outputs grow
     grown: float  # length of the shortest record that shows a growing instability, s
     notes: tuple[str, ...] = ()  # what the plan omits, for the user
@@ -269,7 +274,7 @@ class TransientPlan:
     @property
     def by_steps(self) -> bool:
         """Whether the engine takes the steps of the forecast; not one that bounds its own error."""
-        return self.forecast is not NO_STEPS
+        return self.steps > 0.0
 
     @property
     def tolerance(self) -> float:
@@ -282,7 +287,7 @@ class TransientPlan:
         """How long ngspice will take, if it takes long; else empty."""
         if self.seconds < LONG:
             return ""
-        return f"about {self.seconds:.0f} s for {self.forecast.steps:.2g} steps; {SHORTER}"
+        return f"about {self.seconds:.0f} s for {self.steps:.2g} steps; {SHORTER}"
 
     def instants(self, board: LinearBoard) -> Floats | None:
         """Return dense instants of a state-space record, s; None if the outputs grow."""
@@ -329,7 +334,7 @@ def plan_transient(
     stop, wanted = _stop(scene, scales, resolution, growing=growing), wanted_error(scene)
     initial, points = scene.analysis.initial, scene.analysis.points_per_period
     notes: tuple[str, ...] = ()
-    forecast, seconds = NO_STEPS, 0.0
+    count = error = seconds = 0.0
     if steps:
         model = StepModel.of(board, stop, initial, stable=not growing)
         size = max(len(board.circuit.signal_nodes), len(board.circuit.constraint_nodes))
@@ -347,16 +352,9 @@ def plan_transient(
             allowed = max(AIM * wanted if aim is None else aim, LEAST_ERROR)
             forecast = model.cheapest(allowed)
             if any(board.broken):
-                forecast = _also_from_start(board, model, initial, forecast, allowed)
-        seconds = forecast.steps * step_seconds
-        transient = Transient(
-            stop,
-            _six_digits(forecast.max_step),
-            _six_digits(forecast.truncation),
-            charge=_six_digits(forecast.charge),
-            first_step=_six_digits(forecast.first_step),
-            initial=initial,
-        )
+                forecast = _also_from_start(board, model, forecast, allowed)
+        transient, count, error = forecast.transient, forecast.steps, forecast.error
+        seconds = count * step_seconds
     else:  # a growing run shows every period, and is kept short
         stepped = not board.circuit.is_linear or board.descriptor.is_large
         longest = (UNSTABLE_PERIODS if stepped else EXACT_PERIODS) * scales.max_step_for(1.0)
@@ -365,16 +363,16 @@ def plan_transient(
         spacing = min(stop, scales.max_step_for(GROWING_POINTS)) if growing else stop
         transient = Transient(stop, spacing, initial=initial)
     grown, curved = min(scales.growth_time, stop), board.circuit.has_nonlinear_amplifiers
-    return TransientPlan(transient, wanted, forecast, seconds, growing, grown, notes, curved)
+    return TransientPlan(transient, wanted, count, error, seconds, growing, grown, notes, curved)
 
 
 def _also_from_start(
-    board: LinearBoard, model: StepModel, initial: Initial, rest: StepForecast, allowed: float
+    board: LinearBoard, model: StepModel, rest: StepForecast, allowed: float
 ) -> StepForecast:
     """Return a step control that also follows the board where its amplifiers start."""
     try:
-        begin = board.at_start(initial)
-        start = StepModel.of(begin, float(model.time[-1]), initial)
+        begin = board.at_start(model.initial)
+        start = StepModel.of(begin, model.stop, model.initial)
     except EngineError:
         return rest
     if not start.poles.size or not np.all(begin.state_space.modes.poles.real < 0.0):
@@ -382,9 +380,10 @@ def _also_from_start(
     share = min(1.0, model.amplitude / start.amplitude)
     other = start.cheapest(max(share * allowed, LEAST_ERROR))
     names = ("truncation", "charge", "max_step", "first_step")
-    least = {name: min(getattr(rest, name), getattr(other, name)) for name in names}
-    most = {"steps": max(rest.steps, other.steps), "error": max(rest.error, other.error / share)}
-    return StepForecast(**least, **most)
+    both = rest.transient, other.transient
+    least = {name: min(getattr(each, name) for each in both) for name in names}
+    error = max(rest.error, other.error / share)
+    return StepForecast(replace(rest.transient, **least), max(rest.steps, other.steps), error)
 
 
 def _stop(scene: Scene, scales: TimeScales, resolution: float, *, growing: bool) -> float:

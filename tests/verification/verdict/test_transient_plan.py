@@ -105,11 +105,11 @@ def test_the_times_of_the_scene_are_kept() -> None:
 def test_a_tighter_error_costs_more_steps_and_an_aim_replaces_it() -> None:
     loose, _ = planned(breadboard(design__capacitance=1e-10, analysis__error=1e-2))
     tight, _ = planned(breadboard(design__capacitance=1e-10, analysis__error=1e-4))
-    assert loose.forecast.error <= 8e-3
-    assert tight.forecast.error <= 8e-5
-    assert tight.forecast.steps > 3 * loose.forecast.steps
+    assert loose.error <= 8e-3
+    assert tight.error <= 8e-5
+    assert tight.steps > 3 * loose.steps
     aimed, _ = planned(breadboard(design__capacitance=1e-10, analysis__error=1e-2), aim=8e-5)
-    assert aimed.forecast.steps == tight.forecast.steps
+    assert aimed.steps == tight.steps
     assert aimed.wanted == 1e-2
 
 
@@ -182,7 +182,7 @@ def test_steps_follow_a_board_to_a_rest_where_all_amplifiers_saturate(force: flo
     scene = with_values(load_scene(SCENES / "box.toml"), {"problem.load.force": force})
     board = LinearBoard(synthesise(scene))
     scales = time_scales(board, initial=scene.analysis.initial)
-    assert plan_transient(scene, board, scales).forecast.steps > 500  # by the modes at rest 70
+    assert plan_transient(scene, board, scales).steps > 500  # by the modes at rest 70
     found = {check.name: check for check in verify(scene.with_engine("ngspice")).checks}
     assert np.abs(board.equilibrium.slopes).max() < 1e-9
     assert found["engines_agree"].outcome is Outcome.PASS
@@ -199,17 +199,10 @@ def model_of(circuit: Circuit) -> tuple[StepModel, float]:
     return StepModel.of(board, stop), stop
 
 
-def run(circuit: Circuit, stop: float, forecast: StepForecast) -> tuple[int, float]:
+def run(circuit: Circuit, forecast: StepForecast) -> tuple[int, float]:
     """Steps of a real ngspice, and its largest error against the exact solution, of the step."""
-    analysis = Transient(
-        stop,
-        forecast.max_step,
-        forecast.truncation,
-        charge=forecast.charge,
-        first_step=forecast.first_step,
-    )
     simulator = find_simulator()
-    deck = write_deck(circuit, analysis, solver=simulator.solver_option)
+    deck = write_deck(circuit, forecast.transient, solver=simulator.solver_option)
     found = Simulation(deck, simulator, timeout=60.0, bound=1e6).result()
     exact = exact_solution(circuit)
     off = np.abs(np.asarray(found.values) - exact.at(np.asarray(found.time))).max()
@@ -238,10 +231,10 @@ def test_ngspice_does_what_the_forecast_says(
 ) -> None:
     """Damped and ringing boards over three decades of C and two of the gain."""
     circuit = breadboard_circuit(C, gain, **design)
-    model, stop = model_of(circuit)
+    model, _ = model_of(circuit)
     assert not design or np.abs(model.rest).max() > model.charge
     forecast = model.cheapest(0.8 * error)
-    steps, off = run(circuit, stop, forecast)
+    steps, off = run(circuit, forecast)
     assert forecast.error <= 0.8 * error
     assert steps == pytest.approx(forecast.steps, rel=0.1, abs=60)
     assert 0.3 * error <= off <= error

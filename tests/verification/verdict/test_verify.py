@@ -342,8 +342,8 @@ def test_only_a_known_miss_of_a_stepping_engine_is_tried_again() -> None:
 
     plan = again(4e-4)
     # The forecast was four times too small, so the next aim is four times smaller.
-    aim = AIM * 1e-4 * design.plan.forecast.error / 4e-4
-    assert 0.5 * aim < plan.forecast.error <= aim
+    aim = AIM * 1e-4 * design.plan.error / 4e-4
+    assert 0.5 * aim < plan.error <= aim
     assert plan.transient.stop == design.transient.stop
     assert again(1e-5) is None
     assert again(math.nan) is None
