@@ -36,8 +36,7 @@ from taction.verification.design.trials import (
 )
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.families import Family, find_edges, unrounded
-from taction.verification.verdict.cause import following
-from taction.verification.verdict.checks import Outcome
+from taction.verification.verdict.checks import Outcome, following
 from taction.verification.verdict.record import ERROR
 from taction.verification.verdict.verify import Verdict
 

@@ -18,8 +18,7 @@ from taction.verification.report.texts import figure
 from taction.verification.report.views import comparison_view as comparison
 from taction.verification.studies.regression.regress import RegressionReport, SceneResult, Status
 from taction.verification.studies.scene_files import NOT_RUN, VerifiedFiles
-from taction.verification.verdict.cause import band_text, cause, causes, following
-from taction.verification.verdict.checks import Check
+from taction.verification.verdict.checks import Check, band_text, cause, causes, following
 
 End = Literal["", "failure", "error", "skipped"]
 ENDS: dict[str, End] = {"pass": "", "fail": "failure", "inconclusive": "error", NOT_RUN: "skipped"}

@@ -16,8 +16,7 @@ from taction.system.reading_definitions import EXCURSIONS, READINGS
 from taction.verification.readings.measurements import ChannelMeasure, Measurements
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
-from taction.verification.verdict.cause import band_text, boards_text, cause
-from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.checks import Check, Outcome, band_text, boards_text, cause
 from taction.verification.verdict.verify import Verdict
 
 T = TypeVar("T")

@@ -15,8 +15,7 @@ from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.readings.measurements import Measurements
 from taction.verification.readings.readings import Reading
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from taction.verification.verdict.cause import Cause, cause, causes, following
-from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.checks import Cause, Check, Outcome, cause, causes, following
 from taction.verification.verdict.details import all_warnings, find_contradiction
 from taction.verification.verdict.run import bounded
 from taction.verification.verdict.run_checks import run_checks

@@ -36,7 +36,7 @@ from taction.verification.report.views import answer_view as answers
 from taction.verification.report.views import waveforms_view as waveforms
 from taction.verification.report.views.stability_view import pole_map, ranges_text
 from taction.verification.stability.edges import Edges
-from taction.verification.verdict.cause import band_text
+from taction.verification.verdict.checks import band_text
 from taction.verification.verdict.record import ERROR
 
 POINTS = 500  # of a curve

@@ -17,8 +17,7 @@ from taction.verification.studies.decks.questions import QUESTIONS
 from taction.verification.studies.running.installation import Installation
 from taction.verification.studies.running.versions import describe_machine, digest, own_code
 from taction.verification.verdict.answer_error import AnswerError
-from taction.verification.verdict.cause import band_text, causes, listed, named
-from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.checks import Check, Outcome, band_text, causes, listed, named
 from taction.verification.verdict.input_spread import SHARE
 from taction.verification.verdict.verify import Verdict
 

@@ -29,8 +29,7 @@ from taction.verification.design.choose import (
 from taction.verification.report import texts
 from taction.verification.report.blocks import Content, Notes, Page, Section, Table
 from taction.verification.report.texts import Cell, Column, fields, figure, number_cell
-from taction.verification.verdict.cause import band_text
-from taction.verification.verdict.checks import Outcome
+from taction.verification.verdict.checks import Outcome, band_text
 from taction.verification.verdict.record import ERROR, finite
 
 if TYPE_CHECKING:

@@ -29,8 +29,7 @@ from taction.verification.report.views.answer_view import check_bar, margin_line
 from taction.verification.studies.regression.difference import VerdictDifference
 from taction.verification.studies.regression.regress import RegressionReport, SceneResult, Status
 from taction.verification.studies.scene_files import VerifiedFiles
-from taction.verification.verdict.cause import band_text, causes
-from taction.verification.verdict.checks import Check
+from taction.verification.verdict.checks import Check, band_text, causes
 from taction.verification.verdict.record import Difference
 
 SHOWN = 12  # changed quantities of a scene in a terminal; the page and JSON have them all

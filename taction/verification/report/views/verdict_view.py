@@ -30,8 +30,7 @@ from taction.verification.report.views.stability_view import active_set_table, s
 from taction.verification.studies.tolerance.varied_board import VerifiedSample
 from taction.verification.verdict.answer_error import ErrorPart, worst_channel
 from taction.verification.verdict.board_power import KICAD, OWN, REPORT, BuiltBoard
-from taction.verification.verdict.cause import cause
-from taction.verification.verdict.checks import Outcome
+from taction.verification.verdict.checks import Outcome, cause
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.record import Channel, Record, channels_of
 from taction.verification.verdict.run import MeasuredTransient

@@ -29,12 +29,12 @@ from taction.verification.stability.poles import Poles
 from taction.verification.studies.decks.measured_board import LATCH, WANTED, MeasuredBoard
 from taction.verification.verdict import record
 from taction.verification.verdict.board import SteadyState
-from taction.verification.verdict.cause import cause
 from taction.verification.verdict.checks import (
     Check,
     Evidence,
     Outcome,
     at_most,
+    cause,
     doubtful,
     overall,
     undecided,

@@ -29,8 +29,7 @@ from taction.verification.studies.regression.baseline import (
 )
 from taction.verification.studies.running.study import for_each_file
 from taction.verification.studies.scene_files import find_scenes
-from taction.verification.verdict.cause import causes, named
-from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.checks import Check, Outcome, causes, named
 from taction.verification.verdict.record import (
     POLE_READINGS,
     Difference,

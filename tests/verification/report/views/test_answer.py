@@ -31,8 +31,7 @@ from taction.verification.report.views.answer_view import answer_text, check_bar
 from taction.verification.report.views.verdict_view import screen, view
 from taction.verification.report.views.waveforms_view import outputs_chart
 from taction.verification.verdict.answer_error import AnswerError
-from taction.verification.verdict.cause import cause
-from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.checks import Check, Outcome, cause
 from taction.verification.verdict.record import Channel, Record, finite
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.measured import channel
