@@ -12,7 +12,6 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.variation import draw, parameters, vary, with_resistors_at
 from taction.netlist_gen.scene.check_keys import Tolerances
-from taction.spice_models.input_errors import spreads
 from taction.system.array_types import Floats
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
@@ -121,16 +120,6 @@ def test_the_verdict_takes_the_worse_of_one_sign_and_of_95_percent() -> None:
     assert alike.outcome is Outcome.FAIL
     assert volts > static
     assert "95 % of the boards" in alike.reason
-
-
-def test_the_distributions_follow_from_typical_and_largest_sizes() -> None:
-    (model,) = board().models.values()
-    most = dict(model.guaranteed)
-    for name, each in spreads(model).items():
-        if name == "offset_voltage":
-            expected = most[name] / 3.0 if name in most else 1e-3 / 0.67
-            assert each.sigma == pytest.approx(expected)
-            assert each.assumed == (name not in most)
 
 
 ROOM = InputSpread.of(LinearBoard(board()))

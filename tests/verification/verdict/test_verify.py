@@ -17,7 +17,6 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import EngineError, SimulatorNotFound, StepTooSmall, TimedOut
 from taction.system.progress import Clock
-from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.transients import simulate
 from taction.verification.engines.statespace.transients.exact import exact_solution
@@ -26,9 +25,9 @@ from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.verdict_view import view
-from taction.verification.verdict import board, transient_plan
 from taction.verification.verdict import board as board_module
 from taction.verification.verdict import run as module
+from taction.verification.verdict import transient_plan
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run import (
@@ -47,7 +46,6 @@ from tests.support.paths import SCENES
 
 NAMES = sorted(path.stem for path in SCENES.glob("*.toml"))
 LINEAR = ["custom-matrix", "eleven-channel", "paper-breadboard", "tuned-breadboard"]
-DOUBT = 1e-6  # V, of the other record
 
 
 def shipped(name: str, **tables: dict[str, Any]) -> Scene:
@@ -178,63 +176,6 @@ def test_a_simulation_out_of_time() -> None:
         verify(scene)
 
 
-@cache
-def paper() -> tuple[Board, Waveforms]:
-    """The shipped breadboard, and its exact transient."""
-    file = SCENES / "paper-breadboard.toml"
-    data = tomllib.loads(file.read_text(encoding="utf-8"))
-    data["analysis"] = data.get("analysis", {}) | {"engine": "ngspice"}
-    design = build(parse_scene(data, file))
-    times = np.linspace(0.0, design.transient.stop, 30_001)
-    return design, simulate.simulate(design.linear, design.transient, times=times)
-
-
-def cut(waveforms: Waveforms, stop: float) -> Waveforms:
-    kept = int(np.searchsorted(waveforms.time, stop, side="right"))
-    return replace(waveforms, time=waveforms.time[:kept], values=waveforms.values[:kept])
-
-
-def recorded(
-    fine: Waveforms, other: Waveforms, stop: float, monkeypatch: pytest.MonkeyPatch
-) -> Run:
-    """Measure `fine` beside `other`, the record of a board that has no exact solution."""
-    design, _ = paper()
-    transient = replace(design.plan.transient, stop=stop)
-    design = replace(design, plan=replace(design.plan, transient=transient))
-    u, values = outputs(design.circuit, fine)[: len(other.time)], outputs(design.circuit, other)
-    beside = Agreement(other.time, u, values, other, DOUBT)
-    monkeypatch.setattr(module, "second_solution", lambda *_: beside)
-    monkeypatch.setattr(board, "is_exact", lambda _: False)
-    monkeypatch.setattr(module, "better_plan", lambda *_: None)
-    wave = replace(fine, engine="ngspice")
-    return observe(design, lambda: wave, Clock(lambda stage: None))
-
-
-def test_all_errors_follow_from_the_other_record(monkeypatch: pytest.MonkeyPatch) -> None:
-    _, whole = paper()
-    stop = float(whole.time[-1])
-    shifted = replace(whole, values=whole.values * (1 + 3e-4))
-    run = recorded(whole, shifted, stop, monkeypatch)
-    found = run.measured
-    # All outputs are 3e-4 of themselves apart, and the largest difference counts.
-    error = 3e-4 * max(abs(c.final) for c in found.channels) + DOUBT
-    assert run.error[1] == pytest.approx(error, rel=1e-9)
-    assert 0 < found.settling_time.uncertainty < 1e-2 * found.settling_time.value
-
-
-def test_a_record_that_settles_beside_one_that_does_not_leaves_it_open(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    _, whole = paper()
-    stop = float(whole.time[-1])
-    short = cut(whole, 0.9 * stop)  # it ends before the stop time, so it proves nothing
-    found = recorded(whole, short, stop, monkeypatch).measured
-    assert found.settling_time.uncertainty == math.inf
-    rises = [each.rise_time for each in found.channels if each.rise_time]
-    assert rises
-    assert all(math.isfinite(each.uncertainty) for each in rises)
-
-
 def test_auto_takes_the_cheapest_engine_unless_both_are_to_be_compared(ngspice: str) -> None:
     assert choose_engine(ringing_scene()) == "ngspice"
     assert choose_engine(ringing_scene(error=1e-4)) == "statespace"
@@ -277,7 +218,7 @@ def test_a_record_stays_where_its_repeat_fails(
     ngspice: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The verdict is that of the first run, and says why there is no better one."""
-    design, _ = paper()
+    design = build(shipped("paper-breadboard", analysis={"engine": "ngspice"}))
     rough = replace(design.plan, wanted=1e-3 * design.plan.wanted)
     begin, plans = module.begin, list[TransientPlan]()
 
