@@ -23,8 +23,10 @@ from taction.system.documents import Hertz, Number, Rate
 from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.quantities import UNITS
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.stability.edges import Edge, Edges, Range
+from taction.verification.stability.edges import Edge, Edges, Range, scan
 from taction.verification.stability.families import Family, find_edges
+from taction.verification.stability.poles import poles
+from taction.verification.stability.shown_poles import told_apart
 from taction.verification.studies.decks.foreign_board import ForeignBoard
 from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
 from taction.verification.studies.decks.part_influence import influences
@@ -257,6 +259,12 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweptValue, band: 
 
     if not board.state_space.n:  # and so without a pole at any value of a part
         edges = Edges(min(values), max(values), ())
+    elif told_apart(board, poles(board))[1].beyond:  # such poles of the models do not decide
+        edges = scan(
+            values,
+            lambda value: told_apart(at(value), poles(at(value)))[0],
+            logarithmic=swept.logarithmic,
+        )
     elif family.ports is not None and swept.logarithmic:
         edges = find_edges(family, min(values), max(values), values=values)
     else:

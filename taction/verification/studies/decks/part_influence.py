@@ -19,6 +19,7 @@ from taction.verification.stability.edges import Edge
 from taction.verification.stability.families import Family, find_edges
 from taction.verification.stability.margin import REACH, Margin
 from taction.verification.stability.poles import Poles
+from taction.verification.stability.shown_poles import BAND
 
 MOST_MARGINS = 12  # parts whose margins are found unless a margin is checked
 MOST_UNKNOWNS = 150  # of a board with margins unless one is checked
@@ -162,7 +163,8 @@ def _nearest(family: Family, found: Poles) -> _Nearest:
         edges = find_edges(over, 1.0 / reach, reach, found)
     except EngineError as error:
         return _Nearest(doubt=str(error), sure=1.0)
-    every = [edge for edge in edges.edges if stable or edge.changes_stability]
+    seen = [edge for edge in edges.edges if edge.frequency <= BAND]  # no pole of a model beyond
+    every = [edge for edge in seen if stable or edge.changes_stability]
     below = max((e for e in every if e.value < 1.0), key=lambda e: e.value, default=None)
     above = min((e for e in every if e.value > 1.0), key=lambda e: e.value, default=None)
     low, high = below.value if below else 0.0, above.value if above else math.inf

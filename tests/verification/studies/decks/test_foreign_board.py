@@ -135,6 +135,19 @@ def test_sensitivities_of_a_resonator(read: Read) -> None:
         assert rows[name].frequency == pytest.approx(moved / turn / math.tau, rel=1e-6)
 
 
+def test_a_pole_of_a_model_beyond_the_band_decides_nothing(read: Read) -> None:
+    """A capacitor of a negative value at a gain of 1e6: +6e14 /s, whatever C1 is."""
+    cards = ("E2 x 0 out 0 1meg", "R2 x m 1meg", "C2 m x -1.59f", "R3 m 0 1", ".print v(out)")
+    found = checked(read(deck("far", "R1 in out 1k", "C1 out 0 1n", *cards)), "C1=0.5n:2n:5")
+    (sweep,) = found.sweeps
+    assert sweep.stable_ranges == ((5e-10, 2e-9),)
+    assert not sweep.crossings
+    assert [(row.below, row.above) for row in found.parts if row.name in ("R1", "C1")] == [
+        (None, None)
+    ] * 2
+    assert [note for note in found.notes if "+628.9 T/s, beyond 10 GHz" in note]
+
+
 def test_margins_are_edges_of_the_poles(read: Read) -> None:
     """The bridge of gain 2.9 oscillates as R2 or C1 grows by 1/9: 1 + R1/R2 + C2/C1 = 2.9."""
     rows = {row.name: row for row in checked(read(DECKS["wien"])).parts}
