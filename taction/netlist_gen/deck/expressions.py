@@ -8,7 +8,7 @@ from __future__ import annotations
 import ast
 import operator
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, combinations_with_replacement, count, pairwise
 
@@ -180,33 +180,26 @@ def without_poly(text: str) -> str:
     width = int(many) * (2 if by_voltage else 1)
     if len(words) <= width:
         raise ValueError(f"POLY({many}) needs {width} names of its inputs, and coefficients")
-    controls, coefficients = words[:width], words[width:]
-    if by_voltage:
-        inputs = [f"v({p},{q})" for p, q in zip(controls[::2], controls[1::2], strict=False)]
-    else:
-        inputs = [f"i({source})" for source in controls]
-    if 1 < len(coefficients) <= len(inputs) + 1:  # linear, perhaps with parameters
-        terms = [coefficients[0], *map("*".join, zip(coefficients[1:], inputs, strict=False))]
-        made = "+".join(terms)
-    else:
-        made = polynomial(inputs, [number(word) for word in coefficients])
+    pairs = zip(words[:width:2], words[1:width:2], strict=False)
+    inputs = [f"v({p},{q})" for p, q in pairs] if by_voltage else [f"i({w})" for w in words[:width]]
+    made = polynomial(inputs, words[width:])
     return f"b{letter}{name} {a} {b} {'v' if letter in 'eh' else 'i'}={made}"
 
 
-def polynomial(inputs: list[str], coefficients: list[float]) -> str:
+def polynomial(inputs: Sequence[str], coefficients: Sequence[str]) -> str:
     """Return SPICE's POLY as an expression of its inputs, ``v(a,b)`` or ``i(source)``.
 
-    The coefficients are those of 1, then of each input, then of each product of two inputs in the
-    order ``x1 x1, x1 x2, ..., x2 x2, ...``, of three, and so on. A single coefficient of one input
-    is that of the input itself.
+    The coefficients, numbers or expressions of parameters, are those of 1, then of each input, then
+    of each product of two inputs in the order ``x1 x1, x1 x2, ..., x2 x2, ...``, of three, and so
+    on. A single coefficient of one input is that of the input itself.
     """
-    if len(inputs) == 1 and len(coefficients) == 1:
-        coefficients = [0.0, *coefficients]
+    if len(inputs) == len(coefficients) == 1:
+        coefficients = ["0", *coefficients]
     factors = chain.from_iterable(combinations_with_replacement(inputs, k) for k in count())
     terms, length = list[str](), 0
-    for value, each in zip(coefficients, factors, strict=False):
-        if value != 0.0:
-            terms.append("*".join((repr(value), *each)))
+    for word, each in zip(coefficients, factors, strict=False):
+        if (value := _point(word)) != "0.0":
+            terms.append("*".join((value, *each)))
             length += len(terms[-1]) + 1
         if length > LONGEST:
             raise ValueError(beyond(length, "characters in a polynomial written anew", LONGEST))

@@ -126,14 +126,13 @@ class BoardCheck(MeasuredBoard, Result):
         """The outputs with their answers."""
         answers = [(each, each.answer(self)) for each in QUESTIONS.values()]
         rows = list[OutputRow]()
-        for n, out in enumerate(self.circuit.outputs):
+        for n, channel in enumerate(self.measurements.channels):
             figures = dict[str, float | None]()
             for question, every in answers:
                 figures |= question.figures(every[n] if every else None)
-            rest = (float(self.before[n]), float(self.rest[n]), self.rest_error)
-            rows.append(
-                OutputRow(out.node, *rest, self.measurements.channels[n].state.value, figures)
-            )
+            name, before, rest = self.circuit.outputs[n].node, self.before[n], self.rest[n]
+            known = (name, float(before), float(rest), self.rest_error, channel.state.value)
+            rows.append(OutputRow(*known, figures))
         return tuple(rows)
 
     def __repr__(self) -> str:

@@ -89,18 +89,17 @@ class MeasuredBoard:
         except EngineError as problem:
             if len(circuit.outputs) == 1:
                 return OutputNoise(unknown=str(problem))
-        every, reasons = list[tuple[float, float]](), dict[str, list[str]]()
-        for out in circuit.outputs:
+        count, reasons = len(circuit.outputs), dict[str, list[str]]()
+        rms, error = np.full(count, math.nan), np.full(count, math.nan)
+        for k, out in enumerate(circuit.outputs):
             try:
-                rms, error = output_noise(LinearBoard(replace(circuit, outputs=(out,))), low)
-                every.append((float(rms[0]), float(error[0])))
+                alone = LinearBoard(replace(circuit, outputs=(out,)))
+                rms[k : k + 1], error[k : k + 1] = output_noise(alone, low)
             except EngineError as problem:
-                every.append((math.nan, math.nan))
                 why = str(problem).replace(f" of output {out.node}", "")
                 reasons.setdefault(why, []).append(out.node)
         said = "; ".join(f"{', '.join(nodes)}: {why}" for why, nodes in reasons.items())
-        rms_of, bounds = zip(*every, strict=True)
-        return OutputNoise(tuple(rms_of), tuple(bounds), unknown=said, lowest=low)
+        return OutputNoise(tuple(rms.tolist()), tuple(error.tolist()), unknown=said, lowest=low)
 
     @property
     def remedy(self) -> str:

@@ -119,23 +119,18 @@ def _ours(
 
 
 def _solved(A: Complexes, b: Floats) -> tuple[Complexes, Floats, Complexes]:
-    """Solve with rows and columns scaled, and refine; return the error and the inverse, too."""
+    """Solve by the inverse of the scaled matrix, and refine; return error and inverse, too."""
     rows = 1.0 / np.maximum(np.abs(A).max(axis=1), 1e-300)
-    B = A * rows[:, None]
-    columns = 1.0 / np.maximum(np.abs(B).max(axis=0), 1e-300)
-    B = B * columns
+    columns = 1.0 / np.maximum(np.abs(A * rows[:, None]).max(axis=0), 1e-300)
     try:
-        inverse = np.linalg.inv(B)
+        inverse = columns[:, None] * np.linalg.inv(A * rows[:, None] * columns) * rows
     except np.linalg.LinAlgError:
         lost = np.full((len(A), b.shape[1]), np.inf)
         return lost.astype(complex), np.zeros(lost.shape), np.zeros(A.shape, complex)
-    wanted = rows[:, None] * b
-    x = inverse @ wanted
+    x = inverse @ b
     for _ in range(2):
-        x = x + inverse @ (wanted - B @ x)
-    sizes = np.abs(B) @ np.abs(x) + np.abs(wanted)
-    error = ROUNDING * EPS * (np.abs(inverse) @ sizes)
-    return x * columns[:, None], error * columns[:, None], columns[:, None] * inverse * rows
+        x = x + inverse @ (b - A @ x)
+    return x, ROUNDING * EPS * (np.abs(inverse) @ (np.abs(A) @ np.abs(x) + np.abs(b))), inverse
 
 
 def _sweeps(poles: Complexes) -> Iterator[str]:
