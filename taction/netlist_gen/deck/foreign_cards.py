@@ -204,30 +204,32 @@ def ngspice_cards(cards: Sequence[Card]) -> tuple[list[Card], list[str]]:
     said = [f"{name}(): {DRAWN_WORDS}" for name in drawn]
     made, here, opamps = list[Card](), blocks_of(cards), dict[str, None]()
     for card in cards:
-        text = card.text
+        text, named = card.text, called(card.text)
         if card.word == ".subckt":
-            here = here.inner[text.split()[1]]
+            here = here.inner[named := text.split()[1]]
         elif card.word == ".ends" and here.outer is not None:
-            here = here.outer
+            here, text = here.outer, ".ends"
         if here.outer is not None and "gnd" not in here.cards[0].text.split():
             text = _GROUND.sub("0", text)  # there PSpice has it as another node
         for beginning, pattern, what in DROPPED:
             if text.startswith(beginning) and pattern.search(text):
                 text = pattern.sub("", text)
-                named = text.split(maxsplit=2)[: 2 if card.word == ".model" else 1]
-                said.append(f"{' '.join(named)}: {what} does not count")
-        if text[0] == "x" and here.find(name := called(text)) is None:
-            if name not in OPAMPS:
-                raise card.refused(UNKNOWN.format(repr(name), ", ".join(OPAMPS)))
-            opamps[name] = None
-            text = re.sub(rf"(?<=\s){re.escape(name)}(?=\s|$)", _plain_name(name), text)
+                shown = text.split(maxsplit=2)[: 2 if card.word == ".model" else 1]
+                said.append(f"{' '.join(shown)}: {what} does not count")
+        if text[0] == "x" and here.find(named) is None:
+            if named not in OPAMPS:
+                raise card.refused(UNKNOWN.format(repr(named), ", ".join(OPAMPS)))
+            opamps[named] = None
+        if (plain := plain_name(named)) != named:
+            before, _, after = f"{text} ".rpartition(f" {named} ")
+            text = f"{before} {plain} {after}".strip()
         try:
             made += map(card.with_text, _written(text, here))
         except ValueError as error:
             raise card.refused(str(error)) from None
     for name in opamps:
         head, body = OPAMPS[name]
-        lacking += [f".subckt {_plain_name(name)} {head}", *body, ".ends"]
+        lacking += [f".subckt {plain_name(name)} {head}", *body, ".ends"]
         said.append(f"{name}: {OPAMP_WORDS}")
     return [*(cards[0].with_text(each) for each in lacking), *made], said
 
@@ -244,9 +246,9 @@ def _written(text: str, here: Block) -> Iterator[str]:
             yield without_calls(without_table(without_poly(each)))
 
 
-def _plain_name(name: str) -> str:
-    """Return the name of an op-amp for ngspice, in which a dot would end it."""
-    return f"ltspice_{name.replace('.', '_')}"
+def plain_name(name: str) -> str:
+    """Return the name of a subcircuit for ngspice, which does not find one with other signs."""
+    return re.sub(r"\W", lambda match: f"_{ord(match[0]):x}_", name)
 
 
 def _smooth_switch(text: str, here: Block | None) -> str:

@@ -62,6 +62,7 @@ LETTERS = "rclkviefghxbdqjmsw"
 NOT_LINEAR = re.compile(r"[dqjmswb]|[efgh].*(?:\bvalue\b|\bvol\b|\bcur\b|\{v)")
 NODES = {"r": 2, "c": 2, "l": 2, "v": 2, "i": 2, "e": 4, "g": 4, "f": 3, "h": 3}
 """Parts with a value, and how many nodes and names stand before it."""
+_SET = re.compile(r"\b([a-z_][a-z0-9_]*) ?=(?!=)")
 _BRACES = re.compile(r"\{[^{}]*\}")
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?[a-z]*")
 REFUSED = (
@@ -111,12 +112,9 @@ class ForeignDeck:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the ``.param`` cards outside of subcircuits."""
-        found, depth = list[str](), 0
-        for card in self.cards:
-            depth += (card.word == ".subckt") - (card.word == ".ends")
-            if card.word == ".param" and depth == 0 and card.text != MISSING["pi"]:
-                found += re.findall(r"\b([a-z_][a-z0-9_]*) ?=(?!=)", card.text)
-        return tuple(dict.fromkeys(found))
+        own = (card.text for card in blocks_of(self.cards).cards if card.word == ".param")
+        found = (re.findall(_SET, text) for text in own if text != MISSING["pi"])
+        return tuple(dict.fromkeys(itertools.chain.from_iterable(found)))
 
     @property
     def with_first_steps(self) -> ForeignDeck:
@@ -321,15 +319,9 @@ def _is_file(path: Path) -> bool:
 
 def _section(path: Path, text: str, section: str) -> str:
     """Return one section of a library, with empty lines for the others."""
-    kept, inside, found = list[str](), False, False
-    for line in text.split("\n"):
-        words = line.lower().split()
-        if words[:1] == [".endl"]:
-            inside = False
-        kept.append(line if inside else "")
-        if words == [".lib", section]:
-            inside = found = True
+    name = re.escape(section)
+    found = re.search(rf"(?ims)^\s*\.lib\s+{name}\s*?$(.*?)(?=^\s*\.endl\b|\Z)", text)
     if not found:
         text = "the library has no such section ('.lib NAME' to '.endl')"
         raise InputError(path, Complaint(".lib", repr(section), text))
-    return "\n".join(kept)
+    return "\n" * text.count("\n", 0, found.start(1)) + found[1]

@@ -222,8 +222,8 @@ def test_what_a_subcircuit_does_not_call_is_not_read(tmp_path: Path) -> None:
     found = vendor_subcircuit(file, "PART")
     assert found.ports == ("a", "b")
     assert found.lines == (
-        *(".subckt m0 a b", "x1 a b m1", ".ends"),
-        *(".subckt m1 p q", "r1 p q 1k", ".ends"),
+        *(".subckt part a b", "x1 a b in_2f_n_2e_er", ".ends"),
+        *(".subckt in_2f_n_2e_er p q", "r1 p q 1k", ".ends"),
     )
 
 

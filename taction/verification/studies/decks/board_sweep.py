@@ -276,13 +276,12 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweptValue, band: 
 
 def _over(deck: ForeignBoard, swept: SweptValue) -> Callable[[float], Circuit]:
     """Return the circuit as a function of a ``.param``; those at `values` are built at once."""
-    name, values = swept.name, swept.values
-    known = dict(zip(values, deck.at([{name: value} for value in values]), strict=True))
+    made = deck.at([{swept.name: value} for value in swept.values])
+    known = dict(zip(swept.values, made, strict=True))
 
     def at(value: float) -> Circuit:
-        if value not in known:
-            (known[value],) = deck.at([{name: value}])
-        if isinstance(found := known[value], InputError):
+        found = known[value] if value in known else deck.at([{swept.name: value}])[0]
+        if isinstance(found, InputError):
             raise found
         return found
 
