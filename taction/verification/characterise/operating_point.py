@@ -31,6 +31,7 @@ from taction.verification.engines.ngspice.commands import RESULT, Answers, expan
 from taction.verification.engines.ngspice.executable import Simulator, find_simulator
 
 MOST_NODES = 600  # of a deck: above it the engine needs the structure of a topology
+MOST_PARTS = 3000  # R C L K E F G H that are not measured
 TIGHT = "reltol=1e-9 abstol=1e-15 vntol=1e-12"
 AT_ONCE = "optran 1 1 1 0 0 0"  # no transient to the operating point
 TRIED = (
@@ -145,8 +146,9 @@ def find_point(
             if mode == modes[-1]:
                 raise
     flat = read_cards(cards, measure=True)
-    if (count := len(flat.nodes)) > MOST_NODES:
-        raise CardError(f"the deck has {count} nodes; up to {MOST_NODES} are read")
+    for what, each, most in (("nodes", flat.nodes, MOST_NODES), ("parts", flat.knobs, MOST_PARTS)):
+        if len(each) > most:
+            raise CardError(f"the deck has {len(each)} {what}; up to {most} are read")
     linear = DeckPoint.of(lines, cards, flat, [*flat.nodes], options, mode)
     if not (flat.elements or volts):
         return linear

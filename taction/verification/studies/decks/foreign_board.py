@@ -38,7 +38,6 @@ from taction.verification.engines.ngspice.commands import expand
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.studies.decks.measured_board import Start
 
-MOST_PARTS = 3000  # R C L K E F G H that are not measured
 PROBE = "v_taction_parameter"  # a source whose value is that of a .param
 VALUE_SECONDS = 1.0  # that a value of a .param adds to the time of all runs
 NAMED = 12  # elements in a note
@@ -130,13 +129,10 @@ def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
     except (CardError, DidNotLoad) as error:
         refused = deck.unbraced_expression if "unknown parameter" in str(error) else None
         said = one_line(error)
-        whole = isinstance(error, DidNotLoad) or said.startswith("ngspice") or ACCEPTED in said
-        accepted = "" if whole else f"; {LINEAR}"
+        of_card = isinstance(error, CardError) and not said.startswith(("ngspice", "the deck"))
+        accepted = f"; {LINEAR}" if of_card and ACCEPTED not in said else ""
         raise refused or InputError(deck.file, Complaint("deck", "", said + accepted)) from None
     nodes = outputs_of(flat, outputs, (card.text for card in deck.left))
-    if (count := len(flat.knobs)) > MOST_PARTS:
-        text = f"the deck has {count} parts; up to {MOST_PARTS} are read"
-        raise InputError(deck.file, Complaint("deck", "", text))
     immediate = any(re.search(r"\buic\b", c.text) for c in deck.left if c.word == ".tran")
     immediate &= not small  # the small signal begins where the circuit rests
     notes = (*([small] if small else ()), stimulus, *_notes(deck, flat, immediate))
