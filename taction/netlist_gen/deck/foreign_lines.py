@@ -49,6 +49,7 @@ CODE_MODEL = (
     " V={...} does what gain, summer, mult, divide, limit, pwl (as table) and spice2poly (as E with"
     " POLY) do, a switch S with a .model sw what aswitch and pswitch do"
 )
+LEVELS = "levels of subcircuits within one another"
 WHOLE = "expected '.subckt NAME ports', its cards, and '.ends NAME'"
 _ENDS = re.compile(r"\.ends\*.*")  # of joined files: a comment without a line of its own
 _COMMENT = re.compile(r";|//|(?:^|(?<=\s))\$")
@@ -196,8 +197,10 @@ class Block:
 
 def blocks_of(cards: Iterable[Card]) -> Block:
     """Return a deck as a block, its subcircuits within one another as they stand."""
-    here = Block()
+    here, depth = Block(), 0
     for card in cards:
+        depth += (card.word == ".subckt") - (card.word == ".ends")
+        card.limited(depth, LEVELS, MOST_LEVELS)
         if card.word == ".subckt" and card.text != ".subckt":
             here = Block(here)
         elif card.word == ".subckt" or (card.word == ".ends" and here.outer is None):
@@ -236,8 +239,7 @@ def check_expanded(
             for inner in filter(None, map(block.find, calls(card.text))):
                 if inner in callers:
                     raise card.refused(f"a {what} that calls itself")
-                levels = f"levels of {what}s within one another"
-                card.limited(len(callers) + 1, levels, MOST_LEVELS)
+                card.limited(len(callers) + 1, LEVELS.replace("subcircuit", what), MOST_LEVELS)
                 if inner not in sizes:
                     sizes[inner] = size(inner, (*callers, inner))
                 total += sizes[inner]

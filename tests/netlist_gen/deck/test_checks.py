@@ -243,6 +243,10 @@ LINES = {
         "line 20002 = 'r19999 out 0 1k'",
         "20,001 cards; at most 20,000 are read",
     ),
+    "nested": (
+        ".subckt s a\n" * 40 + "R2 a 0 1k\n" + ".ends\n" * 40,
+        "line 35 = '.subckt s a': 31 levels of subcircuits within one another; at most 30 are read",
+    ),
     "transistors": (
         ".model n npn(rb=10 re=1)\n" + "".join(f"Q{k} out {k} 0 n\n" for k in range(1, 300)),
         "the deck has 899 nodes; up to 600 are read",
