@@ -164,12 +164,11 @@ def read_deck(file: str | Path) -> ForeignDeck:
     reading = _DeckReading(path)
     cards = reading.file(path)
     deck, top = reading.checked(cards), blocks_of(cards)
-    if not any(card.text[0].isalpha() for card in deck.cards):
-        text = "the deck has no parts; expected cards such as 'R1 in out 10k'"
-        raise InputError(path, Complaint("file", repr(path.name), text))
     if not any(card.text[0].isalpha() for card in top.cards):
-        text = "has no part outside its subcircuits; expected a circuit, which may call them"
-        raise InputError(path, Complaint("deck", "", f"{text} (X)"))
+        text = "has no part outside of subcircuits; expected cards such as 'R1 in out 10k'"
+        raise InputError(
+            path, Complaint("deck", "", f"{text}, or 'X1 in out NAME' of a subcircuit")
+        )
     check_expanded(top)
     return deck
 
