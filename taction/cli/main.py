@@ -17,6 +17,7 @@ from taction.cli.command import made
 from taction.cli.commands import COMMANDS
 from taction.cli.ending import run_command
 from taction.cli.printing import own_name, print_json
+from taction.system.errors import nearest_question
 from taction.system.foreign_files import visible
 from taction.system.processes import THREADS
 
@@ -135,13 +136,9 @@ class LazyGroup(click.Group):
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         """Find the command as click does; for an unknown name propose the nearest command."""
-        import difflib
-
         if args and args[0] not in self.known:
-            close = difflib.get_close_matches(args[0], self.known, n=1)
-            hint = f" Did you mean '{close[0]}'?" if close else ""
-            hint = f" {WITHDRAWN[args[0]]}" if args[0] in WITHDRAWN else hint
-            ctx.fail(f"No such command '{visible(args[0])}'.{hint}")
+            hint = WITHDRAWN.get(args[0]) or nearest_question(args[0], self.known, 0.6).capitalize()
+            ctx.fail(f"No such command '{visible(args[0])}'. {hint}".rstrip())
         return super().resolve_command(ctx, args)
 
 
@@ -195,23 +192,23 @@ def _commands(
         command = group.get_command(context, short)
         if command is None or (names and short not in names):
             continue
-        name = " ".join([*context.command_path.split()[1:], short])
         with click.Context(command, info_name=short, parent=context) as inner:
             if command.name:  # a family of commands does nothing itself
-                yield _command(command, name, inner)
+                yield _command(command, inner)
             if isinstance(command, click.Group):
                 yield from _commands(command, inner)
 
 
-def _command(command: click.Command, name: str, context: click.Context) -> dict[str, Any]:
+def _command(command: click.Command, context: click.Context) -> dict[str, Any]:
     from taction.verification.report.documents.document_catalogue import ERROR, MODELS, schema_name
 
     parameters = command.get_params(context)
     schema = own_name(context)
     documents = [key for key in MODELS if key == schema or key.startswith(f"{schema}-")]
+    path = context.command_path
     return {
-        "name": name,
-        "usage": f"taction {' '.join([name, *command.collect_usage_pieces(context)])}",
+        "name": path.partition(" ")[2],
+        "usage": " ".join([path, *command.collect_usage_pieces(context)]),
         "help": inspect.cleandoc(command.help or ""),
         "arguments": [_parameter(p, context) for p in parameters if isinstance(p, click.Argument)],
         "options": [_parameter(p, context) for p in parameters if isinstance(p, click.Option)],

@@ -38,7 +38,6 @@ def deck(tmp_path: Path) -> str:
         ((), 0), (("--check", "settling=1ms@1%"), 0), (("--check", "settling=1us@1%"), 1),
         (("--check", "overshoot=1%"), 1), (("--expect", "v(out)=1@0.1%"), 0),
         (("--expect", "v(out)=1.1@0.1%"), 1), (("--check", "margin=3"), 0),
-        (("--check", "loudness=3"), 2), (("--output", "nowhere"), 2), (("--over", "R99=1:2"), 2),
         (("--expect", "v(nowhere)=1"), 2), (("--check", "settling"), 2),
         (("--check", "noise=1mV"), 0), (("--check", "noise=1nV"), 1),
     ],

@@ -8,7 +8,6 @@ of ``[case.NAME]`` are laid; beside them a case has the fields of `Case` from `w
 from __future__ import annotations
 
 import copy
-import difflib
 import hashlib
 import json
 import random
@@ -20,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from taction.netlist_gen.scene.scene import Scene, parse_scene
-from taction.system.errors import Complaint, InputError
+from taction.system.errors import Complaint, InputError, nearest_question
 from taction.verification.evidence.stress.judge import TrueValues
 
 Rows = list[list[float]]
@@ -197,8 +196,7 @@ def select(cases: tuple[Case, ...], names: tuple[str, ...]) -> tuple[Case, ...]:
     known = {case.name for case in cases} | {case.family for case in cases}
     for name in names:
         if name not in known:
-            close = difflib.get_close_matches(name, sorted(known), n=1, cutoff=0.0)
-            text = f"no such case or family; did you mean {close[0]!r}?"
+            text = f"no such case or family; {nearest_question(name, sorted(known), 0.0)}".rstrip()
             raise InputError("--only", Complaint("NAME", repr(name), text))
     return tuple(c for c in cases if not names or c.name in names or c.family in names)
 
