@@ -252,12 +252,9 @@ _NEUTRAL: dict[str, Any] = {f.name: f.default for f in fields(OpAmp)} | {"dc_gai
 
 def _with_links(circuit: Circuit, links: Sequence[str]) -> LinearBoard:
     """Return the board with the figures of some links only; without any its op-amps are ideal."""
-    absent = {
-        name: _NEUTRAL[name]
-        for link, (_, figures, switch) in OPAMP_LINKS.items()
-        for name in (*figures, *filter(None, [switch]))
-        if not any(name in (*OPAMP_LINKS[kept][1], OPAMP_LINKS[kept][2]) for kept in links)
-    }
+    of_links = {link: {*names, switch} for link, (_, names, switch) in OPAMP_LINKS.items()}
+    kept = set[str]().union(*(of_links[link] for link in links))
+    absent = {n: _NEUTRAL[n] for n in set().union(*of_links.values()) - kept - {""}}
     models = {name: replace(model, **absent) for name, model in circuit.models.items()}
     return LinearBoard(replace(circuit, models=models))
 

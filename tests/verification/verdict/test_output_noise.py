@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from taction.netlist_gen.analysis import Analysis, NoiseAnalysis
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import Deck, write_deck
+from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
@@ -32,7 +32,7 @@ from tests.mutation.planting import CircuitChange, figures, scaled
 from tests.support.measured import evidence
 from tests.support.paths import SCENES
 
-TYPICAL = {"voltage_noise": "20nV/rtHz", "current_noise": "0.5pA/rtHz"}
+TYPICAL = {"design.opamp.voltage_noise": 20e-9, "design.opamp.current_noise": 0.5e-12}
 OPEN = {"base": "ideal", "gbw": "10MHz", "output_resistance": "75ohm"}
 LOUD: dict[str, dict[str, Any]] = {
     "voltage": {"opamp": {"base": "tl084", "voltage_noise": "10uV/rtHz"}},
@@ -40,18 +40,6 @@ LOUD: dict[str, dict[str, Any]] = {
     "sensors": {"opamp": "tl084", "sensor_noise": "1nA/rtHz"},
     "resistors": {"opamp": "tl084"},
 }
-
-
-def changed(path: Path, **figures: str) -> Scene:
-    """A scene with other figures of its op-amps."""
-    scene = resolve_lambda(load_scene(path))
-    opamp = scene.design.opamp.model_copy(update=numbers(figures))
-    return scene.model_copy(update={"design": scene.design.model_copy(update={"opamp": opamp})})
-
-
-def numbers(figures: dict[str, str]) -> dict[str, float]:
-    units = {"nV/rtHz": 1e-9, "pA/rtHz": 1e-12}
-    return {key: float(text[:-7]) * units[text[-7:]] for key, text in figures.items()}
 
 
 def from_ngspice(board: LinearBoard, channel: int) -> float:
@@ -69,7 +57,7 @@ def from_ngspice(board: LinearBoard, channel: int) -> float:
 )
 def test_both_engines_find_the_noise_of_shipped_scenes(name: str) -> None:
     """Linear and exponential, the latter at the equilibrium; the loudest and the first channel."""
-    scene = changed(SCENES / f"{name}.toml", **TYPICAL)
+    scene = resolve_lambda(with_values(load_scene(SCENES / f"{name}.toml"), TYPICAL))
     board = LinearBoard(synthesise(scene, make_problem(scene)))
     rms, error = output_noise(board)
     assert (error <= 0.01 * rms).all()  # both are 0 where an amplifier's output cannot move

@@ -164,17 +164,6 @@ def test_the_coarse_image_of_a_large_board_does_not_decide_whether_the_outputs_g
     assert found.transient.stop > 4.0 * slowest
 
 
-def test_a_slower_pole_of_a_large_board_makes_its_record_longer() -> None:
-    coarse = replace(time_scales(paper_board()), complete=False)
-    rate = 0.1 / coarse.slowest
-    slower = coarse.with_slower(complex(-rate))
-    assert slower.stop_for(1e-4) == pytest.approx(math.log(1e4) / rate, rel=1e-2)
-    assert coarse.with_slower(complex(-0.9 / coarse.slowest)) is coarse
-    assert coarse.with_slower(complex(rate)) is coarse
-    whole = time_scales(paper_board())
-    assert whole.with_slower(complex(-rate)) is whole
-
-
 @pytest.mark.usefixtures("ngspice")
 @pytest.mark.parametrize("force", [10.0, 30.0])
 def test_steps_follow_a_board_to_a_rest_where_all_amplifiers_saturate(force: float) -> None:

@@ -256,21 +256,6 @@ def test_without_an_answer_of_the_other_engine_nothing_has_a_bound(
     assert "no answer" in checks["engines_agree"].reason
 
 
-def test_a_record_is_as_long_as_a_channel_needs_to_settle(ngspice: str) -> None:
-    """A narrow band: the last ringing leaves it long after the steady state is near enough.
-
-    The plan of the record knows the band, so that no second run is needed.
-    """
-    scene = ringing_scene(engine="ngspice")
-    off = verify(scene).measurements
-    static = max(abs(c.final - c.target) for c in off.channels) / off.amplitude
-    checks = {"settling_time": {"band": 3.0 * static}, "steady_state": {"tolerance": 0.5}}
-    data = scene.model_dump(by_alias=True) | {"checks": checks}
-    verdict = verify(Scene.model_validate(data))
-    assert verdict.measurements.settling_time is not None
-    assert verdict.accuracy.tries == 1
-
-
 def test_only_a_known_miss_of_a_stepping_engine_is_tried_again() -> None:
     design = build(ringing_scene(error=1e-4, engine="ngspice"))
     done = verify(ringing_scene(engine="statespace"))  # every channel settles
