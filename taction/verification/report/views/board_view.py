@@ -199,14 +199,7 @@ def deck_blocks(verdict: Verdict) -> tuple[Content, ...]:
 
 
 def view(circuit: Circuit) -> Page:
-    """Return the card of a board, and its picture: the schematic of one channel."""
-    facts = Section("Board", circuit_facts(circuit), media="notebook")
-    drawn = Section("One channel", lambda: schematic(circuit), media="picture")
-    return Page(circuit.name, "", "", f"one of {len(circuit.outputs)} channels", (), (facts, drawn))
-
-
-def circuit_facts(circuit: Circuit) -> dict[str, str]:
-    """Return the size of a board, the facts that its topology states, and its parts."""
+    """Return the card of a board, with the facts that its topology states, and its picture."""
     entries = sum(int(np.isfinite(matrix.ohms).sum()) for matrix in circuit.matrices)
     parts = (
         counted(len(circuit.opamps), "op-amp"),
@@ -214,7 +207,7 @@ def circuit_facts(circuit: Circuit) -> dict[str, str]:
         counted(len(circuit.resistors), "other resistor"),
         counted(len(circuit.capacitors), "capacitor"),
     )
-    return {
+    facts = {
         "size": sizes(len(circuit.outputs), len(circuit.constraint_nodes)),
         "board": f"{circuit.topology}, {circuit.amplifier} amplifiers",
         "op-amps": f"{', '.join(circuit.models)}, supply ±{quantity(circuit.supply, 'V')}",
@@ -222,3 +215,6 @@ def circuit_facts(circuit: Circuit) -> dict[str, str]:
         "parts": ", ".join(parts),
         "left out": f"{counted(len(circuit.omissions), 'kind')} of parts that it does not need",
     }
+    card = Section("Board", facts, media="notebook")
+    drawn = Section("One channel", lambda: schematic(circuit), media="picture")
+    return Page(circuit.name, "", "", f"one of {len(circuit.outputs)} channels", (), (card, drawn))

@@ -54,12 +54,13 @@ def regression_view(report: RegressionReport) -> Page:
         "simulator": lambda each: each.entry and each.entry.solved_by.partition(",")[0],
     }
     scenes = Table.of("Scenes", report.results, columns)
+    counts = ", ".join(f"{count} {status}" for status, count in report.count().items())
     changes = tuple(content for each in report.results for content in _scene(each, "terminal"))
     return Page(
         title=report.folder,
         command="taction regress",
         outcome=EXITS.get(report.exit_status, "inconclusive"),
-        summary=headline(report),
+        summary=f"{report.folder} against {report.baseline}: {counts}",
         lines=(
             *(("The run was interrupted.",) if report.interrupted else ()),
             *((f"Not stored, a check fails: {', '.join(report.left)}.",) if report.left else ()),
@@ -138,12 +139,6 @@ def changes_line(changes: Sequence[Difference]) -> str:
     """Return the first of changed quantities, and how many more there are."""
     more = f" and {len(changes) - 1} more" if len(changes) > 1 else ""
     return change_line(changes[0]) + more
-
-
-def headline(report: RegressionReport) -> str:
-    """Return the counts of the run as one line of text."""
-    counts = ", ".join(f"{count} {status}" for status, count in report.count().items())
-    return f"{report.folder} against {report.baseline}: {counts}"
 
 
 def off_text(off: float) -> str:

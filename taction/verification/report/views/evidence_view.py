@@ -276,7 +276,7 @@ def _work(study: WorkPrecisionStudy) -> Iterator[Mark]:
             f"{method.name} {p.name}: error {p.error:.1e} in {quantity(p.seconds, 's', 3)}"
             for p in points
         )
-        errors = _errors(points)
+        errors = np.array([max(p.error or 0.0, LOWEST) for p in points])
         top = float(errors.max(initial=top))
         yield Curve(times, errors, method.name, colour, line, mark, width=1.2, hover=hover)
     for point in study.points:  # at the upper edge, since the error of this run has no bound
@@ -284,10 +284,6 @@ def _work(study: WorkPrecisionStudy) -> Iterator[Mark]:
             look, text = _methods(study)[point.method][0], f"timed out at {point.name}"
             place = np.array([point.seconds]), np.array([top])
             yield Curve(*place, text, look, "", "x", size=9.0, label="", hover=(text,))
-
-
-def _errors(points: list[SettingResult]) -> np.ndarray:
-    return np.array([max(p.error or 0.0, LOWEST) for p in points], dtype=np.float64)
 
 
 def _steps(study: WorkPrecisionStudy) -> Iterator[Mark]:
@@ -300,7 +296,8 @@ def _steps(study: WorkPrecisionStudy) -> Iterator[Mark]:
         if order is not None:
             theory = "varies" if method.order is None else f"theory {method.order:g}"
             name = f"{method.name}: order {order:.2f} ({theory})"
-        yield Curve(steps, _errors(known), name, colour, "dot", mark, size=5.0, hover=hover)
+        errors = np.array([max(p.error or 0.0, LOWEST) for p in known])
+        yield Curve(steps, errors, name, colour, "dot", mark, size=5.0, hover=hover)
 
 
 def _runs(study: WorkPrecisionStudy) -> Iterator[Content]:

@@ -162,22 +162,34 @@ def test_a_lost_process_is_no_verdict() -> None:
     assert told({}, job=Ended())[-1]["outcome"] == "error"
 
 
-def test_ngspice_is_told_beside_the_state_space(ngspice: str) -> None:
+def simulated(*, cancel: bool) -> list[Any]:
+    """Return the parts that a page is told while ngspice runs on its values."""
     parts: list[Any] = []
 
     async def run() -> None:
-        start = Start.of(load_scene(SCENES / "paper-breadboard.toml"))
-        session = Session(start, parts.append, Here())  # type: ignore[arg-type]
-        session.move({})
-        await session.work  # type: ignore[misc]
-        session.simulate()
-        await session.simulation  # type: ignore[misc]
+        page = Session(Start.of(load_scene(SCENES / "paper-breadboard.toml")), parts.append, Here())  # type: ignore[arg-type]
+        page.move({})
+        await page.work  # type: ignore[misc]
+        page.simulate()
+        await asyncio.sleep(0.1)
+        if cancel:
+            page.cancel()
+        await page.simulation  # type: ignore[misc]
 
     asyncio.run(run())
-    found = next(part for part in parts if "simulation" in part)
+    assert [part["simulating"] for part in parts if "simulating" in part] == [True, False]
+    return parts
+
+
+def test_ngspice_is_told_beside_the_state_space(ngspice: str) -> None:
+    found = next(part for part in simulated(cancel=False) if "simulation" in part)
     assert ": pass in " in found["simulation"]
     names = [each["name"] for each in found["outputs"]["data"]]
     assert names.count("ngspice") == 7
+
+
+def test_a_run_of_ngspice_ends_when_it_is_cancelled() -> None:
+    assert not any("simulation" in part for part in simulated(cancel=True))
 
 
 def test_a_port_that_is_taken_is_refused() -> None:
@@ -186,24 +198,6 @@ def test_a_port_that_is_taken_is_refused() -> None:
         taken.listen()
         with pytest.raises(InputError, match="--port"):
             server.bound(taken.getsockname()[1])
-
-
-def test_a_run_of_ngspice_ends_when_it_is_cancelled() -> None:
-    parts: list[Any] = []
-
-    async def run() -> None:
-        start = Start.of(load_scene(SCENES / "paper-breadboard.toml"))
-        page = Session(start, parts.append, Here())  # type: ignore[arg-type]
-        page.move({})
-        await page.work  # type: ignore[misc]
-        page.simulate()
-        await asyncio.sleep(0.1)
-        page.cancel()
-        await page.simulation  # type: ignore[misc]
-
-    asyncio.run(run())
-    assert [part["simulating"] for part in parts if "simulating" in part] == [True, False]
-    assert not any("simulation" in part for part in parts)
 
 
 def answer(

@@ -302,6 +302,7 @@ def test_the_policy_lets_only_the_two_programs_of_the_page_run() -> None:
     assert "script-src 'sha256-" in policy
     assert "unsafe-eval" not in policy
     assert "http" not in policy
+    assert '"sendChartToCloud"], plotlyServerURL: ""' in program  # no button that uploads a chart
 
 
 def test_texts_are_never_markup() -> None:
