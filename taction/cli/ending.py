@@ -179,8 +179,6 @@ def _known(error: Exception) -> TactionError | None:
     if isinstance(error, MemoryError):
         return NoVerdictError("out of memory: no verdict was reached")
     name, number = getattr(error, "filename", None), getattr(error, "errno", None)
-    if isinstance(error, RuntimeError) and str(error).startswith("Symlink loop"):  # Python 3.12
-        name, number = str(error).partition(" from ")[2].strip("'"), errno.ELOOP
     if name is not None and number in (errno.ENAMETOOLONG, errno.ELOOP):
         reason = f"{os.strerror(number)}; expected a name of up to 255 bytes, no links in a circle"
         return InputError(os.fsdecode(name), Complaint("file", "", reason))

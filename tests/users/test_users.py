@@ -32,21 +32,11 @@ NEVER = ("Traceback", "this is a bug", "Input should be")
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """What a command did.
-
-    Attributes
-    ----------
-    status : int
-        Its exit status.
-    raw : str
-        All that it wrote, with the controls of the terminal.
-    lines : list of str
-        What it left, without what it took away again, as a bar.
-    """
+    """What a command did."""
 
     status: int
-    raw: str
-    lines: list[str]
+    raw: str  # all that it wrote, with the controls of the terminal
+    lines: list[str]  # what it left, without what it took away again, as a bar
 
 
 def run_in_terminal(
