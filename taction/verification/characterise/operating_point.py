@@ -43,6 +43,7 @@ TRIED = (
     f"{TIGHT} klu pivrel=0.9",
 )
 """Tolerances of ngspice in the order in which they are tried; in the end with its other solver."""
+ELSEWHERE = 0.1  # of the range of all voltages: a point farther away is another one
 OWN = "a transient"  # limits of a point that ngspice finds in no other way
 TRIED_SECONDS = 4.0
 SECONDS = 60.0  # of small signals
@@ -171,7 +172,7 @@ def _tight(point: DeckPoint, simulator: Simulator) -> DeckPoint:
         if each.name[0] == "q" and 1 in each.inner
         for key in ("gx", "cbx")
     ]
-    shared = tuple(point.probed)
+    shared, first = tuple(point.probed), {node: point.volts[node] for node in point.weights}
     commands = [AT_ONCE, f"save all {' '.join(asked)}", "op", f"write {RESULT}"]
     for limits, near in itertools.product(TRIED, (True, False)):
         for _ in range(1 + near):  # again: ngspice's last step, which junctions lack, is nearly 0
@@ -180,12 +181,19 @@ def _tight(point: DeckPoint, simulator: Simulator) -> DeckPoint:
             answers = run_commands(
                 text, commands, simulator, mode=point.mode, seconds=TRIED_SECONDS
             )
-            if not (volts := read_volts(answers)):
+            volts = read_volts(answers)
+            if not volts or _is_elsewhere(volts, first):
                 break
             point = replace(point, text=text, volts=volts, limits=limits)
         if point.text:
             break
     return point
+
+
+def _is_elsewhere(volts: Mapping[str, float], first: Mapping[str, float]) -> bool:
+    """Tell whether a point is another one than that which ngspice finds for the deck as it is."""
+    span = max(0.0, *first.values()) - min(0.0, *first.values())
+    return any(abs(volts[node] - v) > ELSEWHERE * span for node, v in first.items())
 
 
 def read_volts(answers: Answers) -> dict[str, float]:

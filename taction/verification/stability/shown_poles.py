@@ -32,7 +32,7 @@ SHOWS = 0.1  # of this voltage: nodes with more show a mode beyond the band
 BAND = 1e10  # Hz: no board has a pole beyond
 STRAY, DELAY = 1e-15, 1e-12  # F at every node, s of every voltage source with gain
 NODE = "{}_taction_delay"
-STRAYS = (1e-14, 1e-13, 1e-12)  # F: one of them takes poles of the models away
+STRAYS = (1e-14, 1e-13, 1e-12)  # F, at 1 ohm or more: one of them takes poles of models away
 FAINTS = (1e-18, 1e-16, 1e-15)  # F, at every node beside such a delay: likewise
 NONE: Complexes = np.zeros(0, complex)
 NAMED = 3  # poles in a sentence
@@ -70,9 +70,9 @@ class PolesApart:
         if self.lost:
             upper.append("a pole so far away that rounding hides it")
         found += [
-            f"the model itself has {pole}: at most {show(STRAYS[-1], 'F')} at a node or"
-            f" {show(DELAY, 's')} in a source take it away, so it does not decide; readings of the"
-            " step are not known with it"
+            f"the model itself has {pole}: at most {show(STRAYS[-1], 'F')} or {show(DELAY, 's')} at"
+            " a node or in a source take it away, so it does not decide; readings of the step are"
+            " not known with it"
             for pole in upper
         ]
         return tuple(found)
@@ -124,10 +124,20 @@ def _nodes_of(board: LinearBoard, volts: Floats) -> list[str]:
 
 
 def _of_models(circuit: Circuit, near: int, nodes: Iterable[str]) -> bool:
-    """Whether growing poles beyond the band are of the models: `near` other ones grow."""
-    nodes = list(nodes)
+    """Whether growing poles beyond the band are of the models: `near` other ones grow.
+
+    At a node with resistors of less than 1 ohm a capacitance has the time constant that the stray
+    capacitance has at 1 ohm: there a negative capacitance of the model may be as large.
+    """
+    nodes, siemens = list(nodes), dict[str, float]()
+    for part in circuit.resistors:
+        for node in (part.a, part.b):
+            siemens[node] = siemens.get(node, 0.0) + abs(1.0 / part.ohms)
     for farads in STRAYS:
-        strays = [Capacitor(NODE.format(node), node, GROUND, farads) for node in nodes]
+        strays = [
+            Capacitor(NODE.format(node), node, GROUND, farads * max(siemens.get(node, 0.0), 1.0))
+            for node in nodes
+        ]
         more = replace(circuit, knobs=(), capacitors=(*circuit.capacitors, *strays))
         if len(_growing(more)) == near:
             return True
