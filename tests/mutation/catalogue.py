@@ -17,7 +17,7 @@ from taction.netlist_gen.scene.axes import with_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import ModeShares
-from taction.verification.engines.statespace.transients.straight_pieces import StraightPieces
+from taction.verification.engines.statespace.transients.amplifiers import Amplifiers
 from taction.verification.readings.readings import Step
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
 from taction.verification.verdict.checks import Outcome
@@ -71,8 +71,8 @@ of_answer = station("answer of the reference", planting.in_the_answer)
 of_equations = station("equations of the state space", planting.in_the_equations, NGSPICE)
 of_reduction = station("reduction of the wires", planting.method(Wires, "at_ports"), NGSPICE)
 of_modes = station("modes of the state space", planting.method(ModeShares, "amplitudes"), NGSPICE)
-of_switches = station(
-    "switches of the state space", planting.method(StraightPieces, "ends"), NGSPICE
+of_amplifiers = station(
+    "amplifiers of the state space", planting.method(Amplifiers, "outputs"), NGSPICE
 )
 of_rest = station("equilibrium of the state space", planting.in_the_linearisation)
 of_keys = station("measures", planting.in_the_scene)
@@ -188,13 +188,12 @@ SECOND_WITNESS = (
         "the strongest mode left out of the exact solution", planting.without_strongest, MATRIX,
         AGREE,
     ),
-    of_switches(
-        "a switch of a piecewise linear amplifier is missed",
-        lambda ends: tuple(1e9 * end for end in ends), "lasso", AGREE,
+    of_amplifiers(
+        "a straight amplifier follows its input 5 % too steeply",
+        lambda volts: 1.05 * volts, "lasso", AGREE,
     ),
-    of_switches(
-        "a piecewise linear amplifier switches 20 % behind its break",
-        lambda ends: tuple(1.2 * end for end in ends), "box", AGREE,
+    of_amplifiers(
+        "a saturation limits 5 % too high", lambda volts: 1.05 * volts, "box", AGREE,
     ),
     of_rest("an equilibrium of the wrong branch: without strain", at_rest, TUNED, STEADY),
 )  # fmt: skip

@@ -18,9 +18,11 @@ from taction.netlist_gen.board.part_warnings import part_warnings, stuck_cells
 from taction.netlist_gen.scene.slips import questions
 from taction.spice_models.imported import ImportedOpAmp
 from taction.spice_models.input_errors import not_known
-from taction.system.array_types import Floats
+from taction.system.array_types import Floats, Ints
 from taction.system.quantities import show, spaced
 from taction.system.reading_definitions import EXCURSIONS, READINGS
+from taction.verification.engines.statespace.equations.amplifier_gains import GAINS
+from taction.verification.engines.statespace.equations.descriptor import Devices
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.stepped import SteppedCurve, simulate
@@ -135,6 +137,7 @@ def find_contradiction(circuit: Circuit, ideal: IdealAnswer, start: Floats) -> s
     return ""
 
 
+ROUNDS, PARTS = 3, 16  # of the search for where a stretch begins, and parts of a step in each
 MOST = 12  # active sets, those of the longest stay
 
 
@@ -161,15 +164,15 @@ def visited_sets(run: Run) -> tuple[VisitedSet, ...]:
         curve = simulate(board, transient, times=np.array([0.0, transient.stop])).curve
     if not isinstance(curve, SteppedCurve):
         return ()
-    switches = curve.dense.switches
-    begins = np.array([switch.time for switch in switches])
+    begins, keys = _entered(curve)
     lengths = np.diff(np.append(begins, min(curve.dense.ends[-1], curve.task.stop)))
-    keys = [switch.segments for switch in switches]
     stays = {key: float(lengths[[k == key for k in keys]].sum()) for key in keys}
     kept = sorted(stays, key=stays.__getitem__, reverse=True)[:MOST]
-    rest, name, found = np.zeros((1, board.descriptor.devices.count)), first_knob(board.circuit), []
+    name, found = first_knob(board.circuit), list[VisitedSet]()
+    devices = board.descriptor.devices
     for key in (key for key in stays if key in kept):
-        slopes = curve.reported.amplifiers.slopes_along(rest, np.array([key]))[0]
+        rises = [GAINS[kind].rises[k] for kind, k in zip(devices.kinds, key, strict=True)]
+        slopes = np.asarray(-devices.u_scale / devices.v_scale * rises)
         point = Equilibrium(board.descriptor, np.zeros(board.descriptor.size), slopes, 0.0)
         alone = LinearBoard(board.circuit, point=point)
         own, margin = poles(alone), None
@@ -181,3 +184,24 @@ def visited_sets(run: Run) -> tuple[VisitedSet, ...]:
         text, lead = "".join(map(str, key)), own.rightmost.real
         found.append(VisitedSet(text, begin, stays[key], visits, lead, factor, words))
     return tuple(found)
+
+
+def _entered(curve: SteppedCurve) -> tuple[Floats, list[tuple[int, ...]]]:
+    """Return when each stretch on straight pieces begins, s, and the pieces of the inputs in it."""
+    devices, times = curve.task.board.descriptor.devices, curve.points()
+    for _ in range(ROUNDS):
+        keys = _pieces(devices, curve.dense.at(times)[:, : devices.count])
+        left = np.flatnonzero((keys[1:] != keys[:-1]).any(axis=1))
+        times = np.union1d(times, np.linspace(times[left], times[left + 1], PARTS + 1))
+    keys = _pieces(devices, curve.dense.at(times)[:, : devices.count])
+    first = np.append(0, 1 + np.flatnonzero((keys[1:] != keys[:-1]).any(axis=1)))
+    return times[first], [tuple(key) for key in keys[first].tolist()]
+
+
+def _pieces(devices: Devices, inputs: Floats) -> Ints:
+    """Return the straight piece of each input, (P, m), V, counted from the left."""
+    found = np.zeros(inputs.shape, np.int64)
+    for k, kind in enumerate(devices.kinds):
+        y = inputs[:, k] / devices.v_scale[k]
+        found[:, k] = np.searchsorted(GAINS[kind].breaks or (), y, side="right")
+    return found

@@ -47,6 +47,14 @@ class Gain:
         with np.errstate(over="ignore"):
             return self.value(np.where(y > self.upper, np.inf, y))
 
+    @property
+    def rises(self) -> Floats:
+        """Slopes of the straight pieces from left to right; none of a g that has none."""
+        if self.breaks is None:
+            return np.zeros(0)
+        ends = np.array([self.breaks[0] - 2.0, *self.breaks, self.breaks[-1] + 2.0])
+        return self.slope(0.5 * (ends[1:] + ends[:-1]))
+
 
 def _exponential_from_coordinate(q: Floats, h: Floats) -> Floats:
     """Solve ``y + h exp(y) = q`` by the Wright omega function, without cancellation."""

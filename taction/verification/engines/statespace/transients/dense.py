@@ -13,7 +13,6 @@ from taction.netlist_gen.analysis import Transient
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.transients.radau import STAGES
-from taction.verification.engines.statespace.transients.straight_pieces import Switch
 
 ESCAPED = 1e8  # of the board's largest voltage: a board above it has diverged, and the record ends
 # Error over last Legendre coefficient of a mode much faster than a step: the stages are all at its
@@ -36,8 +35,6 @@ class Dense:
     # What rounding left where it was more than a small part of the tolerance, V.
     rounding: float = 0.0
     tail: float = 0.0  # the largest last Legendre coefficient of a step, V, without its rounding
-    # The straight pieces of the amplifiers: those of the start, and after each passage of one.
-    switches: list[Switch] = field(default_factory=list)
     failure: str = ""  # why the integration ended without a solution, or empty
 
     def checked(self, board: str) -> Dense:

@@ -18,11 +18,8 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.equilibrium import solve_loop
 from taction.verification.engines.statespace.linearised.modes import Modes
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
+from taction.verification.engines.statespace.transients.amplifiers import BEYOND, Amplifiers
 from taction.verification.engines.statespace.transients.radau import SIGMA, TABLE
-from taction.verification.engines.statespace.transients.straight_pieces import (
-    BEYOND,
-    Amplifiers,
-)
 
 DEFECT = 1e-10  # of ``left right - 1``: with more, modes lose digits that solves keep
 
@@ -184,11 +181,11 @@ class ModalBoard:
         half = 0.5 * (weights @ parts)
         return np.asarray(half + half[self.mates].conj())
 
-    def jumping(self, slopes: Floats) -> bool:
-        """Return whether the board has several voltages for a state at slopes (m,).
+    def jumping(self, steepest: Floats) -> bool:
+        """Return whether a board with straight pieces may have several voltages for a state.
 
-        The sign of ``det(1 - H slopes)`` is 1 where nothing comes back at once. With one sign on
-        all straight pieces, none turns back at a break.
+        `steepest` (m,) are the largest slopes. A gain at once above a half can also keep the
+        iterations at a break from converging, however short the step is.
         """
-        loop = np.eye(len(slopes)) - self.at_once * slopes
-        return bool(np.linalg.slogdet(loop)[0] <= 0.0)
+        loop = self.at_once * steepest
+        return bool(np.abs(np.linalg.eigvals(loop)).max(initial=0.0) > 0.5)

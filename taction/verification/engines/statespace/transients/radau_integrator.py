@@ -26,20 +26,11 @@ from typing import Any
 
 import numpy as np
 
-from taction.system.array_types import EPS, Bools, Floats, Ints
+from taction.system.array_types import EPS, Floats
+from taction.verification.engines.statespace.transients.amplifiers import JUMPS
 from taction.verification.engines.statespace.transients.dense import Dense
 from taction.verification.engines.statespace.transients.modal_steps import ModalBoard
 from taction.verification.engines.statespace.transients.radau import STAGES, TABLE
-from taction.verification.engines.statespace.transients.straight_pieces import (
-    JUMPS,
-    MOST_SWITCHES,
-    PASSED,
-    ROUNDED,
-    SLACK,
-    Switch,
-    first_passage,
-    shortened,
-)
 from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
 
 ITERATIONS = 12  # of the inputs in a step
@@ -78,8 +69,6 @@ class Integration:
     def __post_init__(self) -> None:
         self.out, self.amplifiers = Dense(), self.reported.amplifiers
         self.level, self.t = 0, 0.0
-        self.segments = np.zeros(self.slopes.shape, dtype=np.int64)  # straight pieces of inputs
-        self.slack = np.ones(self.slopes.shape)  # of a break, V
         self.probed: int | None = None  # the level of a step at which `noise` was measured
         self.noise = np.zeros(self.now.shape)  # what rounding makes of the watched voltages, V
         self.far = self.reported.distance(self.now)  # a reported voltage from rest, V
@@ -88,9 +77,10 @@ class Integration:
         """Integrate to `stop` or beyond it, or until a voltage passes the limit.
 
         The output has a `failure` where the solution leaves the range of floats, the step
-        underflows, or there are more than `max_steps` or `MOST_SWITCHES`.
+        underflows, or there are more than `max_steps`.
         """
-        self._find_pieces()
+        if self.amplifiers.bends and self.board.jumping(self.amplifiers.steepest):
+            self.out.failure = JUMPS
         while self._goes_on(max_steps):
             self._attempt()
 
@@ -102,39 +92,13 @@ class Integration:
             return False
         if out.steps > max_steps:
             out.failure = f"{max_steps} steps did not reach {self.stop!r} s (now {self.t!r} s)"
-        elif len(out.switches) > MOST_SWITCHES:
-            out.failure = (
-                f"the amplifiers switch more than {MOST_SWITCHES} times before {self.t:.3g} s; a"
-                " shorter analysis.stop ends the record earlier"
-            )
         return not out.failure
 
-    def _find_pieces(self) -> None:
-        """Find the straight pieces of the start."""
-        amplifiers, pieces = self.amplifiers, self.amplifiers.pieces
-        if not pieces.broken.any():
-            return
-        scale, inputs = amplifiers.v_scale[:, 0], self.now[: amplifiers.count]
-        self.segments = pieces.at(inputs / scale)
-        size = float(np.maximum(np.abs(inputs), scale).max())
-        steepest = np.maximum(amplifiers.steepest(), TINY)
-        self.slack = np.maximum(SLACK * self.tolerance / steepest, ROUNDED * size)
-        self._begin_pieces()
-
-    def _begin_pieces(self) -> None:
-        """Linearise the board, which begins on other straight pieces."""
-        self._linearise(self.amplifiers.pieces.broken)
-        segments = tuple(int(each) for each in self.segments)
-        self.out.switches.append(Switch(self.t, segments))
-        if self.board.jumping(self.slopes):
-            self.out.failure = JUMPS
-
-    def _linearise(self, places: Bools) -> None:
-        """Linearise the next steps at the present inputs, for amplifiers at `places` (m,)."""
-        slopes = self.amplifiers.slopes_along(self.now[: len(self.slopes)], self.segments)
-        self.slopes = np.where(places & np.isfinite(slopes), slopes, self.slopes)
-        if places.any():
-            self.probed = None
+    def _linearise(self) -> None:
+        """Linearise the next steps at the present inputs."""
+        slopes = self.amplifiers.slopes(self.now[: len(self.slopes), None])[:, 0]
+        self.slopes = np.where(np.isfinite(slopes), slopes, self.slopes)
+        self.probed = None
 
     def _attempt(self) -> None:
         """Try one step; if it is accepted, the board moves on."""
@@ -152,7 +116,7 @@ class Integration:
         self.board.prepare(length, self.slopes)
         with np.errstate(invalid="ignore", over="ignore"):
             start = self.now[:m]
-            outputs = self.amplifiers.along(start[:, None], self.segments)
+            outputs = self.amplifiers.outputs(start[:, None])
             rate: Any = self.board.rate(self.state, start, outputs[:, 0])
             noise = self._rounding(rate, start, outputs[:, 0])
             inputs, remainder, parts, contraction, found = self._iterate(rate, outputs, noise)
@@ -163,43 +127,13 @@ class Integration:
             if self.whole is not None:
                 gain = LONGEST_JUMP
             accepted = found and gain >= 0
-            moves = np.zeros_like(self.segments)
             if accepted:
-                theta, weights, end = self._passage(piece), TABLE.right[-1], watched[:, -1]
-                if theta < 1.0:
-                    piece, end, weights = shortened(piece, theta)
-                    length, moves = length * theta, self._moves(end)
-                self.state = self.state + self.board.moved(parts, weights)
-                self.now, self.t = end, self.t + length
+                self.state = self.state + self.board.moved(parts, TABLE.right[-1])
+                self.now, self.t = watched[:, -1], self.t + length
                 self._record(piece, rounding, tail)
-        if moves.any():
-            self.segments = self.segments + moves
-            self._begin_pieces()
         if not found or (accepted and contraction > SLOW):
-            self._linearise(np.ones(m, dtype=np.bool_))
+            self._linearise()
         self.level += max(-LONGEST_JUMP, min(gain, LONGEST_JUMP)) if found else -1
-
-    def _passage(self, piece: Floats) -> float:
-        """Return where in a step the first input leaves its straight piece, at most 1."""
-        m = len(self.slopes)
-        if not self.amplifiers.pieces.broken.any():
-            return 1.0
-        low, high = self._ends()
-        y = piece[:m] / self.slack[:, None]
-        excess = np.concatenate([y, -y])
-        excess[:, 0] -= np.concatenate([high, -low]) + 1.0
-        return first_passage(excess)
-
-    def _ends(self) -> tuple[Floats, Floats]:
-        """Return both ends of the straight pieces, in units of the slack, (m,)."""
-        scale = self.amplifiers.v_scale[:, 0]
-        low, high = self.amplifiers.pieces.ends(self.segments)
-        return scale * low / self.slack, scale * high / self.slack
-
-    def _moves(self, watched: Floats) -> Ints:
-        """Return by how many pieces each input moves, (m,)."""
-        (low, high), inputs = self._ends(), watched[: len(self.slopes)] / self.slack
-        return np.asarray(1 * (inputs > high + PASSED) - 1 * (inputs < low - PASSED))
 
     def _rounding(self, rate: Any, inputs: Floats, outputs: Floats) -> Floats:
         """Return what rounding of the state and of the amplifiers makes of the watched voltages.
@@ -239,10 +173,9 @@ class Integration:
     def _record(self, piece: Floats, rounding: float, tail: float) -> None:
         """Add the accepted step to the solution."""
         out, self.far = self.out, self.reported.distance(self.now)
-        if self.t > out.ends[-1]:  # else it ended at once, at a break
-            out.pieces.append(piece)
-            out.levels.append(self.level)
-            out.ends.append(self.t)
+        out.pieces.append(piece)
+        out.levels.append(self.level)
+        out.ends.append(self.t)
         out.rounding += rounding
         out.tail = max(out.tail, tail)
         sizes = (float(np.abs(x).max(initial=0.0)) for x in (self.now, self.state))
@@ -271,7 +204,7 @@ class Integration:
         if before < 1e-4 * SHARE:
             return inputs, remainder, parts, 0.0, True
         for k in range(1, ITERATIONS):
-            beyond = self.amplifiers.along(start + inputs, self.segments) - outputs
+            beyond = self.amplifiers.outputs(start + inputs) - outputs
             beyond = beyond - slopes * inputs
             if not np.isfinite(beyond).all():
                 break

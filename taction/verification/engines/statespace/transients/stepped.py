@@ -23,6 +23,7 @@ from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     initial_unknowns,
 )
+from taction.verification.engines.statespace.transients.amplifiers import Amplifiers
 from taction.verification.engines.statespace.transients.dense import ESCAPED, Dense, record_times
 from taction.verification.engines.statespace.transients.modal_steps import (
     ModalBoard,
@@ -31,12 +32,14 @@ from taction.verification.engines.statespace.transients.modal_steps import (
 )
 from taction.verification.engines.statespace.transients.radau import NODES, STAGES, TABLE
 from taction.verification.engines.statespace.transients.radau_integrator import Integration
-from taction.verification.engines.statespace.transients.straight_pieces import Amplifiers
 from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
 
 METHOD = "Radau IIA"
 TOLERANCE = 1e-9  # of a step, in step amplitudes
 FLOOR = 1e-3  # of the board's largest voltage: the least voltage to which errors are relative
+# Times the tolerance of a board with straight pieces: where these meet, the error of half a step is
+# not much smaller.
+BENT = 1e-2
 REPEATED = 1.0 / 16.0  # of the tolerance: what a run with half the steps leaves of its iterations
 # Of the coefficients of a board, relative. Between straight pieces no amplifier makes a slow mode
 # faster, so the rounding of all its life adds up.
@@ -69,7 +72,7 @@ class ReportedOutputs:
         source = [device.get(board.descriptor.place(name), -1) for name in nodes]
         self.source = np.array([*source, *[-1] * len(beside)], dtype=np.int64)  # amplifiers
         self.others = (*(name for name, k in zip(nodes, source, strict=True) if k < 0), *beside)
-        self.weights, self.steepest = np.ones(len(self.others)), self.amplifiers.steepest()
+        self.weights = np.ones(len(self.others))
         self.by_input = np.isin(np.arange(devices.count), self.source)
         self.resting = np.array([rest[name] for name in (*nodes, *beside)])
 
@@ -81,7 +84,7 @@ class ReportedOutputs:
         """
         slopes = np.abs(self.amplifiers.slopes(inputs)).max(axis=1, initial=0.0)
         seen = np.where(self.by_input, np.maximum(slopes, 1.0), 1.0)
-        return np.concatenate([np.maximum(seen, self.steepest), self.weights])
+        return np.concatenate([np.maximum(seen, self.amplifiers.steepest), self.weights])
 
     def voltages(self, watched: Floats) -> Floats:
         """Return the voltages of the nodes, (P, nodes), for watched voltages (P, W)."""
@@ -165,9 +168,10 @@ class SteppedCurve:
         else:
             steps, slopes = _modal(task, reported, equations, unknowns, largest)
         whole = None if task.whole is None else task.whole.dense
+        tolerance = task.tolerance * unit * (BENT if reported.amplifiers.bends else 1.0)
         work = Integration(
             steps, reported, whole, steps.state(state), start, slopes,
-            tolerance=task.tolerance * unit * (1.0 if whole is None else REPEATED),
+            tolerance=tolerance * (1.0 if whole is None else REPEATED),
             unit=unit, base=task.stop * FIRST, limit=ESCAPED * (largest or 1.0), stop=task.stop,
         )  # fmt: skip
         return cls(task, reported, unit, work)
@@ -217,7 +221,7 @@ def _equations(task: Task, reported: ReportedOutputs, slopes: Floats) -> StateBo
 
     The coefficients of a run with half the steps of another one are moved by their rounding.
     """
-    rounding = ROUNDED[bool(reported.amplifiers.pieces.broken.any())]
+    rounding = ROUNDED[reported.amplifiers.bends]
     return StateBoard(task.board.open_loop, reported.others, slopes, task.halvings, rounding)
 
 

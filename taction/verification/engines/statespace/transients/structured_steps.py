@@ -11,11 +11,8 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.structured_solve import Structure
 from taction.verification.engines.statespace.linearised.equilibrium import charge_rates, euler
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.transients.amplifiers import BEYOND, Amplifiers
 from taction.verification.engines.statespace.transients.radau import SIGMA, TABLE
-from taction.verification.engines.statespace.transients.straight_pieces import (
-    BEYOND,
-    Amplifiers,
-)
 
 INSTANT = 1e-9  # of the fastest time constant: a step without charge
 SETTLING_STEPS = 50

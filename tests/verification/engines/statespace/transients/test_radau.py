@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.system.array_types import Floats, Ints
+from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.transients.dense import Dense
 from taction.verification.engines.statespace.transients.modal_steps import ModalBoard, StateBoard
 from taction.verification.engines.statespace.transients.radau import STAGES, tableau
 from taction.verification.engines.statespace.transients.radau_integrator import Integration
-from taction.verification.engines.statespace.transients.straight_pieces import StraightPieces
 
 
 @pytest.mark.parametrize("stages", [3, 5, 9])
@@ -30,19 +29,17 @@ def test_a_method_integrates_polynomials_up_to_its_order(stages: int) -> None:
 class Functions:
     """``a = f(v)`` of m amplifiers of one kind."""
 
+    bends = False
+
     def __init__(self, count: int, f: Callable[[Floats], Floats], slope: Any) -> None:
         self.count, self.f, self.slope = count, f, slope
-        self.pieces = StraightPieces(("tanh",) * count)
 
     def outputs(self, inputs: Floats) -> Floats:
         with np.errstate(over="ignore"):
             return self.f(inputs)
 
-    def slopes_along(self, inputs: Floats, segments: Ints) -> Floats:
-        return np.asarray(self.slope(inputs[:, None])[:, 0])
-
-    def along(self, inputs: Floats, segments: Ints) -> Floats:
-        return self.outputs(inputs)
+    def slopes(self, inputs: Floats) -> Floats:
+        return np.asarray(self.slope(inputs))
 
 
 class Everything:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.polynomial.legendre import legval
 from scipy.integrate import solve_ivp
 
 from taction.netlist_gen.analysis import Transient
@@ -35,16 +34,10 @@ from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     initial_unknowns,
 )
-from taction.verification.engines.statespace.transients.radau import STAGES
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.engines.statespace.transients.stepped import (
     SteppedCurve,
     Task,
-)
-from taction.verification.engines.statespace.transients.straight_pieces import (
-    StraightPieces,
-    first_passage,
-    shortened,
 )
 from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
 from taction.verification.verdict.simulation import large_signal, on_curve, state_space_error
@@ -203,10 +196,6 @@ def curve_of(board: LinearBoard, stop: float) -> SteppedCurve:
     return curve
 
 
-def segments_of(curve: SteppedCurve) -> list[tuple[int, ...]]:
-    return [switch.segments for switch in curve.dense.switches]
-
-
 @pytest.mark.parametrize(("name", "stop"), [("lasso", 4e-3), ("non-negative", 1e-4), ("box", 2e-3)])
 def test_the_shipped_scenes_are_within_their_bound(name: str, stop: float) -> None:
     board = LinearBoard(synthesise(load_scene(SCENES / f"{name}.toml")))
@@ -215,72 +204,25 @@ def test_the_shipped_scenes_are_within_their_bound(name: str, stop: float) -> No
     found = state_space_error(board, record)
     truth = scipy_reference(board, transient.initial, times, "LSODA", 1e-9)
     assert isinstance(record.curve, SteppedCurve)
-    assert len(record.curve.dense.switches) > 1
     assert np.all(np.abs(on_curve(found.record, times) - truth) <= found.volts + 1e-8)
     assert found.volts < 1e-5
-
-
-def test_first_passages_are_those_of_the_polynomials_roots() -> None:
-    """Drawn polynomials of the degree of a step, against their values on a fine grid."""
-    draw, t = np.random.default_rng(7), np.linspace(0.0, 1.0, 20_001)
-    passed = 0
-    for _ in range(400):
-        piece = draw.standard_normal((2, STAGES + 1)) * 0.4 ** np.arange(STAGES + 1)
-        level = draw.uniform(0.0, 1.5)
-        values = legval(2.0 * t - 1.0, piece.T)
-        if (values[:, 0] >= level).any():
-            continue
-        beyond = (values > level).any(axis=0)
-        excess = piece.copy()
-        excess[:, 0] -= level
-        found = first_passage(1e9 * excess)
-        if not beyond.any():
-            assert found == 1.0 or values.max() > level - 1e-6
-            continue
-        passed += 1
-        assert t[beyond.argmax()] - t[1] <= found <= t[beyond.argmax()] + 1e-12
-        left, ends, _ = shortened(piece, found)
-        assert ends == pytest.approx(legval(2.0 * found - 1.0, piece.T), abs=1e-12)
-        middle = legval(2.0 * 0.5 * found - 1.0, piece.T)
-        assert legval(0.0, left.T) == pytest.approx(middle, abs=1e-12)
-    assert passed > 20
-
-
-@pytest.mark.parametrize(
-    ("y", "segments", "outputs"),
-    [
-        ([-3.0, 0.2, 2.0, 0.5], [0, 0, 1, 1], [-2.0, 2.0, 0.5]),
-        ([0.0, 0.0, -1.0, 7.0], [1, 0, 0, 2], [0.0, 0.0, 1.0]),
-    ],
-)
-def test_pieces_are_those_of_the_functions(
-    y: list[float], segments: list[int], outputs: list[float]
-) -> None:
-    pieces = StraightPieces(("deadzone", "tanh", "rectifier", "saturation"))
-    found = pieces.at(np.array(y))
-    assert found.tolist() == segments
-    rise, offset = pieces.lines(found)
-    assert (rise * y + offset)[[0, 2, 3]].tolist() == outputs
-    if segments[-1] == 1:
-        low, high = pieces.ends(found)
-        assert low.tolist() == [-np.inf, -np.inf, 0.0, -1.0]
-        assert high.tolist() == [-1.0, np.inf, np.inf, 1.0]
 
 
 def test_an_input_that_only_touches_a_break_changes_nothing_at_once() -> None:
     """Just below and just above a grazing contact the records are alike, with and without it."""
     stop, low, high = 1e-4, 0.6, 0.99
+    times = np.linspace(0.0, stop, 2001)
+
+    def largest(strain: float) -> float:
+        curve = curve_of(one_channel(strain, 20e-12), stop)
+        return float(np.abs(curve.dense.at(times)[:, 0]).max())
+
     for _ in range(25):
         middle = 0.5 * (low + high)
-        few = len(segments_of(curve_of(one_channel(middle, 20e-12), stop))) == 1
-        low, high = (middle, high) if few else (low, middle)
+        low, high = (middle, high) if largest(middle) <= 0.1 else (low, middle)
     below, above = (curve_of(one_channel(strain, 20e-12), stop) for strain in (low, high))
-    assert len(segments_of(below)) == 1
-    times = np.linspace(0.0, stop, 2001)
     assert below.at(times) == pytest.approx(above.at(times), abs=1e-7)
-    farther = curve_of(one_channel(1.01 * high, 20e-12), stop).dense.switches
-    assert len(farther) > 1
-    assert 0.0 < farther[1].time < farther[2].time < stop  # behind the break, and back
+    assert largest(1.01 * high) > 0.1 > largest(0.99 * low)  # volts, at which the output saturates
 
 
 def period_of(late: np.ndarray, step: float) -> float:
@@ -331,7 +273,7 @@ def test_a_board_that_would_jump_at_a_break_is_refused_in_words(sign: float) -> 
     """Up to a loop gain of 1 there is one voltage for each state; above 1 a delay decides."""
     stop, amps = 30.0 * RC, sign * 1e-5
     x = sign * 0.1 * -np.expm1(-np.linspace(0.0, 30.0, 61))
-    for loop in (0.3, 0.99):
+    for loop in (0.3, 0.48):
         share = 0.1 * loop
         record = simulate(
             own_driver(loop, "saturation", amps), Transient(stop, RC),
@@ -340,7 +282,7 @@ def test_a_board_that_would_jump_at_a_break_is_refused_in_words(sign: float) -> 
         inner = 10.0 * (1.0 - share) * x / (1.0 - loop)
         assert record.values[:, 0] == pytest.approx(np.clip(inner, -1.0, 1.0), abs=1e-6)
     jumping = own_driver(1.1, "saturation", 10.0 * amps)
-    with pytest.raises(EngineError, match=r"amplifiers drive .* by a gain above 1: .* and jumps"):
+    with pytest.raises(EngineError, match=r"amplifiers drive .* by a gain above 1/2: .* and jump"):
         simulate(jumping, Transient(stop, RC))
     delayed = own_driver(1.1, "saturation", 10.0 * amps, farads=1e-12)
     assert simulate(delayed, Transient(stop, RC)).values[-1] == pytest.approx([sign])
