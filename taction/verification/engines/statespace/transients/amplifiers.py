@@ -17,9 +17,9 @@ from taction.verification.engines.statespace.equations.descriptor import Devices
 
 BEYOND = "an amplifier is beyond the range of floats in the initial state"
 JUMPS = (
-    "some of its amplifiers drive their own inputs without delay, by a gain above 1/2: the board may"
-    " have several voltages for one state, and jump. Give the op-amps a bandwidth, or the signal nodes"
-    " a capacitance"
+    "some of its amplifiers drive their own inputs without delay, by a gain above 1/2: the board"
+    " may have several voltages for one state, and jump. Give the op-amps a bandwidth, or the"
+    " signal nodes a capacitance"
 )
 
 
