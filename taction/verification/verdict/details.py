@@ -138,6 +138,7 @@ def find_contradiction(circuit: Circuit, ideal: IdealAnswer, start: Floats) -> s
 
 
 ROUNDS, PARTS = 3, 16  # of the search for where a stretch begins, and parts of a step in each
+AT_BREAK = 1e-8  # of the scale of an input: closer to a break it counts as at it
 MOST = 12  # active sets, those of the longest stay
 
 
@@ -199,9 +200,15 @@ def _entered(curve: SteppedCurve) -> tuple[Floats, list[tuple[int, ...]]]:
 
 
 def _pieces(devices: Devices, inputs: Floats) -> Ints:
-    """Return the straight piece of each input, (P, m), V, counted from the left."""
+    """Return the straight piece of each input, (P, m), V, counted from the left.
+
+    An input that is at a break, as far as steps tell, is still on the piece from which it comes.
+    """
     found = np.zeros(inputs.shape, np.int64)
     for k, kind in enumerate(devices.kinds):
+        breaks = np.array(GAINS[kind].breaks or (-np.inf,))
         y = inputs[:, k] / devices.v_scale[k]
-        found[:, k] = np.searchsorted(GAINS[kind].breaks or (), y, side="right")
+        clear = np.abs(y[:, None] - breaks).min(axis=1) > AT_BREAK
+        last = np.maximum.accumulate(np.where(clear, np.arange(len(y)), 0))
+        found[:, k] = np.searchsorted(breaks, y[last] + AT_BREAK, side="right")
     return found
