@@ -22,6 +22,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 import taction  # noqa: E402
-from taction.verification.evidence.stress.judge import TrueValues, compare  # noqa: E402
+from taction.system.documents import read  # noqa: E402
+from taction.verification.evidence.stress.catalogue import TrueValues  # noqa: E402
+from taction.verification.evidence.stress.run_cases import compare  # noqa: E402
 from tests.support import designer_decks, random_circuits, random_scenes  # noqa: E402
 from tests.support.random_scenes import fine_readings  # noqa: E402
 from tests.support.true_values import true_values  # noqa: E402
@@ -98,7 +101,7 @@ def of_coverage(seed: int, truth: Found | None) -> Found:
     scene = random_scenes.random_scene(seed, kind, timeout=TIMEOUT, **setting)
     if truth is None:
         try:
-            truth = (true_values if kind == "linear" else fine_readings)(scene).record()
+            truth = asdict((true_values if kind == "linear" else fine_readings)(scene))
         except (taction.TactionError, AssertionError, ArithmeticError, ValueError) as error:
             return {"no truth": str(error)[:100]}
     if "no truth" in truth:
@@ -110,7 +113,7 @@ def of_coverage(seed: int, truth: Found | None) -> Found:
         except taction.TactionError:
             unanswered += 1
             continue
-        numbers = compare(verdict, TrueValues.from_record(truth))
+        numbers = compare(verdict, read(TrueValues, truth))
         outside += [f"{engine}: {each}" for each in numbers if each.wrong]
     return {"truth": truth, "outside": outside, "unanswered": unanswered}
 

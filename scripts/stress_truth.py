@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -64,8 +65,8 @@ def _stale(case: Case, record: dict[str, Any] | None) -> bool:
 def _record(case: Case) -> dict[str, Any]:
     truth = None
     if not case.refused:
-        truth = true_values(case.scene()).record()
-    seconds = {engine: round(run_case(case, engine).seconds, 2) for engine in case.engines}
+        truth = asdict(true_values(case.scene()))
+    seconds = {engine: round(run_case(case, engine).seconds, 2) for engine in case.outcome}
     return {"tables": case.digest, "deck": deck_digest(case), "truth": truth, "seconds": seconds}
 
 

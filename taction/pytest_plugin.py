@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import pytest
 
 if TYPE_CHECKING:
-    from taction.verification.studies.regression.baseline import Entry
+    from taction.verification.studies.regression.regress import Entry
     from taction.verification.verdict.verify import Verdict
 
 SUFFIX = ".scene.toml"
@@ -46,7 +46,7 @@ class SceneFile(pytest.File):
             yield SceneItem.from_parent(self, name="verify", baseline={})
             return
         from taction.system.errors import InputError
-        from taction.verification.studies.regression.baseline import load_baseline
+        from taction.verification.studies.regression.regress import load_baseline
 
         try:
             baseline = load_baseline(self.config.invocation_params.dir / file)

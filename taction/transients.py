@@ -217,14 +217,18 @@ def verify_files(
     from taction.verification.studies.scene_files import scene_files
 
     files = scene_files([str(name) for name in scenes], exclude)
-    from taction.verification.studies.running.study import for_each_file
-    from taction.verification.studies.scene_files import VerifiedFiles, document_of, verify_file
+    from taction.verification.studies.running.study import for_each
+    from taction.verification.studies.scene_files import VerifiedFiles, not_verified, verify_file
 
-    describe = "report.documents.verdict:verdict_document_with_margins"
-    arguments = [(load(f"taction.verification.{describe}") if margins else plain, engine)]
-    arguments *= len(files)
-    results = for_each_file(verify_file, files, arguments, jobs=jobs, progress=progress)
-    found = VerifiedFiles(tuple(map(document_of, files, results)))
+    place = "taction.verification.report.documents.verdict:verdict_document_with_margins"
+    describe, names = load(place) if margins else plain, [path.stem for path in files]
+    calls = [(path, describe, engine) for path in files]
+
+    def without(k: int, killed: str) -> dict[str, Any]:
+        return not_verified(files[k], killed)
+
+    results = for_each(verify_file, calls, names, without, jobs=jobs, progress=progress)
+    found = VerifiedFiles(tuple(results))
     if found.interrupted:
         raise Interrupted("the finished scenes are in the report", found)
     return found
@@ -334,7 +338,7 @@ def diff(
 
     refuse_pair(first, second)
     if is_circuit(first) or is_circuit(second):
-        from taction.verification.studies.regression.compared_boards import compare_circuits
+        from taction.verification.studies.regression.difference import compare_circuits
 
         progress("decks")
         return compare_circuits(first, second, agree)

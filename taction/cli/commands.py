@@ -291,8 +291,8 @@ TABLE = {
             output(
                 "export",
                 "Write a table (.csv, .parquet) or grid (.nc).",
-                "verification.studies.sweep.result:export_sweep",
-                check="verification.studies.sweep.result:check_sweep_export",
+                "verification.studies.sweep.sweep:export_sweep",
+                check="verification.studies.sweep.sweep:check_sweep_export",
             ),
             picture("maps over two axes, or curves over one axis,"),
             REPORT,

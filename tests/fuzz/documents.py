@@ -19,7 +19,7 @@ from taction.netlist_gen.scene.imported_opamps import from_document, to_document
 from taction.system.documents import plain
 from taction.system.errors import Complaint, InputError
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.studies.regression.baseline import baseline_text, load_baseline
+from taction.verification.studies.regression.regress import baseline_text, load_baseline
 from taction.verification.studies.running.store import Store
 from taction.verification.verdict.record import Record
 from tests.fuzz.edits import BYTE_EDITS, IN_PLACE, VALUE_EDIT, Target, edited

@@ -31,8 +31,7 @@ from taction.verification.reference.ideal_answer import (
     ideal_answer,
     ideal_network,
 )
-from taction.verification.studies.regression.baseline import observe
-from taction.verification.studies.regression.regress import compare_entry
+from taction.verification.studies.regression.regress import compare_entry, observe
 from taction.verification.verdict import run, simulation
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Check, Outcome

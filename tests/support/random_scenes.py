@@ -17,7 +17,7 @@ from numpy.random import Generator
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.verification.engines.statespace.transients import stepped
-from taction.verification.evidence.stress.judge import TrueValues
+from taction.verification.evidence.stress.catalogue import TrueValues
 from taction.verification.reference.ideal_answer import ideal_answer
 from taction.verification.verdict.board import SteadyState
 from taction.verification.verdict.simulation import build

@@ -45,18 +45,21 @@ from taction.verification.report.views.sweep_view import view as sweep_report
 from taction.verification.report.views.verdict_view import view as verdict_report
 from taction.verification.studies.regression.regress import RegressionReport, SceneResult, Status
 from taction.verification.studies.running.store import Store
-from taction.verification.studies.sweep.plan import SweepCounts, grid_points
-from taction.verification.studies.sweep.result import SweepResult
+from taction.verification.studies.running.study import HERE
+from taction.verification.studies.sweep.sweep import SweepCounts, SweepResult, grid_points
 from taction.verification.studies.tolerance.corners import worst_of
 from taction.verification.studies.tolerance.montecarlo import (
-    SampleCollection,
     YieldReport,
     run_samples,
     summarise_samples,
 )
 from taction.verification.studies.tolerance.varied_board import prepare
-from taction.verification.studies.work_precision.methods import METHODS, Method
-from taction.verification.studies.work_precision.study import SettingResult, WorkPrecisionStudy
+from taction.verification.studies.work_precision.study import (
+    METHODS,
+    Method,
+    SettingResult,
+    WorkPrecisionStudy,
+)
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Difference, Record
 from taction.verification.verdict.verify import Verdict, verify
@@ -102,10 +105,7 @@ def varied() -> YieldReport:
     """Return the yield of a scene with 60 samples."""
     checks = {"steady_state": {"tolerance": 0.03}, "settling_time": {"band": 0.2}}
     board = prepare(small_scene(tolerances=WORN, checks=checks))
-    tally = SampleCollection(60)
-    with one_thread() as workers:
-        list(run_samples(board, range(60), 5, workers, tally))
-    return summarise_samples(board, tally.samples, 5)
+    return summarise_samples(board, [*run_samples(board, 60, 5, HERE)], 5)
 
 
 def _yield() -> Page:

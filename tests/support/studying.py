@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.studies.running.pool import Workers
+from taction.verification.studies.running.study import Workers
 from tests.support.making import NEAR_IDEAL, make_scene
 
 QUIET = {"resistor": 0, "capacitor": 0, "stray": 0, "opamp_gbw": 0, "opamp_gain": 0}

@@ -30,8 +30,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from taction.system.errors import InputError, NoVerdictError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.evidence.stress.catalogue import Case
-from taction.verification.evidence.stress.judge import TrueValues
+from taction.verification.evidence.stress.catalogue import Case, TrueValues
 from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.solve import solve

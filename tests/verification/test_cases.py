@@ -66,7 +66,7 @@ def test_tuning_keeps_away_from_the_window() -> None:
 @pytest.mark.parametrize("name", CATALOGUED)
 def test_a_case_of_the_catalogue_has_its_outcomes_and_its_true_values(name: str) -> None:
     (case,) = select(load_catalogue(), (name,))
-    for engine in case.engines:
+    for engine in case.outcome:
         found = run_case(case, engine)
         assert found.judgement is CaseJudgement.RIGHT, found.reason
         assert [each.name for each in found.comparisons if each.outside] == []

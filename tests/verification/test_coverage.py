@@ -20,7 +20,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.equations import descriptor, stamps
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.transients import exact, stepped
-from taction.verification.evidence.stress.judge import TruthComparison, compare
+from taction.verification.evidence.stress.run_cases import TruthComparison, compare
 from taction.verification.readings.settling import ChannelState
 from taction.verification.verdict import run
 from taction.verification.verdict.verify import Verdict, verify

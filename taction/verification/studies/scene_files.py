@@ -96,21 +96,25 @@ class VerifiedFiles(Result):
 
 def verify_file(path: Path, describe: Describe, engine: str | None = None) -> dict[str, Any]:
     """Verify one scene file and return the document of its verdict or of its error."""
+    found = verdict_of(path, engine)
+    return _without_verdict(path, found) if isinstance(found, TactionError) else describe(found)
+
+
+def verdict_of(path: Path, engine: str | None = None) -> Verdict | TactionError:
+    """Return the verdict of a scene file, or why there is none."""
     try:
-        return describe(verify(read_scene(path, engine)))
+        return verify(read_scene(path, engine))
     except TactionError as error:
-        return _without_verdict(path, error)
+        return error
     except MemoryError:
-        return _without_verdict(path, NoVerdictError("out of memory: the scene is too large"))
+        return NoVerdictError("out of memory: the scene is too large")
 
 
-def document_of(path: Path, found: dict[str, Any] | BaseException | None) -> dict[str, Any]:
-    """Return what was found for a file, also if its process was killed or never began."""
-    if found is None:
-        return {"file": printable(str(path)), "outcome": NOT_RUN}
-    if isinstance(found, BaseException):
-        return _without_verdict(path, NoVerdictError(f"the process was killed: {found}"))
-    return found
+def not_verified(path: Path, killed: str) -> dict[str, Any]:
+    """Return the document of a file whose process was `killed`, or never began."""
+    if killed:
+        return _without_verdict(path, NoVerdictError(killed))
+    return {"file": printable(str(path)), "outcome": NOT_RUN}
 
 
 def _without_verdict(path: Path, error: TactionError) -> dict[str, Any]:

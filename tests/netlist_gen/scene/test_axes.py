@@ -21,7 +21,7 @@ from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.netlist_gen.scene.slips import axis_questions, questions
 from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.errors import InputError
-from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.sweep import Plan
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
 

@@ -29,7 +29,7 @@ from taction.verification.design.choose import (
 )
 from taction.verification.report.views.choose_view import view
 from taction.verification.studies.running.store import Store
-from taction.verification.studies.sweep.plan import Plan, computed
+from taction.verification.studies.sweep.sweep import Plan, computed
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify

@@ -14,7 +14,7 @@ import taction
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import plain
-from taction.verification.evidence.stress.judge import compare
+from taction.verification.evidence.stress.run_cases import compare
 from taction.verification.report.documents.verdict import VerdictBody
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify

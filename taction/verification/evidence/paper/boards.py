@@ -31,7 +31,7 @@ from taction.verification.evidence.paper.findings import (
     seconds,
     weigh,
 )
-from taction.verification.evidence.paper.tactile import difference
+from taction.verification.evidence.paper.sensing import difference
 from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.reference.solve import solve

@@ -10,7 +10,6 @@ from taction.system.charts import Chart
 from taction.system.errors import NoVerdictError
 from taction.system.progress import Notice, Progress
 from taction.system.results import Result
-from taction.verification.evidence.paper.as_printed import equations, kernels
 from taction.verification.evidence.paper.boards import breadboard, console, hardware
 from taction.verification.evidence.paper.findings import (
     Chapter,
@@ -19,9 +18,8 @@ from taction.verification.evidence.paper.findings import (
     Finding,
     load_claims,
 )
-from taction.verification.evidence.paper.reconstruction import reconstruction
-from taction.verification.evidence.paper.scaling import conditioning, speed
-from taction.verification.evidence.paper.trajectories import energy, simnon
+from taction.verification.evidence.paper.network import conditioning, energy, simnon, speed
+from taction.verification.evidence.paper.sensing import equations, kernels, reconstruction
 from taction.verification.studies.running.versions import describe_machine
 
 Run = Callable[[bool], Chapter]

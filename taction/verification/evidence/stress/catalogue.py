@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from taction.netlist_gen.scene.scene import Scene, parse_scene
+from taction.system.documents import read
 from taction.system.errors import Complaint, InputError, nearest_question
-from taction.verification.evidence.stress.judge import TrueValues
 
 Rows = list[list[float]]
 
@@ -35,11 +35,6 @@ def make_array(spec: Any) -> Any:
 
 def _rounded(value: float) -> float:
     return float(f"{value:.12g}")
-
-
-def identity(rows: int, columns: int | None = None, scale: float = 1.0) -> Rows:
-    """Return `scale` on the diagonal and zeros elsewhere."""
-    return [[scale * (i == j) for j in range(columns or rows)] for i in range(rows)]
 
 
 def diagonal(values: Sequence[float]) -> Rows:
@@ -79,22 +74,9 @@ def graded(rows: int, columns: int, seed: int, decades: float) -> Rows:
     return [[_rounded(draw.choice((-1.0, 1.0)) * 10.0**e) for e in row] for row in exponents]
 
 
-def outer(column: Sequence[float], row: Sequence[float]) -> Rows:
-    """Return the matrix of rank one ``column row^T``."""
-    return [[_rounded(a * b) for b in row] for a in column]
-
-
 def hilbert(rows: int, columns: int) -> Rows:
     """Return ``1 / (i + j + 1)``."""
     return [[1.0 / (i + j + 1) for j in range(columns)] for i in range(rows)]
-
-
-def skew(size: int, seed: int) -> Rows:
-    """Return a skew matrix, singular where `size` is odd."""
-    upper = uniform(size, size, seed)
-    return [
-        [upper[i][j] * (i < j) - upper[j][i] * (i > j) for j in range(size)] for i in range(size)
-    ]
 
 
 def singular(values: Sequence[float], seed: int) -> Rows:
@@ -115,11 +97,6 @@ def _reflection(x: Sequence[float]) -> Rows:
     return [[(i == j) - 2.0 * a * b / square for j, b in enumerate(x)] for i, a in enumerate(x)]
 
 
-def spike(size: int, place: int, value: float) -> list[float]:
-    """Return zeros with one `value`, at `place` from 1."""
-    return [value * (i + 1 == place) for i in range(size)]
-
-
 def drawn(size: int, seed: int, scale: float = 1.0) -> list[float]:
     """Return independent values between plus and minus `scale`."""
     return uniform(1, size, seed, -scale, scale)[0]
@@ -128,8 +105,7 @@ def drawn(size: int, seed: int, scale: float = 1.0) -> list[float]:
 GENERATORS: dict[str, Callable[..., Rows | list[float]]] = {
     function.__name__: function
     for function in (
-        identity, diagonal, uniform, sparse, blocks, graded, outer, hilbert, skew, singular,
-        spike, drawn,
+        diagonal, uniform, sparse, blocks, graded, hilbert, singular, drawn,
     )
 }  # fmt: skip
 
@@ -138,6 +114,21 @@ FOLDER = Path(__file__).parents[3] / "scenes" / "stress"
 TRUE_VALUES = Path(__file__).parents[4] / "tests" / "data" / "true-values.json"
 """The true values of a checkout; an installed taction has none, and judges outcomes only."""
 ENGINES = ("ngspice", "statespace")
+
+
+@dataclass(frozen=True, slots=True)
+class TrueValues:
+    """The true readings of a case's board."""
+
+    amplitude: float  # of the step, V
+    rightmost: tuple[float, float]  # pole, 1/s
+    steady_state: float  # largest distance of the equilibrium from the reference, of the step
+    channels: tuple[Mapping[str, float], ...]  # the `READINGS` and `final` that exist
+    error: float  # of the numbers: relative for times, of the step for the others
+    by: str  # how the numbers were computed
+    arrives: bool = True  # False: stable, but the transient leaves every bound
+    readable: bool = True  # False: it rings for so many periods that readings were not computed
+    margin: float | None = None  # factor by which C shrinks until the board oscillates, if known
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,11 +143,6 @@ class Case:
     decided: Mapping[str, str]  # outcomes of single checks, on every engine
     tables: Mapping[str, Any]  # of the scene
     truth: TrueValues | None  # None where the scene is refused, or where they are not stored
-
-    @property
-    def engines(self) -> tuple[str, ...]:
-        """The engines that the case runs on."""
-        return tuple(self.outcome)
 
     @property
     def refused(self) -> bool:
@@ -213,7 +199,7 @@ def _cases(path: Path) -> Iterator[Case]:
         right = {e: (x,) if isinstance(x, str) else tuple(x) for e, x in outcome.items()}
         tables = _laid_over(document.get("base", {}), own)
         record = stored_values().get(name, {}).get("truth")
-        truth = record and TrueValues.from_record(record)
+        truth = record and read(TrueValues, record)
         yield Case(name, path.stem, why, known, right, decided, tables, truth)
 
 

@@ -48,7 +48,7 @@ MODELS = {
     "scale": "verification.design.scaling.Scaled",
     "choose": "verification.design.choose.Choice",
     "onset": "verification.studies.onset.onset.Onset",
-    "sweep": "verification.studies.sweep.result.SweepResult",
+    "sweep": "verification.studies.sweep.sweep.SweepResult",
     "regress": "verification.studies.regression.regress.RegressionReport",
     "stress": "verification.evidence.stress.run_cases.StressReport",
     "accuracy": "verification.studies.work_precision.study.WorkPrecisionStudy",
@@ -59,7 +59,7 @@ MODELS = {
     "new": "verification.report.documents.plain.NewDocument",
     "new-matrix": "verification.report.documents.plain.NewMatrixDocument",
     "help": "verification.report.documents.plain.HelpDocument",
-    "doctor": "verification.studies.running.installation.Installation",
+    "doctor": "verification.studies.running.versions.Installation",
     ERROR: "system.documents.ErrorDocument",
 }
 """By the name of the schema: that of the command, or of one of its documents."""

@@ -20,7 +20,7 @@ from taction.verification.design.exploration import STEPS, Judgement, Settings, 
 from taction.verification.report.explorer import page_parts as parts
 from taction.verification.report.explorer.page_parts import Part, SliderLook
 from taction.verification.stability.edges import Edges
-from taction.verification.studies.running.pool import Worker, WorkerDiedError
+from taction.verification.studies.running.study import Worker, WorkerDiedError
 from taction.verification.verdict.record import ERROR
 
 T = TypeVar("T")

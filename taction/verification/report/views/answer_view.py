@@ -14,8 +14,12 @@ from taction.system.quantities import percent, quantity, readable, spaced
 from taction.verification.report.blocks import Bar, Facts, Page, Section
 from taction.verification.report.texts import KNOWN, LEAST_SHARE, figure, rounded_up, with_error
 from taction.verification.studies.decks.questions import QUESTIONS
-from taction.verification.studies.running.installation import Installation
-from taction.verification.studies.running.versions import describe_machine, digest, own_code
+from taction.verification.studies.running.versions import (
+    Installation,
+    describe_machine,
+    digest,
+    own_code,
+)
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checks import Check, Outcome, band_text, causes, listed, named
 from taction.verification.verdict.input_spread import SHARE

@@ -36,14 +36,14 @@ from taction.verification.studies.decks.measured_board import MeasuredBoard, mea
 from taction.verification.studies.decks.part_influence import PartRow, influences, pole_vectors
 from taction.verification.studies.decks.questions import QUESTIONS, Wanted, judge, units
 from taction.verification.studies.decks.witnesses import compare_ac, stepping
-from taction.verification.studies.running.pool import HERE
+from taction.verification.studies.running.study import HERE
 from taction.verification.studies.tolerance.corners import CornerStudy, worst_of
 from taction.verification.studies.tolerance.montecarlo import (
-    SampleCollection,
     YieldReport,
     run_samples,
     summarise_samples,
 )
+from taction.verification.studies.tolerance.varied_board import BoardSample
 from taction.verification.verdict.checks import Check, Outcome, overall
 
 Progress = Callable[[str], None]
@@ -183,12 +183,13 @@ def check_board(
     sweeps = tuple(sweep_deck(deck, board, each, band) for each in over)
     corners = yields = None
     if tolerances is not None:
-        varied, tally = VariedDeck.of(found, deck, tolerances, asked), SampleCollection(samples[0])
+        varied, drawn = VariedDeck.of(found, deck, tolerances, asked), list[BoardSample]()
         corners = worst_of(varied, HERE, progress)
         varied.expand(varied.drawn(samples[1], number) for number in range(samples[0]))
-        for _ in run_samples(varied, range(samples[0]), samples[1], HERE, tally):
-            progress(f"yield: {len(tally.samples)} of {samples[0]} samples")
-        yields = summarise_samples(varied, tally.samples, samples[1])
+        for sample in run_samples(varied, *samples, HERE):
+            drawn.append(sample)
+            progress(f"yield: {len(drawn)} of {samples[0]} samples")
+        yields = summarise_samples(varied, drawn, samples[1])
     made = BoardCheck(
         **{each.name: getattr(found, each.name) for each in fields(found)},
         notes=tuple(filter(None, (*found.apart.sentences, *deck.notes, *why))),

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -20,8 +20,9 @@ from taction.netlist_gen.board.parts import CurrentSource
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.system.errors import EngineError, InputError, SimulationError
 from taction.system.quantities import show, show_rate
+from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import Simulator
-from taction.verification.engines.ngspice.process import Simulation
+from taction.verification.engines.ngspice.process import simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.readings.ringing import Mode, find_growth, find_ringing
 from taction.verification.stability.edges import Edge
@@ -91,18 +92,8 @@ def confirm(
         trials = [_prepare(boards, crossing, side, logarithmic, simulator) for side in (-1, 1)]
     except (EngineError, InputError) as error:
         return TransientTest(None, f"the board beside the crossing could not be prepared: {error}")
-    with ExitStack() as cleanup:  # a failure of one run ends the other run
-        try:
-            runs = [
-                cleanup.enter_context(Simulation(deck, simulator, timeout=timeout))
-                for _, _, deck in trials
-            ]
-        except SimulationError as error:
-            return TransientTest(None, f"ngspice did not start: {error}")
-        below, above = (
-            _compare(side, fastest, run)
-            for (side, fastest, _), run in zip(trials, runs, strict=True)
-        )
+    runs = (partial(simulate, deck, simulator, timeout=timeout) for _, _, deck in trials)
+    below, above = (_compare(*trial[:2], run) for trial, run in zip(trials, runs, strict=True))
     reasons = "; ".join(f"at {s.value!r}: {s.reason}" for s in (below, above) if s.reason)
     verdicts = (below.agrees, above.agrees)
     confirmed = False if False in verdicts else None if None in verdicts else True
@@ -211,10 +202,10 @@ def _span(pole: complex, fastest: float) -> tuple[float, float]:
     return length, step
 
 
-def _compare(side: Side, fastest: float, run: Simulation) -> Side:
+def _compare(side: Side, fastest: float, run: Callable[[], Waveforms]) -> Side:
     """Compare the pole with the ringing, or the growth, in the waveforms of a run."""
     try:
-        waves = run.result()
+        waves = run()
     except SimulationError as error:
         return replace(side, reason=f"no evidence from ngspice: {error}")
     pole = side.predicted

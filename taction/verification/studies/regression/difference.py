@@ -1,32 +1,55 @@
 """The difference of two boards: keys of their scenes or their parts, then readings with bounds.
 
-Both are bounds, so their sum bounds the error of a difference.
+Both are bounds, so their sum bounds the error of a difference. A scene is compared with a deck by
+the deck that it writes, read back, so that both are measured alike. A record is compared with the
+state-space solution of the board at the record's instants.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import astuple, dataclass
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
+
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.deck.elements import shown
 from taction.netlist_gen.scene.loading import read_toml
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.documents import OPTIONAL, read
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
-from taction.system.reading_definitions import READINGS
+from taction.system.quantities import quantity
+from taction.system.raw_file import read_transient
+from taction.system.reading_definitions import READINGS, SETTLING_BAND
 from taction.system.results import Result
+from taction.system.waveforms import Waveforms
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.readings.measurements import measure as measure_record
+from taction.verification.reference.lambda_rule import read_scene
+from taction.verification.studies.decks.foreign_board import ForeignBoard, read_board
+from taction.verification.studies.decks.measured_board import Start, measure_board, step_response
+from taction.verification.studies.decks.questions import record_of
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.record import (
     Channel,
     Difference,
     Record,
     compare,
+    relative,
     within_uncertainties,
 )
+from taction.verification.verdict.run import state_space_beside
+from taction.verification.verdict.scene_deck import deck_of
+from taction.verification.verdict.transient_plan import state_space_tolerance
+from taction.verification.verdict.verify import Verdict
 
 Document = Mapping[str, Any]
 Value = bool | int | float | str
@@ -57,29 +80,19 @@ class KeyDifference:
 
 @dataclass(frozen=True, slots=True)
 class VerdictDifference(Result):
-    """The differences of two boards.
-
-    Attributes
-    ----------
-    keys : tuple of KeyDifference, or None
-        What differs in their scenes, or in the parts of their decks; None beside a raw file.
-    readings : tuple of Difference
-        Every reading of either.
-    outputs : tuple of str
-        Names of the channels of readings; empty: u_1, u_2, ...
-    curves : tuple of callable or None
-        Instants (P,), s, and outputs (P, N), V, of each; None of a stored verdict.
-    """
+    """The differences of two boards."""
 
     VIEW = "taction.verification.report.views.comparison_view:difference_view"
     DOCUMENT = ("first", "second", "keys", "readings", "outputs", "notes", "exit_status")
 
     first: str
     second: str
+    # What differs in their scenes, or in the parts of their decks; None beside a raw file.
     keys: tuple[KeyDifference, ...] | None
-    readings: tuple[Difference, ...]
-    outputs: tuple[str, ...] = ()
+    readings: tuple[Difference, ...]  # every reading of either
+    outputs: tuple[str, ...] = ()  # names of the channels of readings; empty: u_1, u_2, ...
     notes: tuple[str, ...] = ()
+    # Instants (P,), s, and outputs (P, N), V, of each; None of a stored verdict.
     curves: tuple[Curves | None, Curves | None] = (None, None)
 
     @property
@@ -213,3 +226,166 @@ def refuse_pair(first: object, second: object) -> None:
                 raise InputError(path, Complaint("file", "", text))
             if not ends_with(given, (*DECKS, *RECORDS, ".json")):
                 read_toml(path, ACCEPTED)
+
+
+UNITS_OF_SOURCES = {"V": "V", "I": "A"}
+Place = str | Path | Scene
+
+
+def compare_circuits(
+    first: Place | Verdict, second: Place | Verdict, agree: float
+) -> VerdictDifference:
+    """Compare two boards, at least one of which is a deck or a record; see `refuse_pair`.
+
+    `agree` is the accepted error of a record, as a share of the largest step.
+    """
+    (one, name), (other, named) = _named(first), _named(second)
+    if ends_with(one, RECORDS):
+        return _with_record(one, other, (name, named), agree, last=False)
+    if ends_with(other, RECORDS):
+        return _with_record(other, one, (name, named), agree, last=True)
+    return _decks((one, other), (name, named))
+
+
+def _named(given: Place | Verdict) -> tuple[Place, str]:
+    """Return a scene or a file that is none, and what it is called."""
+    if isinstance(given, Verdict):
+        given = given.scene
+    name = given.name if isinstance(given, Scene) else str(given)
+    return given if is_circuit(given) else read_scene(given), name
+
+
+def _decks(places: tuple[Place, Place], names: tuple[str, str]) -> VerdictDifference:
+    """Compare two linear boards, of which a scene stands for the deck that it writes."""
+    boards = [_board(each) for each in places]
+    scenes = [isinstance(each, Scene) for each in places]
+    shared = [out.node for out in boards[scenes[1]].circuit.outputs]
+    if not any(scenes):
+        others = boards[1].flat.nodes
+        shared = [node for node in shared if node in others] or shared
+    sides = [
+        measure_board(LinearBoard(each.circuit), each.initial, SETTLING_BAND)
+        for each in (_with_outputs(board, shared) for board in boards)
+    ]
+    readings = compare(
+        record_of(sides[0]),
+        record_of(sides[1]),
+        within_uncertainties(),
+        groups=("states", "figures", "channels"),
+        figures=FIGURES,
+        channel_figures=CHANNEL_FIGURES,
+    )
+    keys = tuple(key_differences(_parts(boards[0]), _parts(boards[1])))
+    notes = tuple(dict.fromkeys(note for each in boards for note in each.notes))
+    curves = sides[0].curve, sides[1].curve
+    return VerdictDifference(*names, keys, readings, tuple(shared), notes, curves)
+
+
+def _with_record(
+    record: Place, board: Place, names: tuple[str, str], agree: float, *, last: bool
+) -> VerdictDifference:
+    """Compare a record, the `last` of both, with the state-space solution of a board."""
+    assert not isinstance(record, Scene)  # noqa: S101 - it has the ending of a file
+    wave = read_transient(record)
+    circuit, start, delay, notes = _stepped(board, wave)
+    known = tuple(out for out in circuit.outputs if out.node in wave.nodes)
+    if not known:
+        nodes = ", ".join(out.node for out in circuit.outputs)
+        text = f"it has no output of {names[not last]}; expected one of {nodes}"
+        raise InputError(record, Complaint("nodes", ", ".join(wave.nodes[:20]), text))
+    kept = wave.time >= delay  # it begins at the step
+    if int(kept.sum()) < 2:
+        text = f"the record ends at {wave.time[-1]:.6g} s; the step is at {delay:.6g} s"
+        raise InputError(record, Complaint("raw file", "", text))
+    wave = replace(wave, time=wave.time[kept] - delay, values=wave.values[kept])
+    linear, stop = LinearBoard(replace(circuit, outputs=known)), float(wave.time[-1])
+    transient = Transient(stop, 1e-3 * stop, initial=start)
+    beside = state_space_beside(linear, transient, wave, state_space_tolerance(agree))
+    response, time = step_response(linear, start, SETTLING_BAND), beside.instants
+    allowed = agree * response.step.amplitude + beside.doubt
+    sides = [(beside.other, beside.doubt), (beside.u, allowed)][:: 1 if last else -1]
+    records = []
+    for u, error in sides:  # the bound of a waveform's error, V
+        found = measure_record(time, u, response.target, response.start, error=error).channels
+        channels = map(Channel.of, found)
+        bounded = (replace(c, uncertainties=c.uncertainties | {"final": error}) for c in channels)
+        records.append(Record("", "", channels=tuple(bounded)))
+    readings = compare(
+        records[0],
+        records[1],
+        within_uncertainties(),
+        groups=("states", "channels"),
+        channel_figures=("final", *READINGS),
+    )
+    (one, _), (two, _) = sides
+    shared = tuple(out.node for out in known)
+    apart = []
+    for node, a, b in zip(shared, one.T, two.T, strict=True):
+        k = int(np.abs(b - a).argmax())
+        values, note = (float(a[k]), float(b[k])), f"at {quantity(float(time[k]), 's')}"
+        off = relative(abs(values[1] - values[0]), allowed)
+        far = values[1] - values[0]
+        apart.append(Difference("waveforms", node, None, *values, "V", far, allowed, off, note))
+    curves = (lambda: (time, one)), (lambda: (time, two))
+    return VerdictDifference(*names, None, (*apart, *readings), shared, notes, curves)
+
+
+def _board(given: Place) -> ForeignBoard:
+    """Read a deck, or the deck that a scene writes."""
+    if not isinstance(given, Scene):
+        return read_board(given)
+    _, deck = deck_of(given)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "board.cir")
+        file.write_text(deck.text, encoding="utf-8")
+        board = read_board(file)
+    if not board.is_linear:
+        text = "its deck is not linear; compare the scene with a raw file of the other deck"
+        raise InputError(given.file, Complaint("deck", "", text))
+    return board
+
+
+def _with_outputs(board: ForeignBoard, nodes: Sequence[str]) -> ForeignBoard:
+    if [out.node for out in board.circuit.outputs] == list(nodes):
+        return board
+    known, outputs = board.flat.nodes, board.circuit.outputs
+    if missing := [node for node in nodes if node not in known]:
+        listed = ", ".join(list(known)[:20])
+        text = f"the deck has no node of this name, which the other shows; it has {listed}"
+        raise InputError(board.deck.file, Complaint("node", repr(missing[0]), text))
+    made = tuple(replace(outputs[0], node=node) for node in nodes)
+    return replace(board, circuit=replace(board.circuit, outputs=made))
+
+
+def _parts(board: ForeignBoard) -> dict[str, StoredKey]:
+    """Return values and nodes of the parts, by the names of their cards."""
+    circuit, flat, found = board.circuit, board.flat, dict[str, StoredKey]()
+    for knob in circuit.knobs:
+        found[knob.name] = StoredKey(circuit.value(knob.name), circuit.facts[knob.name].unit)
+    for card, source in flat.stimuli.items():
+        name, unit = shown(card.lower()), UNITS_OF_SOURCES[card[0]]
+        found[name] = StoredKey(source.after, unit)
+        found[f"{name} before the step"] = StoredKey(source.before, unit)
+    for part in flat.parts:
+        name = shown(part.card.lower())
+        if part.letter in UNITS_OF_SOURCES and part.card not in flat.stimuli:  # of an expression
+            found[name] = StoredKey(part.value, UNITS_OF_SOURCES[part.letter])
+        found[f"{name} nodes"] = StoredKey(" ".join(part.nodes))
+    return found
+
+
+def _stepped(board: Place, wave: Waveforms) -> tuple[Circuit, Start, float, tuple[str, ...]]:
+    """Return the circuit, how it starts, when it is stepped, s, and what to say of it."""
+    if isinstance(board, Scene):
+        circuit, deck = deck_of(board)
+        assert isinstance(deck.analysis, Transient)  # noqa: S101 - `deck_of` writes transients
+        return circuit, deck.analysis.initial, 0.0, ()
+    found = read_board(board)
+    if not found.is_linear:
+        text = "is not linear, and small signals say nothing of a record; expected a linear deck"
+        raise InputError(board, Complaint("deck", "", text))
+    steps = [each.at for each in found.flat.stimuli.values() if each.moves]
+    if not any(out.node in wave.nodes for out in found.circuit.outputs):
+        shared = [node for node in wave.nodes if node in found.flat.nodes]
+        found = _with_outputs(found, shared) if shared else found
+    return found.circuit, found.initial, min(steps, default=0.0), found.notes

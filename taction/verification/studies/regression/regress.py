@@ -1,43 +1,178 @@
-"""Verify every scene of a folder and compare the results with a stored baseline."""
+"""Verify every scene of a folder and compare the results with a stored baseline.
+
+The baseline is a JSON file with one entry per scene. Nothing in it depends on the time of the run,
+so the same results give the same bytes.
+"""
 
 from __future__ import annotations
 
 import enum
+import hashlib
+import json
 import math
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from importlib import metadata
 from pathlib import Path
+from typing import Annotated, Any
 
 from taction.netlist_gen.scene.check_keys import Regression
-from taction.netlist_gen.scene.loading import load_scene
-from taction.system.errors import INTERRUPTED, InputError, Interrupted, NoVerdictError
+from taction.netlist_gen.scene.keys import all_keys, files_of
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.documents import INLINE, plain, read
+from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted, TactionError
+from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.output_files import check_folder, printable, write_atomically
 from taction.system.progress import Progress
-from taction.system.quantities import NONE
+from taction.system.quantities import NONE, written
+from taction.system.reading_definitions import READINGS
 from taction.system.results import Result
-from taction.verification.studies.regression.baseline import (
-    ALWAYS,
-    CHANNEL_ALWAYS,
-    CHANNEL_STABLE,
-    STABLE,
-    Baseline,
-    Entry,
-    baseline_text,
-    load_baseline,
-    observe,
-)
-from taction.verification.studies.running.study import for_each_file
-from taction.verification.studies.scene_files import find_scenes
+from taction.verification.studies.running.study import for_each
+from taction.verification.studies.scene_files import find_scenes, verdict_of
 from taction.verification.verdict.checks import Check, Outcome, causes, named
 from taction.verification.verdict.record import (
     POLE_READINGS,
     Difference,
     Figure,
+    Record,
     Tolerance,
     compare,
 )
-from taction.verification.verdict.verify import verify
+from taction.verification.verdict.verify import Verdict
+
+FORMAT = 4
+MARK = "taction_baseline"
+MOVE_AWAY = "rename it, and `--update` writes a new baseline"
+
+
+ALWAYS = ("step_amplitude", "growth_rate", "frequency", "margin")
+STABLE = ("settling_time",)  # of a stable board: the record of another one grows from rounding
+CHANNEL_ALWAYS = ("reference",)
+CHANNEL_STABLE = ("final", *READINGS)
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """The stored results of one scene."""
+
+    name: str
+    fingerprint: str  # SHA-256 of the scene and its files, without the tolerances
+    taction: str  # version
+    solved_by: str  # engine with its version, matrix solver and integration method
+    speed: Annotated[float, "1/s"]  # magnitude of the rightmost pole, 1/s
+    # What is compared: `ALWAYS`, `STABLE` and the same of the channels.
+    record: Annotated[Record, INLINE]
+    # The keys that the scene gives, with their values as it could write them; empty in a baseline
+    # of an older taction.
+    keys: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.record.value("growth_rate") is None:
+            raise ValueError("growth_rate is missing")
+
+    @property
+    def stable(self) -> bool:
+        """Whether the board has no growing mode."""
+        rate = self.record.value("growth_rate")
+        return rate is not None and rate < 0.0
+
+    @property
+    def checks(self) -> dict[str, str]:
+        """Outcomes by the names of the checks."""
+        return {check.name: check.outcome.value for check in self.record.checks}
+
+
+Baseline = Mapping[str, Entry]
+"""Entries by the name of the scene's file."""
+
+
+def observe(verdict: Verdict) -> Entry:
+    """Return the entry of a verdict."""
+    return Entry(
+        name=verdict.scene.name,
+        fingerprint=fingerprint(verdict.scene),
+        taction=metadata.version("taction"),
+        solved_by=verdict.waveforms.simulator,
+        speed=abs(verdict.poles.rightmost),
+        record=Record.of(verdict).without_run_time(),
+        keys=written_keys(verdict.scene),
+    )
+
+
+def fingerprint(scene: Scene) -> str:
+    """Return the SHA-256 of a scene as written, without its tolerances, and of its files."""
+    digest = hashlib.sha256(json.dumps(_written(scene), sort_keys=True).encode())
+    for name in files_of(scene).values():
+        if isinstance(name, str):  # an array is in what was written
+            digest.update(read_bounded(scene.folder / name, LARGEST))
+    return digest.hexdigest()
+
+
+def _written(scene: Scene) -> dict[str, Any]:
+    return scene.model_dump(mode="json", exclude_unset=True, exclude={"regression"}, by_alias=True)
+
+
+def written_keys(scene: Scene) -> dict[str, str]:
+    """Return the keys that a scene gives, as it could write them; a list has only its length."""
+    units = {key.path: key.unit for key in all_keys(scene)}
+
+    def texts(table: dict[str, Any], above: str) -> Iterator[tuple[str, str]]:
+        for name, value in table.items():
+            path = above + name
+            if isinstance(value, dict):
+                yield from texts(value, f"{path}.")
+            elif isinstance(value, list):
+                yield path, f"{len(value)} values"
+            elif isinstance(value, float) and units.get(path):
+                yield path, written(value, units[path]).strip('"')
+            else:
+                yield path, str(value)
+
+    return dict(texts(_written(scene), ""))
+
+
+@dataclass(frozen=True, slots=True)
+class BaselineFile:
+    """What is in the file of a baseline."""
+
+    taction_baseline: int  # the format
+    scenes: dict[str, Entry]
+
+
+def load_baseline(path: str | Path) -> dict[str, Entry]:
+    """Read the entries of a baseline, or refuse a file that is none, or that is damaged."""
+
+    def unusable(key: str, value: str, reason: str) -> InputError:
+        return InputError(path, Complaint(key, value, reason))
+
+    damaged = f"; restore the file, or {MOVE_AWAY}"
+    try:
+        data = json.loads(read_bounded(Path(path), LARGEST))
+    except UnusableFileError as error:
+        raise unusable("baseline", "", f"{error}; `--update` writes a baseline") from None
+    except (ValueError, RecursionError) as error:
+        raise unusable("baseline", "", f"damaged, no JSON: {error}{damaged}") from None
+    if not isinstance(data, dict) or MARK not in data:
+        reason = f"JSON, but no baseline of taction ('{MARK}' is missing); give another file"
+        raise unusable("baseline", "", reason)
+    if data[MARK] != FORMAT:
+        reason = f"another format; this taction reads {FORMAT}. Use the taction that wrote it, or "
+        raise unusable(MARK, repr(data[MARK]), reason + MOVE_AWAY)
+    try:
+        found = read(BaselineFile, data)
+        if json.loads(baseline_text(found.scenes)) != data:
+            raise ValueError("scenes: has a key that no baseline has, or lacks one")
+    except ValueError as error:
+        place, _, what = str(error).rpartition(": ")
+        raise unusable(place or "scenes", "", f"damaged: {what}{damaged}") from None
+    return found.scenes
+
+
+def baseline_text(entries: Baseline) -> str:
+    """Return a baseline as the text of its file."""
+    file = {MARK: FORMAT, "scenes": dict(sorted(entries.items()))}
+    return json.dumps(plain(file), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def compare_entry(entry: Entry, then: Entry, allowed: Regression) -> tuple[Difference, ...]:
@@ -242,16 +377,14 @@ def regress(
     fresh = update and not Path(baseline).exists()
     entries, files = {} if fresh else load_baseline(baseline), find_scenes(folder)
     names = [printable(path.name) for path in files]
-    arguments = [(entries.get(name),) for name in names]
-    found = for_each_file(compare_scene, files, arguments, jobs=jobs, progress=progress)
-    results = [
-        each
-        if isinstance(each, SceneResult)
-        else SceneResult(name, Status.NOT_RUN, reason="interrupted")
-        if each is None
-        else SceneResult(name, Status.NO_VERDICT, reason=f"the process was killed: {each}")
-        for name, each in zip(names, found, strict=True)
-    ]
+    calls = [(path, entries.get(name)) for path, name in zip(files, names, strict=True)]
+
+    def without(k: int, killed: str) -> SceneResult:
+        status = Status.NO_VERDICT if killed else Status.NOT_RUN
+        return SceneResult(names[k], status, reason=killed or "interrupted")
+
+    stems = [path.stem for path in files]
+    results = for_each(compare_scene, calls, stems, without, jobs=jobs, progress=progress)
     reason = "in the baseline, but not in the folder"
     gone = sorted(set(entries) - set(names))
     results += [SceneResult(n, Status.MISSING, reason=reason, baseline=entries[n]) for n in gone]
@@ -265,21 +398,11 @@ def regress(
 
 def compare_scene(path: Path, then: Entry | None) -> SceneResult:
     """Verify one scene and compare it with its entry; bad input gives a result, too."""
-    started, file = time.perf_counter(), printable(path.name)
-
-    def without(status: Status, reason: str) -> SceneResult:
-        """Return the result of a scene that has no verdict."""
+    started, file, verdict = time.perf_counter(), printable(path.name), verdict_of(path)
+    if isinstance(verdict, TactionError):
+        status = Status.BAD_INPUT if isinstance(verdict, InputError) else Status.NO_VERDICT
         seconds = time.perf_counter() - started
-        return SceneResult(file, status, reason=reason, baseline=then, seconds=seconds)
-
-    try:
-        verdict = verify(load_scene(path))
-    except InputError as error:
-        return without(Status.BAD_INPUT, str(error))
-    except NoVerdictError as error:
-        return without(Status.NO_VERDICT, str(error))
-    except MemoryError:
-        return without(Status.NO_VERDICT, "out of memory: the scene is too large")
+        return SceneResult(file, status, reason=str(verdict), baseline=then, seconds=seconds)
     now = observe(verdict)
     differences = () if then is None else compare_entry(now, then, verdict.scene.regression)
     changed = any(difference.beyond for difference in differences)

@@ -10,13 +10,14 @@ import re
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from typing import Any, TypeVar
 
 from taction.system.errors import Complaint, InputError, NoVerdictError, SimulationError
 from taction.system.output_files import check_extra
-from taction.verification.studies.running.pool import Workers
+from taction.verification.studies.running import study
+from taction.verification.studies.running.study import Workers
 from taction.verification.studies.running.versions import own_version, simulator_name
 
 T = TypeVar("T")
@@ -56,6 +57,15 @@ def cluster(address: str, announce: Callable[[str], None] = lambda text: None) -
             with suppress(OSError, RuntimeError):  # a scheduler that is gone
                 client.close(timeout=CLOSING)
         logging.disable(before)
+
+
+def workers_at(
+    address: str | None,
+    jobs: int | None = None,
+    announce: Callable[[str], None] = lambda text: None,
+) -> AbstractContextManager[Workers]:
+    """Return the cluster at `address`, or `jobs` processes here if it is None."""
+    return study.local(jobs) if address is None else cluster(address, announce)
 
 
 def check_address(address: str) -> None:

@@ -68,6 +68,8 @@ class Store:
     writable.
     """
 
+    path: str
+
     def __init__(self, path: str) -> None:
         self.path = path
         check_database(path)

@@ -27,8 +27,8 @@ from taction.system.progress import Notice, Progress
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.studies.running.pool import HERE, Workers
-from taction.verification.studies.running.study import workers_at
+from taction.verification.studies.running.cluster import workers_at
+from taction.verification.studies.running.study import HERE, Workers
 from taction.verification.studies.tolerance.varied_board import (
     BoardSample,
     Quantity,

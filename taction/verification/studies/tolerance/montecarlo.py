@@ -7,9 +7,10 @@ database is a digest of board, checks, seed and versions.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,9 +25,9 @@ from taction.system.progress import Notice, Progress
 from taction.system.quantities import fraction, percent
 from taction.system.results import Result
 from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.studies.running.pool import Workers
+from taction.verification.studies.running.cluster import workers_at
 from taction.verification.studies.running.store import Store
-from taction.verification.studies.running.study import workers_at
+from taction.verification.studies.running.study import Workers
 from taction.verification.studies.running.versions import digest, own_code, simulator_name
 from taction.verification.studies.tolerance.varied_board import (
     BoardSample,
@@ -236,55 +237,40 @@ def sample_keys(board: VariedBoard, seed: int) -> Callable[[int], bytes]:
     return lambda number: digest(base, number)
 
 
-@dataclass(slots=True)
-class SampleCollection:
-    """Samples in the order of their numbers, not of their ends, until there are enough."""
-
-    limit: int
-    width: float | None = None  # requested half width of the confidence interval
-    samples: list[BoardSample] = field(default_factory=list)  # numbers 0, 1, 2 ... without a gap
-    passed: int = 0
-    enough: bool = False
-    _waiting: dict[int, BoardSample] = field(default_factory=dict)  # a lower number is missing
-
-    def add(self, sample: BoardSample) -> None:
-        """Take a sample; it is counted as soon as all lower numbers are counted."""
-        self._waiting[sample.number] = sample
-        while not self.enough and (following := self._waiting.pop(len(self.samples), None)):
-            self.samples.append(following)
-            self.passed += following.outcome == "pass"
-            self.enough = (count := len(self.samples)) >= self.limit
-            if self.width is not None and count >= MIN_SAMPLES:
-                low, high = interval(self.passed, count)
-                self.enough |= 0.5 * (high - low) <= self.width
-
-
 def run_samples(
-    board: Varied,
-    numbers: Iterable[int],
-    seed: int,
-    workers: Workers,
-    collection: SampleCollection,
-    store: Store | None = None,
-    key: Callable[[int], bytes] = lambda number: b"",
+    board: Varied, limit: int, seed: int, workers: Workers, store: Store | None = None
 ) -> Iterator[BoardSample]:
-    """Draw samples into `collection` until it has enough; yield those that `store` lacked."""
+    """Yield the samples in the order of their numbers, not of their ends; compute what is missing.
+
+    `store` keeps each sample at once; what it has is not computed.
+    """
+    key = sample_keys(board, seed) if store and isinstance(board, VariedBoard) else None
+    known, following = dict[int, BoardSample](), 0
 
     def missing() -> Iterator[tuple[int, Floats]]:
-        for number in numbers:
-            if collection.enough:
-                return
-            stored = None if store is None else store.record_of(key(number), BoardSample)
-            if stored is None:
-                yield number, board.drawn(seed, number)
+        for number in range(limit):
+            stored = key and store and store.record_of(key(number), BoardSample)
+            if stored:
+                known[number] = stored
             else:
-                collection.add(stored)
+                yield number, board.drawn(seed, number)
 
-    for sample in evaluate_all(board, missing(), workers, lambda: collection.enough):
-        if store is not None:
-            store.put(key(sample.number), sample)
-        collection.add(sample)
-        yield sample
+    for sample in itertools.chain(evaluate_all(board, missing(), workers), [None]):
+        if sample is not None:
+            known[sample.number] = sample
+            if key and store:
+                store.put(key(sample.number), sample)
+        while following in known:
+            yield known.pop(following)
+            following += 1
+
+
+def is_narrow(passed: int, count: int, width: float | None) -> bool:
+    """Return whether the half width of the confidence interval is at most `width`."""
+    if width is None or count < MIN_SAMPLES:
+        return False
+    low, high = interval(passed, count)
+    return 0.5 * (high - low) <= width
 
 
 def montecarlo(
@@ -352,19 +338,20 @@ def montecarlo(
     >>> taction.montecarlo("scenes/tuned-breadboard.toml", samples=4, jobs=1).samples
     4
     """
-    tally = SampleCollection(samples, half_width(until))
-    board = prepare(read_scene(scene, engine))
+    width, board, found, passed = half_width(until), prepare(read_scene(scene, engine)), [], 0
     complete, path = True, ":memory:" if output is None else str(output)
     try:
         announced = workers_at(cluster, jobs, lambda text: progress(Notice(text)))
         with Store(path) as store, announced as workers:
-            keys = sample_keys(board, seed)
-            for _ in run_samples(board, range(samples), seed, workers, tally, store, keys):
-                done = len(tally.samples)
-                progress(f"yield: {done} of {samples} samples, {tally.passed} pass")
+            for sample in run_samples(board, samples, seed, workers, store):
+                found.append(sample)
+                passed += sample.outcome == "pass"
+                progress(f"yield: {len(found)} of {samples} samples, {passed} pass")
+                if is_narrow(passed, len(found), width):
+                    break
     except KeyboardInterrupt:
         complete = False
-    report = summarise_samples(board, tally.samples, seed)
+    report = summarise_samples(board, found, seed)
     report = replace(report, min_yield=min_yield, complete=complete, scene=board.scene)
     if not complete:
         raise Interrupted("the report holds the finished samples", report)

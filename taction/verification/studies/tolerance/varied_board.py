@@ -30,8 +30,7 @@ from taction.system.reading_definitions import EXCURSIONS
 from taction.system.results import Result
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.studies.running.pool import Workers
-from taction.verification.studies.running.study import attempted, study
+from taction.verification.studies.running.study import Workers, attempted, study
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import ERROR, Record, finite, signed_errors
 from taction.verification.verdict.simulation import choose_engine
@@ -152,13 +151,7 @@ def evaluate_all(
 
 @dataclass(frozen=True, slots=True)
 class VerifiedSample(Result):
-    """One sample of a Monte Carlo study in full: the verdict, and the sample as the study has it.
-
-    Attributes
-    ----------
-    deviations : mapping of str to float
-        Of each part, in units of its tolerance.
-    """
+    """One sample of a Monte Carlo study in full: verdict, and the sample as the study has it."""
 
     VIEW = "taction.verification.report.views.verdict_view:sample_view"
     DOCUMENT = ("seed", "sample", "deviations", "* = verdict")
@@ -166,7 +159,7 @@ class VerifiedSample(Result):
     verdict: Verdict
     sample: BoardSample
     seed: int
-    deviations: Mapping[str, float] = field(repr=False)
+    deviations: Mapping[str, float] = field(repr=False)  # of each part, in its tolerances
 
     @property
     def outcome(self) -> str:

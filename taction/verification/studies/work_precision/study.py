@@ -1,45 +1,173 @@
 """Error against run time of one scene for every engine, method and tolerance or step.
 
 `accuracy` runs the settings of `METHODS`, coarse to fine, and compares each with the exact
-solution, or one with a far smaller tolerance.
+solution, or one with a far smaller tolerance. The order of a method is that of the largest error
+over time as a function of the mean step.
 """
 
 from __future__ import annotations
 
 import math
+import re
 import statistics
 import time as clock
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.analysis import SimulatedDeck, Transient
+from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, SimulationError
+from taction.system.foreign_files import read_ends
 from taction.system.progress import Notice, Progress
 from taction.system.quantities import show
 from taction.system.results import Result
-from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.statespace.linearised.time_scales import time_scales
-from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.studies.running.pool import FAILURES, Worker
-from taction.verification.studies.running.versions import describe_machine
-from taction.verification.studies.work_precision.methods import (
-    BASE_POINTS,
-    EXACT,
-    METHODS,
-    Method,
-    MethodRun,
-    MethodTask,
-    solutions,
+from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
+from taction.verification.engines.ngspice import process
+from taction.verification.engines.ngspice.evidence import (
+    Ending,
+    accepted_waveforms,
 )
-from taction.verification.verdict.transient_plan import even_transient
+from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.linearised.time_scales import time_scales
+from taction.verification.engines.statespace.transients import stepped
+from taction.verification.engines.statespace.transients.dense import record_times
+from taction.verification.engines.statespace.transients.exact import exact_solution, is_exact
+from taction.verification.reference.lambda_rule import read_scene
+from taction.verification.studies.running.study import FAILURES, Worker
+from taction.verification.studies.running.versions import describe_machine
+from taction.verification.verdict.run import outputs
+from taction.verification.verdict.transient_plan import coarser, even_transient
+
+BASE_POINTS = 125.0  # points per period of the task's transient
+COMPARED = 1000  # instants of a record that are compared with the reference, about
+LONGEST = 86400.0  # s: the study ends the process of a run that takes too long
+STEPS = re.compile(r"^Accepted timepoints = (\d+)", re.MULTILINE)
+ITERATIONS = re.compile(r"^Total iterations = (\d+)", re.MULTILINE)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MethodRun:
+    """One run of one method."""
+
+    time: Floats  # (P,), s
+    u: Floats  # (P, N), V
+    seconds: float  # wall time of the ngspice process, or of the computation with its output
+    steps: int  # accepted steps; 0 for a method without steps
+    factorisations: int | None  # (ngspice: one per Newton iteration); None: unknown
+
+    @property
+    def thinned(self) -> MethodRun:
+        """The run with about `COMPARED` of its instants, equally spaced."""
+        count = len(self.time)
+        kept = np.unique(np.append(np.arange(0, count, -(-count // COMPARED)), count - 1))
+        return replace(self, time=self.time[kept], u=self.u[kept])
+
+
+def ngspice(
+    circuit: Circuit, transient: Transient, points: float, method: Literal["trapezoidal", "gear"]
+) -> MethodRun:
+    """Run ngspice with `points` points on a ringing period."""
+    simulator = find_simulator()
+    transient = replace(coarser(transient, BASE_POINTS / points), method=method)
+    deck = write_deck(circuit, transient, solver=simulator.solver_option)
+    # The option acct makes ngspice print its steps and iterations.
+    deck = replace(deck, text=deck.text.replace("\n.options ", "\n.options acct ", 1))
+    bound = PHYSICAL_BOUND * circuit.value("U0")
+
+    def accept(deck: SimulatedDeck, ending: Ending) -> tuple[Waveforms, str]:
+        log = read_ends(ending.folder / process.STREAMS[0], process.LONGEST_LOG)
+        return accepted_waveforms(deck, ending, engine=simulator.engine, bound=bound), log
+
+    with process.Simulation(deck, simulator, timeout=LONGEST, bound=bound) as run:
+        waveforms, log = run.accept(accept)
+    steps, iterations = STEPS.search(log), ITERATIONS.search(log)
+    return replace(
+        _of_record(circuit, waveforms),
+        steps=int(steps[1]) if steps else waveforms.cost.points,
+        factorisations=int(iterations[1]) if iterations else None,
+    )
+
+
+def exact(
+    circuit: Circuit, transient: Transient, setting: float = 0.0, *, times: Floats | None = None
+) -> MethodRun:
+    """Run the exact engine; without `times` with `BASE_POINTS` points on a ringing period."""
+    started, solution = clock.perf_counter(), exact_solution(circuit, initial=transient.initial)
+    time = record_times(transient, transient.stop) if times is None else times
+    u = np.array([output.sign for output in circuit.outputs]) * solution.at(time)
+    return MethodRun(time, u, clock.perf_counter() - started, 0, 1)
+
+
+def implicit(
+    circuit: Circuit, transient: Transient, tolerance: float, *, times: Floats | None = None
+) -> MethodRun:
+    """Run the adaptive implicit engine, also on a linear board."""
+    found = stepped.simulate(circuit, transient, times=times, tolerance=tolerance)
+    return _of_record(circuit, found)
+
+
+def _of_record(circuit: Circuit, waveforms: Waveforms) -> MethodRun:
+    cost, u = waveforms.cost, outputs(circuit, waveforms)
+    return MethodRun(waveforms.time, u, cost.seconds, cost.points, cost.factorisations)
+
+
+TOLERANCES = tuple(10.0**-k for k in range(2, 11))
+POINTS = (16.0, 32.0, 64.0, 125.0, 250.0, 500.0, 1000.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """One integration method of one engine."""
+
+    name: str
+    engine: Literal["ngspice", "statespace"]
+    setting: str  # name of the ladder's quantity; empty for a method without a step
+    ladder: tuple[float, ...]  # coarse to fine
+    run: Callable[..., MethodRun]  # of circuit, transient (with `BASE_POINTS`) and setting
+    order: float | None  # in theory; None for a method without a step
+    theory: str  # the order in words
+
+
+EXACT = "state space, exact"
+
+METHODS: tuple[Method, ...] = (
+    Method(
+        "ngspice trapezoidal", "ngspice", "points per period", POINTS,
+        partial(ngspice, method="trapezoidal"), 2.0, "2",
+    ),
+    Method(
+        "ngspice Gear", "ngspice", "points per period", POINTS,
+        partial(ngspice, method="gear"), 2.0, "2 (ngspice's default maximum order)",
+    ),
+    Method(EXACT, "statespace", "", (0.0,), exact, None, "no step: rounding alone"),
+    Method(
+        "state space, implicit", "statespace", "tolerance", TOLERANCES, implicit,
+        10.0, "10 (dense output of nine Radau IIA stages; 17 at the ends of steps)",
+    ),
+)  # fmt: skip
+
+
+def solutions(board: LinearBoard) -> dict[str, Callable[..., MethodRun]]:
+    """Return two solutions of the board by their names, the better first."""
+    # Of a large board a smaller tolerance gains nothing over rounding errors.
+    tight = 1e-9 if board.descriptor.is_large else 1e-12
+    found: dict[str, Callable[..., MethodRun]] = {EXACT: exact} if is_exact(board) else {}
+    for each in (tight, 100.0 * tight)[: 2 - len(found)]:
+        found[f"state space, implicit at {each:g}"] = partial(implicit, tolerance=each)
+    return found
+
 
 PERIODS = 30.0  # of ringing that are studied
 REPEATS = 3
@@ -161,15 +289,14 @@ class WorkPrecisionStudy(Result):
 
     def cheapest(self, error: float, engines: Iterable[str] | None = None) -> SettingResult | None:
         """Return the fastest setting whose error is at most `error`, or None."""
-        accurate = [
-            (point.seconds, point)
+        accurate = (
+            point
             for point in self.points
             if (engines is None or point.method.engine in engines)
-            and point.seconds is not None
             and point.error is not None
             and point.error <= error
-        ]
-        return min(accurate, key=lambda pair: pair[0])[1] if accurate else None
+        )
+        return min(accurate, key=lambda point: point.seconds or math.inf, default=None)
 
 
 def accuracy(
@@ -213,9 +340,9 @@ def accuracy(
     if scene.analysis.stop != "auto":
         stop = min(stop, scene.analysis.stop)
     transient = even_transient(scene, scales, BASE_POINTS, stop)
-    task, left_out = MethodTask(circuit, transient), list[str]()
+    board, left_out, end = LinearBoard(circuit), list[str](), started + budget
     runs, solved = list[tuple[SettingResult, MethodRun | None]](), dict[str, Floats]()
-    usable, end = list(_applicable(task, left_out)), started + budget
+    usable, task = list(_applicable(board, left_out)), (circuit, transient)
     with Worker() as worker:
         for k, method in enumerate(usable):
             left = max(end - clock.perf_counter(), 0.0)
@@ -224,9 +351,9 @@ def accuracy(
         progress("references")
         limit = max(end - clock.perf_counter(), LEAST_TIME)
         time = np.unique(np.concatenate([[0.0], *(run.time for _, run in runs if run)]))
-        for name, solve in solutions(task).items() if len(time) > 1 else ():
+        for name, solve in solutions(board).items() if len(time) > 1 else ():
             try:
-                solved[name] = worker.call(limit, solve, task, times=time).u
+                solved[name] = worker.call(limit, solve, *task, times=time).u
             except (TimeoutError, *FAILURES) as error:
                 left_out.append(f"reference, {name}: {error}")
     floor, amplitude = None, math.nan
@@ -262,7 +389,7 @@ def accuracy(
     return made
 
 
-def _applicable(task: MethodTask, left_out: list[str]) -> Iterator[Method]:
+def _applicable(board: LinearBoard, left_out: list[str]) -> Iterator[Method]:
     """Yield the methods that this board and this machine can run; `left_out` gets the others."""
     missing = ""
     try:
@@ -270,7 +397,8 @@ def _applicable(task: MethodTask, left_out: list[str]) -> Iterator[Method]:
     except SimulationError as error:
         missing = str(error).splitlines()[0]
     large = "too many unknowns for dense matrices"
-    inexact = "" if task.is_exact else large if task.circuit.is_linear else "it is not linear"
+    inexact = large if board.circuit.is_linear else "it is not linear"
+    inexact = "" if is_exact(board) else inexact
     for method in METHODS:
         reason = missing if method.engine == "ngspice" else inexact * (method.name == EXACT)
         if reason:
@@ -280,10 +408,14 @@ def _applicable(task: MethodTask, left_out: list[str]) -> Iterator[Method]:
 
 
 def _ladder(
-    worker: Worker, task: MethodTask, method: Method, seconds: float, left_out: list[str]
+    worker: Worker,
+    task: tuple[Circuit, Transient],
+    method: Method,
+    seconds: float,
+    left_out: list[str],
 ) -> Iterator[tuple[SettingResult, MethodRun | None]]:
     """Yield the settings of a method and their last runs, coarse to fine, for some `seconds`."""
-    end, stop = clock.perf_counter() + seconds, task.transient.stop
+    end, stop = clock.perf_counter() + seconds, task[1].stop
     for place, setting in enumerate(method.ladder):
         point, times, run = SettingResult(method, setting), list[float](), None
         if place and clock.perf_counter() > end:
@@ -292,7 +424,7 @@ def _ladder(
         limit = max(end - clock.perf_counter(), LEAST_TIME)
         try:
             while len(times) < REPEATS and (not times or clock.perf_counter() + times[0] < end):
-                run = worker.call(limit, method.run, task, setting)
+                run = worker.call(limit, method.run, *task, setting)
                 times.append(run.seconds)
         except TimeoutError as error:
             if run is None:

@@ -25,9 +25,9 @@ from taction.verification.evidence.paper.findings import (
     load_claims,
     paper_scene,
 )
+from taction.verification.evidence.paper.network import tikhonov
 from taction.verification.evidence.paper.reproduce import CHAPTERS, PaperSection, Reproduction
-from taction.verification.evidence.paper.scaling import tikhonov
-from taction.verification.evidence.paper.tactile import FINE, Geometry, by_transform, gradient_flow
+from taction.verification.evidence.paper.sensing import FINE, Geometry, by_transform, gradient_flow
 from taction.verification.verdict.checks import Outcome
 from tests.support.paths import SCENES
 

@@ -19,7 +19,7 @@ from taction.verification.design.exploration import Start
 from taction.verification.report.explorer import server
 from taction.verification.report.explorer.server import Guard
 from taction.verification.report.explorer.session import Session
-from taction.verification.studies.running.pool import WorkerDiedError
+from taction.verification.studies.running.study import WorkerDiedError
 from tests.support.paths import SCENES
 
 C = "design.capacitance"

@@ -10,8 +10,12 @@ import pytest
 from lxml import etree
 
 from taction.verification.evidence.stress.catalogue import load_catalogue, select
-from taction.verification.evidence.stress.judge import TruthComparison
-from taction.verification.evidence.stress.run_cases import CaseJudgement, CaseRun, StressReport
+from taction.verification.evidence.stress.run_cases import (
+    CaseJudgement,
+    CaseRun,
+    StressReport,
+    TruthComparison,
+)
 from taction.verification.report.blocks import PAGE, TERMINAL, Table
 from taction.verification.report.junit import regression_annotations, regression_junit
 from taction.verification.report.views.comparison_view import SHOWN

@@ -14,19 +14,17 @@ from taction.netlist_gen.scene.check_keys import Regression
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import InputError, Interrupted
 from taction.verification.studies.regression import regress as module
-from taction.verification.studies.regression.baseline import (
-    Entry,
-    baseline_text,
-    fingerprint,
-    load_baseline,
-    observe,
-)
 from taction.verification.studies.regression.regress import (
     INTERRUPTED,
+    Entry,
     RegressionReport,
     SceneResult,
     Status,
+    baseline_text,
     compare_entry,
+    fingerprint,
+    load_baseline,
+    observe,
     regress,
     updated_baseline,
 )
@@ -74,11 +72,10 @@ def test_what_is_wrong_with_a_file_is_said_and_what_to_do(tmp_path: Path, text: 
     assert str(file) in str(caught.value)
 
 
-def test_a_missing_file_names_the_option_that_makes_it(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="`--update` writes a baseline"):
-        load_baseline(tmp_path / "none.json")
-    with pytest.raises(InputError, match="not a regular file"):
-        load_baseline(tmp_path)
+@pytest.mark.parametrize(("name", "says"), [("none.json", "`--update` writes"), ("", "regular")])
+def test_what_is_no_file_is_named(tmp_path: Path, name: str, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        load_baseline(tmp_path / name)
 
 
 @pytest.fixture(scope="module")
@@ -111,21 +108,17 @@ def test_a_fingerprint_is_of_what_was_asked_not_of_how_it_was_written(tmp_path: 
     def of(**changes: str) -> str:
         return fingerprint(load_scene(write_fast(tmp_path / "s.toml", **changes)))
 
+    def with_entry(entry: str) -> str:
+        text = f"[problem]\nkind = 'matrix'\nmatrix = [[{entry}]]\nstrain = [1.0]\n"
+        (tmp_path / "a.toml").write_text(text)
+        return fingerprint(load_scene(tmp_path / "a.toml"))
+
     same = of()
     assert of(capacitance="1e-11") == same
     assert of(more="# a comment\n[regression]\ntimes = { relative = 0.5 }\n") == same
     assert of(capacitance="11pF") != same
-
-
-def test_a_fingerprint_covers_the_arrays_of_a_scene(tmp_path: Path) -> None:
-    def made(entry: str) -> str:
-        text = f"[problem]\nkind = 'matrix'\nmatrix = [[{entry}]]\nstrain = [1.0]\n"
-        file = tmp_path / "arrays.toml"
-        file.write_text(text)
-        return fingerprint(load_scene(file))
-
-    assert made("2.0") == made("2")
-    assert made("2.0") != made("2.5")
+    assert with_entry("2.0") == with_entry("2")
+    assert with_entry("2.0") != with_entry("2.5")
 
 
 def find(found: tuple[Difference, ...], name: str, group: str = "") -> Difference:

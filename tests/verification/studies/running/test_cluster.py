@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
-import shutil
 import signal
 import socket
 import subprocess
@@ -18,29 +16,25 @@ from typing import Any
 
 import pytest
 
-from taction.netlist_gen.scene.axes import parse_axes
 from taction.system.errors import InputError, NoVerdictError
 from taction.verification.studies.running import cluster as module
 from taction.verification.studies.running.cluster import cluster
 from taction.verification.studies.running.store import Store
-from taction.verification.studies.sweep.plan import Plan, sweep_points
-from taction.verification.studies.sweep.result import records
-from tests.support.making import NEAR_IDEAL, make_scene
+from taction.verification.studies.sweep.sweep import all_records, sweep_points
+from tests.support.entries import grid_plan
 from tests.support.paths import ROOT
 from tests.support.running import taction as command
-from tests.support.studying import scene_file, small_scene
+from tests.support.studying import scene_file
 
 
 @contextmanager
-def dask(
-    *words: str, folder: Path, source: Path = ROOT, **settings: str
-) -> Iterator[subprocess.Popen[bytes]]:
+def dask(*words: str, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     fixed = {"OMP_NUM_THREADS": "1", "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "false"}
-    environment = os.environ | fixed | settings
+    environment = os.environ | fixed
     with (folder / f"{words[0]}.log").open("ab") as log:
         process = subprocess.Popen(
             [sys.executable, "-m", "dask", *words, "--host", "127.0.0.1", "--no-dashboard"],
-            cwd=source,  # where `python -m` looks for taction first
+            cwd=ROOT,  # where `python -m` looks for taction first
             env=environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -67,30 +61,10 @@ def scheduler(folder: Path, processes: dict[str, Any] | None = None) -> Iterator
         yield file
 
 
-def worker(stack: ExitStack, file: Path, *more: str, **other: Any) -> subprocess.Popen[bytes]:
+def worker(stack: ExitStack, file: Path) -> subprocess.Popen[bytes]:
     words = ("worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-nanny")
     local = ("--local-directory", str(file.parent))
-    return stack.enter_context(dask(*words, *local, *more, folder=file.parent, **other))
-
-
-def another_taction(folder: Path, version: str | None = None, without: str | None = None) -> Path:
-    """Copy taction and change a comment where boards are designed; return the copy's folder.
-
-    `version` is that of the copy, by default ours; `without` is a file that the copy lacks.
-    """
-    # Stored bytecode is good for the copies, too; what another process still writes is left out.
-    skipped = shutil.ignore_patterns("*.pyc.*")
-    shutil.copytree(ROOT / "taction", folder / "taction", ignore=skipped)
-    with (folder / "taction" / "netlist_gen" / "analysis.py").open("a") as file:
-        file.write("# another\n")
-    if without is not None:
-        (folder / "taction" / without).unlink()
-    if version is not None:
-        about = folder / f"taction-{version}.dist-info"
-        about.mkdir()
-        lines = f"Metadata-Version: 2.1\nName: taction\nVersion: {version}\n"
-        (about / "METADATA").write_text(lines)
-    return folder
+    return stack.enter_context(dask(*words, *local, folder=file.parent))
 
 
 def address(file: Path) -> str:
@@ -98,14 +72,12 @@ def address(file: Path) -> str:
     return str(found["address"])
 
 
-DESIGN = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0, "opamp": NEAR_IDEAL}
 POINTS = 16
 pytest.importorskip("distributed")
 
 
 def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:
-    asked = make_scene({"channels": 2, "span": 1.2}, design=DESIGN)
-    plan = Plan(asked, parse_axes(asked, [f"C=50p:500p:{POINTS}"]), "statespace")
+    plan = grid_plan(f"C=50p:500p:{POINTS}")
     with ExitStack() as stack:
         file = stack.enter_context(scheduler(tmp_path))
         assert address(file).startswith("tcp://127.0.0.1:")
@@ -119,7 +91,7 @@ def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:
                 os.kill(victim.pid, signal.SIGKILL)
 
         count = sweep_points(plan, store, workers, progress=kill)
-        rows = list(records(plan, store))
+        rows = list(all_records(plan, store))
     assert count.outcomes == {"pass": POINTS}
     assert len(rows) == count.ran == POINTS
 
@@ -139,33 +111,6 @@ def test_a_yield_is_that_of_one_process(tmp_path: Path) -> None:
         there = told("--cluster", address(file))
     assert there == told("--jobs", "1")
     assert there["samples"] == 5
-
-
-def test_a_worker_with_another_source_and_another_ngspice_is_refused(
-    tmp_path: Path, ngspice: str
-) -> None:
-    assert ngspice
-    old = tmp_path / "old-ngspice"
-    old.write_text("#!/bin/sh\necho '** ngspice-39 : Circuit level simulation program'\n")
-    old.chmod(0o755)
-    asked = make_scene({"channels": 2, "span": 1.2}, design=DESIGN)
-    plan = Plan(asked, parse_axes(asked, ["C=50p,60p"]), "ngspice")
-    with ExitStack() as stack:
-        file = stack.enter_context(scheduler(tmp_path))
-        source = another_taction(tmp_path / "other")
-        worker(stack, file, source=source, TACTION_NGSPICE=str(old))
-        store = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
-        workers = stack.enter_context(cluster(address(file)))
-        text = r"ngspice-39 noopiter instead of taction .*, ngspice-"
-        with pytest.raises(NoVerdictError, match=text) as refused:
-            sweep_points(plan, store, workers)
-        assert len(set(re.findall(r"taction [0-9.]+ \([0-9a-f]{8}\)", str(refused.value)))) == 2
-        assert store.count() == 0
-
-
-def small_plan(points: int, engine: str = "statespace") -> Plan:
-    scene = small_scene()
-    return Plan(scene, parse_axes(scene, [f"C=50p:500p:{points}"]), engine)
 
 
 @pytest.mark.parametrize(
@@ -245,7 +190,7 @@ def test_a_cluster_that_dies_keeps_what_is_stored(
                 processes[victim].kill()
 
         with pytest.raises(NoVerdictError, match=expected[victim]) as ended:
-            sweep_points(small_plan(400), database, workers, progress=kill)
+            sweep_points(grid_plan("C=50p:500p:400"), database, workers, progress=kill)
         assert "The stored results are intact, the same command continues" in str(ended.value)
         assert 5 <= database.count() < 400
     assert capfd.readouterr().err == ""

@@ -16,15 +16,15 @@ from pathlib import Path
 import pytest
 
 from taction.system.errors import NoVerdictError
-from taction.verification.studies.running import pool as module
-from taction.verification.studies.running.pool import (
+from taction.verification.studies.running import study as module
+from taction.verification.studies.running.study import (
     ATTEMPTS,
     LocalPool,
     Worker,
     WorkerDiedError,
     local,
+    study,
 )
-from taction.verification.studies.running.study import study
 from tests.support.paths import ROOT
 
 HOSTILE = ("random", "platform", "socket", "pickle", "multiprocessing", "verification", "numpy")
@@ -61,7 +61,7 @@ def gone_within(seconds: float, *pids: int | None) -> bool:
 
 SCRIPT = """
 import sys
-from taction.verification.studies.running.pool import LocalPool
+from taction.verification.studies.running.study import LocalPool
 print("top level", __name__, flush=True)
 pool = LocalPool(1)
 print(pool.submit(pow, 2, 3).result(60), sys.modules["__main__"].__file__ == __file__)
@@ -76,13 +76,6 @@ def test_a_script_without_a_guard_runs_once(tmp_path: Path) -> None:
         [sys.executable, script], capture_output=True, text=True, cwd=ROOT, timeout=120, check=True
     )
     assert ended.stdout.splitlines() == ["top level __main__", "8 True"]
-
-
-def test_results_and_exceptions_come_back(pool: LocalPool) -> None:
-    futures = [pool.submit(pow, 2, k) for k in range(20)]
-    assert [future.result(60) for future in futures] == [2**k for k in range(20)]
-    with pytest.raises(ZeroDivisionError):
-        pool.submit(divmod, 1, 0).result(60)
 
 
 def test_one_blas_thread_a_worker(pool: LocalPool) -> None:
@@ -134,10 +127,8 @@ def test_no_module_of_the_working_folder_is_imported(tmp_path: Path) -> None:
     code = """
 import sys
 sys.path[:] = [each for each in sys.path if each]
-from taction.verification.studies.running import pool as module
 from taction.verification.studies.running.cluster import cluster
-from taction.verification.studies.running.study import study
-from taction.verification.studies.running.pool import LocalPool
+from taction.verification.studies.running.study import LocalPool
 pool = LocalPool(1)
 print(pool.submit(pow, 2, 5).result(60))
 pool.shutdown()
@@ -164,23 +155,17 @@ def test_shutdown_ends_what_runs(pool: LocalPool) -> None:
     running = [pool.submit(time.sleep, 100) for _ in range(2)]
     waiting = pool.submit(pow, 2, 5)
     time.sleep(0.3)
-    began = time.monotonic()
     pool.shutdown(wait=False, cancel_futures=True)
     assert waiting.cancelled()
     wait(running, timeout=20)
-    while not all(map(gone, first)) and time.monotonic() < began + 20:
-        time.sleep(0.01)
-    assert all(map(gone, first))
+    assert gone_within(20.0, *first)
     with pytest.raises(RuntimeError):
         pool.submit(pow, 2, 5)
 
 
 PARENT = """
 import sys, time
-from taction.verification.studies.running import pool as module
-from taction.verification.studies.running.cluster import cluster
-from taction.verification.studies.running.study import study
-from taction.verification.studies.running.pool import LocalPool
+from taction.verification.studies.running.study import LocalPool
 if __name__ == "__main__":
     pool = LocalPool(2)
     for each in pool.workers:
@@ -225,11 +210,8 @@ def test_workers_do_not_outlive_a_killed_parent() -> None:
     parent.stdout.close()
     parent.kill()
     parent.wait()
-    end = time.monotonic() + 20
-    while not all(map(gone, pids)) and time.monotonic() < end:
-        time.sleep(0.01)
     assert len(pids) == 2
-    assert all(map(gone, pids))
+    assert gone_within(20.0, *pids)
 
 
 def test_it_answers_from_one_other_process_and_says_what_went_wrong() -> None:
@@ -245,7 +227,7 @@ def test_it_answers_from_one_other_process_and_says_what_went_wrong() -> None:
 def test_an_answer_that_cannot_be_sent_is_an_error_and_not_the_end() -> None:
     with Worker() as worker:
         first = worker.call(30.0, os.getpid)
-        with pytest.raises(TypeError, match="cannot be sent"):
+        with pytest.raises(TypeError, match="cannot pickle"):
             worker.call(30.0, memoryview, b"x")
         with pytest.raises(FileNotFoundError):  # of the call, not of the pipe
             worker.call(30.0, os.stat, "/no/such/file")

@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +24,12 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.system.errors import InputError, Killed, OutOfDisk
 from taction.verification.studies.running import store as module
 from taction.verification.studies.running.store import FORMAT, Store
-from taction.verification.studies.running.study import RUNS, attempted, for_each_file
+from taction.verification.studies.running.study import RUNS, attempted, for_each
 from taction.verification.studies.running.versions import digest
 from tests.support.making import make_scene, write_matrix_scene
 from tests.support.paths import ROOT
 from tests.support.studying import IDEAL, scene_file
 
-FILES = [Path(f"{name}.toml") for name in "abcd"]
 COMMAND = [sys.executable, "-c", "from taction.cli.main import main; main()"]
 
 
@@ -49,20 +48,12 @@ def put(store: Store, number: int, outcome: str = "pass") -> None:
     store.put(key(number), Row(outcome, number / 7))
 
 
-def test_a_result_comes_back_as_it_was(tmp_path: Path) -> None:
+def test_a_result_comes_back_as_it_was_from_the_one_file(tmp_path: Path) -> None:
     with Store(str(tmp_path / "a.sqlite")) as store:
         put(store, 1)
         assert store.record_of(key(1), Row) == Row("pass", 1 / 7)
         assert store.record_of(key(2), Row) is None
-        assert store.outcome_of(key(1)) == "pass"
-    with Store(str(tmp_path / "a.sqlite")) as store:
-        assert store.count() == 1
-        assert store.record_of(key(1), Row) == Row("pass", 1 / 7)
-
-
-def test_the_file_is_one_file_when_nothing_runs(tmp_path: Path) -> None:
-    with Store(str(tmp_path / "a.sqlite")) as store:
-        put(store, 1)
+        assert (store.outcome_of(key(1)), store.count()) == ("pass", 1)
     assert [file.name for file in tmp_path.iterdir()] == ["a.sqlite"]
     (tmp_path / "copy.sqlite").write_bytes((tmp_path / "a.sqlite").read_bytes())
     with Store(str(tmp_path / "copy.sqlite")) as copy:
@@ -185,68 +176,53 @@ def test_two_processes_at_once(tmp_path: Path) -> None:
     assert None not in rows
 
 
-def killed_at_b(path: Path, number: int) -> str:
-    if path.stem == "b":
+def killed_at_b(name: str) -> str:
+    if name == "b":
         os.kill(os.getpid(), signal.SIGKILL)
-    return f"{path.stem}{number}"
+    return name.upper()
+
+
+def missing(number: int, killed: str) -> str:
+    return f"{number}: {killed}"
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_results_stand_in_the_order_of_the_files(jobs: int) -> None:
-    assert for_each_file(named, FILES, [(k,) for k in range(4)], jobs=jobs) == [
-        "a0",
-        "b1",
-        "c2",
-        "d3",
-    ]
+def test_results_stand_in_the_order_of_the_calls(jobs: int) -> None:
+    found = for_each(str.upper, [(name,) for name in "abcd"], "abcd", missing, jobs=jobs)
+    assert found == ["A", "B", "C", "D"]
 
 
-def named(path: Path, number: int) -> str:
-    return f"{path.stem}{number}"
+def test_a_killed_process_costs_only_its_own_call() -> None:
+    calls = [(name,) for name in "abcd"]
+    first, second, *others = for_each(killed_at_b, calls, "abcd", missing, jobs=2)
+    assert (first, others) == ("A", ["C", "D"])
+    assert second == "1: the process was killed: the process died during the call"
 
 
-def test_a_killed_process_costs_only_its_own_file() -> None:
-    first, second, *others = for_each_file(killed_at_b, FILES, [(0,)] * 4, jobs=2)
-    assert (first, others) == ("a0", ["c0", "d0"])
-    assert isinstance(second, BaseException)
-
-
-def test_ctrl_c_leaves_none_for_what_did_not_run() -> None:
-    def interrupted(path: Path) -> str:
-        if path.stem == "c":
+def test_ctrl_c_leaves_what_did_not_run() -> None:
+    def interrupted(name: str) -> str:
+        if name == "c":
             raise KeyboardInterrupt
-        return path.stem
+        return name
 
-    assert for_each_file(interrupted, FILES, [()] * 4, jobs=1) == ["a", "b", None, None]
+    found = for_each(interrupted, [(name,) for name in "abcd"], "abcd", missing, jobs=1)
+    assert found == ["a", "b", "2: ", "3: "]
 
 
-def computation(folder: Path, kills: int) -> tuple[Callable[[], str], list[Path]]:
-    """A computation whose simulator is killed `kills` times, and the folders of the runs."""
+@pytest.mark.parametrize(("kills", "found"), [(RUNS - 1, "result"), (10, "a signal ended")])
+def test_a_killed_run_is_repeated_and_the_folder_of_the_last_one_stays(
+    tmp_path: Path, kills: int, found: str
+) -> None:
     runs: list[Path] = []
 
     def compute() -> str:
-        runs.append(folder / str(len(runs)))
+        runs.append(tmp_path / str(len(runs)))
         runs[-1].mkdir()
         if len(runs) <= kills:
             raise Killed("a signal ended ngspice", folder=runs[-1])
         return "result"
 
-    return compute, runs
-
-
-def no_result(error: BaseException, text: str) -> str:
-    raise AssertionError(text) from error
-
-
-def test_a_killed_run_is_repeated_and_its_folder_goes(tmp_path: Path) -> None:
-    compute, runs = computation(tmp_path, RUNS - 1)
-    assert attempted(compute, no_result) == "result"
-    assert [run.exists() for run in runs] == [False] * (RUNS - 1) + [True]
-
-
-def test_the_last_of_many_kills_is_an_error_with_its_folder(tmp_path: Path) -> None:
-    compute, runs = computation(tmp_path, 10)
-    assert attempted(compute, lambda error, text: text).startswith("a signal ended ngspice")
+    assert attempted(compute, lambda error, text: text).startswith(found)
     assert [run.exists() for run in runs] == [False] * (RUNS - 1) + [True]
 
 
@@ -263,6 +239,7 @@ def test_types_and_borders_count() -> None:
         (("a", "b"), "c"),
         ("a", ("b", "c")),
         (np.array([1.0, 2.0]),),
+        (np.array([1.0, np.nextafter(2.0, 3.0)]),),
         (np.array([[1.0, 2.0]]),),
         (np.array([1.0, 2.0], dtype=np.float32),),
         (0.0,),
@@ -284,15 +261,6 @@ def test_equal_circuits_have_equal_digests_in_any_process() -> None:
     )
     other = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
     assert other.stdout.strip() == digest(circuit).hex()
-
-
-def test_one_resistor_makes_another_digest() -> None:
-    scene = make_scene({"channels": 3})
-    circuit = synthesise(scene, make_problem(scene))
-    ohms = circuit.forward.ohms.copy()
-    ohms[1, 2] = np.nextafter(ohms[1, 2], np.inf)
-    changed = replace(circuit, matrices=(replace(circuit.forward, ohms=ohms),))
-    assert digest(changed.forward) != digest(circuit.forward)
 
 
 def command(folder: Path, *more: str) -> list[str]:

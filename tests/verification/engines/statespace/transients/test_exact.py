@@ -16,7 +16,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.engines.statespace.transients import reduced_transient
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.engines.statespace.transients.simulate import simulate
-from taction.verification.evidence.stress.judge import compare, wrong_checks
+from taction.verification.evidence.stress.run_cases import compare, wrong_checks
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.simulation import state_space_error
 from taction.verification.verdict.verify import verify

@@ -1,34 +1,206 @@
-"""The result of a sweep: its points as records, tables and files."""
+"""Sweeps: verify every point of a grid, store each result at once, and compute no point twice.
+
+The grid is generated lazily, only a few points are being computed at a time, and results live in
+the store. A failed verification is a result like any other.
+"""
 
 from __future__ import annotations
 
 import csv
+import hashlib
 import math
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 
-from taction.netlist_gen.scene.axes import Fixed, Over, SweepAxis
-from taction.netlist_gen.scene.keys import Value
+from taction.netlist_gen.scene.axes import (
+    ENGINE,
+    Fixed,
+    Over,
+    SweepAxis,
+    check_axes,
+    fixed_values,
+    parse_axes,
+    with_values,
+)
+from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.keys import Value, files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.scene.slips import axis_questions
 from taction.system.documents import INLINE
+from taction.system.errors import MACHINE_FAILURES, Complaint, InputError, Interrupted, TactionError
+from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.output_files import check_extra, check_file, replacing
-from taction.system.progress import Progress, ask
+from taction.system.progress import Notice, Progress, ask
 from taction.system.results import Result
+from taction.verification.reference.lambda_rule import read_scene
+from taction.verification.studies.running.cluster import workers_at
 from taction.verification.studies.running.store import Store
-from taction.verification.studies.sweep.plan import (
-    Plan,
-    SweepCounts,
-    computed,
-    grid_points,
-    plan_sweep,
-)
-from taction.verification.verdict.record import FIGURES, Record
+from taction.verification.studies.running.study import Workers, attempted, study
+from taction.verification.studies.running.versions import digest, own_code, simulator_name
+from taction.verification.verdict.record import ERROR, FIGURES, Record
+from taction.verification.verdict.simulation import choose_engine
+from taction.verification.verdict.verify import verify
+
+MAX_POINTS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """Everything that defines a sweep of at most `MAX_POINTS` points."""
+
+    scene: Scene
+    groups: Sequence[Sequence[SweepAxis]]  # they span the grid; the axes of a group change together
+    engine: str
+
+    def __post_init__(self) -> None:
+        if self.points > MAX_POINTS:
+            text = f"at most {MAX_POINTS} points in one sweep"
+            raise InputError("--over", Complaint("points", repr(self.points), text))
+
+    @property
+    def axes(self) -> tuple[SweepAxis, ...]:
+        """All axes, in the order of the grid."""
+        return tuple(axis for group in self.groups for axis in group)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of values of each group."""
+        return tuple(len(group[0]) for group in self.groups)
+
+    @property
+    def points(self) -> int:
+        """Number of points of the grid."""
+        return math.prod(self.shape)
+
+    def values_at(self, place: int) -> dict[str, Value]:
+        """Return the values at a place of the grid, in its order from 0, by their paths."""
+        at = zip(self.groups, np.unravel_index(place, self.shape), strict=True)
+        return {axis.key.path: axis.values[k] for group, k in at for axis in group}
+
+
+@dataclass(frozen=True, slots=True)
+class GridPoint:
+    """One point of the grid."""
+
+    place: int  # in the order of the grid, from 0
+    values: dict[str, Value]
+    key: bytes  # digest of the scene at the point, and of all else that its result depends on
+
+
+def grid_points(plan: Plan, places: Iterable[int] | None = None) -> Iterator[GridPoint]:
+    """Yield points of a plan, by default all, in the order of the grid."""
+    scene = plan.scene.model_dump(by_alias=True, exclude={"name", "regression", "analysis"})
+    analysis = plan.scene.analysis.model_dump(exclude={"engine", "timeout"})
+    base = digest(own_code(), scene, analysis, simulator_name(plan.engine), plan.engine)
+    named = files_of(plan.scene)
+
+    @cache
+    def content(name: str) -> bytes:
+        with suppress(UnusableFileError):
+            return hashlib.sha256(read_bounded(plan.scene.folder / name, LARGEST)).digest()
+        return b""
+
+    for place in range(plan.points) if places is None else map(int, places):
+        values = plan.values_at(place)
+        names = [values.get(path, name) for path, name in named.items()]
+        files = [content(name) if isinstance(name, str) else b"" for name in names]
+        yield GridPoint(place, values, digest(base, values, files))
+
+
+@dataclass(slots=True)
+class SweepCounts:
+    """How many points a sweep has, and how they ended."""
+
+    total: int
+    ran: int = 0  # computed now
+    outcomes: Counter[str] = field(default_factory=Counter)  # of the points that are done
+
+    @property
+    def done(self) -> int:
+        """Number of points that were computed now, or stored before."""
+        return self.outcomes.total()
+
+
+def sweep_points(
+    plan: Plan, store: Store, workers: Workers, *, progress: Progress = lambda line: None
+) -> SweepCounts:
+    """Compute every point of `plan` that `store` does not have, or has without a verdict."""
+    count, missing = SweepCounts(plan.points), []
+    for point in grid_points(plan):
+        outcome = store.outcome_of(point.key)
+        if outcome in (None, ERROR):
+            missing.append(point.place)
+        else:
+            count.outcomes[outcome] += 1
+    if not missing:
+        return count
+    progress(Notice(f"computing {len(missing)} of {count.total} points"))
+
+    def finish(key: bytes, record: Record) -> None:
+        store.put(key, record)
+        count.ran += 1
+        count.outcomes[record.outcome] += 1
+        outcomes = ", ".join(f"{number} {name}" for name, number in sorted(count.outcomes.items()))
+        progress(f"{count.done} of {count.total} points; {outcomes}")
+
+    def requests() -> Iterator[tuple[bytes, tuple[Scene, InverseProblem]]]:
+        """Yield key, scene and problem of each point; one whose scene cannot be made ends here."""
+        last = problem = None
+        for point in grid_points(plan, missing):
+            try:
+                scene = with_values(plan.scene, point.values | {ENGINE: plan.engine})
+                if last is None or problem is None or last != scene.problem:
+                    last, problem = scene.problem, make_problem(scene)  # neighbours often share it
+                yield point.key, (scene, problem)
+            except MACHINE_FAILURES:  # ngspice was removed: no result of a point
+                raise
+            except TactionError as error:
+                finish(point.key, _failed(error, str(error), plan.engine))
+
+    for key, record in study(workers, compute_point, requests()):
+        if isinstance(record, BaseException):
+            text = f"the worker was killed several times (out of memory?): {record}"
+            record = _failed(record, text, plan.engine)
+        finish(key, record)
+    return count
+
+
+def _failed(error: BaseException, reason: str, engine: str) -> Record:
+    return Record.without_verdict(type(error).__name__, reason, engine)
+
+
+def compute_point(scene: Scene, problem: InverseProblem) -> Record:
+    """Compute a point; a verification that fails gives a record, too."""
+    return attempted(
+        lambda: Record.of(verify(scene, problem=problem), channels=False),
+        lambda error, reason: _failed(error, reason, scene.analysis.engine),
+    )
+
+
+def computed(
+    plan: Plan,
+    store: Store,
+    *,
+    jobs: int | None = None,
+    cluster: str | None = None,
+    progress: Progress = lambda stage: None,
+) -> SweepCounts:
+    """Compute what `store` lacks, by processes here or a cluster."""
+    try:
+        with workers_at(cluster, jobs, lambda text: progress(Notice(text))) as workers:
+            return sweep_points(plan, store, workers, progress=progress)
+    except KeyboardInterrupt:
+        stored = f"{store.count()} results are in {store.path}; the same command continues"
+        raise Interrupted(stored) from None
+
 
 TEXT_COLUMNS = ("outcome", "failure", "state", "simulator", "reason")
 OUTCOMES = ("pass", "fail", "inconclusive", "error")
@@ -48,11 +220,6 @@ def all_records(plan: Plan, store: Store) -> Iterator[dict[str, Any] | None]:
         pole = None if rate is None else [rate, 2.0 * math.pi * frequency]
         values = {names[path]: value for path, value in point.values.items()}
         yield {"values": values, **record, "rightmost_pole": pole}
-
-
-def records(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
-    """Yield the stored points of `plan`, as `all_records` does."""
-    return (record for record in all_records(plan, store) if record is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,42 +246,23 @@ class GridAxis:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SweepResult(Result):
-    """Every point of a sweep.
-
-    Attributes
-    ----------
-    plan : Plan
-        The grid: the axes, their values, the engine.
-    store : Store
-        A database in a file or in memory, open as long as the result exists.
-    count : SweepCounts
-        Numbers of all points, of the points computed now, and of each outcome.
-    seconds : float
-        Wall time, s.
-    strict : bool
-        Whether a point that fails makes the outcome fail.
-    """
+    """Every point of a sweep."""
 
     VIEW = "taction.verification.report.views.sweep_view:view"
     CARD = "Sweep"
     DOCUMENT = (
-        *("scene = plan.scene.name", "file = plan.scene.file", "database", "axes"),
+        *("scene = plan.scene.name", "file = plan.scene.file", "database = store.path", "axes"),
         *("engine = plan.engine", "total = count.total", "done = count.done"),
         *("ran = count.ran", "outcomes", "seconds [s]"),
         "notes # what may be a slip in the axes, and the figures that every op-amp keeps",
         "points",
     )
 
-    plan: Plan
-    store: Store
-    count: SweepCounts
-    seconds: float = 0.0
-    strict: bool = False
-
-    @property
-    def database(self) -> str:
-        """The file of the store."""
-        return self.store.path
+    plan: Plan  # the grid: the axes, their values, the engine
+    store: Store  # a database in a file or in memory, open as long as the result exists
+    count: SweepCounts  # of all points, of the points computed now, and of each outcome
+    seconds: float = 0.0  # wall time
+    strict: bool = False  # whether a point that fails makes the outcome fail
 
     @property
     def axes(self) -> tuple[GridAxis, ...]:
@@ -153,15 +301,12 @@ class SweepResult(Result):
 
     def records(self) -> Iterator[dict[str, Any]]:
         """Yield every point as plain data in SI base units, in the order of the grid."""
-        return records(self.plan, self.store)
+        return filter(None, all_records(self.plan, self.store))
 
     def to_pandas(self) -> Any:
         """Return a ``pandas.DataFrame``: a row for each point, a column for each figure.
 
-        Raises
-        ------
-        InputError
-            pandas is not installed.
+        InputError: pandas is not installed.
         """
         check_extra("data", "to_pandas")
         import pandas as pd
@@ -171,13 +316,30 @@ class SweepResult(Result):
     def to_xarray(self) -> Any:
         """Return an ``xarray.Dataset``: the axes are its coordinates.
 
-        Raises
-        ------
-        InputError
-            xarray is not installed.
+        InputError: xarray is not installed.
         """
         check_extra("data", "to_xarray")
-        return dataset(self)
+        import xarray as xr
+
+        plan, arrays = self.plan, grids(self)
+        dimensions = [group[0].name for group in plan.groups]
+        coordinates: dict[str, Any] = {}
+        for group, dimension in zip(plan.groups, dimensions, strict=True):
+            for axis in group:
+                values = axis.values if axis.key.kind != "choice" else map(str, axis.values)
+                about = {"long_name": axis.key.path, "units": axis.key.unit or "1"}
+                coordinates[axis.name] = (dimension, list(values), about)
+        variables: dict[str, Any] = {
+            name: (dimensions, arrays[name], {"units": UNITS.get(unit, unit)})
+            for name, (kind, unit) in _columns(plan).items()
+            if kind == "real" and name not in coordinates
+        }
+        places = np.arange(len(OUTCOMES), dtype=np.int8)
+        flags = {"flag_values": places, "flag_meanings": " ".join(OUTCOMES)}
+        variables["outcome"] = (dimensions, arrays["outcome"], flags)
+        about = {"scene": plan.scene.name, "engine": plan.engine}
+        about |= {"Conventions": "CF-1.8", "source": "taction sweep"}
+        return xr.Dataset(variables, coordinates, about)
 
 
 def sweep(
@@ -258,7 +420,12 @@ def sweep(
     >>> result.to_pandas()["stable"].tolist()
     [False, True, True, True]
     """
-    plan = plan_sweep(scene, over, engine, fix=fix)
+    scene = read_scene(scene)
+    fixed = fixed_values(scene, fix)
+    scene = with_values(scene, fixed) if fixed else scene
+    axes = parse_axes(scene, over)
+    check_axes(axes, fixed)
+    plan = Plan(scene, axes, choose_engine(scene if engine is None else scene.with_engine(engine)))
     ask(axis_questions(plan.scene, plan.groups), progress)
     store, start = Store(":memory:" if output is None else str(output)), time.perf_counter()
     count = computed(plan, store, jobs=jobs, cluster=cluster, progress=progress)
@@ -299,31 +466,6 @@ def grids(result: SweepResult) -> dict[str, np.ndarray[Any, Any]]:
                 if record[name] is not None:
                     arrays[name].flat[place] = record[name]
     return arrays
-
-
-def dataset(result: SweepResult) -> Any:
-    """Return the grid as an xarray Dataset: the dimensions of netCDF."""
-    import xarray as xr
-
-    plan, arrays = result.plan, grids(result)
-    dimensions = [group[0].name for group in plan.groups]
-    coordinates: dict[str, Any] = {}
-    for group, dimension in zip(plan.groups, dimensions, strict=True):
-        for axis in group:
-            values = axis.values if axis.key.kind != "choice" else [str(v) for v in axis.values]
-            about = {"long_name": axis.key.path, "units": axis.key.unit or "1"}
-            coordinates[axis.name] = (dimension, list(values), about)
-    variables: dict[str, Any] = {
-        name: (dimensions, arrays[name], {"units": UNITS.get(unit, unit)})
-        for name, (kind, unit) in _columns(plan).items()
-        if kind == "real" and name not in coordinates
-    }
-    places = np.arange(len(OUTCOMES), dtype=np.int8)
-    flags = {"flag_values": places, "flag_meanings": " ".join(OUTCOMES)}
-    variables["outcome"] = (dimensions, arrays["outcome"], flags)
-    about = {"scene": plan.scene.name, "engine": plan.engine}
-    about |= {"Conventions": "CF-1.8", "source": "taction sweep"}
-    return xr.Dataset(variables, coordinates, about)
 
 
 def check_sweep_export(path: str) -> None:

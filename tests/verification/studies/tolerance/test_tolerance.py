@@ -1,0 +1,477 @@
+"""Yields and worst cases: intervals in closed form, draws that nothing disturbs, kept samples."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections.abc import Iterator
+from concurrent.futures import Executor, Future
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import binom, binomtest
+
+import taction
+from taction.netlist_gen.board.variation import DYNAMIC, draw
+from taction.netlist_gen.scene.check_keys import Tolerances
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
+from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
+from taction.verification.report.renderers.terminal import page_text
+from taction.verification.report.views.sweep_view import columns_of
+from taction.verification.report.views.tolerance_view import corner_view
+from taction.verification.studies.running.store import Store
+from taction.verification.studies.running.study import HERE, WorkerDiedError, Workers, local
+from taction.verification.studies.tolerance import montecarlo
+from taction.verification.studies.tolerance.corners import Corner, named_corners, worst_of
+from taction.verification.studies.tolerance.montecarlo import (
+    interval,
+    run_samples,
+    sample_keys,
+    summarise_samples,
+)
+from taction.verification.studies.tolerance.varied_board import (
+    BoardSample,
+    VariedBoard,
+    evaluate,
+    prepare,
+    quantities,
+)
+from taction.verification.verdict.input_spread import tolerance_deviations
+from tests.support.entries import make_sample
+from tests.support.running import taction as command
+from tests.support.studying import (
+    DAMPED,
+    QUIET,
+    scene_file,
+    small_scene,
+    stored_samples,
+)
+
+STUDY = prepare(small_scene())
+SAMPLES = [make_sample(0, settling_time=1e-6), make_sample(2, "fail", ("stability",), margin=1.5)]
+WORN = {"resistor": 0.05, "capacitor": 0.1, "distribution": "uniform"}
+FEW = QUIET | {"capacitor": 0.1, "temperature": 30.0}
+CHECKS = {"steady_state": {"tolerance": 0.05}, "settling_time": {"band": 0.3}}
+ROUNDING = 1e-12  # of an excursion that is 0
+QUANTITIES = ("settling_time", "overshoot", "undershoot", "steady_state", "growth_rate")
+
+
+def found(store: Store, study: VariedBoard = STUDY, seed: int = 1) -> list[BoardSample | None]:
+    return [store.record_of(key, BoardSample) for key in map(sample_keys(study, seed), range(3))]
+
+
+@pytest.fixture
+def kept() -> Iterator[Store]:
+    with Store(":memory:") as store:
+        for sample in SAMPLES:
+            store.put(sample_keys(STUDY, 1)(sample.number), sample)
+        assert found(store) == [SAMPLES[0], None, SAMPLES[1]]
+        yield store
+
+
+@pytest.mark.parametrize(
+    ("seed", "tables"),
+    [(2, {}), (1, {"checks": {"steady_state": {"tolerance": 0.1}}}), (1, {"name": "another"})],
+)
+def test_samples_of_another_seed_or_scene_are_not_found(
+    kept: Store, seed: int, tables: dict[str, Any]
+) -> None:
+    assert found(kept, prepare(small_scene(**tables)), seed) == [None] * 3
+
+
+@pytest.mark.parametrize(("name", "value"), [("own_code", b"other"), ("simulator_name", "other")])
+def test_samples_of_another_taction_or_ngspice_are_not_found(
+    kept: Store, monkeypatch: pytest.MonkeyPatch, name: str, value: bytes | str
+) -> None:
+    monkeypatch.setattr(montecarlo, name, lambda *engine: value)
+    assert found(kept) == [None] * 3
+
+
+def nothing_is_missing(board: object, missing: Iterator[object], workers: object) -> list[object]:
+    assert list(missing) == []
+    return []
+
+
+def test_only_what_is_missing_is_drawn_and_the_yield_is_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = str(tmp_path / "a")
+    with Store(path) as store:
+        first = list(run_samples(STUDY, 4, 1, HERE, store))
+        assert store.count() == 4
+        again = list(run_samples(STUDY, 6, 1, HERE, store))
+        assert store.count() == 6
+        monkeypatch.setattr(montecarlo, "evaluate_all", nothing_is_missing)
+        assert list(run_samples(STUDY, 6, 1, HERE, store)) == again
+    monkeypatch.undo()
+    assert again == list(run_samples(STUDY, 6, 1, HERE))
+    assert again[:4] == first
+    assert [row["number"] for row in stored_samples(Path(path))] == list(range(6))
+
+
+def test_sweep_and_samples_share_a_file(tmp_path: Path) -> None:
+    scene, file = scene_file(tmp_path), str(tmp_path / "a.sqlite")
+    samples = ("montecarlo", scene, "-n", "3", "--jobs", "1", "-o", file, "--json")
+    first = json.loads(command(*samples).stdout)
+    words = ("--over", "C=50p,60p", "--engine", "statespace", "--jobs", "1", "-o", file, "--json")
+    swept = json.loads(command("sweep", scene, *words).stdout)
+    assert (swept["ran"], len(swept["points"])) == (2, 2)
+    assert json.loads(command(*samples).stdout) == first
+
+
+REAL: dict[str, Any] = {
+    "capacitance": "100pF",
+    "gain": "100kohm",
+    "stray_capacitance": 0,
+    "opamp": {"base": "ideal", "gbw": "50MHz", "voltage_noise": "10nV/rtHz"},
+}
+LIMIT = {"steady_state": {"tolerance": 0.5}, "settling_time": {"band": 0.5}}
+
+
+def scene(volts: float | None) -> Scene:
+    noise = {} if volts is None else {"noise": {"max": volts}}
+    tolerances = QUIET | {"resistor": 0.05, "capacitor": 0.2}
+    return small_scene(design=REAL, checks=LIMIT | noise, tolerances=tolerances)
+
+
+def test_the_spread_of_the_noise_has_its_limit() -> None:
+    nominal = prepare(scene(1e-3))
+    rms, _ = output_noise(LinearBoard(nominal.nominal))
+    study, middle = prepare(scene(float(rms.max()))), pytest.approx(rms.max(), rel=1e-9)
+    assert evaluate(nominal, 0, np.zeros(len(nominal.varied))).value("noise") == middle
+    tolerances = study.scene.tolerances
+    samples = [evaluate(study, k, draw(tolerances, study.varied, 1, k)) for k in range(40)]
+    assert 5 < sum(sample.failed == ("noise",) for sample in samples) < 35
+    report = summarise_samples(study, samples, 1)
+    spread = next(each for each in report.quantities if each.name == "noise")
+    assert (spread.unit, spread.at_most, spread.missing) == ("V", middle, 0)
+    assert spread.low < rms.max() < spread.high
+    assert "noise" not in {quantity.name for quantity in quantities(scene(None))}
+
+
+def test_a_table_of_a_sweep_has_a_column_for_the_noise_where_it_is_limited() -> None:
+    assert columns_of(scene(1e-3))[-1] == "noise"
+    assert "noise" not in columns_of(scene(None))
+
+
+def worst(found: tuple[Corner, ...], quantity: str) -> float:
+    corner = next(corner for corner in found if corner.quantity == quantity)
+    value = corner.result.value(quantity)
+    assert isinstance(value, float)
+    return value
+
+
+def test_no_corner_is_worse_than_the_worst() -> None:
+    scene = small_scene(tolerances=FEW, checks=CHECKS)
+    study = prepare(scene)
+    assert [p.name for p in study.varied] == ["Cc_1", "Cc_2", "temperature"]
+    found = worst_of(prepare(scene, full_margin=True), HERE).corners
+    every = [
+        evaluate(study, 0, np.array(ends)) for ends in itertools.product((-1.0, 1.0), repeat=3)
+    ]
+    for quantity in QUANTITIES:
+        most = max(sample.value(quantity) for sample in every)
+        assert worst(found, quantity) == pytest.approx(most, rel=1e-9)
+
+
+def test_the_worst_corner_is_worse_than_any_random_sample() -> None:
+    scene = small_scene(tolerances=WORN, checks=CHECKS)
+    study = prepare(scene)
+    found = worst_of(prepare(scene, full_margin=True), HERE).corners
+    drawn = list(run_samples(study, 60, 1, HERE))
+    for quantity in QUANTITIES:
+        values = [sample.value(quantity) for sample in drawn]
+        worst_drawn = max(value for value in values if value is not None)
+        assert worst(found, quantity) >= worst_drawn - ROUNDING
+    # Most resistors count for the steady state: random samples stay away from the corner.
+    steady = [sample.value("steady_state") or 0.0 for sample in drawn]
+    assert worst(found, "steady_state") > 1.25 * max(steady)
+
+
+def test_the_nominal_board_comes_first_and_corners_say_what_moves_them() -> None:
+    scene = small_scene(tolerances=FEW, checks=CHECKS)
+    found = worst_of(prepare(scene, full_margin=True), HERE).corners
+    assert [corner.name for corner in found] == ["nominal", *(f"worst {q}" for q in QUANTITIES)]
+    assert found[0].deviations == {}
+    slowest = next(corner for corner in found if corner.quantity == "growth_rate")
+    assert set(slowest.deviations.values()) <= {-1.0, 1.0}
+    assert {"+Cc_1", "+Cc_2"} <= set(slowest.largest)
+
+
+def test_a_margin_that_is_checked_has_its_corner() -> None:
+    real = {"base": "ideal", "dc_gain": 1e5, "gbw": "1MHz", "second_pole": "3MHz"}
+    design: dict[str, Any] = {
+        "capacitance": "10pF",
+        "gain": "300kohm",
+        "stray_capacitance": "5pF",
+        "opamp": real,
+    }
+    design |= {"unit_conductance": "10uS", "lambda": 0.1}
+    tolerances = QUIET | {"stray": 0.5, "opamp_gbw": 0.3}
+    checks = CHECKS | {"stability": {"margin": 1.5}}
+    scene = small_scene(design=design, tolerances=tolerances, checks=checks)
+    found = worst_of(prepare(scene, full_margin=True), HERE).corners
+    nominal, least = found[0].result.value("margin"), worst(found, "margin")
+    assert least < 0.9 * nominal
+    tight = next(corner for corner in found if corner.quantity == "margin")
+    assert all(v == 1.0 for name, v in tight.deviations.items() if name.startswith("Cstray_c"))
+
+
+def test_a_corner_of_one_s_own_by_kind_and_by_name() -> None:
+    study = prepare(small_scene(tolerances=WORN, checks=CHECKS))
+    mine = {"resistor": 1.0, "Rf_1_2": -0.5, "capacitor": -1.0}
+    (corner,) = named_corners(study, [("mine", mine)])
+    assert corner.deviations["Rf_1_2"] == -0.5
+    assert corner.deviations["Rf_1_1"] == corner.deviations["Rb_1_2"] == 1.0
+    assert corner.deviations["Cc_2"] == -1.0
+    assert "v_1.dc_gain" not in corner.deviations
+    z = np.array([corner.deviations.get(p.name, 0.0) for p in study.varied])
+    assert corner.result == evaluate(study, 0, z)
+
+
+def test_the_directions_are_those_of_every_corner_of_all_resistors_of_two_kinds() -> None:
+    """Two resistors R and the DC gains vary: no corner of a channel is worse than its direction."""
+    tolerances = QUIET | {"resistor": 0.02, "opamp_gain": 0.5}
+    opamp = {"base": "ideal", "dc_gain": 300}
+    study = prepare(small_scene(design=DAMPED | {"opamp": opamp}, tolerances=tolerances))
+    found = worst_of(study, HERE).directions
+    assert [(d.channel, d.sign) for d in found] != sorted((d.channel, d.sign) for d in found)
+    assert {(d.channel, d.sign) for d in found} == set(itertools.product((1, 2), (1, -1)))
+    assert {name.rpartition(".")[2] for name in found[0].deviations} >= {"dc_gain", "Rr_1"}
+    random = np.random.default_rng(3)
+    for direction in found:
+        (made,) = named_corners(study, [("", direction.deviations)])
+        corner = made.result.errors
+        assert corner[direction.channel - 1] == pytest.approx(direction.solved, rel=1e-6)
+        assert direction.predicted == pytest.approx(direction.solved, rel=0.15)
+        for _ in range(20):
+            z = random.choice([-1.0, 1.0], len(study.varied))
+            error = evaluate(study, 0, z).errors[direction.channel - 1]
+            assert direction.sign * error <= direction.sign * direction.solved + 1e-12
+
+
+def test_slopes_are_those_of_the_solved_boards() -> None:
+    """Every kind of component, against central differences of the equilibrium."""
+    tolerances = {"resistor": 0.01, "opamp_gain": 0.2, "temperature": 20.0}
+    scene = small_scene(design=DAMPED | {"opamp": {"base": "ideal", "dc_gain": 300}})
+    scene = scene.model_copy(update={"tolerances": Tolerances(**tolerances)})
+    study = prepare(scene)
+    names = [part.name for part in study.varied]
+    found = tolerance_deviations(
+        RestSensitivity.of(LinearBoard(study.nominal)),
+        [part for part in study.varied if part.kind not in DYNAMIC],
+        lambda shares: study.at(np.array([shares.get(name, 0.0) for name in names])),
+        1.0,
+    )
+    rows = {each.part: each.row for each in found}
+
+    def rest(z: Floats) -> Floats:
+        board = LinearBoard(study.at(z))
+        return np.array([o.sign * board.equilibrium[o.node] for o in study.nominal.outputs])
+
+    assert {part.kind for part in study.varied} > {"resistor", "opamp_gain", "temperature"}
+    for name, unit in zip(names, 0.01 * np.eye(len(names)), strict=True):
+        expected = (rest(unit) - rest(-unit)) / 0.02
+        assert rows.get(name, np.zeros(2)) == pytest.approx(expected, rel=1e-5, abs=1e-9)
+
+
+def test_the_worst_corner_at_rest_is_the_first_direction() -> None:
+    scene = small_scene(tolerances=WORN, checks=CHECKS)
+    study = worst_of(prepare(scene, full_margin=True), HERE)
+    first = study.directions[0]
+    assert worst(study.corners, "steady_state") == pytest.approx(abs(first.solved), rel=1e-6)
+    assert first.predicted == pytest.approx(first.solved, rel=0.3)  # the parts vary by 5 %
+    printed = page_text(corner_view(study))
+    assert "first order" in printed
+    assert all(name in printed for name in first.largest)
+
+
+LOOSE = {"resistor": 0.05, "capacitor": 0.1}
+HALF = {"steady_state": {"tolerance": 0.03}, "settling_time": {"band": 0.2, "max": "286.3us"}}
+"""Checks that a part of the boards fails: causes are listed of what costs yield."""
+
+
+def study(**tables: Any) -> VariedBoard:
+    checks = {"steady_state": {"tolerance": 0.03}, "settling_time": {"band": 0.2, "max": "1s"}}
+    tables = {"tolerances": LOOSE, "checks": checks} | tables
+    return prepare(small_scene(**tables))
+
+
+def drawn(asked: VariedBoard, count: int, workers: Workers = HERE) -> list[BoardSample]:
+    return list(run_samples(asked, count, 5, workers))
+
+
+@pytest.mark.parametrize(("passed", "samples"), [(0, 10), (10, 10), (3, 10), (970, 1000), (1, 2)])
+def test_the_interval_is_clopper_and_pearson_s(passed: int, samples: int) -> None:
+    assert interval(0, 0) == (0.0, 1.0)
+    low, high = interval(passed, samples)
+    expected = binomtest(passed, samples).proportion_ci(0.95, method="exact")
+    assert (low, high) == pytest.approx((expected.low, expected.high), rel=1e-9)
+    # By its definition each end makes what was seen, or more of it, a 2.5 % event.
+    if passed:
+        assert binom.sf(passed - 1, samples, low) == pytest.approx(0.025, rel=1e-9)
+    if passed < samples:
+        assert binom.cdf(passed, samples, high) == pytest.approx(0.025, rel=1e-9)
+
+
+def test_a_sample_is_the_same_alone_in_a_batch_and_in_any_order() -> None:
+    asked = study()
+    batch = drawn(asked, 6)
+    assert [sample.number for sample in batch] == list(range(6))
+    z = draw(asked.scene.tolerances, asked.varied, 5, 4)
+    assert evaluate(asked, 4, z) == batch[4]
+    assert len({sample.value("steady_state") for sample in batch}) == 6
+
+
+def test_processes_compute_the_same() -> None:
+    asked = study()
+    alone = drawn(asked, 8)
+    with local(2) as workers:
+        assert drawn(asked, 8, workers) == alone
+
+
+def test_the_yield_counts_what_the_checks_say() -> None:
+    asked = study()
+    samples = drawn(asked, 40)
+    found = summarise_samples(asked, samples, 5)
+    values = [s.value("steady_state") for s in samples]
+    errors = sorted(value for value in values if value is not None)
+    within = sum(value <= 0.03 for value in errors)
+    assert 0 < within < 40
+    assert (found.samples, found.passed, found.failures) == (
+        40,
+        within,
+        {"steady_state": 40 - within},
+    )
+    assert (found.low, found.high) == interval(within, 40)
+    spread = next(each for each in found.quantities if each.name == "steady_state")
+    assert (spread.at_most, spread.low, spread.median, spread.high) == (
+        0.03,
+        errors[1],
+        errors[19],
+        errors[37],
+    )
+
+
+def test_samples_without_verdict_count_as_not_passed() -> None:
+    asked = study()
+    samples = [
+        make_sample(0, settling_time=1e-6),
+        make_sample(1, "error", failure="Killed", reason="lost"),
+    ]
+    found = summarise_samples(
+        asked, [*samples, make_sample(2, "fail", ("settling_time",), settling_time=None)], 1
+    )
+    assert (found.passed, found.without_verdict) == (1, 1)
+    assert found.fraction == pytest.approx(1 / 3)
+    assert found.reasons == {"lost": 1}
+    settling = found.quantities[0]
+    # Of the two with a verdict one never settles; the lost one is not among them.
+    assert (settling.low, settling.high, settling.missing) == (1e-6, math.inf, 1)
+
+
+class _Failing(Executor):
+    """Every third sample goes wrong, and with it the call that computes it."""
+
+    def __init__(self, error: BaseException) -> None:
+        self.error = error
+
+    def submit(self, fn: Any, /, *arguments: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        _, number, _ = arguments
+        if number % 3:
+            future.set_result(make_sample(number))
+        else:
+            future.set_exception(self.error)
+        return future
+
+
+def test_a_lost_worker_costs_its_sample_only() -> None:
+    workers = Workers(_Failing(WorkerDiedError("gone")), 2)
+    samples = drawn(study(), 9, workers)
+    assert [s.number for s in samples if s.undecided] == [0, 3, 6]
+    assert samples[0].lost == "its worker was killed: gone"
+
+
+def test_until_stops_at_the_first_narrow_interval_in_order_of_the_numbers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    outcomes = np.random.default_rng(1).random(400) < 0.9
+    samples = [
+        make_sample(k, "pass" if good else "fail") for k, good in enumerate(outcomes.tolist())
+    ]
+    expected = next(
+        n
+        for n in range(montecarlo.MIN_SAMPLES, 401)
+        if np.subtract(*interval(int(outcomes[:n].sum()), n)[::-1]) <= 2 * 0.05
+    )
+    assert 100 < expected < 300
+    for order in (range(400), np.random.default_rng(2).permutation(400).tolist()):
+        made = [samples[number] for number in order]
+        monkeypatch.setattr(montecarlo, "evaluate_all", lambda *_, made=made: iter(made))
+        report = taction.montecarlo(small_scene(), samples=400, until=0.05, jobs=1)
+        assert report.boards == tuple(samples[:expected])
+
+
+def test_what_varies_explains_the_variance_and_nothing_else_does() -> None:
+    # The steady state does not depend on C, the settling time does; nothing else varies.
+    asked = study(tolerances=QUIET | {"capacitor": 0.1}, checks=HALF)
+    found = summarise_samples(asked, drawn(asked, 100), 5)
+    settling = [each for each in found.sensitivities if each.quantity == "settling_time"]
+    assert {each.parameter for each in settling} == {"Cc_1", "Cc_2"}
+    assert sum(each.correlation**2 for each in settling) > 0.5  # the slower channel decides
+    assert all(each.correlation > 0 for each in settling)
+    assert not [each for each in found.sensitivities if each.quantity == "steady_state"]
+
+
+def test_causes_belong_to_quantities_with_limits_and_the_costliest_check_comes_first() -> None:
+    limits = {"settling_time": {"band": 0.5, "max": "1us"}, "steady_state": {"tolerance": 0.02}}
+    varied = study(tolerances=QUIET | {"capacitor": 0.1, "resistor": 0.05}, checks=limits)
+    samples = drawn(varied, 100)
+    found = summarise_samples(varied, samples, 5).sensitivities
+    free = study(tolerances=QUIET | {"capacitor": 0.1})  # no limit of the overshoot
+    other = summarise_samples(free, drawn(free, 40), 5).sensitivities
+    names = {each.quantity: each.lost for each in found}
+    checks = {"growth_rate": "stability"}
+    for name, lost in names.items():
+        failed = [checks.get(name, name) in sample.failed for sample in samples]
+        assert lost == sum(failed) / len(samples)
+    order = [(-each.lost, -abs(each.correlation)) for each in found]
+    assert order == sorted(order)
+    assert len(set(names.values())) > 1
+    assert "overshoot" not in names | {each.quantity: 0.0 for each in other}
+
+
+def test_the_smallest_yield_decides_the_exit_status(tmp_path: Path) -> None:
+    scene, file = scene_file(tmp_path), str(tmp_path / "s.sqlite")
+    found = json.loads(
+        command("montecarlo", scene, "-n", "12", "--jobs", "1", "-o", file, "--json").stdout
+    )
+    assert 0 < found["low"] < found["fraction"]
+    for wanted, status in ((0.9 * found["low"], 0), (found["fraction"], 3)):
+        again = command("montecarlo", scene, "-n", "12", "-o", file, "--min-yield", repr(wanted))
+        assert again.exit_code == status
+    strict = tmp_path / "strict"
+    strict.mkdir()
+    hard = scene_file(strict, "[tolerances]\nresistor = 0.5\n")
+    assert command("montecarlo", hard, "-n", "12", "--jobs", "1", "--min-yield", "1").exit_code == 1
+
+
+def test_ngspice_takes_the_same_way(tmp_path: Path, ngspice: str) -> None:
+    scene = scene_file(tmp_path)
+    found = {}
+    for engine in ("ngspice", "statespace"):
+        file = tmp_path / f"{engine}.sqlite"
+        arguments = ["-n", "3", "--jobs", "1", "--engine", engine, "-o", str(file)]
+        assert command("montecarlo", scene, *arguments).exit_code == 0
+        found[engine] = stored_samples(file)
+    for one, other in zip(found["ngspice"], found["statespace"], strict=True):
+        assert one["outcome"] == other["outcome"]
+        assert one["settling_time"] == pytest.approx(other["settling_time"], rel=1e-3)
+        assert one["steady_state_error"] == pytest.approx(other["steady_state_error"], abs=1e-5)
