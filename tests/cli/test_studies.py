@@ -109,7 +109,7 @@ def test_a_report_that_cannot_be_written_spoils_neither_result_nor_baseline(fold
 INTERRUPT = """
 import signal
 from taction.cli.main import main
-from taction.verification.studies.regression import regress as run
+from taction.verification.studies import scene_files as run
 
 verify = run.verify
 def interrupted(scene):
