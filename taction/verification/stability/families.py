@@ -32,7 +32,6 @@ from taction.verification.stability.edges import Edges, Sample, Scan, sampled, s
 from taction.verification.stability.loci import LociSearch
 from taction.verification.stability.poles import (
     Poles,
-    brief_poles,
     count_unstable,
     poles,
 )
@@ -113,10 +112,6 @@ class Family:
         """Return the poles at a value."""
         return poles(self.board(value))
 
-    def brief_poles(self, value: float) -> Poles:
-        """Return the poles at a value by eigenvalues, where these leave no side open."""
-        return brief_poles(self.board(value))
-
     def scan(
         self,
         values: Sequence[float],
@@ -132,7 +127,7 @@ class Family:
         beside = self._beside_edges(min(values), max(values)) if logarithmic else []
         return scan(
             [*values, *beside],
-            self.brief_poles,
+            self.poles,
             logarithmic=logarithmic,
             fine=fine,
             start=start,
@@ -202,7 +197,7 @@ def _confirmed(
 
     def agrees(value: float) -> bool | None:
         if value not in samples:
-            samples[value] = sampled(family.brief_poles, value)
+            samples[value] = sampled(family.poles, value)
         return samples[value].agrees(found.unstable_at(value))
 
     precise = own.complete and np.all(own.errors <= PRECISE * np.abs(own.poles))

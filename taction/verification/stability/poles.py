@@ -12,9 +12,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.rightmost_poles import (
-    SEARCHED,
     count_right,
-    lead_pole,
     rightmost_poles,
 )
 
@@ -88,33 +86,9 @@ def poles(circuit: Circuit | LinearBoard) -> Poles:
     if board.descriptor.is_large:
         found = rightmost_poles(board)
         return summarise(found.poles, complete=False, errors=found.errors)
-    return _of_modes(board)
-
-
-def brief_poles(circuit: Circuit | LinearBoard) -> Poles:
-    """Find the poles of a board by eigenvalues without modes, for a third of the cost.
-
-    The rightmost pole has the bound that it has in `poles`, all others the error `SEARCHED`. Where
-    this leaves open which pole is the rightmost, or on which side of the axis one is, and for a
-    large board, the poles are those of `poles`. Bounds of other poles that are (nearly) defective
-    need the modes: so a count needs a second witness, such as a winding number.
-    """
-    board = LinearBoard.of(circuit)
-    if not board.descriptor.is_large:
-        space = board.state_space
-        lead = None if space.has_modes else lead_pole(space)
-        if lead is not None:
-            found = summarise(lead.poles, complete=True, errors=lead.errors)
-            least, most = found.unstable_range
-            if least == most:
-                return found
-    return poles(board)
-
-
-def _of_modes(board: LinearBoard) -> Poles:
     space = board.state_space
-    found = summarise(space.modes.poles, complete=True, errors=space.modes.pole_errors)
-    return replace(found, doubt=LOST) if space.lost else found
+    small = summarise(space.modes.poles, complete=True, errors=space.modes.pole_errors)
+    return replace(small, doubt=LOST) if space.lost else small
 
 
 def count_unstable(circuit: Circuit | LinearBoard) -> int:
@@ -127,13 +101,8 @@ def count_unstable(circuit: Circuit | LinearBoard) -> int:
     return count_right(LinearBoard.of(circuit).structure)
 
 
-def summarise(values: Complexes, *, complete: bool, errors: Floats | None = None) -> Poles:
-    """Sort poles and name the rightmost ones; a board without states is stable.
-
-    `errors` are those of the values, by default `SEARCHED`.
-    """
-    if errors is None:
-        errors = np.full(len(values), SEARCHED * float(np.abs(values).max(initial=0.0)))
+def summarise(values: Complexes, *, complete: bool, errors: Floats) -> Poles:
+    """Sort poles with their errors, and name the rightmost ones; without states it is stable."""
     order = np.lexsort((-values.imag, -values.real))
     values, errors = values[order], errors[order]
     rightmost = complex(values[0].real, abs(values[0].imag)) if len(values) else complex(-math.inf)

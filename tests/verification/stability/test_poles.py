@@ -15,9 +15,9 @@ from taction.system.array_types import EPS
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.stability.poles import brief_poles, count_unstable, poles
+from taction.verification.stability.poles import count_unstable, poles
 from taction.verification.stability.shown_poles import BAND, latching, told_apart
-from tests.support.boards import lags, paper_board, single_mode
+from tests.support.boards import paper_board, single_mode
 from tests.support.measured import rounded_poles
 from tests.support.readings import Samples, rise_time
 
@@ -109,29 +109,6 @@ def test_poles_that_nearly_meet_are_within_their_errors(opamp: str, gain: float,
     assert off.max() > 64.0 * EPS * np.abs(found.poles).max()
     assert np.all(off <= found.errors)
     assert np.all(found.errors <= 1e-3 * np.abs(found.poles))
-
-
-def test_poles_without_modes_are_those_of_the_modes() -> None:
-    """A defective and a large board have what their modes, or Arnoldi's method, tell."""
-    counts = []
-    for value in np.geomspace(8e-12, 11e-12, 10).tolist():
-        brief, full = brief_poles(paper_board(value)), poles(paper_board(value))
-        assert brief.complete
-        assert brief.certain
-        assert abs(brief.rightmost - full.rightmost) <= brief.resolution + full.resolution
-        assert brief.resolution == pytest.approx(full.resolution, rel=0.1)
-        assert brief.unstable_count == full.unstable_count
-        counts.append(brief.unstable_count)
-    assert counts == sorted(counts, reverse=True)
-    assert (counts[0], counts[-1]) == (4, 0)
-    large = synthesise(Scene.from_arrays(
-        np.eye(90) + 0.1, np.ones(90), capacitance="1nF", gain="100kohm", lam=0.5, opamp="tl084"
-    ))  # fmt: skip
-    assert LinearBoard(large).descriptor.is_large
-    for circuit in (lags(5, 1e-6), large):
-        brief, full = brief_poles(circuit), poles(circuit)
-        assert brief.poles.tobytes() == full.poles.tobytes()
-        assert brief.errors.tobytes() == full.errors.tobytes()
 
 
 SEEN = ["v1 in 0 1", "r1 in out 1k", "c1 out 0 1n"]  # -1 M/s

@@ -1,4 +1,4 @@
-"""Poles without modes: the rightmost ones of large boards, their number, and all of small ones.
+"""Poles without modes: the rightmost ones of large boards, and the number of any.
 
 Arnoldi's method on ``(sigma M - K)^-1 M`` finds the poles nearest to a shift; one iteration costs
 one structured solve (see `structured_solve`). A shift at the origin finds the slowest poles; the
@@ -15,11 +15,6 @@ cells, whose poles are known one by one, and that of the Schur complement S on t
 the sum over the eigenvalues of ``S(s1)^-1 S(s2)``. Each of these starts at 1 and moves little in a
 short step, so none is lost, even if many modes have one frequency. The count is independent of any
 search for poles.
-
-Where only poles of a small board are asked for, modes cost three times as much. So the poles have
-the error `SEARCHED`, 100 times what rounding makes of well conditioned ones. The rightmost one gets
-its two vectors, by inverse iteration: their quotient in the equations as they were stamped is exact
-to second order, and has the bound that its mode would have.
 """
 
 from __future__ import annotations
@@ -34,8 +29,6 @@ from taction.system.array_types import EPS, Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.structured_solve import Structure
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.linearised.reduction import ROUNDED, Reduced
-from taction.verification.engines.statespace.linearised.state_space import StateSpace
 
 NEAREST = 4  # number of poles requested at a shift; each further shift asks for twice as many
 FIRST_OFFSET = 0.01  # of the first shift to the right of a coarse pole, over the pole's magnitude
@@ -276,97 +269,3 @@ def _finite_poles(M: Floats, K: Floats, fastest: float) -> Complexes:
     alpha, beta = eig(K / rows, fastest * M / rows, right=False, homogeneous_eigvals=True)
     finite = np.abs(beta) > INFINITE * np.abs(alpha)
     return np.asarray(fastest * alpha[finite] / beta[finite], dtype=np.complex128)
-
-
-SEARCHED = 1e-9  # times the fastest pole: error of the poles that a search finds
-ROOM = 30.0  # condition number of a pole that has this error if rounding does its worst
-ASIDE, LEAST = 1e-6, 1e-12  # distance of the shift: of the pole, and at least of the fastest one
-ITERATIONS = 4
-DIVERGING = 0.25  # ratio of two terms of the series in the rounding, from which it may not end
-
-
-@np.errstate(invalid="ignore", over="ignore", divide="ignore")
-def lead_pole(space: StateSpace) -> Found | None:
-    """Find all poles of a state space, and bound the error of the rightmost one by its vectors.
-
-    None where only the modes tell: where poles that may be the rightmost are nearer than
-    `SEARCHED`, where rounding may move poles farther, or where a matrix is not finite.
-    """
-    if not (space.n and all(np.isfinite(block.A).all() for block in space.blocks)):
-        return None
-    values = [np.linalg.eigvals(block.A).astype(np.complex128) for block in space.blocks]
-    every = np.concatenate(values)
-    fastest = float(np.abs(every).max(initial=0.0))
-    searched = SEARCHED * fastest
-    first = int(np.lexsort((-every.imag, -every.real))[0])
-    lead = complex(every[first])
-    same = (every == lead) | (every == lead.conjugate())
-    rivals = every.real[~same] >= lead.real - 2.0 * searched
-    rivalled = bool(rivals.any()) or int(same.sum()) > 1 + (lead.imag > 0.0)
-    near_axis = 0.0 < lead.imag <= 2.0 * searched  # and so near its conjugate
-    if rivalled or near_axis or not all(map(_is_sharp, space.blocks)):
-        return None
-    block = next(block for block, own in zip(space.blocks, values, strict=True) if lead in own)
-    aside = max(ASIDE * abs(lead), LEAST * fastest)
-    pole, error = _quotient(block, lead, aside)
-    if not (np.isfinite(error) and abs(pole - lead) <= searched):
-        return None
-    error += EPS**2 * fastest  # of a pole at zero: products of two
-    known = [pole, pole.conjugate()] if pole.imag else [pole]
-    errors = np.full(len(every), searched)
-    errors[: len(known)] = error
-    return Found(np.concatenate([known, every[~same]]), errors)
-
-
-def _is_sharp(block: Reduced) -> bool:
-    """Tell whether rounding changes A so little that `SEARCHED` bounds its effect on poles."""
-    pencil, rows = block.pencil, np.abs(block.A).sum(axis=1)
-    seen = np.abs(block.seen)
-    moved = pencil.mass @ (seen @ rows) + pencil.pull @ seen.sum(axis=1)
-    return bool(np.all(ROOM * ROUNDED * (np.abs(block.left) @ moved) <= SEARCHED * rows))
-
-
-def _quotient(block: Reduced, near: complex, aside: float) -> tuple[complex, float]:
-    """Return a pole of a block, and a bound on its error.
-
-    With the vectors w and v of the pencil, and S for the inverse beside this pole, a change E of
-    ``s M - K`` moves the pole by ``w E v + w E S E v + ...`` over ``w M v``. E is at most the
-    rounding of the terms and what the vectors miss. Infinite where this series may diverge.
-    """
-    pencil, A, left, one = block.pencil, block.A, np.abs(block.left), np.eye(len(block.A))
-    shift = near + aside
-    try:
-        inverse = np.asarray(np.linalg.inv(A - shift * one), dtype=np.complex128)
-    except np.linalg.LinAlgError:
-        return near, np.inf
-    squares = inverse.real**2 + inverse.imag**2
-    x: Any = inverse[:, squares.sum(axis=0).argmax()]
-    y: Any = inverse[squares.sum(axis=1).argmax()]
-    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        for _ in range(ITERATIONS):
-            x, y = inverse @ x, y @ inverse
-            x, y = x / np.abs(x).max(), y / np.abs(y).max()
-        if near.imag == 0.0:
-            x, y = x.real + 0j, y.real + 0j
-        off = complex(y @ (A @ x - shift * x)) / complex(y @ x)  # of A's own pole from the shift
-        beside, pole = np.abs(inverse - np.outer(x, y) / (complex(y @ x) * off)), shift + off
-        v, w = block.seen @ x, block.lefts(np.array([[pole]]), y[None])[0]
-        charged = pencil.M @ v
-        size, speed = complex(w @ charged), abs(pole)
-        missing = pole * charged - pencil.K @ v
-        pole -= complex(w @ missing) / size
-
-        def rounded(vector: Floats) -> Floats:
-            return np.asarray(ROUNDED * (speed * (pencil.mass @ vector) + pencil.pull @ vector))
-
-        first = rounded(np.abs(v)) + np.abs(missing)
-        rates = left @ first
-        spread = np.abs(block.seen) @ (beside @ rates)
-        second = rounded(spread)
-        behind = np.abs(pole * (w @ pencil.M) - w @ pencil.K) @ spread
-        ratio = float((left @ second / rates).max())
-        terms = (np.abs(w) @ second + behind) / (1.0 - ratio)
-        bound = float(np.abs(w) @ rounded(np.abs(v)) + terms) / abs(size) + 2.0 * EPS * abs(pole)
-    if near.imag == 0.0:
-        pole = complex(pole.real)
-    return pole, bound if ratio < DIVERGING else np.inf

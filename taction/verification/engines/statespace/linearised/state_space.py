@@ -68,11 +68,6 @@ class StateSpace:
         """Eigenvalues of A with their vectors."""
         return modes_of(self.blocks)
 
-    @property
-    def has_modes(self) -> bool:
-        """Whether the modes have been computed."""
-        return "modes" in vars(self)
-
     @functools.cached_property
     def A(self) -> Floats:  # noqa: N802 - as every textbook has it
         """See the class."""
