@@ -26,7 +26,8 @@ GROUPS = ((1e5, 0.25), (1e2, 0.5), (0.0, 1.0))  # condition of a mode, width of 
 NARROW = 0.4  # of the decay rate: largest distance of a pole from the centre of its group
 POWERS = 100  # largest number of powers of the time in a group
 SAMPLED = (1e-2, 1e2, 120)  # first and last instant in units of the scale, and number
-BALANCING = 6  # steps to units in which couplings are equal in both directions
+BALANCING = 20  # steps to units in which couplings are equal in both directions
+CERTAIN = 0.2  # row sum of couplings over distances in these units, from which no bound is stated
 SPARE = 1.05  # for what lies between the instants
 
 
@@ -397,8 +398,10 @@ def balanced_sums(H: Floats, s: Complexes) -> Floats:
     unit = 1.0 / np.sqrt(np.maximum(np.abs(s), 1e-30))
     for _ in range(BALANCING):
         rows, columns = (H @ unit) / unit, (1.0 / unit @ H) * unit
+        if rows.max(initial=0.0) < CERTAIN:
+            break
         unit = unit * (np.maximum(rows, 1e-30) / np.maximum(columns, 1e-30)) ** 0.25
-    return np.asarray((H @ unit) / unit)
+    return np.asarray(rows)
 
 
 def components(linked: Bools) -> Ints:

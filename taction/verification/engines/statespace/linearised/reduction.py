@@ -25,7 +25,7 @@ GRADED = 1e6  # condition number of the capacitances from which states are combi
 NOTHING = 1e15  # condition number from which rounding leaves nothing of the smallest capacitance
 DECIDED = 1e9  # condition number below which rounding cannot make a matrix singular, or regular
 SINGULAR = 1e13  # condition number of a scaled matrix above which it counts as singular
-CHAINED = 1e9  # condition number from which columns are scaled, too
+CHAINED = 1e9  # condition number of scaled rows from which columns are scaled, too
 AT_OUTPUT = "a capacitor at the output of a behavioural amplifier: not supported"
 STEPS = 2  # inputs before those that change with time
 
@@ -272,51 +272,22 @@ def _pivots(rows: Floats) -> Ints:
 def scaled_inverse(A: Floats) -> tuple[Floats, float]:
     """Return the inverse of A (k, k), and the condition number of the scaled matrix.
 
-    Rows are scaled; where they alone do not scale a chain of gains, columns, too. The condition
-    number is that of the row-sum norm, infinite of a singular matrix.
+    Rows are scaled. Where this leaves a large condition number (of the row-sum norm; infinite of a
+    singular matrix), as of a chain of gains, it is that of the best scales of rows and columns: the
+    spectral radius of ``|1/A| |A|`` (F. L. Bauer, Numer. Math. 5, 1963).
     """
     rows = np.abs(A).max(axis=1, initial=0.0)
     rows[rows == 0.0] = 1.0
-    found = _with_scales(A, rows, np.ones_like(rows))
-    if found[1] < CHAINED:
-        return found
-    better = _with_scales(A, *matching_scales(A))
-    return better if better[1] < found[1] else found
-
-
-def _with_scales(A: Floats, rows: Floats, columns: Floats) -> tuple[Floats, float]:
-    scaled = A / rows[:, None] / columns
+    scaled = A / rows[:, None]
     try:
         inverse = np.linalg.inv(scaled)
     except np.linalg.LinAlgError:
         return np.full_like(A, np.inf), np.inf
-    norms = [np.abs(X).sum(axis=1).max(initial=1.0) for X in (scaled, inverse)]
-    return inverse / rows / columns[:, None], float(norms[0] * norms[1])
-
-
-def matching_scales(A: Floats) -> tuple[Floats, Floats]:
-    """Return divisors of rows and columns (k,) of A (k, k) that leave elements of 1 and smaller.
-
-    Those of 1 are a matching of rows with columns, that of the largest product (Duff and Koster,
-    SIAM J. Matrix Anal. Appl. 22, 2001). Without such a matching A is singular: ones are returned.
-    """
-    from scipy.optimize import linear_sum_assignment
-
-    size = len(A)
-    with np.errstate(divide="ignore"):
-        costs = -np.log(np.abs(A))
-    try:
-        _, match = linear_sum_assignment(costs)
-    except ValueError:
-        return np.ones(size), np.ones(size)
-    own = costs[np.arange(size), match]
-    potentials = np.zeros(size)  # of the columns: shortest distances along the matching
-    for _ in range(size):
-        shorter = np.minimum(potentials, ((potentials[match] - own)[:, None] + costs).min(axis=0))
-        if np.array_equal(shorter, potentials):
-            break
-        potentials = shorter
-    return np.exp(-(own - potentials[match])), np.exp(-potentials)
+    sizes = np.abs(inverse), np.abs(scaled)
+    condition = math.prod(float(size.sum(axis=1).max(initial=1.0)) for size in sizes)
+    if CHAINED <= condition < np.inf:
+        condition = float(np.abs(np.linalg.eigvals(sizes[0] @ sizes[1])).max())
+    return inverse / rows, condition
 
 
 def pivoted(
