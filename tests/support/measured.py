@@ -109,7 +109,7 @@ def steady(
 ) -> SteadyState:
     """Equilibrium outputs; a mode with a time constant of 1 s leaves `left` V at 1 s."""
     amplitudes, poles = np.array([left * math.e]), np.array([-1.0 + 0j])
-    scales = TimeScales(poles, amplitudes, poles.real, 1.0, (), math.inf, 0.0, 0.0, step=1.0)
+    scales = TimeScales(poles, amplitudes, poles.real, (), math.inf, 0.0, 0.0, step=1.0)
     return SteadyState(np.array(volts), error, scales, linear)
 
 

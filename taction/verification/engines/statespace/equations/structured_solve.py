@@ -125,7 +125,6 @@ def units(descriptor: Descriptor) -> Ints:
 
 
 KEPT, COMPLEX = 3e8, 16  # bytes of all solvers that are kept, and of a number in them
-SMALL = 400  # unknowns of a board whose Schur complement alone is quicker with full matrices
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,7 +234,6 @@ class Structure:
             for group, M in zip(self.groups, turned, strict=True)
         ]
         other._solvers = {}
-        other.__dict__.pop("_dense_parts", None)
         return other
 
     def solver(self, shift: complex) -> Callable[[Any], Any]:
@@ -257,8 +255,6 @@ class Structure:
         """
         real = complex(shift).imag == 0.0
         c = complex(shift).real if real else complex(shift)
-        if not solver and len(self.inner) + len(self.outer) <= SMALL:
-            return Factor(self._dense_schur(c), _refuse)
         Z = self._inner_inverse(c)
         oo, oi, io = (c * M - K for M, K in map(self.parts.__getitem__, ("oo", "oi", "io")))
         oi, io = oi.tocsr(), io.tocsc()
@@ -274,25 +270,6 @@ class Structure:
                 if between.nnz:
                     schur[np.ix_(sinks, sinks2)] -= _real_times(G, between @ load.T)
         return Factor(schur, self._solver(Z, schur, oi, io) if solver else _refuse)
-
-    @cached_property
-    def _dense_parts(self) -> dict[str, tuple[Floats, Floats]]:
-        return {name: (M.toarray(), K.toarray()) for name, (M, K) in self.parts.items()}
-
-    def _dense_schur(self, c: Any) -> Any:
-        """Return the Schur complement at shift c; quicker on a small board, which is no sparse one.
-
-        The couplings are parts of K here: G from a driver to a sink, and its load on the driver.
-        """
-        oo, oi, io = (c * M - K for M, K in map(self._dense_parts.__getitem__, ("oo", "oi", "io")))
-        for sinks, drivers, G, load in self.couplings:
-            np.subtract.at(oi, np.ix_(sinks, drivers), G)
-            np.subtract.at(io, np.ix_(drivers, sinks), load.T)
-        Z_io = np.zeros_like(io)
-        for group in self.groups:
-            block = np.linalg.inv(c * group.mass - group.stiffness)
-            Z_io[group.places] = block @ io[group.places]
-        return oo - oi @ Z_io
 
     def _inner_inverse(self, c: Any) -> Any:
         """Return the inverse of the cells at shift c, as a sparse matrix."""

@@ -15,7 +15,7 @@ import numpy as np
 from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
 from taction.verification.engines.statespace.linearised.reduction import ROUNDED, Reduced
 
-WANTED = 1e-8  # of the largest voltage: error of a response, above which a Newton step is tried
+WANTED = 1e-9  # of the largest voltage: error of a response, above which a Newton step is tried
 ENOUGH = 1e-7  # ... above which nearly parallel modes are grouped
 UNDRIVEN = 1e-6  # of its terms: a smaller response to the sources may be rounding
 NEWTON = 6  # largest number of steps

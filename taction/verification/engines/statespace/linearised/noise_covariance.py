@@ -101,8 +101,6 @@ def flicker_intensities(circuit: Circuit, descriptor: Descriptor) -> Floats:
 HIDDEN = "rounding hides the noise: the poles of the board are too far apart"
 DIRECT = 1e-9  # of the variance: direct noise in the band of the board that counts as rounding
 MOST = 1200  # unknowns: some seconds, in which the dense matrices are decomposed
-REFINED = (3, 30)  # solutions: the first with its refinements, and where its bound is above `KNOWN`
-KNOWN = 1e-6  # of the variance
 
 
 def output_noise(board: LinearBoard, lowest: float = 0.0) -> tuple[Floats, Floats]:
@@ -199,19 +197,12 @@ class Covariance:
             left = np.linalg.inv(right)
         return cls(A, scale, sizes * scale / scale[:, None], poles, right, left)
 
-    def solve(self, Q: Floats, count: int, *, adjoint: bool = False) -> Floats:
-        """Return P after so many solutions; with `adjoint` that of ``A^T P + P A = -Q``."""
-        A, V, W = self.A, self.right, self.left
-        if adjoint:
-            A, V, W = A.T, W.T, V.T
-        P, remainder = np.zeros_like(Q), Q
-        for _ in range(count):
-            X = (W @ remainder @ W.conj().T) / -(self.poles[:, None] + self.poles.conj())
-            step = (V @ X @ V.conj().T).real
-            P = P + 0.5 * (step + step.T)
-            product = A @ P
-            remainder = product + product.T + Q
-        return P
+    def solve(self, Q: Floats, *, adjoint: bool = False) -> Floats:
+        """Return P; with `adjoint` that of ``A^T P + P A = -Q``."""
+        V, W = (self.left.T, self.right.T) if adjoint else (self.right, self.left)
+        X = (W @ Q @ W.conj().T) / -(self.poles[:, None] + self.poles.conj())
+        P = (V @ X @ V.conj().T).real
+        return 0.5 * (P + P.T)
 
     def variance(self, Q: Floats, C: Floats, weight: Weight | None = None) -> tuple[Floats, float]:
         """Return ``C P C^T`` by rows of C, and a bound on each error.
@@ -219,21 +210,17 @@ class Covariance:
         With a `weight`, P is weighted with this function of A.
         """
         Q, C = Q / np.outer(self.scale, self.scale), C * self.scale
-        for count in REFINED:
-            doubt, P, Y = 0.0, self.solve(Q, count), self.solve(C.T @ C, count, adjoint=True)
-            remainder = self.remainder(P, Q)
-            if weight is not None:
-                first, second = _weights(self.A, weight), _weights(self.A.T.copy(), weight).T
-                off = np.einsum("ki,ij,kj->k", C, (first - second) @ P, C)
-                doubt = float(np.abs(off).max(initial=0.0))
-                P, Y = first @ P, Y @ first
-            variance = np.einsum("ki,ij,kj->k", C, P, C)
-            reach = np.sqrt(np.maximum(Y.diagonal(), 0.0))
-            doubt += abs(float(variance.sum() - np.sum(Q * Y)))
-            error = float(reach @ remainder @ reach + doubt)
-            if error <= KNOWN * float(np.abs(variance).min(initial=math.inf)):
-                break
-        return variance, error
+        doubt, P, Y = 0.0, self.solve(Q), self.solve(C.T @ C, adjoint=True)
+        remainder = self.remainder(P, Q)
+        if weight is not None:
+            first, second = _weights(self.A, weight), _weights(self.A.T.copy(), weight).T
+            off = np.einsum("ki,ij,kj->k", C, (first - second) @ P, C)
+            doubt = float(np.abs(off).max(initial=0.0))
+            P, Y = first @ P, Y @ first
+        variance = np.einsum("ki,ij,kj->k", C, P, C)
+        reach = np.sqrt(np.maximum(Y.diagonal(), 0.0))
+        doubt += abs(float(variance.sum() - np.sum(Q * Y)))
+        return variance, float(reach @ remainder @ reach + doubt)
 
     def remainder(self, P: Floats, Q: Floats) -> Floats:
         """Bound the elements of ``A P + P A^T + Q``, with the rounding of A, P and Q."""

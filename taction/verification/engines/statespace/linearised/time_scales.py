@@ -29,7 +29,6 @@ class TimeScales:
     poles: Complexes  # (n,): poles, 1/s, rightmost first
     amplitudes: Floats  # (n,): height of each mode's envelope in any output, in step amplitudes
     rates: Floats  # (n,): rate of each mode's envelope, 1/s
-    slowest: float  # time constant of the slowest relevant decaying mode, s
     ringing: tuple[complex, ...]  # upper poles of relevant oscillating modes, 1/s, fastest first
     # Instant at which the fastest growing mode reaches `GROWN`, s; infinite if stable.
     growth_time: float
@@ -77,7 +76,6 @@ class TimeScales:
             poles=np.append(self.poles, pole),
             amplitudes=np.append(self.amplitudes, 1.0),
             rates=np.append(self.rates, -rate),
-            slowest=1.0 / rate,
         )
 
     def max_step_for(self, points: float) -> float:
@@ -139,7 +137,6 @@ def time_scales(
     if step > 0.0:
         weight = modes.shares(C, deviation).heights.max(axis=0, initial=0.0) / step
     p, relevant = modes.poles, weight >= error
-    decay = -1.0 / p.real[relevant & (p.real < 0.0)]
     rings = relevant & (p.imag > 0.0) & (-p.real < RINGS * np.abs(p))
     growing = p.real > 0.0
     growth = np.log(GROWN / np.maximum(weight[growing], INVISIBLE))
@@ -147,7 +144,6 @@ def time_scales(
         poles=p,
         amplitudes=weight,
         rates=modes.rates,
-        slowest=float(decay.max(initial=0.0)),
         ringing=tuple(sorted(p[rings].tolist(), key=lambda each: -each.imag)),
         growth_time=float((np.maximum(growth, LEAST) / p.real[growing]).min(initial=math.inf)),
         stop=0.0,
