@@ -1,4 +1,4 @@
-"""A deck of another hand: its text, checked card by card, and written anew for one listing.
+"""A deck of another hand, or a vendor's subcircuit: its text, checked card by card.
 
 No line of the file reaches ngspice as it is. Cards of parts and of values stay, one line each;
 analyses, outputs and options are left out, and so is everything between ``.control`` and ``.endc``.
@@ -10,12 +10,19 @@ from __future__ import annotations
 import itertools
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from taction.netlist_gen.deck.elements import spelt_card
 from taction.netlist_gen.deck.expressions import OWN
-from taction.netlist_gen.deck.foreign_cards import LIBRARY, MISSING, ngspice_cards, spelt
+from taction.netlist_gen.deck.foreign_cards import (
+    LIBRARY,
+    MISSING,
+    ngspice_cards,
+    plain_name,
+    spelt,
+)
 from taction.netlist_gen.deck.foreign_lines import (
     CODE_MODEL,
     DEEPEST_FILES,
@@ -33,6 +40,7 @@ from taction.netlist_gen.deck.foreign_lines import (
     file_of,
     logical_lines,
 )
+from taction.spice_models.imported import DEVICE, Subcircuit
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import UnusableFileError, read_bounded
 
@@ -192,6 +200,44 @@ def read_library(file: str | Path, name: str) -> ForeignDeck:
     check_expanded(replace(top, cards=[top.inner[own].cards[0].with_text(f"x {own}")]))
     outside = (card for card in top.cards if card.word in (".model", ".param", ".func"))
     return reading.checked([*outside, *(card for each in wanted for card in top.inner[each].whole)])
+
+
+def vendor_subcircuit(file: str | Path, name: str) -> Subcircuit:
+    """Return a subcircuit of a vendor's file as text for ngspice in PSpice's ways."""
+    lines, own = read_library(file, name).lines, plain_name(name.lower())
+    head = next(line for line in lines if line.split()[:2] == [".subckt", own])
+    words = re.sub(r" ?= ?", "=", head).split()[2:]
+    ports = tuple(word for word in words if "=" not in word and word != "params:")
+    return Subcircuit(own, ports, lines)
+
+
+def flat_subcircuit(cards: Iterable[str], nodes: Sequence[str], name: str) -> Subcircuit:
+    """Return the subcircuit of a bench, its ports at `nodes`, from the cards of its listing."""
+    own = [card for card in map(spelt_card, cards)
+           if card.startswith(".model ") or f".{DEVICE}." in card.split(maxsplit=1)[0]]  # fmt: skip
+    return _subcircuit(f"m_{re.sub(r'[^a-z0-9]', '_', name.lower())}", nodes, own)
+
+
+def stored_subcircuit(lines: Sequence[str], name: str, prefix: str) -> Subcircuit:
+    """Return the flat subcircuit of a file of ours, checked; its name gets a `prefix`."""
+    cards, remarks = logical_lines("\n".join(lines))
+    words = [card.text.split() for card in (*cards[:1], *cards[-1:])]
+    if not words or words[0][:2] != [".subckt", name] or words[-1][0] != ".ends":
+        raise Card(1, "", "netlist").refused(f"expected a whole subcircuit {name!r}")
+    if remarks:
+        raise cards[0].refused(remarks[0])
+    cards[-1].limited(len(cards), "cards", MOST_CARDS)
+    for card in cards[1:-1]:
+        if card.word != ".model" and card.text[0] not in LETTERS.replace("x", ""):
+            raise card.refused(f"the card {card.word!r} is not accepted; expected flat cards")
+        if reason := forbidden(card.text):
+            raise card.refused(reason)
+    return _subcircuit(f"{prefix}_{name}", words[0][2:], (card.text for card in cards[1:-1]))
+
+
+def _subcircuit(name: str, ports: Sequence[str], cards: Iterable[str]) -> Subcircuit:
+    text = (f".subckt {name} {' '.join(ports)}", *cards, f".ends {name}")
+    return Subcircuit(name, tuple(ports), text)
 
 
 @dataclass(slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
-from taction.netlist_gen.deck.vendor_subcircuit import stored_subcircuit
+from taction.netlist_gen.deck.foreign_deck import stored_subcircuit
 from taction.spice_models.branches import check_parts
 from taction.spice_models.imported import Figures, ImportedOpAmp, LinearModel, check_pins
 from taction.system.documents import plain, read, taken

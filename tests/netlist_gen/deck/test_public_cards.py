@@ -10,7 +10,7 @@ import pytest
 
 from taction.netlist_gen.deck.expressions import polynomial
 from taction.netlist_gen.deck.foreign_cards import missing_cards, plain_cards
-from taction.netlist_gen.deck.vendor_subcircuit import (
+from taction.netlist_gen.deck.foreign_deck import (
     flat_subcircuit,
     stored_subcircuit,
     vendor_subcircuit,

@@ -19,7 +19,7 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.deck.elements import CardError
 from taction.netlist_gen.deck.flat_cards import circuit_of
-from taction.netlist_gen.deck.vendor_subcircuit import flat_subcircuit, vendor_subcircuit
+from taction.netlist_gen.deck.foreign_deck import flat_subcircuit, vendor_subcircuit
 from taction.spice_models.branches import Branch
 from taction.spice_models.imported import (
     COMPENSATION,
