@@ -12,9 +12,9 @@ import pytest
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.pole_count import finite_poles
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
+from taction.verification.engines.statespace.linearised.state_space import finite_poles
 from taction.verification.stability.families import Family, find_edges
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.studies.decks.part_influence import sensitivities
