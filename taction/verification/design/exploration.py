@@ -11,6 +11,7 @@ import re
 import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ from taction.system.errors import Complaint, EngineError, InputError, TactionErr
 from taction.system.quantities import EXAMPLES, number, parse, show, show_rate, spaced
 from taction.verification.design.trials import LAMBDA, with_lambda_held
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
+from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.reference.lambda_rule import resolve_lambda
@@ -40,7 +41,7 @@ from taction.verification.verdict.headroom import PartLoads, describe
 from taction.verification.verdict.input_spread import outputs_at_rest
 from taction.verification.verdict.record import ERROR, Record
 from taction.verification.verdict.transient_plan import settled_after
-from taction.verification.verdict.verify import Verdict, verify
+from taction.verification.verdict.verify import verify
 
 STRAY, VARIANCE = "design.stray_capacitance", "problem.noise.variance"
 AROUND, AROUND_LAMBDA = 30.0, 1000.0  # times and divided by the scene's value
@@ -241,61 +242,32 @@ LIMITED = (
 )
 
 
+Windows = dict[str, float]
+"""The end of ``"rise"``, which shows the first rise of every channel, and of the ``"whole"``, s."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplorerCurves:
-    """Outputs of every channel over time, in the windows of the first rise and of the record."""
+    """Outputs of every channel over time."""
 
     time: Floats  # (P,), s
     outputs: Floats  # (P, N), V
-    rise: float  # end of the first rise, s
-    stop: float  # end of the record, s
+    windows: Windows
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LinearResponse:
-    """The step response of a linear board of some channels, at any instant."""
+class BoardView:
+    """A board that was linearised at rest; what takes longer is found at its first use.
 
-    solution: Exact
-    signs: Floats
-    scales: TimeScales
-    rise: float  # s, as in `ExplorerCurves`
-    stop: float
+    InputError, or NoVerdictError if it has no equilibrium.
+    """
 
-    def curves(self, end: float) -> ExplorerCurves:
-        """Return the outputs from 0 to `end`, s, with `PER_PERIOD` points a period of ringing."""
-        period = min((math.tau / p.imag for p in self.scales.ringing), default=math.inf)
-        wanted = PER_PERIOD * end / period if period > 0.0 else 0.0
-        count = int(min(max(wanted, POINTS), MOST))
-        time = np.linspace(0.0, end, count)
-        with np.errstate(over="ignore", invalid="ignore"):
-            values = self.solution.at(time) * self.signs
-        return ExplorerCurves(time, values, self.rise, self.stop)
-
-
-def _rise(solution: Exact, stop: float) -> float:
-    """Return the end of a window that shows the first rise of every channel, s."""
-    times = np.geomspace(EARLIEST * stop, stop, SEARCHED)
-    with np.errstate(over="ignore", invalid="ignore"):
-        moved = np.abs(solution.at(times) - solution.start)
-    steps = np.abs(solution.final - solution.start)
-    large = steps > 0.05 * steps.max(initial=0.0)
-    if not large.any():
-        return stop
-    reached = moved[:, large] >= RISEN * steps[large]
-    first = times[np.where(reached.any(axis=0), reached.argmax(axis=0), SEARCHED - 1)]
-    return min(TIMES_RISE * float(first.max()), stop)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RestView:
-    """The board at rest, beside the solution of the problem, and how far it is from the truth."""
-
-    scene: Scene
-    problem: InverseProblem
-    board: LinearBoard
-    scales: TimeScales
-    answer: AnswerError
-    rest: Floats  # (N,), V: equilibrium of the board
+    def __init__(self, scene: Scene, problem: InverseProblem) -> None:
+        self.scene, self.problem = scene, problem
+        self.board = LinearBoard(synthesise(scene, problem))
+        self.scales = time_scales(self.board, initial=scene.analysis.initial)
+        network = ideal_network(problem, scene)
+        self.answer = AnswerError.of(network, solve(network.problem), problem.stress)
+        self.rest = outputs_at_rest(self.board)  # (N,), V
 
     @property
     def targets(self) -> Floats:
@@ -312,13 +284,10 @@ class RestView:
         """Whether the transient has a closed form that is known at once."""
         return self.board.circuit.is_linear and not self.is_large
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PoleView:
-    """Poles of the board, and its response if it has a closed form."""
-
-    poles: Poles
-    response: LinearResponse | None
+    @cached_property
+    def poles(self) -> Poles:
+        """The poles of the board."""
+        return poles(self.board)
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -331,57 +300,59 @@ class PoleView:
             return (GROWS.format(how=how),)
         return () if self.poles.known_stable else (ON_THE_AXIS,)
 
-    @property
-    def state(self) -> str:
-        """``"stable"``, ``"unstable"`` or ``"undecided"``."""
-        return {True: "stable", False: "unstable", None: "undecided"}[self.poles.stable]
+    @cached_property
+    def _solution(self) -> Exact:
+        return exact_solution(self.board, initial=self.scene.analysis.initial)
 
+    @cached_property
+    def windows(self) -> Windows:
+        """The ends of the first rise of all channels and of the record."""
+        analysis, solution = self.scene.analysis, self._solution
+        if analysis.stop != "auto":
+            stop = analysis.stop
+        elif self.poles.known_unstable:
+            stop = self.scales.growth_time
+        else:
+            stop = settled_after(self.scene.checks, self.scales, self.poles.resolution)
+        times = np.geomspace(EARLIEST * stop, stop, SEARCHED)
+        with np.errstate(over="ignore", invalid="ignore"):
+            moved = np.abs(solution.at(times) - solution.start)
+        steps = np.abs(solution.final - solution.start)
+        large = steps > 0.05 * steps.max(initial=0.0)
+        reached = moved[:, large] >= RISEN * steps[large]
+        first = times[np.where(reached.any(axis=0), reached.argmax(axis=0), SEARCHED - 1)]
+        rise = TIMES_RISE * float(first.max()) if large.any() else stop
+        return {"rise": min(rise, stop), "whole": stop}
 
-def view_rest(scene: Scene, problem: InverseProblem) -> RestView:
-    """Build the board and find where it rests; `InputError`, or `NoVerdictError` without rest."""
-    board = LinearBoard(synthesise(scene, problem))
-    scales = time_scales(board, initial=scene.analysis.initial)
-    network = ideal_network(problem, scene)
-    answer = AnswerError.of(network, solve(network.problem), problem.stress)
-    return RestView(scene, problem, board, scales, answer, outputs_at_rest(board))
+    def curves(self, window: str) -> ExplorerCurves:
+        """Return the outputs in a window, with `PER_PERIOD` points a period of ringing."""
+        end = self.windows[window]
+        period = min((math.tau / p.imag for p in self.scales.ringing), default=math.inf)
+        wanted = PER_PERIOD * end / period if period > 0.0 else 0.0
+        time = np.linspace(0.0, end, int(min(max(wanted, POINTS), MOST)))
+        signs = np.array([output.sign for output in self.board.circuit.outputs])
+        with np.errstate(over="ignore", invalid="ignore"):
+            return ExplorerCurves(time, self._solution.at(time) * signs, self.windows)
 
+    def limits(self) -> tuple[str, ...]:
+        """Return what the op-amps of a stable linear board cannot do, the worst first."""
+        if not (self.has_curves and self.poles.known_stable):
+            return ()
+        loads = PartLoads.of(self.board, initial=self.scene.analysis.initial)
+        if loads.unknown:
+            return (loads.unknown,)
+        above = [load for load in loads.loads if load.is_above]
+        return tuple(LIMITED.format(load=describe(load)) for load in above[:1])
 
-def view_poles(view: RestView) -> PoleView:
-    """Return the poles of a board, and the response of a small linear one."""
-    found, scales, analysis = poles(view.board), view.scales, view.scene.analysis
-    if not view.has_curves:
-        return PoleView(found, None)
-    if analysis.stop != "auto":
-        stop = analysis.stop
-    elif found.known_unstable:
-        stop = scales.growth_time
-    else:
-        stop = settled_after(view.scene.checks, scales, found.resolution)
-    solution = exact_solution(view.board, initial=analysis.initial)
-    signs = np.array([output.sign for output in view.board.circuit.outputs])
-    return PoleView(found, LinearResponse(solution, signs, scales, _rise(solution, stop), stop))
-
-
-def view_limits(view: RestView, poles: PoleView) -> tuple[str, ...]:
-    """Return what the op-amps of a stable linear board cannot do, the worst first."""
-    if poles.response is None or not poles.poles.known_stable:
-        return ()
-    loads = PartLoads.of(view.board, initial=view.scene.analysis.initial)
-    if loads.unknown:
-        return (loads.unknown,)
-    above = [load for load in loads.loads if load.is_above]
-    return tuple(LIMITED.format(load=describe(load)) for load in above[:1])
-
-
-def view_boundary(view: RestView, poles: PoleView, name: str, low: float, high: float) -> Edges:
-    """Find the edges of stability of a knob from `low` to `high`, or beyond, by the loci."""
-    if view.is_large:
-        raise EngineError(f"a board of this size: `taction onset SCENE --over {name}` finds it")
-    own = view.board.circuit.value(name)
-    found = stable_values(view.board, name, max(high / own, own / low), poles.poles)
-    if not poles.poles.certain:
-        raise EngineError("a pole of the board is on the imaginary axis")
-    return found
+    def boundary(self, name: str, low: float, high: float) -> Edges:
+        """Find the edges of stability of a knob from `low` to `high`, or beyond, by the loci."""
+        if self.is_large:
+            raise EngineError(f"a board of this size: `taction onset SCENE --over {name}` finds it")
+        own = self.board.circuit.value(name)
+        found = stable_values(self.board, name, max(high / own, own / low), self.poles)
+        if not self.poles.certain:
+            raise EngineError("a pole of the board is on the imaginary axis")
+        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -407,21 +378,20 @@ def judge(scene: Scene, engine: str) -> Judgement:
         verdict = verify(scene.with_engine(engine))
     except TactionError as error:
         return Judgement.without_verdict(error)
-    amplitude, difference = verdict.measurements.amplitude, None
-    agreement = verdict.agreement
-    if agreement is not None and not agreement.reason and amplitude > 0.0:
-        difference = agreement.difference / amplitude
-    record = Record.of(verdict, channels=False)
-    engine, curves = verdict.waveforms.simulator, _curves(verdict)
-    return Judgement(record, verdict.warnings, engine, curves, difference, verdict.drawn_answer)
-
-
-def _curves(verdict: Verdict) -> ExplorerCurves:
-    """Return the record, with the window of its first rise."""
-    time, outputs = verdict.waveforms.time, verdict.u
-    stop = float(time[-1])
-    rises = [c.rise_time.value for c in verdict.measurements.channels if c.rise_time is not None]
-    return ExplorerCurves(time, outputs, min(WINDOW * max(rises, default=stop), stop), stop)
+    measured, agreement, difference = verdict.measurements, verdict.agreement, None
+    if agreement is not None and not agreement.reason and measured.amplitude > 0.0:
+        difference = agreement.difference / measured.amplitude
+    time, stop = verdict.waveforms.time, float(verdict.waveforms.time[-1])
+    rises = [c.rise_time.value for c in measured.channels if c.rise_time is not None]
+    windows = {"rise": min(WINDOW * max(rises, default=stop), stop), "whole": stop}
+    return Judgement(
+        Record.of(verdict, channels=False),
+        verdict.warnings,
+        verdict.waveforms.simulator,
+        ExplorerCurves(time, verdict.u, windows),
+        difference,
+        verdict.drawn_answer,
+    )
 
 
 def others(control: Control, settings: Settings) -> Settings:

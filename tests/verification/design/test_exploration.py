@@ -19,13 +19,10 @@ from taction.system.errors import InputError
 from taction.verification.design import trials
 from taction.verification.design.exploration import (
     LAMBDA,
+    BoardView,
     Settings,
     Start,
     judge,
-    view_boundary,
-    view_limits,
-    view_poles,
-    view_rest,
 )
 from taction.verification.design.remedies import Remedies, find_remedies
 from taction.verification.design.trials import OutOfWorkError, Trials
@@ -59,25 +56,24 @@ def start() -> Start:
 def test_one_channel_rises_as_its_closed_form() -> None:
     """One ideal channel has ``u = u0 (1 - exp(-t/tau))``, tau = RC / (1 + T² / lambda)."""
     start = Start.of(parse_scene(ONE, "one.toml"))
-    view = view_rest(start.scene, start.problem)
+    view = BoardView(start.scene, start.problem)
     T, eps = float(start.problem.matrix[0, 0]), float(start.problem.strain[0])
     u0 = T * eps / (T**2 + 0.5)
     assert view.targets == pytest.approx([u0], rel=1e-12)
     assert view.rest == pytest.approx([u0], rel=1e-4)
     value = view.board.circuit.value
     tau = value("R") * value("C") / (1.0 + T**2 / 0.5)
-    response = view_poles(view).response
-    curves = response.curves(response.rise)
+    curves = view.curves("rise")
     expected = u0 * (1.0 - np.exp(-curves.time / tau))
     assert curves.outputs[:, 0] == pytest.approx(expected, abs=5e-3 * abs(u0))
-    assert response.rise == pytest.approx(6.0 * math.log(10.0) * tau, rel=0.1)
+    assert curves.windows["rise"] == pytest.approx(6.0 * math.log(10.0) * tau, rel=0.1)
     assert len(curves.time) >= 500
 
 
 def test_the_boundary_is_that_of_onset(start: Start) -> None:
     control = start.control(CAPACITANCE)
-    view = view_rest(start.scene, start.problem)
-    found = view_boundary(view, view_poles(view), "C", control.low, control.high)
+    view = BoardView(start.scene, start.problem)
+    found = view.boundary("C", control.low, control.high)
     onset = taction.onset(start.scene, over="C=5pF:20pF", transients=False)
     edge = max(each.crossing.value for each in onset.findings)  # below it more poles cross
     assert [low for low, _ in found.stable_ranges] == pytest.approx([edge], rel=1e-6)
@@ -89,29 +85,28 @@ def test_the_boundary_is_the_same_from_an_unstable_board(start: Start) -> None:
     edges = []
     for value in (5e-12, 1e-11, 1e-10):
         settings = Settings.of(start, {CAPACITANCE: value})
-        view = view_rest(settings.scene(start), start.problem)
-        found = view_boundary(view, view_poles(view), "C", control.low, control.high)
+        view = BoardView(settings.scene(start), start.problem)
+        found = view.boundary("C", control.low, control.high)
         edges.append(found.stable_ranges[0][0])
     assert edges == pytest.approx([edges[1]] * 3, rel=1e-6)
 
 
 def test_op_amps_that_cannot_follow_are_named() -> None:
     start = Start.of(load_scene(SCENES / "custom-matrix.toml"))
-    view = view_rest(start.scene, start.problem)
-    assert view_limits(view, view_poles(view)) == ()
+    view = BoardView(start.scene, start.problem)
+    assert view.limits() == ()
     scene = with_settings(start.scene, ["design.opamp.slew_rate=0.001V/us"])
-    view = view_rest(scene, start.problem)
-    poles = view_poles(view)
-    assert poles.state == "stable"
-    (text,) = view_limits(view, poles)
+    view = BoardView(scene, start.problem)
+    assert view.poles.known_stable
+    (text,) = view.limits()
     assert "slope of op-amp" in text
 
 
 def test_the_gain_leaves_lambda(start: Start) -> None:
     settings = Settings.of(start, {GAIN: 3e6})
     before, after = (
-        view_rest(start.scene, start.problem),
-        view_rest(settings.scene(start), start.problem),
+        BoardView(start.scene, start.problem),
+        BoardView(settings.scene(start), start.problem),
     )
     assert after.targets == pytest.approx(before.targets, rel=1e-9)
     assert settings.changes(start)[LAMBDA] == start.control(LAMBDA).own
@@ -173,8 +168,8 @@ def test_a_closed_loop_board_has_its_own_slider_and_its_whole_margin() -> None:
     scene = load_scene(SCENES / "least-squares.toml")
     start = Start.of(scene)
     assert start.controls[0].name == "feedback conductance"
-    view = view_rest(start.scene, start.problem)
-    stable = view_boundary(view, view_poles(view), "gf", 2e-5, 1.8e-2).stable_ranges
+    view = BoardView(start.scene, start.problem)
+    stable = view.boundary("gf", 2e-5, 1.8e-2).stable_ranges
     found = judge(start.scene, "statespace")
     margin = found.record.value("margin")
     assert margin == pytest.approx(start.controls[0].own / stable[-1][0], rel=1e-6)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.scene.open_tables import OPAMPS
-from taction.netlist_gen.scene.scene import Scene
 from taction.system import charts
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
@@ -18,16 +17,12 @@ from taction.system.quantities import quantity, readable
 from taction.verification.design.exploration import (
     CELLS,
     STEPS,
+    BoardView,
     Control,
     ExplorerCurves,
     Judgement,
-    PoleView,
-    RestView,
     Settings,
     Start,
-    view_limits,
-    view_poles,
-    view_rest,
 )
 from taction.verification.report.blocks import Bars
 from taction.verification.report.renderers.plotly import plotly_spec
@@ -42,6 +37,7 @@ from taction.verification.verdict.record import ERROR
 POINTS = 500  # of a curve
 ALL_POINTS = 12_000  # of all curves
 VALUE_DIGITS = 6
+STATES = {True: "stable", False: "unstable", None: "undecided"}
 Part = dict[str, Any]
 
 
@@ -79,7 +75,7 @@ def settings_part(start: Start, settings: Settings) -> Part:
     return {"values": values, "opamp": settings.opamp, "command": settings.command(start)}
 
 
-def rest_part(view: RestView) -> Part:
+def rest_part(view: BoardView) -> Part:
     """Return the recovered stress beside its solution and the truth, and the board's numbers."""
     unit, stated = view.board.circuit.value("U0"), view.board.circuit.facts
     targets, rest = view.targets / unit, view.rest / unit
@@ -92,12 +88,12 @@ def rest_part(view: RestView) -> Part:
     return {"stress": chart_part(replace(stress, summary=note)), "facts": facts}
 
 
-def poles_part(view: PoleView) -> Part:
+def poles_part(view: BoardView) -> Part:
     """Return the poles in the upper half plane, and what they say."""
-    lead = view.poles.rightmost
+    lead, state = view.poles.rightmost, STATES[view.poles.stable]
     damping = f"{view.poles.damping_ratio:.3g}" if view.poles.frequency else "does not ring"
     note = (
-        f"The board is {view.state}: the rightmost pole has the real part"
+        f"The board is {state}: the rightmost pole has the real part"
         f" {figure(lead.real, '1/s')}, {quantity(abs(lead.imag) / math.tau, 'Hz')}; damping ratio"
         f" {damping}."
     )
@@ -182,10 +178,10 @@ def _figures(found: Judgement) -> dict[str, str]:
 
 
 def outputs_chart(
-    curves: ExplorerCurves, other: ExplorerCurves | None, view: RestView, window: str
+    curves: ExplorerCurves, other: ExplorerCurves | None, view: BoardView, window: str
 ) -> charts.Chart:
     """Return the outputs in a window, ``"rise"`` or ``"whole"``, with targets and bands."""
-    end = curves.rise if window == "rise" else curves.stop
+    end = curves.windows[window]
     time, outputs, beyond = _shown(curves, end, view)
     targets, count = view.targets, outputs.shape[1]
     low = min(float(outputs.min()), float(targets.min()))
@@ -214,7 +210,7 @@ def outputs_chart(
     return charts.Chart("Outputs", *axes, tuple(marks), summary=note.strip(), legend=False)
 
 
-def _shown(curves: ExplorerCurves, end: float, view: RestView) -> tuple[Floats, Floats, bool]:
+def _shown(curves: ExplorerCurves, end: float, view: BoardView) -> tuple[Floats, Floats, bool]:
     """Return a window of the curves within the supply, and whether they go beyond it."""
     shown = curves.time <= end * (1.0 + 1e-9)
     outputs, limit = curves.outputs[shown], view.board.circuit.supply
@@ -229,46 +225,39 @@ class SliderLook:
     """Everything that is known so far of one set of values; what finds more returns its part."""
 
     settings: Settings
-    scene: Scene
-    rest: RestView
-    poles: PoleView | None = None  # None as long as they are not known
+    view: BoardView
     limits: tuple[str, ...] = ()  # what the op-amps cannot do
     verdict: Judgement | None = None  # of the state-space engine
     other: Judgement | None = None  # of ngspice
 
     def find_poles(self, window: str) -> Part:
         """Find the poles and, of a small linear board, the curves."""
-        self.poles = view_poles(self.rest)
-        return poles_part(self.poles) | self.outputs_part(window)
+        return poles_part(self.view) | self.outputs_part(window)
 
     def find_limits(self) -> Part:
         """Find what the op-amps cannot do."""
-        if self.poles is None:
-            return {}
-        self.limits = view_limits(self.rest, self.poles)
+        self.limits = self.view.limits()
         return {"limits": [*map(readable, self.limits)]}
 
     @property
     def is_exact(self) -> bool:
         """Whether the closed form of a linear board has the curves."""
-        known = self.poles is not None and self.poles.response is not None
-        return known and not self.limits
+        return self.view.has_curves and not self.limits
 
     def outputs_part(self, window: str) -> Part:
         """Return the outputs as far as they are known: of the verdict, where none are exact."""
         curves = None if self.verdict is None else self.verdict.curves
-        response = None if self.poles is None else self.poles.response
-        if response is not None and (self.is_exact or curves is None):
-            curves = response.curves(response.rise if window == "rise" else response.stop)
+        if self.view.has_curves and (self.is_exact or curves is None):
+            curves = self.view.curves(window)
         if curves is None:
             return {}
         other = None if self.other is None else self.other.curves
-        return {"outputs": chart_part(outputs_chart(curves, other, self.rest, window))}
+        return {"outputs": chart_part(outputs_chart(curves, other, self.view, window))}
 
 
 def look_at(start: Start, settings: Settings, window: str) -> tuple[SliderLook, Part]:
     """Return what is fast: the board at rest and, of a small one, poles and curves."""
     scene = settings.scene(start)
-    look = SliderLook(settings, scene, view_rest(scene, settings.problem(start, scene)))
+    look = SliderLook(settings, BoardView(scene, settings.problem(start, scene)))
     # The poles of a large board take longer than a movement of the hand.
-    return look, rest_part(look.rest) | ({} if look.rest.is_large else look.find_poles(window))
+    return look, rest_part(look.view) | ({} if look.view.is_large else look.find_poles(window))

@@ -130,15 +130,15 @@ class Session:
         self._look = look
         self._tell(**shown, **part, **parts.along_part(self.start, self._known_along(settings)))
         boundary, poles = partial(self._boundary_of, look), partial(look.find_poles, self.window)
-        if not look.rest.is_large:
+        if not look.view.is_large:
             await self._step(boundary)
         await asyncio.sleep(REST)
         for stage in (
-            (poles, look.find_limits, boundary) if look.rest.is_large else (look.find_limits,)
+            (poles, look.find_limits, boundary) if look.view.is_large else (look.find_limits,)
         ):
             await self._step(stage)
         try:
-            look.verdict = await self.judging.run(exploration.judge, look.scene, "statespace")
+            look.verdict = await self.judging.run(exploration.judge, look.view.scene, "statespace")
         except WorkerDiedError as error:
             look.verdict = Judgement.without_verdict(error)
         better = {} if look.is_exact else look.outputs_part(self.window)
@@ -179,17 +179,13 @@ class Session:
 
     def _boundary_of(self, look: SliderLook) -> Part:
         """Find the stable values of the first knob, which do not depend on its own value."""
-        if look.poles is None:
-            return {}
         control = self.start.controls[0]
         key = exploration.others(control, look.settings)
         if self._boundary is None or self._boundary[0] != key:
-            name = look.rest.board.circuit.knob(control.path).name
+            name = look.view.board.circuit.knob(control.path).name
             found: Edges | EngineError
             try:
-                found = exploration.view_boundary(
-                    look.rest, look.poles, name, control.low, control.high
-                )
+                found = look.view.boundary(name, control.low, control.high)
             except EngineError as error:
                 found = error
             self._boundary = (key, found)
@@ -214,7 +210,9 @@ class Session:
         self._tell(simulating=True)
         worker, told = Worker(), Part()
         try:
-            call = asyncio.to_thread(worker.call, None, exploration.judge, look.scene, "ngspice")
+            call = asyncio.to_thread(
+                worker.call, None, exploration.judge, look.view.scene, "ngspice"
+            )
             look.other = await call
             told = parts.simulation_part(look.other) | look.outputs_part(self.window)
         except (WorkerDiedError, asyncio.CancelledError):
