@@ -34,7 +34,7 @@ class Integrator(Planes):
         parts.capacitor(Role.SIGNAL_CAPACITOR, f"c_{n}", (v, x), board.facts["C"].value)
         if scene.design.biased:
             if n == 1:
-                parts.voltages.append(VoltageSource(BIAS, BIAS, slope_of(scene)))
+                parts.place(VoltageSource(BIAS, BIAS, slope_of(scene)))
             parts.resistor(Role.BIAS_RESISTOR, f"bias_{n}", (BIAS, x), ohms)
         return x
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Role
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.entries import matrix_resistors
 from taction.netlist_gen.topologies.frame.planes import Planes, PlanesBoard
+from taction.netlist_gen.topologies.frame.topology import matrix_resistors
 from taction.system.errors import Complaint, InputError
 
 

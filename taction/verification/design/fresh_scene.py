@@ -23,7 +23,7 @@ from taction.netlist_gen.scene.keys import scene_text
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
 from taction.netlist_gen.scene.scene import Scene, parse_scene
-from taction.netlist_gen.topologies.frame.entries import pruned
+from taction.netlist_gen.topologies.frame.topology import pruned
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import Complaint, InputError
 from taction.system.output_files import write_atomically

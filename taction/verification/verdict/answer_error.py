@@ -20,7 +20,7 @@ import numpy as np
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.wired_arrays import without_wires
 from taction.netlist_gen.scene.design import Design
-from taction.netlist_gen.topologies.frame.antilog import with_ideal_stages
+from taction.netlist_gen.topologies.frame.planes import with_ideal_stages
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError, SolverError

@@ -18,7 +18,7 @@ from taction.netlist_gen.deck.deck import FILE_NAME, Deck, write_deck
 from taction.netlist_gen.deck.dialects import DIALECTS, NATIVE
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.entries import pruned
+from taction.netlist_gen.topologies.frame.topology import pruned
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError, SolverError
 from taction.system.output_files import write_together

@@ -41,11 +41,10 @@ from taction.netlist_gen.board.circuit import (
     common_facts,
 )
 from taction.netlist_gen.board.opamp_choice import choose_opamp
-from taction.netlist_gen.board.parts import ResistorMatrix
+from taction.netlist_gen.board.parts import OpAmpCell, Resistor, ResistorMatrix
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.entries import GrowingBoard, matrix_resistors
-from taction.netlist_gen.topologies.frame.topology import Topology
+from taction.netlist_gen.topologies.frame.topology import GrowingBoard, Topology, matrix_resistors
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
 
@@ -86,7 +85,7 @@ class LoopBoard(GrowingBoard):
 
     def first_stage(self, name: str, stage: Inputs, output: str) -> None:
         """Place an op-amp that turns the current into its input into ``-current / gf``."""
-        self.parts.stage(name, stage.other, stage.first, output)
+        self.parts.opamp(name, stage.first, output, stage.other)
         role, ohms = Role.OUTPUT_CONDUCTANCE, 1.0 / self.facts["gf"].value
         self.parts.resistor(role, f"g_{output}", (output, stage.first), ohms)
         if stage.other != GROUND:
@@ -111,10 +110,10 @@ class LoopBoard(GrowingBoard):
         if self.way == "differential":
             ohms, negative = np.where(negative, np.inf, ohms), np.zeros_like(negative)
         fixed = by_column, sources, inverted
-        self.parts.matrix(role, ResistorMatrix(name, ohms, negative, *fixed, sinks))
+        self.parts.place(ResistorMatrix(name, ohms, negative, *fixed, sinks), role)
         if self.way == "differential" and np.isfinite(minus).any():
             below_zero = ResistorMatrix(f"{name}n", minus, negative, *fixed, others, opposite=True)
-            self.parts.matrix(role, below_zero)
+            self.parts.place(below_zero, role)
         if below:
             self._offset_column([*filter(None, sources)], [*filter(None, stages.values())], below)
 
@@ -147,10 +146,10 @@ class LoopBoard(GrowingBoard):
         """
         device = device_of(self.scene)
         loads: defaultdict[str, float] = defaultdict(float)
-        for part in self.parts.resistors:
+        for part in self.parts.of(Resistor):
             for node in (part.a, part.b):
                 loads[node] += 1.0 / part.ohms
-        for matrix in self.parts.matrices:
+        for matrix in self.parts.of(ResistorMatrix):
             ohms = as_programmed(matrix.ohms, device)
             siemens = np.sum(1.0 / ohms, axis=1 if matrix.by_column else 0)
             for node, load in zip(matrix.sinks, siemens.tolist(), strict=True):
@@ -217,11 +216,11 @@ class Loop(Topology):
         self.place(board)
         board.pad()
         parts = board.parts
-        for cell in parts.opamps:  # it drives a whole line of an array
+        for cell in parts.of(OpAmpCell):  # it drives a whole line of an array
             parts.stray_at(cell.output)
         others = parts.roles[Role.INVERTER_RESISTOR] | parts.roles[Role.SUM]
-        resistors = {part.card for part in parts.resistors} - others
-        parts.roles[Role.UNIT] = resistors | {matrix.name for matrix in parts.matrices}
+        resistors = {part.card for part in parts.of(Resistor)} - others
+        parts.roles[Role.UNIT] = resistors | {matrix.name for matrix in parts.of(ResistorMatrix)}
         if board.offset:
             title, key = "offset of every entry of T", "design.negative_entries"
             facts["offset"] = Fact("offset", board.offset, "", "b", title, key)

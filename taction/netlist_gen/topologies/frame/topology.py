@@ -1,6 +1,7 @@
 """`Topology`: how a scene becomes a board, and what the board states about itself; their table.
 
-The table has one module each beside this folder, and those of other packages.
+The table has one module each beside this folder, and those of other packages. `GrowingBoard` is
+what every topology does with the entries of T and the strain: the parts that it collects.
 
 Other packages add a topology by an entry point of the group ``taction.topologies``: its name is
 the word in the scene, its object a `Topology`.
@@ -8,21 +9,29 @@ the word in the scene, its object a `Topology`.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from importlib import import_module
-from typing import ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from taction.netlist_gen import topologies
-from taction.netlist_gen.board.bill_of_materials import nearest
-from taction.netlist_gen.board.circuit import Circuit, Fact, Knob, common_facts, common_knobs
+from taction.netlist_gen.board import circuit as circuits
+from taction.netlist_gen.board import parts as boards
+from taction.netlist_gen.board.bill_of_materials import nearest, preferred
+from taction.netlist_gen.board.circuit import GROUND, Circuit, Fact, Knob, Omission, Role
 from taction.netlist_gen.scene.fields import LARGE, LEAST, MOST, SMALL, Model
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
+from taction.spice_models.opamp import OpAmp
+from taction.system.array_types import Bools, Floats
 from taction.system.errors import Complaint, InputError
 from taction.system.plugins import OpenTable
+from taction.system.quantities import spaced
 
 
 class Topology(ABC):
@@ -90,11 +99,11 @@ class Topology(ABC):
             "gain": design.gain,
             "lambda": lam,
         }
-        return common_facts(**numbers, **({} if linear else {"Ve": slope}))
+        return circuits.common_facts(**numbers, **({} if linear else {"Ve": slope}))
 
     def knobs(self, scene: Scene) -> tuple[Knob, ...]:
         """Return the keys of `scene` that can be moved, with the parts that they scale."""
-        return common_knobs(linear=scene.design.amplifier == "linear")
+        return circuits.common_knobs(linear=scene.design.amplifier == "linear")
 
 
 def slope_of(scene: Scene) -> float:
@@ -113,3 +122,193 @@ TOPOLOGIES: Mapping[str, Topology] = OpenTable(
 def topology_of(scene: Scene) -> Topology:
     """Return the topology of a scene."""
     return TOPOLOGIES[scene.design.topology]
+
+
+KINDS: Mapping[type, str] = {
+    boards.OpAmpCell: "opamps",
+    boards.SignalAmplifier: "amplifiers",
+    boards.TransistorCell: "transistors",
+    boards.Resistor: "resistors",
+    boards.ResistorMatrix: "matrices",
+    boards.Capacitor: "capacitors",
+    boards.CurrentSource: "currents",
+    boards.NoiseCurrent: "noises",
+    boards.VoltageSource: "voltages",
+}
+"""Where a `Circuit` has the parts of a class."""
+P = TypeVar("P")
+
+
+@dataclass(slots=True)
+class Parts:
+    """Parts in the order in which they were placed, with their roles."""
+
+    model: str  # op-amp type of every cell
+    stray: float  # capacitance at every summing node, F
+    inverter: float  # both resistors of every inverter, ohm
+    series: str  # of the resistors
+    placed: list[Any] = field(default_factory=list)
+    roles: defaultdict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
+
+    def of(self, kind: type[P]) -> tuple[P, ...]:
+        """Return the parts of a class."""
+        return tuple(part for part in self.placed if type(part) is kind)
+
+    def place(self, part: boards.Part | boards.ResistorMatrix, *roles: str) -> None:
+        """Place a part, which has some roles."""
+        self.placed.append(part)
+        for role in filter(None, roles):
+            self.roles[role].add(getattr(part, "card", part.name))
+
+    def resistor(self, role: str, name: str, ends: tuple[str, str], ohms: float) -> None:
+        """Place a resistor of the nearest value of the series."""
+        self.place(boards.Resistor(name, *ends, preferred(ohms, self.series)), role)
+
+    def capacitor(self, role: str, name: str, ends: tuple[str, str], farads: float) -> None:
+        """Place a capacitor of this value."""
+        self.place(boards.Capacitor(name, *ends, farads), role)
+
+    def opamp(
+        self, name: str, inverting: str, output: str, noninverting: str = GROUND, role: str = ""
+    ) -> None:
+        """Place an op-amp whose inputs are summing nodes or ground, and their strays."""
+        self.place(boards.OpAmpCell(name, self.model, noninverting, inverting, output), role)
+        for node in (noninverting, inverting):
+            if node != GROUND:
+                self.stray_at(node, role)
+
+    def follower(self, name: str, source: str, output: str) -> None:
+        """Place a unity-gain buffer from `source` to `output`."""
+        self.place(boards.OpAmpCell(name, self.model, source, output, output))
+
+    def stray_at(self, node: str, role: str = "") -> None:
+        """Place the stray capacitance of a summing node."""
+        if self.stray > 0:
+            stray = boards.Capacitor(f"stray_{node}", node, GROUND, self.stray)
+            self.place(stray, Role.STRAY, role)
+
+    def inverting(self, name: str, source: str, output: str) -> None:
+        """Place a unity-gain inverter from `source` to `output` with the summing node j`output`."""
+        summing = f"j{output}"
+        self.opamp(name, summing, output)
+        for end, node in (("in", source), ("fb", output)):
+            self.resistor(Role.INVERTER_RESISTOR, f"{name}_{end}", (node, summing), self.inverter)
+
+
+@dataclass(slots=True)
+class GrowingBoard:
+    """A board while its topology places its parts; channels and sensors count from 1."""
+
+    scene: Scene
+    problem: InverseProblem
+    facts: Mapping[str, Fact]
+    model: OpAmp
+    T: Floats = field(init=False)  # (M, N), after pruning
+    parts: Parts = field(init=False)
+
+    def __post_init__(self) -> None:
+        design = self.scene.design
+        self.T = pruned(self.problem.matrix, design.prune)
+        own = design.stray_capacitance, design.inverter_resistance, design.resistor_series
+        self.parts = Parts(self.model.name, *own)
+
+    @property
+    def channels(self) -> range:
+        """The channels."""
+        return range(1, self.T.shape[1] + 1)
+
+    @property
+    def sensors(self) -> list[int]:
+        """The sensors whose rows of T have an entry."""
+        return (1 + np.flatnonzero(self.T.any(axis=1))).tolist()
+
+    def place_strain(self, k: int, sink: str) -> None:
+        """Place the source of the strain of sensor `k`, in volts with a resistor 1/G0, and noise.
+
+        Without strain the resistor ends at ground, so that the noise gain is that of the others.
+        """
+        parts, design, name = self.parts, self.scene.design, f"eps_{k}"
+        strain, conductance = float(self.problem.strain[k - 1]), self.facts["G0"].value
+        volts = strain * self.facts["U0"].value
+        if design.strain_input == "voltage":
+            node = f"e_{k}" if strain else GROUND
+            parts.resistor(Role.STRAIN_RESISTOR, f"e_{k}", (node, sink), 1.0 / conductance)
+            if strain:
+                parts.place(boards.VoltageSource(name, node, volts, switched=True))
+        elif strain:
+            amps = strain * conductance * self.facts["U0"].value
+            parts.place(boards.CurrentSource(name, sink, amps))
+        if design.sensor_noise > 0.0:
+            parts.place(boards.NoiseCurrent(name, sink, design.sensor_noise))
+
+    def circuit(self, rows: str, own: Iterable[Omission], **stated: Any) -> Circuit:
+        """Return the board; `rows`: letter of the sensors' outputs, `own`: what is left out."""
+        kinds: dict[str, Any] = {field: self.parts.of(kind) for kind, field in KINDS.items()}
+        sensors = self.channels if rows == "v" else self.sensors
+        return Circuit(
+            name=self.scene.name,
+            amplifier=self.scene.design.amplifier,
+            topology=self.scene.design.topology,
+            models={self.model.name: self.model},
+            supply=self.scene.design.supply,
+            roles={role: frozenset(names) for role, names in self.parts.roles.items()},
+            signal_nodes=tuple(f"v_{n}" for n in self.channels),
+            constraint_nodes=tuple(f"{rows}_{k}" for k in sensors),
+            omissions=(*self._entries_left_out(), *own, *self._simplest_parts()),
+            **{"facts": self.facts} | kinds | stated,
+        )
+
+    def _entries_left_out(self) -> Iterator[Omission]:
+        """Yield what pruning, and zeros of T and of the strain, leave out on the board."""
+        whole, strain = self.problem.matrix, self.problem.strain
+        out = whole - self.T
+        if count := int(np.count_nonzero(out)):
+            largest = np.abs(out).max() / np.abs(whole).max()
+            norm = np.linalg.norm(out) / np.linalg.norm(whole)
+            yield Omission(
+                f"{2 * count} pruned matrix resistors",
+                f"{count} entries of T are below design.prune = {self.scene.design.prune:g} of the"
+                f" largest entry, the largest of them at {largest:.3g}; their norm is {norm:.2g} of"
+                " the norm of T",
+            )
+        if zeros := int(np.count_nonzero(whole == 0)):
+            yield Omission(f"{2 * zeros} matrix resistors", f"{zeros} entries of T are zero")
+        seen = self.T.any(axis=1)
+        if rows := int(np.count_nonzero(~seen)):
+            why = "their rows of T are all zeros: they would see no output"
+            yield Omission(f"{rows} constraint nodes", why)
+        if silent := int(np.count_nonzero((strain == 0) & seen)):
+            yield Omission(
+                f"{silent} strain {self.scene.design.strain_input}s", "their strain is zero"
+            )
+
+    def _simplest_parts(self) -> Iterator[Omission]:
+        """Yield what the op-amps and the summing nodes do not have."""
+        for figure, empty in ABSENT.items():
+            if getattr(self.model, figure) == empty:
+                what = {"gbw": "first pole"}.get(figure, spaced(figure))
+                what = what.replace("differential", "differential input")
+                yield Omission(f"op-amp {what}", f"{self.model.name}.{figure} is {empty:g}")
+        if self.scene.design.stray_capacitance == 0:
+            yield Omission("stray capacitors", "design.stray_capacitance is 0")
+
+
+ABSENT = {"gbw": math.inf, "second_pole": math.inf, "input_resistance": math.inf,
+          "differential_capacitance": 0.0, "input_capacitance": 0.0,
+          "output_resistance": 0.0}  # fmt: skip
+"""Figures of an op-amp that does not have them."""
+
+
+def matrix_resistors(matrix: Floats, scene: Scene) -> tuple[Floats, Bools]:
+    """Return ohms ``1 / (|T| G0)``, infinite for T = 0, and whether T is negative; both (M, N)."""
+    with np.errstate(divide="ignore"):
+        ohms = 1.0 / (np.abs(matrix) * scene.design.unit_conductance)
+    return nearest(ohms, scene.design.resistor_series), matrix < 0
+
+
+def pruned(matrix: Floats, fraction: float) -> Floats:
+    """Return T (M, N) with zeros for entries below a `fraction` of the largest ``|T|``."""
+    if fraction == 0.0:
+        return matrix
+    size = np.abs(matrix)
+    return np.where(size < fraction * size.max(), 0.0, matrix)
