@@ -25,19 +25,10 @@ from taction.verification.report.documents.document_catalogue import (
 from tests.support.command_lines import LINES, line
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT, SCENES
-from tests.support.running import document, printed_objects, python, shown_at, taction, words_of
+from tests.support.running import document, python, taction
 
 TUNED = str(SCENES / "tuned-breadboard.toml")
-PAPER = SCENES / "paper-breadboard.toml"
 FAST = ("--engine", "statespace")
-
-
-def changed(folder: Path, old: str, new: str) -> str:
-    text = PAPER.read_text(encoding="utf-8")
-    assert old in text
-    path = folder / "changed.toml"
-    path.write_text(text.replace(old, new, 1), encoding="utf-8")
-    return str(path)
 
 
 @pytest.mark.usefixtures("ngspice")
@@ -64,33 +55,6 @@ def test_verify_for_people() -> None:
     for part in ("Parts of the error", "±1 %", "undershoot", "limit of slew rate"):
         assert part in tables
     assert result.stderr == ""
-
-
-def test_a_failed_check_ends_with_1(tmp_path: Path) -> None:
-    scene = changed(tmp_path, 'capacitance = "10pF"', 'capacitance = "5pF"')
-    result = taction("verify", scene, *FAST, "--json", "--changes", "0")
-    assert result.exit_code == 1
-    found = document(result)
-    assert found["outcome"] == "fail"
-    assert found["settling_time"] is None
-    assert {channel["state"] for channel in found["channels"]} == {"oscillating"}
-    people = taction("verify", scene, *FAST, "--changes", "0")
-    assert people.exit_code == 1
-    assert "oscillates at 37.9 kHz" in " ".join(people.stdout.split())
-
-
-def test_an_untrusted_reference_ends_with_3(monkeypatch: pytest.MonkeyPatch) -> None:
-    from dataclasses import replace
-
-    from taction.verification.verdict import board as module
-
-    original = module.ideal_answer
-    monkeypatch.setattr(
-        module, "ideal_answer", lambda *args: replace(original(*args), problem="gap above bound")
-    )
-    result = taction("verify", TUNED, *FAST, "--json")
-    assert result.exit_code == 3
-    assert document(result)["outcome"] == "inconclusive"
 
 
 def test_a_missing_ngspice_ends_with_3_and_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -306,29 +270,3 @@ def test_lines_become_rare() -> None:
     assert said[:5] == ["10", "15", "23", "35", "53"]  # seconds, each 1.5 times the last
     assert len(said) == 20
     assert max(int(b) - int(a) for a, b in pairwise(said)) == 300
-
-
-WIDTHS = (40, 80, 100)
-
-# The variant of a command with the widest tables.
-WIDE = {
-    "verify": "verify a.toml --margins -v",
-    "check": "check filter.cir --over Rf=1k:100k:5 --check stable --no-ngspice",
-    "corners": "corners a.toml --corner capacitor=-1 --corner resistor=1",
-    "sweep": "sweep a.toml --over C=1pF:10pF:2 --over opamp=ua741,op27 --jobs 1",
-}
-SAME = ("verify-files", "diff", "bom", "montecarlo", "regress", "models-show", "tune")
-TABLES = {**{name: LINES[name] for name in SAME}, **WIDE}
-
-
-@pytest.mark.usefixtures("boards")
-@pytest.mark.parametrize("name", TABLES)
-def test_a_narrow_page_loses_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    objects = printed_objects(monkeypatch, *TABLES[name].split())
-    wide = words_of(shown_at(200, objects))
-    assert len(wide) > 10
-    for width in WIDTHS:
-        narrow = shown_at(width, objects)
-        lost = wide - words_of(narrow)
-        assert not lost, f"{width} columns:\n{narrow}"
-        assert "…" not in narrow

@@ -1,29 +1,23 @@
-"""The command line, run inside the test's own process, on pages, and as a process."""
+"""The command line, run inside the test's own process, and as a process."""
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import subprocess
 import sys
 import time
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
-import pytest
 from click.testing import CliRunner, Result
-from rich.console import Console
 
 from taction.cli.main import main
-from taction.verification.report.renderers.terminal import Terminal
 from tests.support.paths import ROOT
 
 # Where no file may be large, Python of before 3.12.8 stores its compiled modules cut short, and
 # every later process that imports them ends with "marshal data too short".
 NO_BYTECODE = {"PYTHONDONTWRITEBYTECODE": "1"}
-RULE = "─"
 
 
 def taction(*words: str) -> Result:
@@ -47,40 +41,6 @@ def python(*words: str, **options: Any) -> subprocess.CompletedProcess[str]:
         options["capture_output"] = True
     options = {"text": True, "cwd": ROOT, "timeout": 300, "env": variables, **options}
     return subprocess.run([sys.executable, *words], check=False, **options)
-
-
-def printed_objects(monkeypatch: pytest.MonkeyPatch, *words: str) -> list[Any]:
-    """Run a command once, and return what it printed on its pages."""
-    found: list[Any] = []
-
-    def keep(page: Terminal, *objects: Any, **options: Any) -> None:
-        found.extend(objects)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Terminal, "print", keep)
-        result = taction(*words)
-    assert found, result.stderr
-    return found
-
-
-def shown_at(width: int, objects: list[Any], *, terminal: bool = False) -> str:
-    """Return the text of `objects` on a page of `width` columns."""
-    page = (
-        Terminal(file=io.StringIO())
-        if not terminal
-        else Console(file=io.StringIO(), force_terminal=True, highlight=False, color_system=None)
-    )
-    page.width = width
-    for each in objects:
-        page.print(each)
-    text = page.file
-    assert isinstance(text, io.StringIO)
-    return text.getvalue()
-
-
-def words_of(text: str) -> Counter[str]:
-    """Return how often each name and each number stands in a text, without the tables' rules."""
-    return Counter(word for word in text.split() if RULE not in word)
 
 
 def process_id(path: Path) -> int:

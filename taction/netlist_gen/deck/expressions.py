@@ -58,7 +58,9 @@ def _evaluated(text: str, leaf: Callable[[str | float], _Ratio], refused: str) -
         raise ValueError(f"the expression {text[:40]!r} cannot be read; {refused}") from None
     except RecursionError:
         raise ValueError("the expression has too many terms; expected several cards") from None
-    except (OverflowError, ZeroDivisionError):
+    except ZeroDivisionError:
+        raise ValueError(f"a denominator of 0; {refused}") from None
+    except OverflowError:
         raise ValueError(f"a number that is not finite; {refused}") from None
 
 

@@ -130,10 +130,6 @@ def test_settling_is_the_last_crossing() -> None:
     assert response.settling_time(0.05) == pytest.approx(ringing.last_outside(0.05), rel=1e-8)
 
 
-SCALE = {"lam": 1.0, "RC": 1e-5, "U0": 2.0}
-NETWORK = IdealNetwork(T=np.array([[1.0, 0.3], [-0.2, 0.8]]), eps=np.array([0.6, 0.4]), **SCALE)
-
-
 @pytest.mark.parametrize("turn", [-1e-15, 1e-15])
 def test_a_value_at_the_band_that_rounds_to_either_side_settles_there(turn: float) -> None:
     """``1 - exp(-t)`` is at the band of 1/e at t = 1, on another side in each evaluation."""

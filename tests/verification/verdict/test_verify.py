@@ -15,7 +15,7 @@ import pytest
 
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene, parse_scene
-from taction.system.errors import EngineError, SimulatorNotFound, StepTooSmall, TimedOut
+from taction.system.errors import EngineError, StepTooSmall, TimedOut
 from taction.system.progress import Clock
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.transients import simulate
@@ -158,15 +158,6 @@ def test_an_untrusted_reference_is_no_verdict(monkeypatch: pytest.MonkeyPatch) -
     assert verdict.outcome is Outcome.INCONCLUSIVE
     assert named(verdict, "steady_state").outcome is Outcome.INCONCLUSIVE
     assert named(verdict, "stability").outcome is Outcome.PASS
-
-
-def test_without_ngspice(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TACTION_NGSPICE", "/nowhere/ngspice")
-    with pytest.raises(SimulatorNotFound, match="/nowhere/ngspice"):
-        verify(shipped("tuned-breadboard", analysis={"engine": "ngspice"}))
-    verdict = verify(shipped("tuned-breadboard", analysis={"engine": "auto"}))
-    assert verdict.outcome is Outcome.PASS
-    assert verdict.waveforms.engine.startswith("statespace")
 
 
 @pytest.mark.usefixtures("ngspice")
