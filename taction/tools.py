@@ -126,8 +126,8 @@ def import_model(
     import json
     import re
 
+    from taction.netlist_gen.board.opamp_choice import to_document
     from taction.netlist_gen.scene.fields import BOTH_SIGNS
-    from taction.netlist_gen.scene.imported_opamps import to_document
     from taction.system.output_files import write_atomically
     from taction.verification.studies.decks.vendor_model import ImportedModel, import_opamp
 

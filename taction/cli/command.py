@@ -346,7 +346,7 @@ def run(command: Command, given: dict[str, Any]) -> None:
     if job.before is not None:
         job.before(call)
     if given.get("scene") is not None:
-        from taction.netlist_gen.scene.slips import questions
+        from taction.netlist_gen.scene.axes import questions
 
         for question in questions(given["scene"]):
             say(f"question: {question}")

@@ -14,8 +14,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 import taction
-from taction.netlist_gen.board.opamp_choice import as_opamp
-from taction.netlist_gen.scene.imported_opamps import from_document, to_document
+from taction.netlist_gen.board.opamp_choice import as_opamp, from_document, to_document
 from taction.system.documents import plain
 from taction.system.errors import Complaint, InputError
 from taction.verification.report.renderers.terminal import page_text

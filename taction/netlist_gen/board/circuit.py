@@ -6,14 +6,14 @@ design (`Fact`), and the keys of a scene that scale parts (`Knob`). Node ``"0"``
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 
 from taction.netlist_gen.board import parts as boards
-from taction.spice_models.branches import Branch
+from taction.spice_models.branches import CONTROLS, Branch
 from taction.spice_models.imported import LinearModel
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.transistor import NOMINAL, Transistor
@@ -296,23 +296,26 @@ class Circuit(Result):
         changed = {knob.name: value}
         changed |= {other: self.value(other) * ratio**by for other, by in knob.moves.items()}
 
-        def turned(part: Any, quantity: str) -> Any:
-            own = getattr(part, "card", part.name) in names
-            value = getattr(part, quantity)
-            return replace(part, **{quantity: value * factor}) if own else part
+        board = self.scaled(lambda part: factor if getattr(part, "card", part.name) in names else 1)
+        facts = {
+            name: replace(fact, value=changed.get(name, fact.value))
+            for name, fact in self.facts.items()
+        }
+        return replace(board, facts=facts)
+
+    def scaled(self, factor: Callable[[Any], Floats | float]) -> Circuit:
+        """Return the board with the value of each part times a `factor`; a matrix may have many."""
+
+        def changed(part: Any, quantity: str) -> Any:
+            times = factor(part)
+            same = isinstance(times, float | int) and times == 1.0
+            return part if same else replace(part, **{quantity: getattr(part, quantity) * times})
 
         parts: dict[str, Any] = {
-            kind: tuple(turned(part, quantity) for part in getattr(self, kind))
+            kind: tuple(changed(part, quantity) for part in getattr(self, kind))
             for kind, quantity in SCALED.items()
         }
-        return replace(
-            self,
-            **parts,
-            facts={
-                name: replace(fact, value=changed[name]) if name in changed else fact
-                for name, fact in self.facts.items()
-            },
-        )
+        return replace(self, **parts)
 
     @property
     def is_small_signal(self) -> bool:
@@ -376,3 +379,46 @@ class Circuit(Result):
         """The values of the knobs with a margin, in words."""
         moved = (self.facts[knob.name] for knob in self.knobs if knob.margin)
         return ", ".join(f"{fact.name} = {fact.text}" for fact in moved)
+
+
+def with_parts(circuit: Circuit, parts: Iterable[Branch]) -> Circuit:
+    """Return a circuit with further linear parts."""
+    every = [*parts]
+    resistors = (boards.Resistor(p.name, p.a, p.b, p.value) for p in every if p.letter == "R")
+    capacitors = (boards.Capacitor(p.name, p.a, p.b, p.value) for p in every if p.letter == "C")
+    return replace(
+        circuit,
+        resistors=(*circuit.resistors, *resistors),
+        capacitors=(*circuit.capacitors, *capacitors),
+        branches=(*circuit.branches, *(part for part in every if part.letter not in "RC")),
+    )
+
+
+def with_linear_models(circuit: Circuit) -> Circuit:
+    """Return a circuit with linear parts in the place of imported op-amps that have them."""
+    parts, own = list[Branch](), list[boards.OpAmpCell]()
+    for cell in circuit.opamps:
+        model = circuit.linear_model(cell)
+        if model is None:
+            own.append(cell)
+        else:
+            parts += [_placed(part, cell) for part in model.parts]
+    return replace(with_parts(circuit, parts), opamps=tuple(own))
+
+
+def _placed(part: Branch, cell: boards.OpAmpCell) -> Branch:
+    """Return a part of one op-amp of the board, with nodes and cards of its own."""
+    ports = {GROUND: GROUND, "inp": cell.noninverting, "inn": cell.inverting, "out": cell.output}
+
+    def node(name: str) -> str:
+        return ports.get(name) or f"x{cell.name}.{name}"
+
+    def card(name: str) -> str:
+        return f"{name}.x{cell.name}"
+
+    end = card if part.letter == "K" else node
+    control = card if CONTROLS.get(part.letter) == 1 else node
+    ends = end(part.a), end(part.b)
+    return Branch(
+        part.letter, card(part.name), *ends, part.value, tuple(map(control, part.control))
+    )

@@ -10,13 +10,14 @@ import difflib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit, Role
-from taction.netlist_gen.board.parts import OpAmpCell, ResistorMatrix
+from taction.netlist_gen.board.parts import Capacitor, OpAmpCell, Resistor, ResistorMatrix
 from taction.netlist_gen.scene.check_keys import Tolerances
-from taction.spice_models.branches import Branch
 from taction.spice_models.input_errors import MOST, drawn
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
@@ -126,6 +127,7 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
     kelvin = shift.get(TEMPERATURE, 0.0) * tolerances.temperature
     hot_r = math.exp(kelvin * tolerances.resistor_drift)
     hot_c = math.exp(kelvin * tolerances.capacitor_drift)
+    hot: dict[type, float] = {Resistor: hot_r, ResistorMatrix: hot_r, Capacitor: hot_c}
     hot_gbw = math.exp(kelvin * tolerances.opamp_drift)
 
     def varied_opamp(cell: OpAmpCell, model: OpAmp) -> OpAmp:
@@ -136,26 +138,33 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
 
     own = _with_own_models(circuit, varied_opamp)
     programmed = tuple(_programmed(each, deviations) for each in circuit.matrices)
-    return replace(
-        with_resistors_at(replace(own, matrices=programmed), scale, hot_r),
-        temperature=circuit.temperature + kelvin,
-        capacitors=tuple(
-            replace(part, farads=part.farads * scale.get(part.label, 1.0) * hot_c)
-            for part in circuit.capacitors
-        ),
-        branches=tuple(
-            _branch(part, scale[part.label]) if part.label in scale else part
-            for part in circuit.branches
-        ),
-    )
+    made = replace(own, matrices=programmed, temperature=circuit.temperature + kelvin)
+    return with_factors(made, scale, hot)
 
 
-def _branch(part: Branch, factor: float) -> Branch:
-    value = part.value * factor
-    if part.letter == "K" and not abs(value) < 1.0:
-        text = "coils with a coupling of 1 or more; expected a smaller tolerance"
-        raise InputError("tolerances", Complaint(part.label, f"{value:g}", text))
-    return replace(part, value=value)
+def with_factors(
+    circuit: Circuit, scale: Mapping[str, float], every: Mapping[type, float] = MappingProxyType({})
+) -> Circuit:
+    """Return `circuit` with the values of `scale`, by name, and of a kind in `every` times these.
+
+    InputError: coils would have a coupling of 1 or more.
+    """
+
+    def factor(part: Any) -> Floats | float:
+        common = every.get(type(part), 1.0)
+        if not isinstance(part, ResistorMatrix):
+            return scale.get(part.label, 1.0) * common
+        factors = np.full(part.ohms.shape, common)
+        for name, k, n in part.places():
+            factors[k, n] *= scale.get(name, 1.0)
+        return factors
+
+    made = circuit.scaled(factor)
+    for part in made.branches:
+        if part.letter == "K" and part.label in scale and not abs(part.value) < 1.0:
+            text = "coils with a coupling of 1 or more; expected a smaller tolerance"
+            raise InputError("tolerances", Complaint(part.label, f"{part.value:g}", text))
+    return made
 
 
 def _programmed(matrix: ResistorMatrix, deviations: Mapping[str, float]) -> ResistorMatrix:
@@ -176,18 +185,6 @@ def _programmed(matrix: ResistorMatrix, deviations: Mapping[str, float]) -> Resi
     moved = np.isfinite(ohms) & (off != 0.0)
     ohms[moved] = 1.0 / device.programmed(siemens, off)[moved]
     return replace(matrix, ohms=ohms, device=None)
-
-
-def with_resistors_at(circuit: Circuit, scale: Mapping[str, float], every: float = 1.0) -> Circuit:
-    """Return `circuit` with resistors times `every`, and those of `scale` as it says."""
-    return replace(
-        circuit,
-        matrices=tuple(_matrix(matrix, scale, every) for matrix in circuit.matrices),
-        resistors=tuple(
-            replace(part, ohms=part.ohms * scale.get(part.label, 1.0) * every)
-            for part in circuit.resistors
-        ),
-    )
 
 
 def _with_own_models(circuit: Circuit, make: Callable[[OpAmpCell, OpAmp], OpAmp]) -> Circuit:
@@ -212,10 +209,3 @@ def _opamp(model: OpAmp, name: str, faster: float, gain: float) -> OpAmp:
         )
     except ValueError as error:
         raise InputError("tolerances", Complaint(f"op-amp {name}", "", str(error))) from None
-
-
-def _matrix(matrix: ResistorMatrix, scale: Mapping[str, float], hot: float) -> ResistorMatrix:
-    ohms = matrix.ohms * hot
-    for name, k, n in matrix.places():
-        ohms[k, n] *= scale.get(name, 1.0)
-    return replace(matrix, ohms=ohms)

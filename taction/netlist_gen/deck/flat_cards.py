@@ -11,8 +11,15 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from taction.netlist_gen.board.circuit import GROUND, Circuit, Fact, Knob, Output, common_facts
-from taction.netlist_gen.board.linear_models import with_parts
+from taction.netlist_gen.board.circuit import (
+    GROUND,
+    Circuit,
+    Fact,
+    Knob,
+    Output,
+    common_facts,
+    with_parts,
+)
 from taction.netlist_gen.deck.elements import CardError, Element, element_of, shown, spelt_card
 from taction.netlist_gen.deck.expressions import OWN, affine
 from taction.netlist_gen.deck.foreign_lines import number

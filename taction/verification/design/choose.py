@@ -21,14 +21,21 @@ from typing import Any
 from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.board.part_warnings import ANY_PART, AcceptedParts
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import LIMITS, Point, SweepAxis, read_ends, tried, with_values
+from taction.netlist_gen.scene.axes import (
+    LIMITS,
+    Point,
+    SweepAxis,
+    read_ends,
+    tried,
+    value_questions,
+    with_values,
+)
 from taction.netlist_gen.scene.check_keys import Checks, unitless_times
 from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.keys import Value, find_key, own_value, write_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.scene.slips import value_questions
 from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.errors import (
     Complaint,

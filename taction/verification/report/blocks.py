@@ -20,7 +20,7 @@ from taction.verification.report.texts import Column, cell, fields, shown_by
 from taction.verification.report.texts import Shown as Shown
 
 if TYPE_CHECKING:
-    from taction.netlist_gen.kicad.drawing import Strokes
+    from taction.netlist_gen.kicad.board import Strokes
 
 
 TERMINAL, PAGE, NOTEBOOK, PICTURE = "terminal", "page", "notebook", "picture"

@@ -15,7 +15,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.part_warnings import part_warnings, stuck_cells
-from taction.netlist_gen.scene.slips import questions
+from taction.netlist_gen.scene.axes import questions
 from taction.spice_models.imported import ImportedOpAmp
 from taction.spice_models.input_errors import not_known
 from taction.system.array_types import Floats, Ints

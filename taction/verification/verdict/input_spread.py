@@ -26,7 +26,7 @@ from taction.netlist_gen.board.variation import (
     device_spreads,
     parameters,
     vary,
-    with_resistors_at,
+    with_factors,
 )
 from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.spice_models.input_errors import CHANGES, MOST
@@ -137,7 +137,7 @@ class InputSpread:
             else:
                 shares[each.name] = each.size * value
         scale = {name: math.exp(value) for name, value in logs.items()}
-        probed = outputs_at_rest(LinearBoard(with_resistors_at(at(shares), scale)))
+        probed = outputs_at_rest(LinearBoard(with_factors(at(shares), scale)))
         off = float(np.abs(probed - self.mean - self.rows.T @ z).max())
         return replace(found, curvature=off / (PROBED * sigma))
 

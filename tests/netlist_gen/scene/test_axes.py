@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.scene.axes import (
+    axis_questions,
     check_axes,
     fixed_values,
     parse_axes,
     parse_axis,
+    questions,
     with_value,
     with_values,
 )
 from taction.netlist_gen.scene.keys import find_key, own_value
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene, parse_scene
-from taction.netlist_gen.scene.slips import axis_questions, questions
 from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.errors import InputError
 from taction.verification.studies.sweep.sweep import Plan

@@ -14,12 +14,11 @@ import pytest
 import taction
 from taction.netlist_gen.analysis import OperatingPoint
 from taction.netlist_gen.board.circuit import GROUND, Circuit, Output
-from taction.netlist_gen.board.opamp_choice import choose_opamp
+from taction.netlist_gen.board.opamp_choice import choose_opamp, to_document
 from taction.netlist_gen.board.parts import OpAmpCell, Resistor
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.design import OpAmpChoice
-from taction.netlist_gen.scene.imported_opamps import to_document
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene, parse_scene

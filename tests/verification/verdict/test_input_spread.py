@@ -10,7 +10,7 @@ import pytest
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.board.variation import draw, parameters, vary, with_resistors_at
+from taction.netlist_gen.board.variation import draw, parameters, vary, with_factors
 from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.system.array_types import Floats
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -175,7 +175,7 @@ def test_resistors_drift_each_by_itself() -> None:
         for k, n, *_ in matrix.elements()
     ]
     for name in names:
-        changed = with_resistors_at(circuit, {name: 1.0 + step})
+        changed = with_factors(circuit, {name: 1.0 + step})
         squares += ((outputs_at_rest(changed) - outputs_at_rest(circuit)) / step) ** 2
     spread = InputSpread.of(LinearBoard(circuit), 1e-4)
     assert spread is not None

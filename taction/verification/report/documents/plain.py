@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, cast
 
-from taction.netlist_gen.scene.imported_opamps import StoredOpAmp
+from taction.netlist_gen.board.opamp_choice import StoredOpAmp
 from taction.netlist_gen.scene.keys import Value
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.presets import Origin

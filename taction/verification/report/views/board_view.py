@@ -10,7 +10,7 @@ import numpy as np
 from taction.netlist_gen.board.bill_of_materials import bill_of_materials
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.deck import write_deck
-from taction.netlist_gen.kicad.drawing import schematic_strokes, schematic_summary
+from taction.netlist_gen.kicad.board import schematic_strokes, schematic_summary
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import all_keys, own_value
 from taction.netlist_gen.scene.problem_keys import StatedProblem

@@ -17,11 +17,10 @@ from typing import Annotated
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import Over, SweepAxis, parse_axes, with_values
+from taction.netlist_gen.scene.axes import Over, SweepAxis, axis_questions, parse_axes, with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import own_value
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.scene.slips import axis_questions
 from taction.system.documents import Number
 from taction.system.errors import (
     Complaint,

@@ -25,6 +25,7 @@ from taction.netlist_gen.scene.axes import (
     Fixed,
     Over,
     SweepAxis,
+    axis_questions,
     check_axes,
     fixed_values,
     parse_axes,
@@ -33,7 +34,6 @@ from taction.netlist_gen.scene.axes import (
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.keys import Value, files_of
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.scene.slips import axis_questions
 from taction.system.documents import INLINE
 from taction.system.errors import MACHINE_FAILURES, Complaint, InputError, Interrupted, TactionError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded

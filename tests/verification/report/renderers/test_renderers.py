@@ -17,7 +17,7 @@ from matplotlib.axis import Axis as FigureAxis
 from matplotlib.figure import Figure
 from matplotlib.text import Text as FigureText
 
-from taction.netlist_gen.kicad.drawing import Strokes
+from taction.netlist_gen.kicad.board import Strokes
 from taction.system.charts import OUTCOMES, Axis, Band, Chart, Columns, Curve, Limit, View
 from taction.verification.report.blocks import (
     Bar,

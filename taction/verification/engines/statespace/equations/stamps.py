@@ -17,8 +17,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.linear_models import with_linear_models
+from taction.netlist_gen.board.circuit import Circuit, with_linear_models
 from taction.netlist_gen.board.wired_arrays import port_matrices
 from taction.spice_models.branches import Branch, Source
 from taction.system.array_types import Ints

@@ -12,7 +12,7 @@ import pytest
 import taction
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import Resistor
-from taction.netlist_gen.board.variation import with_resistors_at
+from taction.netlist_gen.board.variation import with_factors
 from taction.netlist_gen.board.wired_arrays import wire_branches
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
@@ -121,7 +121,7 @@ def test_sensitivities_behind_wires(board: str) -> None:
     largest = max(float(np.abs(found[name]).max()) for name in names)
     for name in names:
         ends = [
-            outputs_at_rest(LinearBoard(with_resistors_at(circuit, {name: float(np.exp(step))})))
+            outputs_at_rest(LinearBoard(with_factors(circuit, {name: float(np.exp(step))})))
             for step in (1e-4, -1e-4)
         ]
         assert np.abs((ends[0] - ends[1]) / 2e-4 - found[name]).max() < 1e-6 * largest
