@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import taction
@@ -441,3 +442,22 @@ def test_a_point_that_ngspice_does_not_find_again_is_none(
     monkeypatch.setattr(operating_point, "TRIED", ())
     with pytest.raises(InputError, match="by a transient only"):
         checked(tmp_path, "I1 0 out 1m\nD1 out 0 dd\n.model dd d(is=1e-14)\nC1 out 0 1u")
+
+
+def test_where_ngspice_keeps_pivots_it_is_asked_at_each_frequency(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """ngspice's pivots are those of the first frequency: far from it some decks lose all digits."""
+    true = operating_point.DeckPoint.small_signals
+
+    def rounded(point, driven, sweeps, option=""):
+        tables, said = true(point, driven, sweeps, option)
+        far = [each["frequency"].real > 3.0 * each["frequency"].real[0] for each in tables]
+        wrong = [
+            {name: np.where(high, 1.01 * values, values) for name, values in table.items()}
+            for high, table in zip(far, tables, strict=True)
+        ]
+        return wrong, said
+
+    monkeypatch.setattr(operating_point.DeckPoint, "small_signals", rounded)
+    assert agrees(checked(tmp_path, "V1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n"))
