@@ -9,21 +9,13 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.board.bill_of_materials import nearest
-from taction.netlist_gen.board.devices import Device, Logarithmic, load_devices
+from taction.netlist_gen.board.devices import LOGARITHMIC, Device, Logarithmic, load_devices
 from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.netlist_gen.board.wired_arrays import as_ohms
 from taction.netlist_gen.board.wires import Wires, compensated
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
-
-FIGURES = {
-    "least_conductance": "least",
-    "most_conductance": "most",
-    "cell_levels": "levels",
-    "drift_exponent": "drift",
-}
-"""Keys of the table ``[devices]`` by whose names `Device` has other ones."""
 
 
 def built(matrix: ResistorMatrix, scene: Scene, device: Device | None) -> ResistorMatrix:
@@ -53,24 +45,19 @@ def device_of(scene: Scene) -> Device | None:
         return None
     device = Device() if asked.cell is None else load_devices()[asked.cell]
     given: dict[str, Any] = asked.model_dump(exclude={"cell"}, exclude_none=True)
-    for key, name in FIGURES.items():
-        if key in given:
-            given[name] = given.pop(key)
     if "programming_error" in given:
         given["programming_error"] = (given["programming_error"],)
-    for name in ("drift", "drift_spread"):
-        if name in given:
-            given[name] = Logarithmic(given[name])
+    given |= {name: Logarithmic(given[name]) for name in LOGARITHMIC & given.keys()}
     device = replace(device, **given)
-    stuck = f"{device.stuck_at_most:g}"
-    windowed = math.isfinite(device.most)
+    least, most = device.least_conductance, device.most_conductance
+    stuck, windowed = f"{device.stuck_at_most:g}", math.isfinite(most)
     wrong = (
-        (not device.least < device.most, "most_conductance", f"{device.most:g}",
-         f"not above the least conductance of {device.least:g} S"),
+        (not least < most, "most_conductance", f"{most:g}",
+         f"not above the least conductance of {least:g} S"),
         (device.stuck >= 1.0, "stuck_at_most", stuck, "with stuck_at_least this must be below 1"),
         (device.stuck_at_most and not windowed, "stuck_at_most", stuck,
          "cells stuck at the largest conductance need 'most_conductance', or a 'cell'"),
-        (device.levels and not windowed, "cell_levels", repr(device.levels),
+        (device.cell_levels and not windowed, "cell_levels", repr(device.cell_levels),
          "levels need 'most_conductance', or a 'cell'"),
     )  # fmt: skip
     for is_wrong, key, value, text in wrong:

@@ -15,7 +15,7 @@ from taction.system.array_types import Floats
 MICRO = 1e-6
 KINDS = ("programming", "drift", "read_noise")
 """Why a device differs from what it is aimed at, as a standard deviation; in `Device.spreads`."""
-OWN = ("levels", "read_noise", "drift", "drift_spread", "drift_start")  # as a file has them
+LOGARITHMIC = {"drift_exponent", "drift_spread"}  # figures of a device
 REPEATS = 60  # of the iteration for what has drifted
 FLOOR = 1e-6  # of the largest conductance: what a device without a window keeps
 
@@ -36,16 +36,17 @@ class Logarithmic:
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """A device that is programmed to a conductance."""
+    """A device that is programmed to a conductance; its figures have the names of ``[devices]``."""
 
-    least: float = 0.0  # window of conductances, S
-    most: float = math.inf
-    levels: int = 0  # evenly spaced conductances from `least` to `most`; 0: any
+    least_conductance: float = 0.0  # window of conductances, S
+    most_conductance: float = math.inf
+    cell_levels: int = 0  # evenly spaced conductances over the window; 0: any
     # coefficients of the polynomial in S, lowest power first, that gives the standard deviation
     # after programming, S
     programming_error: tuple[float, ...] = ()
     read_noise: float = 0.0  # standard deviation from solve to solve, a fraction of the conductance
-    drift: Logarithmic = Logarithmic()  # mean of nu, over the conductance in `most` (or in S)
+    # mean of nu, over the conductance in the largest one, or in S
+    drift_exponent: Logarithmic = Logarithmic()
     drift_spread: Logarithmic = Logarithmic()  # its standard deviation
     drift_start: float = 1.0  # t0 since its programming, s: no drift up to t0
     age: float = 0.0  # t since its programming, s
@@ -54,24 +55,24 @@ class Device:
     source: str = ""  # where the figures were read
 
     @classmethod
-    def in_microsiemens(cls, table: dict[str, object]) -> Device:
+    def in_microsiemens(cls, table: dict[str, Any]) -> Device:
         """Return the device of a table of ``devices.toml``."""
-        least, most = (MICRO * float(str(table[name])) for name in ("least", "most"))
-        given: object = table["programming_error"]
-        assert isinstance(given, list)  # noqa: S101 - a file of this package
-        error = tuple(MICRO * float(each) / MICRO**power for power, each in enumerate(given))
-        own: dict[str, Any] = {key: table[key] for key in OWN if key in table}
-        for name in ("drift", "drift_spread"):
-            if name in own:
-                own[name] = Logarithmic(*own[name])
-        return cls(least, most, programming_error=error, source=str(table["source"]), **own)
+        own = dict(table)
+        for name in ("least_conductance", "most_conductance"):
+            own[name] *= MICRO
+        terms = enumerate(own["programming_error"])
+        own["programming_error"] = tuple(MICRO * each / MICRO**power for power, each in terms)
+        for name in LOGARITHMIC & own.keys():
+            own[name] = Logarithmic(*own[name])
+        return cls(**own)
 
     def settable(self, siemens: Floats) -> Floats:
         """Return the conductances that are aimed at for those that are wanted; zeros stay."""
-        aimed = np.clip(siemens, self.least, self.most)
-        if self.levels:
-            step = (self.most - self.least) / (self.levels - 1)
-            aimed = self.least + step * np.round((aimed - self.least) / step)
+        low, high = self.least_conductance, self.most_conductance
+        aimed = np.clip(siemens, low, high)
+        if self.cell_levels:
+            step = (high - low) / (self.cell_levels - 1)
+            aimed = low + step * np.round((aimed - low) / step)
         return np.where(siemens > 0.0, aimed, 0.0)
 
     @property
@@ -97,10 +98,10 @@ class Device:
 
     def _kept(self, siemens: Floats) -> Floats:
         """Return the share of programmed conductances that is left."""
-        return np.exp(-self.decades * self.drift.at(self._share(siemens)))
+        return np.exp(-self.decades * self.drift_exponent.at(self._share(siemens)))
 
     def _share(self, siemens: Floats) -> Floats:
-        unit = self.most if math.isfinite(self.most) else 1.0
+        unit = self.most_conductance if math.isfinite(self.most_conductance) else 1.0
         return np.where(siemens > 0.0, siemens, unit) / unit
 
     def spreads(self, siemens: Floats) -> dict[str, Floats]:
@@ -127,19 +128,20 @@ class Device:
 
         The tails of the deviations are the cells that are stuck.
         """
-        low = high = np.zeros(siemens.shape, dtype=np.bool_)
+        at_least = at_most = np.zeros(siemens.shape, dtype=np.bool_)
         if self.stuck:
             from scipy.special import ndtr, ndtri
 
             place = ndtr(deviations)
-            low, high = place < self.stuck_at_least, place > 1.0 - self.stuck_at_most
+            at_least, at_most = place < self.stuck_at_least, place > 1.0 - self.stuck_at_most
             inner = (place - self.stuck_at_least) / (1.0 - self.stuck)
-            deviations = ndtri(np.where(low | high, 0.5, inner))
+            deviations = ndtri(np.where(at_least | at_most, 0.5, inner))
+        low, high = self.least_conductance, self.most_conductance
         floor = FLOOR * float(siemens.max(initial=0.0))
-        most = np.maximum(siemens, self.most)
-        least = np.minimum(siemens, max(float(self.drifted(np.array([self.least]))[0]), floor))
-        found = np.clip(siemens + deviations * self.spread(siemens), least, most)
-        return np.where(low, max(self.least, floor), np.where(high, self.most, found))
+        least = np.minimum(siemens, max(float(self.drifted(np.array([low]))[0]), floor))
+        found = siemens + deviations * self.spread(siemens)
+        found = np.clip(found, least, np.maximum(siemens, high))
+        return np.where(at_least, max(low, floor), np.where(at_most, high, found))
 
 
 @cache

@@ -130,28 +130,18 @@ def tried(scene: Scene, changes: Point, option: str) -> Scene:
         return with_values(scene, changes)
 
 
-def rising_ends(scene: Scene, path: str, body: str) -> tuple[float, float]:
-    """Return the ends of ``"LOW:HIGH"``, above zero; raises `InputError`."""
-    low, high = read_ends(scene, path, body, "--over")
-    if low == high:
-        raise InputError("--over", Complaint(path, repr(body), _rising(f"{path}=LOW:HIGH")))
-    return low, high
-
-
-def read_ends(scene: Scene, path: str, body: str, option: str) -> tuple[float, float]:
-    """Return the ends of ``"LOW:HIGH"``, of a single value twice; raises `InputError`."""
+def read_ends(scene: Scene, path: str, body: str, option: str = "--over") -> tuple[float, float]:
+    """Return the ends of ``"LOW:HIGH"`` above zero; an option may have one value for both."""
     key, (first, colon, last) = find_key(scene, path), body.partition(":")
+    over = option == "--over"
     with mistakes_of(option):
         low, high = (float(read_value(key, end)) for end in (first, last if colon else first))
-    if not 0.0 < low <= high:
-        shown = f"{path}=LOW:HIGH" if option == "--over" else f"{option} LOW:HIGH"
+    if not 0.0 < low <= high or (over and low == high):
+        shown = f"{path}=LOW:HIGH" if over else f"{option} LOW:HIGH"
         swapped = "; are the two swapped?" if low > high > 0.0 else ""
-        raise InputError(option, Complaint(path, repr(body), f"{_rising(shown)}{swapped}"))
+        text = f"expected a range above zero, LOW below HIGH: {shown}{swapped}"
+        raise InputError(option, Complaint(path, repr(body), text))
     return low, high
-
-
-def _rising(shown: str) -> str:
-    return f"expected a range above zero, LOW below HIGH: {shown}"
 
 
 LIMITS = {

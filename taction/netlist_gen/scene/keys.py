@@ -52,7 +52,8 @@ class Key:
 
 def find_key(scene: Scene, name: str) -> Key:
     """Return the key with the path, end of a path, or symbol `name`, or refuse it."""
-    keys = dict(_keys(scene, "", ""))
+    keys = {key.path: key for key in all_keys(scene)}
+    keys["design.lam"] = keys["design.lambda"]  # as Python has it
     if (key := _search(keys, name)) is not None:
         return key
     known = {symbol: symbol for symbol in SYMBOLS}
@@ -74,20 +75,14 @@ def _search(keys: Mapping[str, Key], name: str) -> Key | None:
     return next((keys[candidate] for candidate in paths if candidate in keys), None)
 
 
-def all_keys(scene: Scene) -> Iterator[Key]:
-    """Yield every key that a study can change."""
-    yield from {key.path: key for _, key in _keys(scene, "", "")}.values()
-
-
-def _keys(model: BaseModel, prefix: str, python: str) -> Iterator[tuple[str, Key]]:
-    """Yield each key with its path in a file, and again with its path in Python (`lam`)."""
-    for name, (alias, kind, unit) in _fields(type(model)).items():
-        path, value = f"{prefix}{alias}", getattr(model, name)
+def all_keys(table: BaseModel, prefix: str = "") -> Iterator[Key]:
+    """Yield every key of a scene that a study can change."""
+    for name, (alias, kind, unit) in _fields(type(table)).items():
+        value = getattr(table, name)
         if isinstance(value, BaseModel):
-            yield from _keys(value, f"{path}.", f"{python}{name}.")
+            yield from all_keys(value, f"{prefix}{alias}.")
         elif not isinstance(value, dict):
-            key = Key(path, kind, unit)
-            yield from ((path, key), (f"{python}{name}", key))
+            yield Key(f"{prefix}{alias}", kind, unit)
 
 
 @functools.cache

@@ -21,7 +21,7 @@ import numpy as np
 from taction.netlist_gen.board.bill_of_materials import buyable, series_of
 from taction.netlist_gen.board.part_warnings import AcceptedParts, BrokenLimit, broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import rising_ends, with_values
+from taction.netlist_gen.scene.axes import read_ends, with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.keys import Value, find_key, own_value
 from taction.netlist_gen.scene.scene import Scene
@@ -354,7 +354,7 @@ def _range(scene: Scene, path: str, body: str, reach: float) -> SearchRange:
         raise InputError("--over", Complaint(path, repr(own), text))
     if not body:
         return found
-    low, high = rising_ends(scene, path, body)
+    low, high = read_ends(scene, path, body)
     return replace(found, low=low, high=high)
 
 

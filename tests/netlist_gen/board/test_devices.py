@@ -45,17 +45,18 @@ def test_every_device_has_its_window_its_error_and_its_source() -> None:
     (cells, _) = get_args(DevicesTable.model_fields["cell"].annotation)
     assert get_args(cells) == tuple(devices)
     for name, device in devices.items():
-        assert (device.least, device.most) == pytest.approx([1e-6 * x for x in WINDOWS[name]])
+        window = device.least_conductance, device.most_conductance
+        assert window == pytest.approx([1e-6 * x for x in WINDOWS[name]])
         assert device.source.startswith(("CrossSim", "aihwkit"))
         for micro, wanted in PRINTED[name]:
             (found,) = device.spread(np.array([1e-6 * micro]))
             assert found == pytest.approx(1e-6 * wanted, rel=1e-9)
-        inside = np.linspace(device.least, device.most, 200)
+        inside = np.linspace(*window, 200)
         assert np.all(device.spread(inside) > 0.0)
 
 
 def test_levels_are_evenly_spaced_and_reached_from_halfway() -> None:
-    device = Device(0.5e-6, 35.5e-6, levels=8)
+    device = Device(0.5e-6, 35.5e-6, cell_levels=8)
     wanted = np.array([0.0, 1e-7, 3.1e-6, 2.9e-6, 40e-6])
     np.testing.assert_allclose(
         device.settable(wanted), [0.0, 0.5e-6, 5.5e-6, 0.5e-6, 35.5e-6], rtol=1e-12
