@@ -10,13 +10,12 @@ import os
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 from pydantic import BaseModel
 
-from taction.netlist_gen.scene.fields import Unit
+from taction.netlist_gen.scene.fields import Shortened, Unit
 from taction.netlist_gen.scene.mistakes import impossible, percentage
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError
@@ -52,7 +51,7 @@ class Key:
 
 def find_key(scene: Scene, name: str) -> Key:
     """Return the key with the path, end of a path, or symbol `name`, or refuse it."""
-    keys = {key.path: key for key in all_keys(scene)}
+    keys = dict(_keys(scene, every=True))
     keys["design.lam"] = keys["design.lambda"]  # as Python has it
     if (key := _search(keys, name)) is not None:
         return key
@@ -75,25 +74,42 @@ def _search(keys: Mapping[str, Key], name: str) -> Key | None:
     return next((keys[candidate] for candidate in paths if candidate in keys), None)
 
 
-def all_keys(table: BaseModel, prefix: str = "") -> Iterator[Key]:
-    """Yield every key of a scene that a study can change."""
-    for name, (alias, kind, unit) in _fields(type(table)).items():
-        value = getattr(table, name)
+def all_keys(scene: Scene) -> Iterator[Key]:
+    """Yield every key that a study can change."""
+    yield from (key for _, key in _keys(scene))
+
+
+def _keys(table: BaseModel, prefix: str = "", *, every: bool = False) -> Iterator[tuple[str, Key]]:
+    """Yield the keys of a table by their paths.
+
+    `every`: also those of tables that the scene may have and has not, and by the path of a
+    `Shortened` table the key that stands in its place.
+    """
+    for name, (alias, kind, unit, optional) in _fields(type(table)).items():
+        path, value = f"{prefix}{alias}", getattr(table, name, None)
+        if every and value is None and optional is not None:
+            value = optional.model_construct()
         if isinstance(value, BaseModel):
-            yield from all_keys(value, f"{prefix}{alias}.")
+            below = dict(_keys(value, f"{path}.", every=every))
+            yield from below.items()
+            if every and isinstance(value, Shortened):
+                yield path, below[f"{path}.{value.PLAIN}"]
         elif not isinstance(value, dict):
-            yield Key(f"{prefix}{alias}", kind, unit)
+            yield path, Key(path, kind, unit)
 
 
 @functools.cache
-def _fields(model: type[BaseModel]) -> dict[str, tuple[str, Kind, str]]:
-    """Return the name in a file, the kind and the unit of every field of a table."""
-    found = dict[str, tuple[str, Kind, str]]()
+def _fields(
+    model: type[BaseModel],
+) -> dict[str, tuple[str, Kind, str, type[BaseModel] | None]]:
+    """Return name in a file, kind, unit, and table, if it is one, of every field of a table."""
+    found = dict[str, tuple[str, Kind, str, type[BaseModel] | None]]()
     for name, field in model.model_fields.items():
         parts = [*_parts(field.annotation), *field.metadata]
         kind: Kind = "real" if float in parts else "integer" if int in parts else "choice"
         unit = next((part.unit for part in parts if isinstance(part, Unit)), "")
-        found[name] = field.alias or name, kind, unit if kind == "real" else ""
+        tables = (part for part in parts if isinstance(part, type) and issubclass(part, BaseModel))
+        found[name] = field.alias or name, kind, unit if kind == "real" else "", next(tables, None)
     return found
 
 
@@ -149,7 +165,7 @@ def own_value(scene: Scene, key: Key) -> float | None:
     if table == "design.opamp" and key.kind == "real":
         figure = getattr(choose_opamp(scene), last)
         return None if figure is None else float(figure)
-    value = attrgetter("design.lam" if key.path == "design.lambda" else key.path)(scene)
+    value = _at(scene, "design.lam" if key.path == "design.lambda" else key.path)
     if table == "design" and key.kind == "real" and not isinstance(value, int | float):
         facts = topology_of(scene).facts(scene).values()
         value = next((fact.value for fact in facts if fact.key == key.path), None)
@@ -158,11 +174,13 @@ def own_value(scene: Scene, key: Key) -> float | None:
 
 def files_of(scene: Scene) -> dict[str, object]:
     """Return the file names in a scene by key; None where the scene has no such key or file."""
+    return {path: _at(scene, path) for path in FILES}
+
+
+def _at(scene: Scene, path: str) -> Any:
+    """Return what stands at a path of attributes; None where there is no such table or key."""
     top: Any = scene
-    return {
-        path: functools.reduce(lambda at, key: getattr(at, key, None), path.split("."), top)
-        for path in FILES
-    }
+    return functools.reduce(lambda at, key: getattr(at, key, None), path.split("."), top)
 
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")  # a key of TOML without quotes

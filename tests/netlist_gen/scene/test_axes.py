@@ -14,6 +14,7 @@ from taction.netlist_gen.scene.axes import (
     parse_axes,
     parse_axis,
     questions,
+    with_settings,
     with_value,
     with_values,
 )
@@ -248,6 +249,23 @@ def test_opamp_is_the_key_of_its_preset(design: dict[str, Any]) -> None:
     assert changed.design.opamp.gbw == scene.design.opamp.gbw
     with pytest.raises(InputError, match="did you mean 'op27'"):
         parse_axes(scene, "opamp=op72")
+
+
+@pytest.mark.parametrize(
+    ("setting", "checks"),
+    [
+        ("checks.overshoot=0.1", {"overshoot": 0.1}),
+        ("checks.overshoot.max=0.1", {"overshoot": 0.1}),
+        ("checks.rise_time=1us", {"rise_time": "1us"}),
+        ("checks.settling_time=10us", {"settling_time": "10us"}),
+        ("checks.noise.lowest=1Hz checks.noise=1mV", {"noise": {"lowest": 1.0, "max": 1e-3}}),
+    ],
+)
+def test_a_table_that_the_scene_lacks_can_be_set_and_by_its_one_value(
+    setting: str, checks: dict[str, Any]
+) -> None:
+    assert with_settings(make_scene(), setting.split()) == make_scene(checks=checks)
+    assert own_value(make_scene(), find_key(make_scene(), "checks.noise.lowest")) is None
 
 
 def test_a_board_of_defaults_is_named() -> None:
