@@ -115,8 +115,8 @@ def _new_file(call: Call) -> None:
 
 
 def _new_files(found: NewScene, call: Call) -> list[str]:
-    if found.fresh is not None:
-        return list(found.written)
+    if found.scaled is not None:
+        return [found.file]
     return [f"{found.file}; `taction verify {found.file}` verifies it"]
 
 

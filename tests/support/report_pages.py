@@ -14,15 +14,16 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.charts import Axis, Chart, Curve
 from taction.system.errors import InputError
 from taction.verification.design.choose import (
+    CAPACITANCE,
+    GAIN,
     BestDesign,
     Choice,
-    ChoiceRequest,
     best_designs,
     choice_plan,
     design_scene,
     designs,
 )
-from taction.verification.design.tune import Tuned, Tuning
+from taction.verification.design.tune import Tuned
 from taction.verification.report.blocks import (
     PAGE,
     Bar,
@@ -131,8 +132,7 @@ def tuned() -> Tuned:
         for k in (1, 2, 3, 4)
     ]
     before = make_trial(curve[0].values, 2e-4, 0.09)
-    found = Tuning(before, curve[2], verdict.scene, tuple(curve), 57, 0.1, 1.2, ())
-    return Tuned(found, verdict, 20.0)
+    return Tuned(before, curve[2], verdict.scene, tuple(curve), 57, 0.1, 1.2, (), verdict)
 
 
 def _tuning() -> Page:
@@ -168,9 +168,9 @@ def swept(*over: str) -> SweepResult:
 
 def _choice(settling: str = "1ms") -> Page:
     limits = {"checks.settling_time.max": settling, "checks.noise.max": "1V"}
-    request = ChoiceRequest(["ua741", "ideal", "tl084"], "100pF:1nF", "50k:200k", 3, limits)
+    names, ranges = ["ua741", "ideal", "tl084"], {CAPACITANCE: "100pF:1nF", GAIN: "50k:200k"}
     asked = verdicts()["passing"].scene
-    plan = choice_plan(asked, request)
+    plan = choice_plan(asked, names, ranges, 3, limits)
     with Store(":memory:") as store:
         for point in grid_points(plan):
             try:

@@ -12,28 +12,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import product
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
 
 from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.board.part_warnings import ANY_PART, AcceptedParts
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import (
-    LIMITS,
-    Point,
-    SweepAxis,
-    read_ends,
-    tried,
-    value_questions,
-    with_values,
-)
-from taction.netlist_gen.scene.check_keys import Checks, unitless_times
+from taction.netlist_gen.scene.axes import LIMITS, Point, SweepAxis, tried, value_questions, with_values
+from taction.netlist_gen.scene.check_keys import unitless_times
 from taction.netlist_gen.scene.design import OpAmpChoice
-from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
-from taction.netlist_gen.scene.keys import Value, find_key, own_value, write_scene
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.keys import Value, find_key, write_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
@@ -49,23 +41,22 @@ from taction.system.progress import Progress, ask
 from taction.system.quantities import fraction, number
 from taction.system.reading_definitions import READINGS
 from taction.system.results import RENDERERS, Result, load
-from taction.verification.design.scaling import SHARE, SMALLER, rescaled
+from taction.verification.design.scaling import rescaled
 from taction.verification.design.trials import (
     KEPT,
-    SearchRange,
     Trial,
     accepted_parts,
     at_small_signal,
     broken_at_rest,
     rest_distance,
+    search_range,
 )
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
+from taction.verification.reference.ideal_answer import ideal_answer, ideal_network
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.sweep.sweep import Plan, computed, grid_points
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.headroom import FULL
 from taction.verification.verdict.record import ERROR, Record, decisive_reason
 from taction.verification.verdict.run_checks import CHECKS
 from taction.verification.verdict.verify import Verdict, verify
@@ -79,45 +70,47 @@ FEEDBACK = "design.feedback_conductance"
 NAMES = {OPAMP: "opamp", G0: "G0", U0: "U0", CAPACITANCE: "C", GAIN: "gain", FEEDBACK: "gf"}
 """The keys that may move, with their names in a table."""
 AROUND = 10.0  # C and gain go from the scene's value divided by it to the value times it
+OPTIONS = {CAPACITANCE: "--c-range", GAIN: "--gain-range"}
+SHARED = ("steady_state", *READINGS, "noise", "headroom")  # checks of a value below a limit
 MOST_POINTS = 101
 POINTS = 9  # of C and of the gain
 
 
-@dataclass(frozen=True, slots=True)
-class ChoiceRequest:
-    """What is asked for."""
-
-    opamps: Sequence[str] = ()  # presets; empty for all of them
-    capacitances: str = ""  # ranges "LOW:HIGH", or empty
-    gains: str = ""
-    points: int = POINTS  # of C and of the gain, before they are rounded to their series
-    limits: Point | None = None  # values of the scene: limits of the checks, and the supply
-
-
-def choice_plan(scene: Scene, request: ChoiceRequest) -> Plan:
+def choice_plan(
+    scene: Scene,
+    opamps: Sequence[str] = (),
+    ranges: Mapping[str, str] = MappingProxyType({}),
+    points: int = POINTS,
+    limits: Point = MappingProxyType({}),
+) -> Plan:
     """Return the sweep of a choice by the state-space engine; lambda of `scene` is a number.
 
-    Op-amps are at the small-signal level: a design above 90 % of a limit of its parts is
-    inconclusive, so that no design without headroom is chosen. `InputError` for a wrong request.
+    `opamps` are presets, by default all; `ranges` have ``"LOW:HIGH"`` by the paths of C and gain,
+    of which there are `points` before they are rounded to their series; `limits` are values of the
+    scene: limits of the checks, and the supply. Op-amps are at the small-signal level: a design
+    above 90 % of a limit of its parts is inconclusive, so that no design without headroom is
+    chosen. `InputError` for a wrong request.
     """
-    names = request.opamps or [name for name, o in OPAMPS.items() if math.isfinite(o.gbw)]
-    base = _base(scene, request.limits or {}, names)
-    rows: list[dict[str, Value]] = []
-    for opamp in dict.fromkeys(names):
-        rows += _rows(with_values(base, {OPAMP: opamp}), request)
-    axes = []
-    for path, name in NAMES.items():
-        own = _own(base, path)
-        values = tuple(row.get(path, own) for row in rows)
-        if path in (OPAMP, *topology_of(base).searched) or {*values} != {own}:
-            axes.append(SweepAxis(find_key(base, path), name, values, "list"))
+    if not 1 <= points <= MOST_POINTS:
+        text = f"expected 1 to {MOST_POINTS}"
+        raise InputError("--points", Complaint("points", repr(points), text))
+    names = opamps or [name for name, o in OPAMPS.items() if math.isfinite(o.gbw)]
+    base, rows = _base(scene, limits, names), list[dict[str, Value]]()
+    for name in dict.fromkeys(names):
+        rows += _rows(with_values(base, {OPAMP: name}), ranges, points)
+    own, shown = _values(base), {OPAMP, *topology_of(base).searched}
+    shown |= {path for row in rows for path, value in row.items() if value != own.get(path)}
+    axes = [
+        SweepAxis(find_key(base, path), name, tuple(row[path] for row in rows), "list")
+        for path, name in NAMES.items()
+        if path in shown
+    ]
     return Plan(at_small_signal(base), [axes], "statespace")
 
 
-def _own(scene: Scene, path: str) -> Value:
-    key = find_key(scene, path)
-    value = own_value(scene, key) if key.kind == "real" else attrgetter(path)(scene)
-    return scene.design.unit_conductance if value is None else value
+def _values(scene: Scene) -> dict[str, Value]:
+    """Return the scene's values of the keys that may move with an op-amp."""
+    return {path: attrgetter(path)(scene) for path in (OPAMP, G0, U0, GAIN, CAPACITANCE)}
 
 
 def _base(scene: Scene, limits: Point, names: Sequence[str]) -> Scene:
@@ -142,58 +135,38 @@ def _base(scene: Scene, limits: Point, names: Sequence[str]) -> Scene:
     raise refused[0]
 
 
-def _rows(start: Scene, request: ChoiceRequest) -> Iterator[dict[str, Value]]:
+def _rows(start: Scene, ranges: Mapping[str, str], points: int) -> Iterator[dict[str, Value]]:
     """Yield the designs of one op-amp: every pair of the two keys that it searches."""
     paths, lam = topology_of(start).searched, start.design.lam
     if GAIN in paths:
         if "gain" not in start.design.model_fields_set and isinstance(lam, int | float):
             gain = 1.0 / (math.sqrt(lam) * start.design.unit_conductance)  # R has the same value
             start = with_values(start, {GAIN: gain})
-        start = start if request.gains else _with_own_scale(start)
-    own = {path: attrgetter(path)(start) for path in (OPAMP, G0, U0, GAIN, CAPACITANCE)}
-    for pair in product(*(_values(start, path, request) for path in paths)):
-        yield {**own, **dict(zip(paths, pair, strict=True))}
-
-
-def _values(scene: Scene, path: str, request: ChoiceRequest) -> tuple[float, ...]:
-    asked = {
-        CAPACITANCE: ("--c-range", request.capacitances),
-        GAIN: ("--gain-range", request.gains),
-    }
-    option, text = asked.get(path, ("--points", ""))
-    found = SearchRange.around(scene, path, AROUND)
-    if text and found is not None:
-        low, high = read_ends(scene, path, text, option)
-        found = replace(found, low=low, high=high)
-    usable = found is not None and 0.0 < found.low <= found.high
-    if found is None or not (usable and 1 <= request.points <= MOST_POINTS):
-        accepted = f"expected LOW:HIGH above zero, and 1 to {MOST_POINTS} points"
-        raise InputError(option, Complaint(path, repr(text), accepted))
-    return found.values(request.points)
+        start = start if ranges.get(GAIN) else _with_own_scale(start)
+    found = (
+        search_range(start, path, ranges.get(path, ""), AROUND, OPTIONS.get(path, "--points"))
+        for path in paths
+    )
+    for pair in product(*(each.values(points) for each in found)):
+        yield {**_values(start), **dict(zip(paths, pair, strict=True))}
 
 
 def _with_own_scale(scene: Scene) -> Scene:
     """Return the scene with another G0, U0, s and C if its op-amp rests too far with its own."""
     problem = make_problem(scene)
     answer = ideal_answer(ideal_network(problem, scene), scene)
-    least, best = _distance(scene, problem, answer), scene
-    if least <= scene.checks.steady_state.tolerance:
-        return scene
-    for factor in SMALLER:
+
+    def distance(scene: Scene) -> float:
+        try:
+            return rest_distance(LinearBoard(synthesise(scene, problem)), answer)
+        except InputError:
+            return math.inf
+
+    if (least := distance(scene)) > scene.checks.steady_state.tolerance:
         with suppress(InputError, NoVerdictError):
-            scaled = rescaled(scene, problem, answer, SHARE, factor)
-            distance = _distance(scaled, problem, answer)
-            if distance < least:
-                least, best = distance, scaled
-    return best
-
-
-def _distance(scene: Scene, problem: InverseProblem, answer: IdealAnswer) -> float:
-    """Return `rest_distance` of a scene; infinite where it has no board."""
-    try:
-        return rest_distance(LinearBoard(synthesise(scene, problem)), answer)
-    except InputError:
-        return math.inf
+            scaled = rescaled(scene, problem, answer)
+            return scaled if distance(scaled) < least else scene
+    return scene
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,8 +180,21 @@ class ChosenDesign(Trial):
     )
 
     place: int = 0  # of the grid
-    shares: dict[str, float] = field(default_factory=dict)  # value over limit; unstable: empty
     keys: tuple[str, str] = (CAPACITANCE, GAIN)  # that its topology searches
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Value over limit by check; of an unstable board none."""
+        found = {}
+        for check in self.record.checks if self.record.stable else ():
+            limit = check.tolerance or check.expected
+            if check.value is None or not limit:
+                continue
+            if check.name in SHARED:
+                found[check.name] = check.value / limit
+            elif check.name == "stability" and limit > 1.0 and check.value > 0.0:
+                found[check.name] = limit / check.value
+        return found
 
     @property
     def headroom(self) -> float | None:
@@ -330,27 +316,8 @@ def designs(plan: Plan, store: Store, accepted: AcceptedParts | None = None) -> 
         if record.outcome == "pass":
             scene = with_values(plan.scene, point.values)
             refused = accepted.refused(broken_at_rest(LinearBoard(synthesise(scene, problem))))
-        shares = dict(_shares(record, plan.scene.checks)) if record.stable else {}
-        more: dict[str, Any] = {"place": point.place, "shares": shares, "keys": keys}
-        found.append(ChosenDesign(dict(point.values), record, refused, **more))
+        found.append(ChosenDesign(dict(point.values), record, refused, point.place, keys))
     return sorted(found, key=lambda design: design.rank)
-
-
-def _shares(record: Record, checks: Checks) -> Iterator[tuple[str, float]]:
-    """Yield the share of every limit that the scene has."""
-    limits = {
-        "steady_state": checks.steady_state.tolerance,
-        **{name: getattr(getattr(checks, name), "max", None) for name in (*READINGS, "noise")},
-        "headroom": FULL,
-    }
-    read = {check.name: check.value for check in record.checks}
-    for name, limit in limits.items():
-        value = read.get(name)
-        if value is not None and limit:
-            yield name, value / limit
-    required, margin = checks.stability.margin, read.get("stability")
-    if required > 1.0 and margin is not None and margin > 0.0:
-        yield "stability", required / margin
 
 
 def design_scene(plan: Plan, original: Scene, design: ChosenDesign, rank: int) -> Scene:
@@ -473,14 +440,14 @@ def choose(
         "overshoot": _number("--overshoot", overshoot), "margin": _number("--margin", margin),
     }  # fmt: skip
     names = opamps.split(",") if isinstance(opamps, str) else opamps
-    request = ChoiceRequest(
-        opamps=[name.strip() for name in names if name.strip()],
-        capacitances=c_range,
-        gains=gain_range,
-        points=points,
-        limits={LIMITS[name]: value for name, value in limits.items() if value is not None},
+    named = {LIMITS[name]: value for name, value in limits.items() if value is not None}
+    plan = choice_plan(
+        original,
+        [name.strip() for name in names if name.strip()],
+        {CAPACITANCE: c_range, GAIN: gain_range},
+        points,
+        named,
     )
-    plan = choice_plan(original, request)
     times = {"settling_time": settling, "rise_time": rise}
     ask(_limit_questions(original, plan.scene, times), progress)
     with Store(":memory:" if store is None else str(store)) as results:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import os
 import textwrap
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,7 @@ from taction.system.output_files import write_atomically
 from taction.system.progress import Progress
 from taction.system.quantities import fraction
 from taction.system.results import Result
-from taction.verification.design.scaling import Scaled, Scaling, find_scaling
+from taction.verification.design.scaling import Scaled, find_scaling
 from taction.verification.reference.lambda_choice import choose
 from taction.verification.reference.problem import Problem, solution_difference
 from taction.verification.reference.solve import solve
@@ -45,7 +44,6 @@ LEAST = 1e-3  # the default limit
 BAND = 2.0  # the settling band over the limit
 WORST = 0.2  # of the step: a limit above says nothing of the answer
 SERIES = "E96"
-OPAMP = "opa2134"  # where none is asked for: its input errors are small at any resistors
 
 FRACTIONS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5)  # of the largest entry, the most pruning first
 NECESSARY = LEAST_OHMS / MOST_OHMS  # smaller entries have no resistor that can be bought
@@ -124,26 +122,16 @@ def pruning_for(T: Floats, eps: Floats, lam: float) -> tuple[float, str]:
 
 
 @dataclass(frozen=True, slots=True)
-class FreshScene:
-    """A new scene and the files that belong to it."""
-
-    scaling: Scaling  # its file is the new one
-    text: str  # of the scene file
-    rule: str  # how lambda was chosen
-    notes: tuple[str, ...]  # which entries of T are left out, and the limits
-
-
-@dataclass(frozen=True, slots=True)
 class NewScene(Result):
-    """The files of a new scene, and for a matrix the scaling and the verdict."""
+    """The file of a new scene, and for a matrix its scalings with the verdict."""
 
     VIEW = "taction.verification.report.views.design_view:new_view"
     DOCUMENT = "taction.verification.report.documents.plain:NewMatrixDocument.of"
 
     file: str
-    written: tuple[str, ...]
-    fresh: FreshScene | None = field(default=None, repr=False)
     scaled: Scaled | None = None
+    rule: str = ""  # how lambda was chosen
+    notes: tuple[str, ...] = field(default=(), repr=False)  # on entries left out, and the limits
 
     @property
     def outcome(self) -> str:
@@ -151,51 +139,45 @@ class NewScene(Result):
         return "pass" if self.scaled is None else self.scaled.outcome
 
 
-def fresh_scene(
-    matrix: str | Path,
-    strain: str | Path,
-    output: Path,
-    *,
-    noise: str | float | None = None,
-    lam: float | None = None,
-    design: Mapping[str, Any] | None = None,
-    any_part: bool = False,
-) -> FreshScene:
-    """Return a scene for the files of a matrix and a strain; arguments as `taction.new`."""
-    T, eps = read_problem(matrix, strain)
+def _for_matrix(
+    path: Path,
+    arrays: tuple[str | Path, str | Path],
+    noise: str | float | None,
+    lam: float | None,
+    asked: dict[str, Any],
+    accepted: AcceptedParts,
+    progress: Progress,
+) -> NewScene:
+    """Write a scene for the files of a matrix and a strain; `asked` are keys of its design."""
+    T, eps = read_problem(*arrays)
     chosen, rule = _lambda(T, eps, noise, lam)
-    arrays = {"kind": "matrix", "matrix": T, "strain": eps}
-    asked = dict(design or {})
     pruning = ""
     if "prune" not in asked:
         share, pruning = pruning_for(T, eps, chosen)
         asked |= {"prune": share} if share else {}
     data = {
-        "name": _name_of(output),
-        "problem": arrays,
+        "name": _name_of(path),
+        "problem": {"kind": "matrix", "matrix": T, "strain": eps},
         "design": {
-            **{"amplifier": "linear", "strain_input": "voltage", "opamp": OPAMP},
-            "resistor_series": SERIES,
+            **{"amplifier": "linear", "strain_input": "voltage", "resistor_series": SERIES},
             **{**asked, "lambda": chosen},
         },
         "checks": LOOSE,
     }
-    accepted = ANY_PART if any_part else AcceptedParts({})
-    scaling = find_scaling(parse_scene(data, output), accepted=accepted)
-    names = {
-        f"problem.{key}": Path(os.path.relpath(path, output.parent)).as_posix()
-        for key, path in (("matrix", matrix), ("strain", strain))
-    }
-    limited, limits = with_limits(scaling.scene)
+    scaled, found = find_scaling(parse_scene(data, path), accepted=accepted)
+    limited, limits = with_limits(scaled)
     notes = [pruning] if pruning else []
     rows, columns = T.shape
     head = f"Scaled by taction for a matrix of {rows} rows and {columns} columns; lambda: {rule}."
     remarks = (head, *notes, f"Limits: {limits}.")
     lines = [f"# {line}" for remark in remarks for line in textwrap.wrap(remark, WIDTH)]
-    text = "\n".join([*lines, "", scene_text(with_values(limited, names))])
+    files = (Path(os.path.relpath(file, path.parent)).as_posix() for file in arrays)
+    names = dict(zip(("problem.matrix", "problem.strain"), files, strict=True))
+    write_atomically(path, "\n".join([*lines, "", scene_text(with_values(limited, names))]))
     if limited.checks.steady_state.tolerance > WANTED:  # else no more than was searched for
         notes.append(limits)
-    return FreshScene(scaling, text, rule, tuple(notes))
+    verdict = verify(load_scene(path).with_engine("statespace"), progress)
+    return NewScene(str(path), Scaled.of(scaled, found, verdict), rule, tuple(notes))
 
 
 def noise_of(noise: str | float, eps: Floats) -> float:
@@ -298,7 +280,7 @@ def new(
     Returns
     -------
     NewScene
-        The files; with a matrix also the scaling and the verdict.
+        The file; with a matrix also the scalings and the verdict.
 
     Raises
     ------
@@ -327,21 +309,12 @@ def new(
     refuse_unknown(opamp, "--opamp")
     if matrix is None or strain is None:
         write_atomically(path, _template(opamp).replace("@NAME@", _name_of(path)))
-        return NewScene(str(path), (str(path),))
+        return NewScene(str(path))
     progress("scalings")
     design = {"opamp": opamp, "supply": supply, "prune": prune}
-    fresh = fresh_scene(
-        matrix,
-        strain,
-        path,
-        noise=noise,
-        lam=lam,
-        design={key: value for key, value in design.items() if value is not None},
-        any_part=any_part,
-    )
-    write_atomically(path, fresh.text)
-    verdict = verify(load_scene(path).with_engine("statespace"), progress)
-    return NewScene(str(path), (str(path),), fresh, Scaled.of(fresh.scaling, verdict))
+    asked = {key: value for key, value in design.items() if value is not None}
+    accepted = ANY_PART if any_part else AcceptedParts({})
+    return _for_matrix(path, (matrix, strain), noise, lam, asked, accepted, progress)
 
 
 def _name_of(path: Path) -> str:

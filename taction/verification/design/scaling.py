@@ -12,13 +12,13 @@ a linear board, and the highest output voltage becomes the wanted share of the s
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from taction.netlist_gen.board.bill_of_materials import buyable
-from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.part_warnings import (
     ANY_PART,
     LEAST_OHMS,
@@ -126,53 +126,43 @@ def with_resistors(
 
 
 @dataclass(frozen=True, slots=True)
-class Scaling:
-    """The scene with scalings that were found, and its board."""
-
-    scene: Scene
-    circuit: Circuit
-    loads: tuple[Load, ...]  # the largest of each quantity, the largest share of a limit first
-    notes: tuple[str, ...]  # what could not be reached, and the warnings of the parts
-
-    @property
-    def matrix_ohms(self) -> tuple[float, float]:
-        """The smallest and the largest matrix resistor, ohm."""
-        ohms = np.concatenate([matrix.ohms.ravel() for matrix in self.circuit.matrices])
-        ohms = ohms[np.isfinite(ohms)]
-        return float(ohms.min()), float(ohms.max())
-
-
-@dataclass(frozen=True, slots=True)
 class Scaled(Result):
-    """The scalings, and the verdict of the board with them."""
+    """A scene with scalings that were found, and the verdict of its board."""
 
     VIEW = "taction.verification.report.views.design_view:scaling_view"
     DOCUMENT = (
         "outcome = verdict.outcome",
-        "unit_conductance [S] = scaling.circuit.facts.G0.value",
-        "unit_voltage [V] = scaling.circuit.facts.U0.value",
-        "gain [ohm] = scaling.circuit.facts.gain.value",
-        "resistance [ohm] = scaling.circuit.facts.R.value",
-        "capacitance [F] = scaling.circuit.facts.C.value",
-        "lambda = scaling.circuit.facts.lambda.value",
-        "matrix_resistors [ohm] = scaling.matrix_ohms",
-        *("headroom = scaling.loads", "notes = scaling.notes", "verification = verdict"),
+        "unit_conductance [S] = verdict.circuit.facts.G0.value",
+        "unit_voltage [V] = verdict.circuit.facts.U0.value",
+        "gain [ohm] = verdict.circuit.facts.gain.value",
+        "resistance [ohm] = verdict.circuit.facts.R.value",
+        "capacitance [F] = verdict.circuit.facts.C.value",
+        "lambda = verdict.circuit.facts.lambda.value",
+        "matrix_resistors [ohm] = matrix_ohms",
+        *("headroom = verdict.parts.loads", "notes", "verification = verdict"),
     )
 
-    scaling: Scaling = field(repr=False)
+    scene: Scene = field(repr=False)
+    notes: tuple[str, ...] = field(repr=False)  # what could not be reached, and of the parts
     verdict: Verdict
 
     @classmethod
-    def of(cls, scaling: Scaling, verdict: Verdict) -> Scaled:
+    def of(cls, scene: Scene, notes: Iterable[str], verdict: Verdict) -> Scaled:
         """Return scalings with their verdict, without a note that a pass contradicts."""
         wrong = NO_C if verdict.outcome is Outcome.PASS else ()
-        notes = tuple(note for note in scaling.notes if not note.startswith(wrong))
-        return cls(replace(scaling, notes=notes), verdict)
+        return cls(scene, tuple(note for note in notes if not note.startswith(wrong)), verdict)
 
     @property
     def outcome(self) -> str:
         """The outcome of the verdict."""
         return str(self.verdict.outcome.value)
+
+    @property
+    def matrix_ohms(self) -> tuple[float, float]:
+        """The smallest and the largest matrix resistor, ohm."""
+        ohms = np.concatenate([matrix.ohms.ravel() for matrix in self.verdict.circuit.matrices])
+        ohms = ohms[np.isfinite(ohms)]
+        return float(ohms.min()), float(ohms.max())
 
 
 def scale(
@@ -210,7 +200,7 @@ def scale(
     Returns
     -------
     Scaled
-        `scaling` with its scene, and the `verdict` on it.
+        The `scene` with the scalings, `notes` on them, and the `verdict`.
 
     Raises
     ------
@@ -228,20 +218,21 @@ def scale(
     changes = {"design.opamp": opamp, "design.supply": supply}
     asked = with_values(read_scene(scene), {k: v for k, v in changes.items() if v is not None})
     progress("scalings")
-    scaling = find_scaling(asked, share, accepted=ANY_PART if any_part else None)
-    verdict = verify(scaling.scene.with_engine("statespace"), progress)
+    scaled, notes = find_scaling(asked, share, accepted=ANY_PART if any_part else None)
+    verdict = verify(scaled.with_engine("statespace"), progress)
     if output is not None:
-        write_scene(scaling.scene, output)
-    return Scaled.of(scaling, verdict)
+        write_scene(scaled, output)
+    return Scaled.of(scaled, notes, verdict)
 
 
 def find_scaling(
     scene: Scene, share: float = SHARE, *, accepted: AcceptedParts | None = None
-) -> Scaling:
-    """Return scalings with which the board uses its op-amps well; the solution does not change.
+) -> tuple[Scene, tuple[str, ...]]:
+    """Return the scene with scalings that use its op-amps well, and notes on them.
 
-    Lambda is a number. Slopes and currents stay below 90 % of their limits. `accepted` are parts
-    beyond the limits of real ones, by default those of the scene; the errors are those of `scale`.
+    The solution does not change; lambda is a number. Slopes and currents stay below 90 % of their
+    limits. `accepted` are parts beyond the limits of real ones, by default those of the scene; the
+    errors are those of `scale`.
     """
     topology = topology_of(scene)
     if "gain" in topology.unused:
@@ -254,23 +245,18 @@ def find_scaling(
     answer = ideal_answer(ideal_network(problem, scene), scene)
     accepted = accepted or accepted_parts(scene, problem)
     limits = EVERY_OHM if accepted.any_part else LIMITED
-    found = list[tuple[float, Scene, tuple[Load, ...], list[str]]]()
+    found = list[tuple[bool, float, Scene, tuple[Load, ...], list[str]]]()
     for factor in SMALLER:
         notes = list[str]()
         scaled = with_resistors(scene, problem, answer, factor, notes, limits)
         scaled = _with_capacitance(scaled, accepted, notes, _damped) or scaled
         scaled, loads = _with_loads(scaled, problem, share, notes)
         volts = max((load.share for load in loads if load.quantity == "voltage"), default=0.0)
-        found.append((volts, scaled, loads, notes))
+        passing = _with_capacitance(scaled, accepted, notes, is_good)  # this C depends on U0
+        found.append((passing is not None, volts, passing or scaled, loads, notes))
         if not loads or volts >= FULL * share:  # U0 has two digits
             break
-    found.sort(key=lambda one: -one[0])
-    volts, scaled, loads, notes = found[0]
-    for one in found:  # the C that passes depends on U0
-        passing = _with_capacitance(one[1], accepted, one[3], is_good)
-        if passing is not None:
-            (volts, _, loads, notes), scaled = one, passing
-            break
+    _, volts, scaled, loads, notes = max(found, key=lambda one: one[:2])
     if loads and volts < FULL * share:
         notes.append(f"{describe(loads[0])}: it sets U0, not the share of the swing")
     design = scaled.design.model_copy(update={"opamp": scene.design.opamp})
@@ -279,18 +265,16 @@ def find_scaling(
     if refused := accepted.refused(broken_at_rest(LinearBoard(circuit))):
         text = f"the scalings need {refused}, which the scene does not have; --any-part accepts it"
         raise InputError(scene.file, Complaint("design", "", text))
-    return Scaling(scaled, circuit, loads, tuple(dict.fromkeys((*notes, *part_warnings(circuit)))))
+    return scaled, tuple(dict.fromkeys((*notes, *part_warnings(circuit))))
 
 
-def rescaled(
-    scene: Scene, problem: InverseProblem, answer: IdealAnswer, share: float, factor: float
-) -> Scene:
+def rescaled(scene: Scene, problem: InverseProblem, answer: IdealAnswer) -> Scene:
     """Return the scene with G0, U0 and s as `scale` has them, and a C with the same R C."""
     before = topology_of(scene).facts(scene)["R"].value
-    scaled = with_resistors(scene, problem, answer, factor, [])
+    scaled = with_resistors(scene, problem, answer, 1.0, [])
     ratio = before / topology_of(scaled).facts(scaled)["R"].value
     scaled = with_values(scaled, {"design.capacitance": scene.design.capacitance * ratio})
-    return _with_loads(scaled, problem, share, [])[0]
+    return _with_loads(scaled, problem, SHARE, [])[0]
 
 
 def _at_voltage(scene: Scene, volts: float) -> Scene:

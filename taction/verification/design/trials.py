@@ -332,29 +332,31 @@ def parse_ranges(
 ) -> tuple[SearchRange, ...]:
     """Return the ranges of one to `most` keys: ``"gain"`` or ``"gain=1M:10M"``."""
     texts = [key.partition("=") for key in keys]
-    paths = [find_key(scene, name.strip()).path for name, _, _ in texts]
-    if not 1 <= len(set(paths)) == len(paths) <= most:
+    found = {find_key(scene, name.strip()): body.strip() for name, _, body in texts}
+    if not 1 <= len(found) == len(texts) <= most:
+        paths = ",".join(find_key(scene, name.strip()).path for name, _, _ in texts)
         text = f"give one to {most} different keys"
-        raise InputError("--over", Complaint("keys", repr(",".join(paths)), text))
-    bodies = (body.strip() for _, _, body in texts)
-    return tuple(_range(scene, *pair, reach) for pair in zip(paths, bodies, strict=True))
+        raise InputError("--over", Complaint("keys", repr(paths), text))
+    for key, body in found.items():
+        if not key.path.startswith("design."):
+            text = "only the design can be tuned, such as gain, capacitance or unit_conductance"
+            raise InputError("--over", Complaint(key.path, "", text))
+        if key.kind == "choice":
+            text = "a search needs a key with numbers; `taction sweep` tries names"
+            raise InputError("--over", Complaint("axis", repr(f"{key.path}={body}"), text))
+    return tuple(search_range(scene, key.path, body, reach) for key, body in found.items())
 
 
-def _range(scene: Scene, path: str, body: str, reach: float) -> SearchRange:
-    if not path.startswith("design."):
-        text = "only the design can be tuned, such as gain, capacitance or unit_conductance"
-        raise InputError("--over", Complaint(path, "", text))
-    if find_key(scene, path).kind == "choice":
-        text = "a search needs a key with numbers; `taction sweep` tries names"
-        raise InputError("--over", Complaint("axis", repr(f"{path}={body}"), text))
+def search_range(
+    scene: Scene, path: str, body: str, reach: float, option: str = "--over"
+) -> SearchRange:
+    """Return the range ``"LOW:HIGH"`` of a key, by default around the scene's value."""
     found = SearchRange.around(scene, path, reach)
     if found is None:
         text = "the scene has no value above zero of this key, from which the search could start"
         own = own_value(scene, find_key(scene, path))
-        raise InputError("--over", Complaint(path, repr(own), text))
-    if not body:
-        return found
-    low, high = read_ends(scene, path, body)
+        raise InputError(option, Complaint(path, repr(own), text))
+    low, high = read_ends(scene, path, body, option) if body else (found.low, found.high)
     return replace(found, low=low, high=high)
 
 

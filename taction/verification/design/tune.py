@@ -42,17 +42,27 @@ INFEASIBLE = 1e6  # added to the objective for every check that does not pass
 
 
 @dataclass(frozen=True, slots=True)
-class Tuning:
-    """Result of a search."""
+class Tuned(Result):
+    """The best design of a search, and its verdict."""
 
-    before: Trial  # the design of the scene
-    after: Trial  # the best design within the limits
-    scene: Scene  # with the best design, and the limits as checks
-    frontier: tuple[Trial, ...]  # no design has both less overshoot and less settling time
+    VIEW = "taction.verification.report.views.design_view:view"
+    DOCUMENT = (
+        *("outcome = verdict.outcome", "before", "after", "resistance [ohm] = resistance"),
+        "lambda = verdict.circuit.facts.lambda.value",
+        *("overshoot_limit [step]", "margin", "tried", "ranges = ends", "at_edges", "frontier"),
+        "verification = verdict",
+    )
+
+    before: Trial = field(repr=False)  # the design of the scene
+    after: Trial = field(repr=False)  # the best design within the limits
+    scene: Scene = field(repr=False)  # with the best design, and the limits as checks
+    # No design has both less overshoot and less settling time.
+    frontier: tuple[Trial, ...] = field(repr=False)
     tried: int  # designs
     overshoot_limit: float
     margin: float
-    ranges: tuple[SearchRange, ...]
+    ranges: tuple[SearchRange, ...] = field(repr=False)
+    verdict: Verdict
 
     @property
     def ends(self) -> dict[str, tuple[float, ...]]:
@@ -64,25 +74,6 @@ class Tuning:
         """The ends of the ranges at which the best design lies, by dotted path."""
         edges = {each.path: each.edge_of(self.after.values[each.path]) for each in self.ranges}
         return {path: edge for path, edge in edges.items() if edge is not None}
-
-
-@dataclass(frozen=True, slots=True)
-class Tuned(Result):
-    """A search, and the verdict of the best design."""
-
-    VIEW = "taction.verification.report.views.design_view:view"
-    DOCUMENT = (
-        *("outcome = verdict.outcome", "before = tuning.before", "after = tuning.after"),
-        "resistance [ohm] = resistance",
-        "lambda = verdict.circuit.facts.lambda.value",
-        *("overshoot_limit [step] = tuning.overshoot_limit", "margin = tuning.margin"),
-        *("tried = tuning.tried", "ranges = tuning.ends", "at_edges = tuning.at_edges"),
-        *("frontier = tuning.frontier", "verification = verdict"),
-    )
-
-    tuning: Tuning = field(repr=False)
-    verdict: Verdict
-    reach: float
 
     @property
     def outcome(self) -> str:
@@ -134,7 +125,7 @@ def tune(
     Returns
     -------
     Tuned
-        `tuning` with the design before and after, and the `verdict` of the best design.
+        The designs `before` and `after`, and the `verdict` of the best design.
 
     Raises
     ------
@@ -148,7 +139,7 @@ def tune(
     >>> import taction
     >>> scene = taction.load_scene("scenes/tuned-breadboard.toml").with_engine("statespace")
     >>> tuned = taction.tune(scene, over="gain", reach=4.0)
-    >>> tuned.tuning.after.settling_time <= tuned.tuning.before.settling_time
+    >>> tuned.after.settling_time <= tuned.before.settling_time
     True
     """
     scene = read_scene(scene)
@@ -167,12 +158,10 @@ def tune(
     if not (after.good and after.overshoot <= RESERVE * limit):
         raise _no_design(trials, ranges, after, f"{100 * limit:g} % and a margin of {margin:g}")
     best, tried = with_values(limited, trials.completed(after.values)), trials.tried
-    shown = frontier(tried)
-    tuning = Tuning(tried[0], after, best, shown, len(tried), limit, margin, ranges)
-    tuned = Tuned(tuning, verify(best, progress), reach)
+    verdict, number = verify(best, progress), len(tried)
     if output is not None:
         write_scene(best, output)
-    return tuned
+    return Tuned(tried[0], after, best, frontier(tried), number, limit, margin, ranges, verdict)
 
 
 def frontier(trials: Iterable[Trial]) -> tuple[Trial, ...]:

@@ -24,9 +24,8 @@ from taction.verification.design import fresh_scene as module
 from taction.verification.design.fresh_scene import (
     BAND,
     GRADES,
-    FreshScene,
+    NewScene,
     exceeded,
-    fresh_scene,
     with_limits,
 )
 from taction.verification.verdict.verify import verify
@@ -111,9 +110,10 @@ def plain(tmp_path_factory: pytest.TempPathFactory, problem: tuple[Matrix, Matri
     return file
 
 
-def fresh(folder: Path, **options: Any) -> FreshScene:
+def fresh(folder: Path, **options: Any) -> NewScene:
     """The scene for the files that `write` wrote."""
-    return fresh_scene(folder / "T.csv", folder / "eps.csv", folder / "s.toml", **options)
+    files = {"matrix": folder / "T.csv", "strain": folder / "eps.csv"}
+    return module.new(folder / "s.toml", **files, force=True, **options)
 
 
 def write(folder: Path, T: Matrix, eps: Matrix, head: str = "") -> list[str]:
@@ -164,12 +164,12 @@ def test_lambda_leaves_the_residual_of_the_noise(
 ) -> None:
     T, eps = problem
     write(tmp_path, T, eps)
-    lam = fresh(tmp_path, noise=SIGMA).scaling.circuit.value("lambda")
+    lam = fresh(tmp_path, noise=SIGMA).scaled.verdict.circuit.value("lambda")
     u = np.linalg.solve(T.T @ T + lam * np.eye(3), T.T @ eps)
     residual = float(np.sum((T @ u - eps) ** 2))
     assert residual == pytest.approx(1.3 * len(eps) * SIGMA**2, rel=0.02)  # lambda has 3 digits
     default = fresh(tmp_path)
-    assert default.scaling.circuit.value("lambda") == pytest.approx(
+    assert default.scaled.verdict.circuit.value("lambda") == pytest.approx(
         0.01 * np.linalg.svd(T)[1][0] ** 2, rel=0.005
     )
     assert "default" in default.rule

@@ -18,7 +18,6 @@ from click.testing import Result
 
 import taction
 from taction.netlist_gen.board.bill_of_materials import buyable
-from taction.netlist_gen.board.part_warnings import ANY_PART
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.keys import Value
@@ -27,7 +26,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import EngineError, InputError
 from taction.system.quantities import parse
 from taction.verification.design import tune as tune_module
-from taction.verification.design.scaling import find_scaling
+from taction.verification.design.scaling import Scaled
 from taction.verification.design.trials import (
     OutOfWorkError,
     Search,
@@ -37,7 +36,7 @@ from taction.verification.design.trials import (
     search_key,
     search_pair,
 )
-from taction.verification.design.tune import Tuning, frontier
+from taction.verification.design.tune import Tuned, frontier
 from taction.verification.verdict.verify import verify
 from tests.support.entries import make_trial
 from tests.support.making import make_scene, write_matrix_scene
@@ -61,12 +60,12 @@ def scene(**tables: Any) -> Scene:
     return make_scene({"channels": 2, "span": 1.2}, design=DESIGN, **tables)
 
 
-def tune(scene: Scene, over: str | Sequence[str] = "gain", **limits: Any) -> Tuning:
-    return taction.tune(scene.with_engine("statespace"), over=over, **limits).tuning
+def tune(scene: Scene, over: str | Sequence[str] = "gain", **limits: Any) -> Tuned:
+    return taction.tune(scene.with_engine("statespace"), over=over, **limits)
 
 
 @functools.cache
-def tuned() -> Tuning:
+def tuned() -> Tuned:
     return tune(scene(), overshoot=0.02, margin=1.3)
 
 
@@ -208,27 +207,31 @@ def shipped(name: str, opamp: str) -> Scene:
     return with_values(scene, {"design.opamp": opamp, "design.opamp.input_errors": "none"})
 
 
+def scaled(scene: Scene, share: float = 0.5, **options: Any) -> Scaled:
+    return taction.scale(scene, share=share, **options)
+
+
 @pytest.mark.parametrize("name", ["tuned-breadboard", "eleven-channel", "custom-matrix"])
 def test_lambda_stays_and_the_parts_can_be_bought(name: str) -> None:
     scene = shipped(name, "tl084")
-    found = find_scaling(scene)
-    before, after = synthesise(scene), synthesise(found.scene)
+    found = scaled(scene)
+    before, after = synthesise(scene), found.verdict.circuit
     assert after.value("lambda") == pytest.approx(before.value("lambda"), rel=1e-12)
     # eq (21) of the paper, corrected: lam = 1 / (R s G0²)
-    G0, gain, R, lam = map(found.circuit.value, ("G0", "gain", "R", "lambda"))
+    G0, gain, R, lam = map(after.value, ("G0", "gain", "R", "lambda"))
     assert R * gain * G0**2 * lam == pytest.approx(1.0, rel=1e-12)
     assert 10.0 <= found.matrix_ohms[0] <= found.matrix_ohms[1] <= 10e6
     assert 10.0 <= gain <= 10e6
     assert buyable(gain, "E24") == gain
     assert pytest.approx(buyable(R, "E24"), rel=1e-12) == R
-    assert max(load.share for load in found.loads) <= 0.9
+    assert max(load.share for load in found.verdict.parts.loads) <= 0.9
 
 
 def test_ngspice_measures_the_loads_that_were_promised(ngspice: str) -> None:
     """The peak of the outputs by ngspice is that share of the swing, or below the slope's limit."""
     slow = with_values(shipped("custom-matrix", "tl084"), {"design.opamp.slew_rate": 1e9})
-    found = find_scaling(slow, 0.4)
-    assert found.loads[0].quantity == "voltage"
+    found = scaled(slow, 0.4)
+    assert found.verdict.parts.loads[0].quantity == "voltage"
     record = verify(found.scene.with_engine("ngspice"))
     assert record.parts.loads[0].share == pytest.approx(0.4, rel=0.06)  # U0 has two digits
     largest = float(np.abs(record.u).max())
@@ -238,32 +241,33 @@ def test_ngspice_measures_the_loads_that_were_promised(ngspice: str) -> None:
 def test_an_unstable_board_becomes_stable() -> None:
     scene = with_values(shipped("tuned-breadboard", "tl084"), {"design.capacitance": 1e-12})
     assert not verify(scene).poles.stable
-    assert verify(find_scaling(scene).scene).outcome.value == "pass"
+    assert scaled(scene).outcome == "pass"
 
 
 def test_a_larger_capacitance_is_named() -> None:
     scene = with_values(shipped("tuned-breadboard", "ideal"), {"design.opamp.gbw": 3e6})
-    found = find_scaling(scene)
-    assert found.circuit.value("C") > scene.design.capacitance
+    found = scaled(scene)
+    assert found.verdict.circuit.value("C") > scene.design.capacitance
     assert any("C is another than the scene's" in note for note in found.notes)
 
 
 def test_a_smaller_gain_lets_the_outputs_use_the_swing() -> None:
     """With the balanced s the slew rate keeps the outputs of this board at 16 % of the swing."""
-    found = find_scaling(shipped("tuned-breadboard", "tl084"))
-    assert max(load.share for load in found.loads if load.quantity == "voltage") > 0.45
+    found = scaled(shipped("tuned-breadboard", "tl084"))
+    loads = found.verdict.parts.loads
+    assert max(load.share for load in loads if load.quantity == "voltage") > 0.45
     assert not any("it sets U0" in note for note in found.notes)
-    slow = find_scaling(shipped("tuned-breadboard", "ua741"))
+    slow = scaled(shipped("tuned-breadboard", "ua741"))
     assert any("it sets U0" in note for note in slow.notes)
 
 
 def test_a_matrix_that_no_resistors_have(tmp_path: Path) -> None:
     path = write_matrix_scene(tmp_path, [[1.0, 1e-7], [1e-7, 1.0]], [1.0, 0.5])
     with pytest.raises(InputError, match=r"small entries with design\.prune = 1e-06"):
-        find_scaling(load_scene(path))
-    assert find_scaling(load_scene(path), accepted=ANY_PART).matrix_ohms[1] > 10e6
+        scaled(load_scene(path))
+    assert scaled(load_scene(path), any_part=True).matrix_ohms[1] > 10e6
     other = load_scene(write_matrix_scene(tmp_path, [[1.0, 1e-3]], [1.0]))
-    assert find_scaling(other).matrix_ohms[1] < 10e6
+    assert scaled(other).matrix_ohms[1] < 10e6
 
 
 def test_the_command_writes_a_scene_that_passes(tmp_path: Path) -> None:

@@ -171,9 +171,9 @@ class NewMatrixDocument:
     @classmethod
     def of(cls, found: NewScene) -> NewMatrixDocument | NewDocument:
         """Return a new scene, for a matrix with its verdict."""
-        if found.fresh is None or found.scaled is None:
+        if found.scaled is None:
             return NewDocument(found.file)
-        return cls(found.file, found.fresh.rule, tuple(found.fresh.notes), found.scaled)
+        return cls(found.file, found.rule, found.notes, found.scaled)
 
 
 @dataclass(frozen=True, slots=True)

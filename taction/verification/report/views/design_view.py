@@ -18,7 +18,7 @@ from taction.verification.design.fresh_scene import NewScene
 from taction.verification.design.remedies import Change, Remedies, StableRange
 from taction.verification.design.scaling import Scaled
 from taction.verification.design.trials import Trial
-from taction.verification.design.tune import Tuned, Tuning
+from taction.verification.design.tune import Tuned
 from taction.verification.report.blocks import Code, Content, Page, Section, Table
 from taction.verification.report.texts import Cell, Column, figure, number_cell
 from taction.verification.report.views.verdict_view import on_screen
@@ -26,7 +26,6 @@ from taction.verification.report.views.verdict_view import view as verdict_repor
 from taction.verification.stability.margin import first_knob
 from taction.verification.verdict.headroom import describe
 from taction.verification.verdict.record import finite
-from taction.verification.verdict.verify import Verdict
 
 TRADE = "Settling time against overshoot of the designs on the trade-off curve; dotted: the limit."
 LEAST_REACH, EDGE = 1e-3, 0.12  # of the step, and of the width: around the points of the picture
@@ -34,14 +33,14 @@ LEAST_REACH, EDGE = 1e-3, 0.12  # of the step, and of the width: around the poin
 
 def view(result: Tuned) -> Page:
     """Return the page of a tuning."""
-    tuning, verdict = result.tuning, result.verdict
+    verdict = result.verdict
     verified = verdict_report(verdict, "taction design tune")
-    before, after = tuning.before.settling_time, tuning.after.settling_time
+    before, after = result.before.settling_time, result.after.settling_time
     lead = banded("settles", verdict.measurements.band).capitalize()
     summary = f"{lead} in {figure(after, 's')}, before: {figure(before, 's')}. {verified.summary}"
     own = (
-        Section("Tuning", tuple(_blocks(tuning, verdict)), media="terminal page"),
-        Section("Trade-off", lambda: _tradeoff(tuning), media="page picture"),
+        Section("Tuning", tuple(_blocks(result)), media="terminal page"),
+        Section("Trade-off", lambda: _tradeoff(result), media="page picture"),
     )
     return replace(
         verified,
@@ -51,8 +50,8 @@ def view(result: Tuned) -> Page:
     )
 
 
-def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Content]:
-    units, circuit = _units(tuning), verdict.circuit
+def _blocks(tuning: Tuned) -> Iterator[Content]:
+    units, circuit = _units(tuning), tuning.verdict.circuit
     columns: dict[str, Column] = {"design": lambda each: each[0]}
     for path, unit in units.items():
         columns[_key_name(path)] = partial(_value, path=path, unit=unit)
@@ -85,7 +84,7 @@ def _value(design: tuple[str, Trial], path: str, unit: str) -> Cell:
     return number_cell(design[1].values[path], unit, 5)
 
 
-def _units(tuning: Tuning) -> dict[str, str]:
+def _units(tuning: Tuned) -> dict[str, str]:
     return {path: find_key(tuning.scene, path).unit for path in tuning.after.values}
 
 
@@ -93,7 +92,7 @@ def _key_name(path: str) -> str:
     return path.removeprefix("design.").replace("_", " ")
 
 
-def _tradeoff(tuning: Tuning) -> Chart:
+def _tradeoff(tuning: Tuned) -> Chart:
     """Return the frontier, the limit, and the designs before and after with their values."""
     units, limit = _units(tuning), tuning.overshoot_limit
 
@@ -130,9 +129,8 @@ def _tradeoff(tuning: Tuning) -> Chart:
 
 def scaling_view(result: Scaled) -> Page:
     """Return the page of the scalings, the loads, and what the checks say."""
-    scaling = result.scaling
     return Page(
-        title=scaling.scene.name,
+        title=result.scene.name,
         command="taction new --from",
         outcome=result.verdict.outcome.value,
         sections=(Section("Scalings", tuple(_lines(result)), media="terminal page notebook"),),
@@ -141,13 +139,13 @@ def scaling_view(result: Scaled) -> Page:
 
 
 def _lines(result: Scaled) -> Iterator[str]:
-    scaling, facts = result.scaling, result.scaling.circuit.facts
+    facts = result.verdict.circuit.facts
     shown = (facts[name] for name in ("G0", "U0", "gain", "R", "C"))
     yield ", ".join(f"{fact.symbol} = {show(fact.value, fact.unit)}" for fact in shown)
-    low, high = (show(ohms, "ohm") for ohms in scaling.matrix_ohms)
+    low, high = (show(ohms, "ohm") for ohms in result.matrix_ohms)
     yield f"matrix resistors from {low} to {high}; lambda stays {facts['lambda'].value:.4g}"
-    yield from (f"{describe(load)} ({load.share:.0%})" for load in scaling.loads)
-    yield from (f"note: {note}" for note in scaling.notes)
+    yield from (f"{describe(load)} ({load.share:.0%})" for load in result.verdict.parts.loads)
+    yield from (f"note: {note}" for note in result.notes)
     for check in result.verdict.checks:
         if check.outcome.value != "pass":
             yield f"{check.name}: {check.outcome.value}: {check.reason}"
@@ -155,9 +153,9 @@ def _lines(result: Scaled) -> Iterator[str]:
 
 def new_view(result: NewScene) -> Page:
     """Return the page of a new scene: what was recognised, how lambda was chosen, the scalings."""
-    if result.fresh is None or result.scaled is None:
+    if result.scaled is None:
         return Page(result.file, "taction new", "", "", (), ())
-    found = (*result.fresh.notes, f"lambda {result.fresh.rule}")
+    found = (*result.notes, f"lambda {result.rule}")
     return replace(
         scaling_view(result.scaled), title=result.file, command="taction new", lines=found
     )
