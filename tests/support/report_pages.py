@@ -23,6 +23,7 @@ from taction.verification.design.choose import (
     design_scene,
     designs,
 )
+from taction.verification.design.trials import SearchRange
 from taction.verification.design.tune import Tuned
 from taction.verification.report.blocks import (
     PAGE,
@@ -36,9 +37,8 @@ from taction.verification.report.blocks import (
     Section,
     Table,
 )
-from taction.verification.report.views import choose_view as choose
 from taction.verification.report.views import comparison_view as regression
-from taction.verification.report.views import design_view as tune
+from taction.verification.report.views import design_view as design
 from taction.verification.report.views import evidence_view as evidence
 from taction.verification.report.views import stability_view as onset
 from taction.verification.report.views import tolerance_view as tolerance
@@ -132,11 +132,15 @@ def tuned() -> Tuned:
         for k in (1, 2, 3, 4)
     ]
     before = make_trial(curve[0].values, 2e-4, 0.09)
-    return Tuned(before, curve[2], verdict.scene, tuple(curve), 57, 0.1, 1.2, (), verdict)
+    ranges = (
+        SearchRange("design.gain", "ohm", 1e5, 1e4, 1e6, "E24"),
+        SearchRange("design.capacitance", "F", 1e-10, 1e-11, 1e-9, "E24"),
+    )
+    return Tuned(before, curve[2], verdict.scene, tuple(curve), 57, 0.1, 1.2, ranges, verdict)
 
 
 def _tuning() -> Page:
-    return tune.view(tuned())
+    return design.tuning_view(tuned())
 
 
 def _sweep(*over: str) -> Page:
@@ -184,7 +188,7 @@ def _choice(settling: str = "1ms") -> Page:
     verdict = verify(design_scene(plan, asked, best[0], 1)) if best else None
     said = [BestDesign(one, asked, Outcome.PASS) for one in best[:1]]
     said += [BestDesign(one, asked, None, HOSTILE) for one in best[1:]]
-    return choose.view(Choice(asked, ranked, said), verdict)
+    return design.choice_view(Choice(asked, ranked, said), verdict)
 
 
 def _setting(method: Method, setting: float, k: int) -> SettingResult:

@@ -10,7 +10,7 @@ of gains of its own (`scaling.rescaled`), and a range of C that keeps R C.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import product
@@ -52,7 +52,7 @@ from taction.verification.design.trials import (
     search_range,
 )
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.reference.ideal_answer import ideal_answer, ideal_network
+from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.sweep.sweep import Plan, computed, grid_points
@@ -61,7 +61,7 @@ from taction.verification.verdict.record import ERROR, Record, decisive_reason
 from taction.verification.verdict.run_checks import CHECKS
 from taction.verification.verdict.verify import Verdict, verify
 
-VIEWS = "taction.verification.report.views.choose_view"
+VIEWS = "taction.verification.report.views.design_view"
 BEST = 3  # designs that ngspice confirms
 ERRORS = "design.opamp.input_errors"
 OPAMP, CAPACITANCE, GAIN = "design.opamp.base", "design.capacitance", "design.gain"
@@ -153,18 +153,16 @@ def _rows(start: Scene, ranges: Mapping[str, str], points: int) -> Iterator[dict
 
 def _with_own_scale(scene: Scene) -> Scene:
     """Return the scene with another G0, U0, s and C if its op-amp rests too far with its own."""
-    problem = make_problem(scene)
-    answer = ideal_answer(ideal_network(problem, scene), scene)
 
     def distance(scene: Scene) -> float:
         try:
-            return rest_distance(LinearBoard(synthesise(scene, problem)), answer)
+            return rest_distance(scene, LinearBoard(synthesise(scene)))
         except InputError:
             return math.inf
 
     if (least := distance(scene)) > scene.checks.steady_state.tolerance:
         with suppress(InputError, NoVerdictError):
-            scaled = rescaled(scene, problem, answer)
+            scaled = rescaled(scene)
             return scaled if distance(scaled) < least else scene
     return scene
 
@@ -284,7 +282,7 @@ class Choice(Result):
         Those that ngspice has verified.
     """
 
-    VIEW = f"{VIEWS}:view"
+    VIEW = f"{VIEWS}:choice_view"
     DOCUMENT = ("designs", "best")
 
     scene: Scene = field(repr=False)
@@ -299,23 +297,21 @@ class Choice(Result):
 
     def report(self, path: str | Path) -> None:
         """Write the report; the proposed design is verified anew where ngspice is missing."""
-        load(f"{RENDERERS}.page:write_page")(
-            load("taction.verification.report.views.choose_view:full_view")(self), str(path)
-        )
+        page = load(f"{VIEWS}:full_choice_view")(self)
+        load(f"{RENDERERS}.page:write_page")(page, str(path))
 
 
 def designs(plan: Plan, store: Store, accepted: AcceptedParts | None = None) -> list[ChosenDesign]:
     """Return the stored designs of a choice, the best first; refused are parts not `accepted`."""
-    found, problem = list[ChosenDesign](), make_problem(plan.scene)
-    accepted = accepted or accepted_parts(plan.scene, problem)
+    found, accepted = list[ChosenDesign](), accepted or accepted_parts(plan.scene)
     keys = topology_of(plan.scene).searched
     for point in grid_points(plan):
         record, refused = store.record_of(point.key, Record), ""
         if record is None:
             continue
         if record.outcome == "pass":
-            scene = with_values(plan.scene, point.values)
-            refused = accepted.refused(broken_at_rest(LinearBoard(synthesise(scene, problem))))
+            board = LinearBoard(synthesise(with_values(plan.scene, point.values)))
+            refused = accepted.refused(broken_at_rest(board))
         found.append(ChosenDesign(dict(point.values), record, refused, point.place, keys))
     return sorted(found, key=lambda design: design.rank)
 
@@ -331,15 +327,19 @@ def design_scene(plan: Plan, original: Scene, design: ChosenDesign, rank: int) -
     return scene.model_copy(update={"design": table, "name": name, "analysis": original.analysis})
 
 
+def first_of_each(ranked: Iterable[ChosenDesign]) -> list[ChosenDesign]:
+    """Return the best design of every op-amp, the best first."""
+    first: dict[str, ChosenDesign] = {}
+    for design in ranked:
+        first.setdefault(design.opamp, design)
+    return list(first.values())
+
+
 def best_designs(ranked: list[ChosenDesign], count: int = BEST) -> list[ChosenDesign]:
     """Return the best good designs, each of another op-amp while there are any."""
     good = [design for design in ranked if design.good]
-    first: dict[str, ChosenDesign] = {}
-    for design in good:
-        first.setdefault(design.opamp, design)
-    chosen = list(first.values())[:count]
-    chosen += [design for design in good if design not in chosen][: count - len(chosen)]
-    return chosen
+    chosen = first_of_each(good)[:count]
+    return chosen + [design for design in good if design not in chosen][: count - len(chosen)]
 
 
 def choose(

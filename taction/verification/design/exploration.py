@@ -18,7 +18,7 @@ import numpy as np
 
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import OPAMP, with_values
-from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value, find_key, own_value, scene_text
 from taction.netlist_gen.scene.problem_keys import MOST_NAME, NAME_PATTERN
 from taction.netlist_gen.scene.scene import Scene
@@ -91,7 +91,7 @@ class Control:
         return round(start + (1.0 - start) * min(max(share, 0.0), 1.0), 12)
 
 
-def controls(scene: Scene, problem: InverseProblem) -> tuple[Control, ...]:
+def controls(scene: Scene) -> tuple[Control, ...]:
     """Return the controls of a scene whose lambda is a number."""
     topology = topology_of(scene)
     facts = topology.facts(scene)
@@ -101,7 +101,7 @@ def controls(scene: Scene, problem: InverseProblem) -> tuple[Control, ...]:
         found.append(_control(scene, knob.key, facts[knob.name].symbol, name, AROUND))
     if facts["lambda"].value > 0.0:
         found.append(_control(scene, LAMBDA, "λ", "regularisation", AROUND_LAMBDA))
-    strain = float(np.mean(problem.strain**2)) or 1.0
+    strain = float(np.mean(make_problem(scene).strain ** 2)) or 1.0
     for path, symbol, name, low, high in (
         (STRAY, "stray", "capacitance", LEAST_STRAY, MOST_STRAY),
         (VARIANCE, "σ²", "strain noise variance", LEAST_NOISE * strain, MOST_NOISE * strain),
@@ -124,15 +124,13 @@ class Start:
     """The scene at the beginning of an exploration, lambda a number, and the keys that change."""
 
     scene: Scene
-    problem: InverseProblem
     controls: tuple[Control, ...]
 
     @classmethod
     def of(cls, scene: Scene) -> Start:
         """Begin with a scene."""
         scene = resolve_lambda(scene)
-        problem = make_problem(scene)
-        return cls(scene, problem, controls(scene, problem))
+        return cls(scene, controls(scene))
 
     @property
     def lam(self) -> float:
@@ -175,10 +173,6 @@ class Settings:
         """Return the scene with these values; raises `InputError` for one that its key refuses."""
         changed = self.changes(start)
         return with_values(start.scene, changed) if changed else start.scene
-
-    def problem(self, start: Start, scene: Scene) -> InverseProblem:
-        """Return the problem of `scene`, made anew only where the noise differs."""
-        return make_problem(scene) if VARIANCE in self.values else start.problem
 
     def command(self, start: Start) -> str:
         """Return the command line that verifies these values."""
@@ -261,12 +255,12 @@ class BoardView:
     InputError, or NoVerdictError if it has no equilibrium.
     """
 
-    def __init__(self, scene: Scene, problem: InverseProblem) -> None:
-        self.scene, self.problem = scene, problem
-        self.board = LinearBoard(synthesise(scene, problem))
+    def __init__(self, scene: Scene) -> None:
+        self.scene, self.problem = scene, make_problem(scene)
+        self.board = LinearBoard(synthesise(scene, self.problem))
         self.scales = time_scales(self.board, initial=scene.analysis.initial)
-        network = ideal_network(problem, scene)
-        self.answer = AnswerError.of(network, solve(network.problem), problem.stress)
+        network = ideal_network(self.problem, scene)
+        self.answer = AnswerError.of(network, solve(network.problem), self.problem.stress)
         self.rest = outputs_at_rest(self.board)  # (N,), V
 
     @property

@@ -29,7 +29,7 @@ from taction.netlist_gen.board.part_warnings import (
 )
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import write_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
@@ -49,7 +49,6 @@ from taction.verification.design.trials import (
 )
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.ideal_answer import (
-    IdealAnswer,
     ideal_answer,
     ideal_network,
     lambda_times_resistance,
@@ -73,8 +72,6 @@ EVERY_OHM = (1e-3, 1e12)  # of resistors that need not be real
 
 def with_resistors(
     scene: Scene,
-    problem: InverseProblem,
-    answer: IdealAnswer,
     factor: float,
     notes: list[str],
     limits: tuple[float, float] = LIMITED,
@@ -85,6 +82,8 @@ def with_resistors(
     balances constraint plane and outputs; resistors are within `limits`, ohm, and `notes` receives
     what could not be reached. `InputError` where T or lambda need others.
     """
+    problem = make_problem(scene)
+    answer = ideal_answer(ideal_network(problem, scene), scene)
     sizes = np.abs(problem.matrix[problem.matrix != 0.0])
     largest = float(sizes.max())
     smallest = float(sizes[sizes >= scene.design.prune * largest].min())
@@ -241,16 +240,14 @@ def find_scaling(
             f" `taction design tune --over {topology.searched[0].rpartition('.')[2]}`"
         )
         raise InputError(scene.file, Complaint("design.topology", repr(topology.name), text))
-    problem = make_problem(scene)
-    answer = ideal_answer(ideal_network(problem, scene), scene)
-    accepted = accepted or accepted_parts(scene, problem)
+    accepted = accepted or accepted_parts(scene)
     limits = EVERY_OHM if accepted.any_part else LIMITED
     found = list[tuple[bool, float, Scene, tuple[Load, ...], list[str]]]()
     for factor in SMALLER:
         notes = list[str]()
-        scaled = with_resistors(scene, problem, answer, factor, notes, limits)
+        scaled = with_resistors(scene, factor, notes, limits)
         scaled = _with_capacitance(scaled, accepted, notes, _damped) or scaled
-        scaled, loads = _with_loads(scaled, problem, share, notes)
+        scaled, loads = _with_loads(scaled, share, notes)
         volts = max((load.share for load in loads if load.quantity == "voltage"), default=0.0)
         passing = _with_capacitance(scaled, accepted, notes, is_good)  # this C depends on U0
         found.append((passing is not None, volts, passing or scaled, loads, notes))
@@ -261,20 +258,20 @@ def find_scaling(
         notes.append(f"{describe(loads[0])}: it sets U0, not the share of the swing")
     design = scaled.design.model_copy(update={"opamp": scene.design.opamp})
     scaled = scaled.model_copy(update={"design": design})
-    circuit = synthesise(scaled, problem)
+    circuit = synthesise(scaled)
     if refused := accepted.refused(broken_at_rest(LinearBoard(circuit))):
         text = f"the scalings need {refused}, which the scene does not have; --any-part accepts it"
         raise InputError(scene.file, Complaint("design", "", text))
     return scaled, tuple(dict.fromkeys((*notes, *part_warnings(circuit))))
 
 
-def rescaled(scene: Scene, problem: InverseProblem, answer: IdealAnswer) -> Scene:
+def rescaled(scene: Scene) -> Scene:
     """Return the scene with G0, U0 and s as `scale` has them, and a C with the same R C."""
     before = topology_of(scene).facts(scene)["R"].value
-    scaled = with_resistors(scene, problem, answer, 1.0, [])
+    scaled = with_resistors(scene, 1.0, [])
     ratio = before / topology_of(scaled).facts(scaled)["R"].value
     scaled = with_values(scaled, {"design.capacitance": scene.design.capacitance * ratio})
-    return _with_loads(scaled, problem, SHARE, [])[0]
+    return _with_loads(scaled, SHARE, [])[0]
 
 
 def _at_voltage(scene: Scene, volts: float) -> Scene:
@@ -312,13 +309,11 @@ def _with_capacitance(
     return with_values(scene, {path: farads})
 
 
-def _with_loads(
-    scene: Scene, problem: InverseProblem, share: float, notes: list[str]
-) -> tuple[Scene, tuple[Load, ...]]:
+def _with_loads(scene: Scene, share: float, notes: list[str]) -> tuple[Scene, tuple[Load, ...]]:
     """Return the scene with the largest U0 that keeps the shares, and its loads."""
     loads: tuple[Load, ...] = ()
     for _ in range(ROUNDS):
-        board = build(scene.with_engine("statespace"), problem=problem)
+        board = build(scene.with_engine("statespace"))
         if not board.poles.known_stable:
             notes.append("the loads of an unstable board are not known: U0 is that of the outputs")
             return scene, ()

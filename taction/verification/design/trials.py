@@ -22,7 +22,7 @@ from taction.netlist_gen.board.bill_of_materials import buyable, series_of
 from taction.netlist_gen.board.part_warnings import AcceptedParts, BrokenLimit, broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import read_ends, with_values
-from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value, find_key, own_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
@@ -30,7 +30,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import Complaint, EngineError, InputError, NoVerdictError
 from taction.system.quantities import percent
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
+from taction.verification.reference.ideal_answer import ideal_answer, ideal_network
 from taction.verification.stability.poles import poles
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.input_spread import InputSpread
@@ -133,9 +133,8 @@ class Trials:
         rest_first: bool = False,
     ) -> None:
         self.scene = scene.with_engine("statespace")
-        self.problem = make_problem(scene)
-        self.lam = ideal_network(self.problem, scene).lam
-        self.accepted = accepted or accepted_parts(scene, self.problem)
+        self.lam = ideal_network(make_problem(scene), scene).lam
+        self.accepted = accepted or accepted_parts(scene)
         self.limit, self.spent, self.rest_first = work, 0.0, rest_first
         self._known: dict[tuple[tuple[str, Value], ...], Trial] = {}
 
@@ -167,7 +166,7 @@ class Trials:
 
     def board_at(self, changes: Mapping[str, Value]) -> LinearBoard:
         """Return the board with a change; `InputError`, or `OutOfWorkError` as `spend`."""
-        board = LinearBoard(synthesise(self.scene_at(changes), self.problem))
+        board = LinearBoard(synthesise(self.scene_at(changes)))
         self.spend(POLES, board)
         return board
 
@@ -186,7 +185,7 @@ class Trials:
     def _try(self, changes: dict[str, Any]) -> Trial:
         """Verify a change; a board whose poles or rest show that it fails needs no transient."""
         scene = at_small_signal(self.scene_at(changes))
-        board = LinearBoard(synthesise(scene, self.problem))
+        board = LinearBoard(synthesise(scene))
         self.spend(POLES, board)
         found, fail = poles(board), Outcome.FAIL
         if found.known_unstable:
@@ -198,7 +197,7 @@ class Trials:
             return Trial(changes, _without_transient(False, reason, stability, *others))
         limit = scene.checks.steady_state.tolerance
         if self.rest_first:
-            rest = rest_distance(board, ideal_answer(ideal_network(self.problem, scene), scene))
+            rest = rest_distance(scene, board)
             if rest > CLEARLY * limit:
                 reason = f"rests {percent(rest)} off the reference"
                 steady = Check("steady_state", fail, rest, None, 0.0, limit, "step", reason)
@@ -209,7 +208,7 @@ class Trials:
             ratio = f"{found.damping_ratio:.2g}"
             raise EngineError(f"its damping ratio is {ratio}: it rings too long for a search")
         self.spend(VERDICT if linear else STEPPED * VERDICT, board)
-        verdict = verify(scene, problem=self.problem, circuit=board, full_margin=False)
+        verdict = verify(scene, circuit=board, full_margin=False)
         passes = verdict.outcome is Outcome.PASS
         refused = self.accepted.refused(broken_at_rest(board)) if passes else ""
         return Trial(changes, Record.of(verdict, channels=False), refused)
@@ -222,8 +221,9 @@ def _without_transient(stable: bool, reason: str, *checks: Check) -> Record:
     return replace(none, outcome=outcome, failure=None, stable=stable, checks=checks)
 
 
-def rest_distance(board: LinearBoard, answer: IdealAnswer) -> float:
+def rest_distance(scene: Scene, board: LinearBoard) -> float:
     """Return how far 95 % of the boards rest from the answer, in steps; 0 if nothing varies."""
+    answer = ideal_answer(ideal_network(make_problem(scene), scene), scene)
     step = float(np.abs(answer.target - answer.start).max(initial=0.0))
     ratio = board.circuit.value("U0") / answer.network.U0
     try:
@@ -235,9 +235,9 @@ def rest_distance(board: LinearBoard, answer: IdealAnswer) -> float:
     return spread.distance(answer.target * ratio)[0] / (step * ratio)
 
 
-def accepted_parts(scene: Scene, problem: InverseProblem) -> AcceptedParts:
+def accepted_parts(scene: Scene) -> AcceptedParts:
     """Return what a proposal may have beyond the limits of real parts: what the scene has."""
-    return AcceptedParts(broken_at_rest(LinearBoard(synthesise(scene, problem))))
+    return AcceptedParts(broken_at_rest(LinearBoard(synthesise(scene))))
 
 
 def broken_at_rest(board: LinearBoard) -> Mapping[str, BrokenLimit]:

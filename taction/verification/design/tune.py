@@ -45,7 +45,7 @@ INFEASIBLE = 1e6  # added to the objective for every check that does not pass
 class Tuned(Result):
     """The best design of a search, and its verdict."""
 
-    VIEW = "taction.verification.report.views.design_view:view"
+    VIEW = "taction.verification.report.views.design_view:tuning_view"
     DOCUMENT = (
         *("outcome = verdict.outcome", "before", "after", "resistance [ohm] = resistance"),
         "lambda = verdict.circuit.facts.lambda.value",

@@ -56,8 +56,8 @@ def start() -> Start:
 def test_one_channel_rises_as_its_closed_form() -> None:
     """One ideal channel has ``u = u0 (1 - exp(-t/tau))``, tau = RC / (1 + T² / lambda)."""
     start = Start.of(parse_scene(ONE, "one.toml"))
-    view = BoardView(start.scene, start.problem)
-    T, eps = float(start.problem.matrix[0, 0]), float(start.problem.strain[0])
+    view = BoardView(start.scene)
+    T, eps = float(view.problem.matrix[0, 0]), float(view.problem.strain[0])
     u0 = T * eps / (T**2 + 0.5)
     assert view.targets == pytest.approx([u0], rel=1e-12)
     assert view.rest == pytest.approx([u0], rel=1e-4)
@@ -72,7 +72,7 @@ def test_one_channel_rises_as_its_closed_form() -> None:
 
 def test_the_boundary_is_that_of_onset(start: Start) -> None:
     control = start.control(CAPACITANCE)
-    view = BoardView(start.scene, start.problem)
+    view = BoardView(start.scene)
     found = view.boundary("C", control.low, control.high)
     onset = taction.onset(start.scene, over="C=5pF:20pF", transients=False)
     edge = max(each.crossing.value for each in onset.findings)  # below it more poles cross
@@ -85,7 +85,7 @@ def test_the_boundary_is_the_same_from_an_unstable_board(start: Start) -> None:
     edges = []
     for value in (5e-12, 1e-11, 1e-10):
         settings = Settings.of(start, {CAPACITANCE: value})
-        view = BoardView(settings.scene(start), start.problem)
+        view = BoardView(settings.scene(start))
         found = view.boundary("C", control.low, control.high)
         edges.append(found.stable_ranges[0][0])
     assert edges == pytest.approx([edges[1]] * 3, rel=1e-6)
@@ -93,10 +93,10 @@ def test_the_boundary_is_the_same_from_an_unstable_board(start: Start) -> None:
 
 def test_op_amps_that_cannot_follow_are_named() -> None:
     start = Start.of(load_scene(SCENES / "custom-matrix.toml"))
-    view = BoardView(start.scene, start.problem)
+    view = BoardView(start.scene)
     assert view.limits() == ()
     scene = with_settings(start.scene, ["design.opamp.slew_rate=0.001V/us"])
-    view = BoardView(scene, start.problem)
+    view = BoardView(scene)
     assert view.poles.known_stable
     (text,) = view.limits()
     assert "slope of op-amp" in text
@@ -105,8 +105,8 @@ def test_op_amps_that_cannot_follow_are_named() -> None:
 def test_the_gain_leaves_lambda(start: Start) -> None:
     settings = Settings.of(start, {GAIN: 3e6})
     before, after = (
-        BoardView(start.scene, start.problem),
-        BoardView(settings.scene(start), start.problem),
+        BoardView(start.scene),
+        BoardView(settings.scene(start)),
     )
     assert after.targets == pytest.approx(before.targets, rel=1e-9)
     assert settings.changes(start)[LAMBDA] == start.control(LAMBDA).own
@@ -168,7 +168,7 @@ def test_a_closed_loop_board_has_its_own_slider_and_its_whole_margin() -> None:
     scene = load_scene(SCENES / "least-squares.toml")
     start = Start.of(scene)
     assert start.controls[0].name == "feedback conductance"
-    view = BoardView(start.scene, start.problem)
+    view = BoardView(start.scene)
     stable = view.boundary("gf", 2e-5, 1.8e-2).stable_ranges
     found = judge(start.scene, "statespace")
     margin = found.record.value("margin")

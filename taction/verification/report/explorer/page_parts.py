@@ -257,7 +257,6 @@ class SliderLook:
 
 def look_at(start: Start, settings: Settings, window: str) -> tuple[SliderLook, Part]:
     """Return what is fast: the board at rest and, of a small one, poles and curves."""
-    scene = settings.scene(start)
-    look = SliderLook(settings, BoardView(scene, settings.problem(start, scene)))
+    look = SliderLook(settings, BoardView(settings.scene(start)))
     # The poles of a large board take longer than a movement of the hand.
     return look, rest_part(look.view) | ({} if look.view.is_large else look.find_poles(window))

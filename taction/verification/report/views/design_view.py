@@ -1,8 +1,9 @@
-"""A tuning, new scalings, a scene made for a matrix, and the changes that mend a verdict."""
+"""A choice, a tuning, new scalings, a scene for a matrix, and the changes that mend a verdict."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -12,26 +13,279 @@ import numpy as np
 
 from taction.netlist_gen.scene.keys import SYMBOLS, Value, find_key
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.charts import Axis, Chart, Curve, Limit, Mark, Text
-from taction.system.quantities import banded, percent, quantity, show, spaced, written
+from taction.system import charts
+from taction.system.charts import Axis, Chart, Curve, Mark
+from taction.system.foreign_files import shortened
+from taction.system.quantities import (
+    banded,
+    counted,
+    percent,
+    quantity,
+    readable,
+    show,
+    spaced,
+    written,
+)
+from taction.verification.design.choose import (
+    CAPACITANCE,
+    FEEDBACK,
+    G0,
+    GAIN,
+    NAMES,
+    U0,
+    BestDesign,
+    Choice,
+    ChosenDesign,
+    first_of_each,
+)
 from taction.verification.design.fresh_scene import NewScene
 from taction.verification.design.remedies import Change, Remedies, StableRange
 from taction.verification.design.scaling import Scaled
 from taction.verification.design.trials import Trial
 from taction.verification.design.tune import Tuned
-from taction.verification.report.blocks import Code, Content, Page, Section, Table
-from taction.verification.report.texts import Cell, Column, figure, number_cell
+from taction.verification.report import texts
+from taction.verification.report.blocks import Code, Content, Notes, Page, Section, Table
+from taction.verification.report.texts import Cell, Column, fields, figure, number_cell
 from taction.verification.report.views.verdict_view import on_screen
 from taction.verification.report.views.verdict_view import view as verdict_report
 from taction.verification.stability.margin import first_knob
+from taction.verification.verdict.checks import Outcome, band_text
 from taction.verification.verdict.headroom import describe
-from taction.verification.verdict.record import finite
+from taction.verification.verdict.record import ERROR, finite
+from taction.verification.verdict.verify import Verdict, verify
+
+LONGEST = 60  # characters of a reason in a table
+SHOWN = 12  # op-amps in a terminal
+LISTED = 500  # designs in the table
+MAPS, ACROSS = 9, 3  # op-amps with a map, the best first; maps side by side in a picture
+KNOWN = 1e-3, 1e3  # shares of a limit on a map
+ENDS = -1.0, 1.0  # of the colours: decades of a limit
+MAP = (
+    "Blue: within every limit; orange: beyond one; the line is where the worst value reaches its"
+    " limit; empty: unstable, or without a verdict. Circle: passes, with parts that can be bought;"
+    " star: among the best."
+)
+WORST = (
+    "Worst: the largest value over its limit; below 1 every check passes; -: a check that does not"
+    " pass has no value."
+)
+COMMAND = "taction design choose"
+UNITS = {CAPACITANCE: "F", GAIN: "ohm", G0: "S", U0: "V", FEEDBACK: "S"}
+
+
+def full_choice_view(choice: Choice) -> Page:
+    """Return the page with the proposed design in full, verified anew without ngspice."""
+    if not choice.best:
+        return choice_view(choice)
+    one = proposed(choice.best)
+    return choice_view(choice, one.verdict or verify(one.scene.with_engine("statespace")))
+
+
+def choice_view(choice: Choice, verdict: Verdict | None = None) -> Page:
+    """Return the page of a choice; with a verdict, of the proposed design, this is in full."""
+    scene, designs, best = choice.scene, choice.designs, choice.best
+    passing = sum(design.good for design in designs)
+    summary = f"{passing} of {len(designs)} designs pass with parts that can be bought."
+    own = (
+        Section("Best designs", tuple(_best(best)), WORST, "terminal page"),
+        Section("Op-amps", _opamps(designs), media="terminal page"),
+        Section("Maps", lambda: _maps(designs, best), MAP, "page picture", ACROSS),
+        Section("All designs", lambda: _table(designs)),
+    )
+    lines = tuple(_moved(scene, designs))
+    if not best:
+        none = "No design passes; the table of op-amps has the nearest of each with its reason."
+        lines = (none, *lines)
+    page = Page(
+        title=scene.name,
+        command=COMMAND,
+        outcome="pass" if best else "fail",
+        summary=summary,
+        lines=lines,
+        sections=own,
+    )
+    if verdict is None:
+        return page
+    full, first = verdict_report(verdict, COMMAND), proposed(best).design
+    return replace(
+        page,
+        outcome=full.outcome,
+        summary=f"{first.opamp}, {_place(first)}. {full.summary} {summary}",
+        lines=(f"In full below: {verdict.scene.name}, {verdict.waveforms.simulator}.", *full.lines),
+        sections=(*own, *full.sections),
+    )
+
+
+def _moved(scene: Scene, designs: Sequence[ChosenDesign]) -> Iterator[str]:
+    """Yield which op-amps have another G0 than the scene, and why."""
+    own = scene.design.unit_conductance
+    moved = {
+        one.opamp: float(one.values[G0])
+        for one in designs
+        if G0 not in one.keys and one.values.get(G0, own) != own
+    }
+    if moved:
+        values = ", ".join(f"{name} {quantity(G0, 'S')}" for name, G0 in moved.items())
+        yield (
+            f"G0 is moved from {quantity(own, 'S')}, with U0, s and C, for op-amps whose input"
+            f" errors miss the limit of the steady state with the scene's resistors: {values}."
+        )
+
+
+def proposed(best: Sequence[BestDesign]) -> BestDesign:
+    """Return the first design that ngspice confirms; the first if it confirms none."""
+    return next((one for one in best if one.outcome is Outcome.PASS), best[0])
+
+
+def _pair(design: ChosenDesign) -> tuple[float, float]:
+    """Return the values of the two keys that its topology searches."""
+    first, second = (float(design.values[path]) for path in design.keys)
+    return first, second
+
+
+def _place(design: ChosenDesign, between: str = " = ") -> str:
+    values = zip(design.keys, _pair(design), strict=True)
+    return ", ".join(f"{NAMES[path]}{between}{quantity(v, UNITS[path])}" for path, v in values)
+
+
+def _best(best: Sequence[BestDesign]) -> Iterator[Content]:
+    said = {one.design.place: one for one in best}
+
+    def ngspice(design: ChosenDesign) -> Cell:
+        outcome = said[design.place].outcome
+        return Cell("not run") if outcome is None else Cell(outcome.value, None, outcome.value)
+
+    def built(design: ChosenDesign) -> Cell:
+        verdict = said[design.place].verdict
+        boards = None if verdict is None else verdict.answer.built
+        if boards is None or not boards.known:
+            return Cell("-" if boards is None else "not known")
+        if texts.rounded_up(boards.most, 2) < 1.0:
+            return Cell(f"at most {percent(boards.most)} pass", boards.most)
+        return Cell(f"{percent(boards.least)} or more rest within the limits", boards.most)
+
+    designs = [one.design for one in best]
+    columns = {**_columns(designs), "built boards": built, "ngspice": ngspice}
+    answers = (one.verdict.answer.built for one in best if one.verdict is not None)
+    covers = next((each.covers for each in answers if each is not None), "")
+    note = f"Built boards vary in what stands here: {covers}." if covers else ""
+    yield Table.of("Best designs", designs, columns, note)
+    reasons = (f"{one.design.opamp}: {readable(one.reason)}" for one in best if one.reason)
+    yield Notes("What ngspice says", tuple(reasons))
+
+
+def _opamps(designs: Sequence[ChosenDesign]) -> Table:
+    """Return the best design of each op-amp, and why it does not pass; `_table` has its G0, U0."""
+    passing = Counter(design.opamp for design in designs if design.good)
+    more = {"passing": lambda each: passing[each.opamp], "outcome": _outcome}
+    left_out = NAMES[G0], NAMES[U0]
+    columns = {k: v for k, v in (_columns(designs) | more).items() if k not in left_out}
+    title, most = "The best design of each op-amp", {"terminal": SHOWN}
+    return Table.of(title, first_of_each(designs), columns, "", most, "{} more: --json.")
+
+
+def _table(designs: Sequence[ChosenDesign]) -> Table:
+    columns = {**_columns(designs), "outcome": _outcome}
+    more = f"The first {LISTED} of {len(designs)}; --json has all."
+    return Table.of("Designs, the best first", designs, columns, "", {"page": LISTED}, more)
+
+
+def _outcome(design: ChosenDesign) -> Cell:
+    """Return the outcome with the check that decides it, or what cannot be bought."""
+    if design.refused:
+        return Cell(f"no parts: {readable(design.refused)}", None, "fail")
+    line = design.reason.split("\n")[0]
+    if design.outcome == ERROR:  # file, key and value, then what is wrong with it
+        line = line.rpartition(": ")[2]
+    check = shortened(spaced(line.partition(" (limit")[0].partition("; ")[0]), LONGEST)
+    return texts.outcome_cell(": ".join(filter(None, (design.outcome, check))), design.outcome)
+
+
+def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Column]:
+    bands = (band_text(check) for each in designs for check in each.record.checks)
+    settling = f"settling {next(filter(None, bands), '')}".rstrip()
+    # Those that are searched, and G0 and U0 where they move: every design of a choice has them.
+    found = {**dict.fromkeys(designs[0].keys), G0: None, U0: None} if designs else {}
+    moved = [path for path in found if path in designs[0].values]
+    columns: dict[str, Column] = {
+        "op-amp": "opamp",
+        **{NAMES[path]: partial(_value, path=path, unit=UNITS[path], digits=3) for path in moved},
+        settling: lambda each: number_cell(finite(each.settling_time), "s", 3),
+        "overshoot": lambda each: number_cell(finite(each.overshoot), "step", 3),
+        **fields("op-amp load = headroom step 3; output noise = noise V 3"),
+        **fields("worst = worst_share ratio 3"),
+    }
+    if all(design.noise is None for design in designs):
+        del columns["output noise"]
+    return columns
+
+
+def _maps(designs: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> Iterator[Content]:
+    names = [design.opamp for design in first_of_each(designs)]
+    for name in names[:MAPS]:
+        own = [design for design in designs if design.opamp == name]
+        if any(design.shares for design in own):
+            yield _map(name, own, best)
+        else:
+            text = f"{name} has no map: each of {counted(len(own), 'design')} is unstable,"
+            yield f"{text} has no parts that can be bought, or has no verdict."
+    if names[MAPS:]:
+        yield f"The tables have {len(names) - MAPS} op-amps more."
+
+
+def _map(name: str, own: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> Chart:
+    across, up = (np.array(sorted(set(each))) for each in zip(*map(_pair, own), strict=True))
+    at = {_pair(design): design for design in own}
+    cells = [[at.get((x, y)) for x in across.tolist()] for y in up.tolist()]
+    levels = np.log10([[_level(design) for design in row] for row in cells])
+    hover = tuple(tuple(map(_hover, row)) for row in cells)
+    grid = charts.Grid(across, up, levels, "", "signed", ENDS, texts=hover, bar=False)
+    edge = list(charts.zero_lines(np.log(across), np.log(up), levels))
+    line_x, line_y = map(np.exp, charts.segments(edge))
+    limit = (Curve(line_x, line_y, "the limit", "ink", width=2.0),) if edge else ()
+    chosen = {one.design.place for one in best}
+    others = [design for design in own if design.good and design.place not in chosen]
+    stars = [design for design in own if design.place in chosen]
+    x, y = (Axis(NAMES[path], UNITS[path], "log") for path in own[0].keys)
+    marks: tuple[Mark, ...] = (
+        grid,
+        *limit,
+        *_points(others, "passes", "circle-open", 6.0),
+        *_points(stars, "among the best", "star", 13.0),
+    )
+    title = f"{name}: {sum(design.good for design in own)} of {len(own)} pass and can be bought"
+    words = f"The worst value over its limit, by {x.title} and {y.title}."
+    return Chart(title, x, y, marks, words, legend=False, height=230)
+
+
+def _points(designs: Sequence[ChosenDesign], name: str, mark: str, size: float) -> Iterator[Curve]:
+    if designs:
+        x, y = np.array([_pair(design) for design in designs]).T
+        yield Curve(x, y, name, "ink", "", mark, size=size)
+
+
+def _level(design: ChosenDesign | None) -> float:
+    """Return the worst share; NaN for a design without a verdict."""
+    undecided = design is not None and design.outcome == "inconclusive"
+    if design is None or not design.shares or (undecided and design.worst_share is None):
+        return math.nan
+    return float(np.clip(design.worst, *KNOWN))
+
+
+def _hover(design: ChosenDesign | None) -> str:
+    if design is None:
+        return ""
+    worst = design.worst_share
+    share = "no value" if worst is None else figure(worst, "", 3)
+    outcome = "no parts" if design.refused else design.outcome
+    return f"{_place(design, ' ')}: {outcome}, worst {share}"
+
 
 TRADE = "Settling time against overshoot of the designs on the trade-off curve; dotted: the limit."
 LEAST_REACH, EDGE = 1e-3, 0.12  # of the step, and of the width: around the points of the picture
 
 
-def view(result: Tuned) -> Page:
+def tuning_view(result: Tuned) -> Page:
     """Return the page of a tuning."""
     verdict = result.verdict
     verified = verdict_report(verdict, "taction design tune")
@@ -51,10 +305,10 @@ def view(result: Tuned) -> Page:
 
 
 def _blocks(tuning: Tuned) -> Iterator[Content]:
-    units, circuit = _units(tuning), tuning.verdict.circuit
+    units, circuit = {each.path: each.unit for each in tuning.ranges}, tuning.verdict.circuit
     columns: dict[str, Column] = {"design": lambda each: each[0]}
     for path, unit in units.items():
-        columns[_key_name(path)] = partial(_value, path=path, unit=unit)
+        columns[_key_name(path)] = partial(_value, path=path, unit=unit, digits=5)
     settling = banded("settling_time", tuning.scene.checks.settling_time.band)
     columns[settling] = lambda each: number_cell(each[1].settling_time, "s")
     columns["overshoot"] = lambda each: number_cell(finite(each[1].overshoot), "step", 3)
@@ -80,12 +334,9 @@ def _blocks(tuning: Tuned) -> Iterator[Content]:
         )
 
 
-def _value(design: tuple[str, Trial], path: str, unit: str) -> Cell:
-    return number_cell(design[1].values[path], unit, 5)
-
-
-def _units(tuning: Tuned) -> dict[str, str]:
-    return {path: find_key(tuning.scene, path).unit for path in tuning.after.values}
+def _value(each: Trial | tuple[str, Trial], path: str, unit: str, digits: int) -> Cell:
+    trial = each if isinstance(each, Trial) else each[1]
+    return number_cell(float(trial.values[path]), unit, digits)
 
 
 def _key_name(path: str) -> str:
@@ -94,7 +345,7 @@ def _key_name(path: str) -> str:
 
 def _tradeoff(tuning: Tuned) -> Chart:
     """Return the frontier, the limit, and the designs before and after with their values."""
-    units, limit = _units(tuning), tuning.overshoot_limit
+    units, limit = {each.path: each.unit for each in tuning.ranges}, tuning.overshoot_limit
 
     def text(trial: Trial) -> str:
         pairs = trial.values.items()
@@ -120,8 +371,8 @@ def _tradeoff(tuning: Tuned) -> Chart:
     near = low <= limit <= high + reach
     high = max(high, limit) if near else high
     said = f"overshoot limit, {figure(limit, 'step', 3)}"
-    far = Text(f"{said} →", None, None, ("left", "below"))
-    marks.append(Limit(limit, "x", said, "ink", "dot") if near else far)
+    far = charts.Text(f"{said} →", None, None, ("left", "below"))
+    marks.append(charts.Limit(limit, "x", said, "ink", "dot") if near else far)
     shown = (max(0.0, low - EDGE * reach), high + EDGE * reach) if known else None
     y = Axis(banded("settling_time", tuning.scene.checks.settling_time.band), "s", "log")
     return Chart("Trade-off", Axis("overshoot", "step", limits=shown), y, tuple(marks), TRADE)
@@ -161,7 +412,7 @@ def new_view(result: NewScene) -> Page:
     )
 
 
-NAMES = {path: symbol for symbol, path in SYMBOLS.items()} | {"design.gain": "gain"}
+SYMBOL_OF = {path: symbol for symbol, path in SYMBOLS.items()} | {"design.gain": "gain"}
 
 
 def remedies_text(scene: Scene, remedies: Remedies) -> str:
@@ -246,4 +497,4 @@ def key_with_value(scene: Scene, path: str, value: Value) -> str:
 
 def name_of(path: str) -> str:
     """Return the symbol of a key, or the last part of its path."""
-    return NAMES.get(path, path.removeprefix("design.").removeprefix("opamp."))
+    return SYMBOL_OF.get(path, path.removeprefix("design.").removeprefix("opamp."))
