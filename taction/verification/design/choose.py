@@ -21,7 +21,14 @@ from types import MappingProxyType
 from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.board.part_warnings import ANY_PART, AcceptedParts
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import LIMITS, Point, SweepAxis, tried, value_questions, with_values
+from taction.netlist_gen.scene.axes import (
+    LIMITS,
+    Point,
+    SweepAxis,
+    tried,
+    value_questions,
+    with_values,
+)
 from taction.netlist_gen.scene.check_keys import unitless_times
 from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.inverse_problem import make_problem

@@ -70,25 +70,17 @@ def test_one_channel_rises_as_its_closed_form() -> None:
     assert len(curves.time) >= 500
 
 
-def test_the_boundary_is_that_of_onset(start: Start) -> None:
+def test_the_boundary_is_that_of_onset_from_a_stable_and_from_an_unstable_board(
+    start: Start,
+) -> None:
     control = start.control(CAPACITANCE)
-    view = BoardView(start.scene)
-    found = view.boundary("C", control.low, control.high)
     onset = taction.onset(start.scene, over="C=5pF:20pF", transients=False)
     edge = max(each.crossing.value for each in onset.findings)  # below it more poles cross
-    assert [low for low, _ in found.stable_ranges] == pytest.approx([edge], rel=1e-6)
-    assert found.stable_ranges[-1][1] == pytest.approx(control.high, rel=1e-12)
-
-
-def test_the_boundary_is_the_same_from_an_unstable_board(start: Start) -> None:
-    control = start.control(CAPACITANCE)
-    edges = []
     for value in (5e-12, 1e-11, 1e-10):
-        settings = Settings.of(start, {CAPACITANCE: value})
-        view = BoardView(settings.scene(start))
+        view = BoardView(Settings.of(start, {CAPACITANCE: value}).scene(start))
         found = view.boundary("C", control.low, control.high)
-        edges.append(found.stable_ranges[0][0])
-    assert edges == pytest.approx([edges[1]] * 3, rel=1e-6)
+        assert [low for low, _ in found.stable_ranges] == pytest.approx([edge], rel=1e-6)
+        assert found.stable_ranges[-1][1] >= control.high * (1.0 - 1e-12)
 
 
 def test_op_amps_that_cannot_follow_are_named() -> None:
@@ -120,9 +112,6 @@ def test_a_saved_scene_reads_as_the_values(start: Start, tmp_path: Path) -> None
     saved = settings.save(start, "new.toml")
     assert saved == tmp_path / "new.toml"
     assert load_scene(saved).model_dump() == settings.scene(start).model_dump()
-    expected = judge(settings.scene(start), "statespace").record
-    found = judge(load_scene(saved), "statespace").record
-    assert found.value("settling_time") == expected.value("settling_time")
 
 
 @pytest.mark.parametrize(
