@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.board.circuit import Circuit, Fact
+from taction.netlist_gen.board.circuit import Circuit, Fact, without_wires
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.board.wired_arrays import without_wires
 from taction.netlist_gen.board.wires import PortConductances
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem

@@ -10,8 +10,7 @@ import numpy as np
 
 from taction.netlist_gen.board.bill_of_materials import nearest
 from taction.netlist_gen.board.devices import LOGARITHMIC, Device, Logarithmic, load_devices
-from taction.netlist_gen.board.parts import ResistorMatrix
-from taction.netlist_gen.board.wired_arrays import as_ohms
+from taction.netlist_gen.board.parts import ResistorMatrix, as_ohms
 from taction.netlist_gen.board.wires import Wires, compensated
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats

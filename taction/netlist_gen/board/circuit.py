@@ -6,7 +6,7 @@ design (`Fact`), and the keys of a scene that scale parts (`Knob`). Node ``"0"``
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -422,3 +422,28 @@ def _placed(part: Branch, cell: boards.OpAmpCell) -> Branch:
     return Branch(
         part.letter, card(part.name), *ends, part.value, tuple(map(control, part.control))
     )
+
+
+def port_matrices(circuit: Circuit) -> tuple[boards.ResistorMatrix, ...]:
+    """Return the matrices of a board as they are seen from their ports; see `at_ports`."""
+    return tuple(each for matrix in circuit.matrices for each in boards.at_ports(matrix))
+
+
+def joined_resistors(circuit: Circuit) -> Iterator[tuple[str, str, float]]:
+    """Yield both nodes and ohms of every resistor, of wired arrays those between ports."""
+    for part in circuit.resistors:
+        yield part.a, part.b, part.ohms
+    for matrix in port_matrices(circuit):
+        for _, _, source, sink, ohms in matrix.elements():
+            yield source, sink, ohms
+
+
+def without_wires(circuit: Circuit) -> Circuit:
+    """Return `circuit` as it would be with ideal wires: without them and their compensation."""
+    if all(each.wires is None for each in circuit.matrices):
+        return circuit
+    scales = [1.0 if m.wires is None or m.wires.scale is None else m.wires.scale
+              for m in circuit.matrices]  # fmt: skip
+    pairs = zip(circuit.matrices, scales, strict=True)
+    straight = tuple(replace(m, wires=None, ohms=m.ohms / scale) for m, scale in pairs)
+    return replace(circuit, matrices=straight)

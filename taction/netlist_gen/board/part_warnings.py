@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import GROUND, Circuit, Role
-from taction.netlist_gen.board.wired_arrays import joined_resistors
+from taction.netlist_gen.board.circuit import GROUND, Circuit, Role, joined_resistors
 from taction.system.quantities import show
 
 LEAST_OHMS, MOST_OHMS = 10.0, 10e6  # of a resistor that a proposal may have

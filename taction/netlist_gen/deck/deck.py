@@ -24,8 +24,12 @@ from taction.netlist_gen.analysis import (
     Transient,
 )
 from taction.netlist_gen.board.circuit import GROUND, Circuit
-from taction.netlist_gen.board.parts import ResistorMatrix, SignalAmplifier, VoltageSource
-from taction.netlist_gen.board.wired_arrays import wire_branches
+from taction.netlist_gen.board.parts import (
+    ResistorMatrix,
+    SignalAmplifier,
+    VoltageSource,
+    wire_branches,
+)
 from taction.netlist_gen.deck.dialects import (
     DIALECTS,
     NATIVE,

@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.wired_arrays import without_wires
+from taction.netlist_gen.board.circuit import Circuit, without_wires
 from taction.netlist_gen.scene.design import Design
 from taction.netlist_gen.topologies.frame.planes import with_ideal_stages
 from taction.spice_models.opamp import OpAmp

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from taction.netlist_gen.board.bill_of_materials import BillOfMaterials, bill_of_materials
+from taction.netlist_gen.board.circuit import joined_resistors
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.board.wired_arrays import joined_resistors
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard

@@ -17,8 +17,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit, with_linear_models
-from taction.netlist_gen.board.wired_arrays import port_matrices
+from taction.netlist_gen.board.circuit import Circuit, port_matrices, with_linear_models
 from taction.spice_models.branches import Branch, Source
 from taction.system.array_types import Ints
 from taction.system.errors import EngineError

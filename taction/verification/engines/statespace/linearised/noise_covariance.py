@@ -30,8 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import GROUND, Circuit
-from taction.netlist_gen.board.wired_arrays import joined_resistors
+from taction.netlist_gen.board.circuit import GROUND, Circuit, joined_resistors
 from taction.spice_models.opamp import THERMAL
 from taction.spice_models.transistor import ELECTRON, NOMINAL
 from taction.system.array_types import EPS, Complexes, Floats

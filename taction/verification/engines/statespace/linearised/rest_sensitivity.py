@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Circuit
-from taction.netlist_gen.board.parts import ResistorMatrix
-from taction.netlist_gen.board.wired_arrays import entry_voltages
+from taction.netlist_gen.board.parts import ResistorMatrix, entry_voltages
 from taction.spice_models.input_errors import CHANGES
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError

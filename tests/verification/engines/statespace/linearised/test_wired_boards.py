@@ -11,9 +11,8 @@ import pytest
 
 import taction
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.parts import Resistor
+from taction.netlist_gen.board.parts import Resistor, wire_branches
 from taction.netlist_gen.board.variation import with_factors
-from taction.netlist_gen.board.wired_arrays import wire_branches
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.verification.engines.statespace.equations.structured_solve import Structure
