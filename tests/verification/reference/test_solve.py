@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import mpmath
@@ -21,12 +20,7 @@ from taction.verification.reference.lambda_choice import (
 from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.reference.problem import Problem, Solution, solution_difference
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
-from taction.verification.reference.smooth import FUNCTION_ERROR
 from taction.verification.reference.solve import solve
-from taction.verification.reference.stacked_least_squares import (
-    SVD,
-    factorise,
-)
 from tests.support.oracle import count_claims, error_of, exact_solution, kernel, random_problems
 
 NONLINEAR = ("exponential", "sinh", "softplus", "tanh")
@@ -52,23 +46,6 @@ def assert_right(problem: Problem) -> Solution:
     return solution
 
 
-@pytest.mark.parametrize("regulariser", EVERY)
-@pytest.mark.parametrize("factor", [0.0, 1e4, -1e4])
-@pytest.mark.parametrize("lam", [1e-3, 1e-9])
-def test_reach_in_the_strain(regulariser: str, factor: float, lam: float) -> None:
-    base = tactile(6, 1.0)
-    assert_right(replace(base, eps=factor * base.eps, regulariser=regulariser, lam=lam))
-
-
-@pytest.mark.parametrize("regulariser", EVERY)
-@pytest.mark.parametrize("thickness", [2.0, 20.0])
-@pytest.mark.parametrize("lam", [1e-2, 1e-9])
-def test_thick_layers(regulariser: str, thickness: float, lam: float) -> None:
-    base = tactile(12, thickness * 6.0 / 11.0)
-    T = base.T * thickness**2
-    assert_right(Problem(T, T @ np.ones(12) + 0.01 * base.eps, lam, regulariser))
-
-
 def test_channels_whose_output_underflows_report_v() -> None:
     problem = Problem(np.eye(3), np.array([1.0, -1.0, -1e-3]), 1e-6, "exponential")
     solution = assert_right(problem)
@@ -77,17 +54,6 @@ def test_channels_whose_output_underflows_report_v() -> None:
     assert solution.v[1] == pytest.approx(-1.0 / 0.5e-6, rel=1e-14)
     found = exact_solution(problem, solution.v)
     assert solution.v.tolist() == pytest.approx([float(x) for x in found[1]], rel=1e-13)
-
-
-def test_one_channel_in_closed_form() -> None:
-    # |u - e|^2 + lam (u log u - u): u + mu log u = e, so u = mu W(exp(e / mu) / mu).
-    solution = solve(Problem(np.eye(1), np.array([2.0]), 0.6, "exponential"))
-    mu = 0.3
-    wanted = mu * mpmath.lambertw(mpmath.exp(2.0 / mu) / mu).real
-    assert solution.u[0] == pytest.approx(float(wanted), rel=1e-15)
-    biased = solve(Problem(np.eye(1), np.array([2.0]), 0.6, "exponential", bias=True))
-    wanted = mu * mpmath.lambertw(mpmath.exp((2.0 - mu) / mu) / mu).real
-    assert biased.u[0] == pytest.approx(float(wanted), rel=1e-15)
 
 
 # Of such starts a few per cent fail on the first path, others with other kernels.
@@ -192,25 +158,6 @@ V = np.linspace(-6.05, 6.15, 49)  # without a break of any amplifier
 
 
 @ENTRIES
-def test_slope_is_the_derivative_and_potential_the_integral(entry: Regulariser) -> None:
-    step = 1e-5
-    slope = (entry.g(V + step) - entry.g(V - step)) / 2 / step
-    assert slope == pytest.approx(entry.slope(V), rel=1e-8, abs=1e-10)
-    value = (entry.potential(V + step) - entry.potential(V - step)) / 2 / step
-    assert value == pytest.approx(entry.g(V), abs=1e-7, rel=1e-8)
-
-
-@ENTRIES
-@pytest.mark.parametrize("mu", [1e6, 1.0, 1e-6, 1e-12, 1e-18])
-def test_v_from_q_inverts_the_coordinate(entry: Regulariser, mu: float) -> None:
-    h = np.full_like(V, 0.3)
-    q = np.linspace(-3.0, 3.0, len(V))
-    v = entry.v_from_q(q, mu, h)
-    assert np.all(np.isfinite(v))
-    assert mu * v + h * entry.g(v) == pytest.approx(q, rel=1e-9, abs=1e-12)
-
-
-@ENTRIES
 def test_bounds_on_the_slope(entry: Regulariser) -> None:
     for width in (0.0, 0.5, 3.0):
         near = V[:, None] + np.linspace(-width, width, 41)
@@ -223,52 +170,6 @@ def test_bounds_on_the_slope(entry: Regulariser) -> None:
         inside = reached < 1.0 if entry is REGULARISERS["tanh"] else np.ones_like(V, dtype=bool)
         slope = entry.slope(entry.inverse(reached[inside]))
         assert np.all(slope <= entry.slope_bound(u[inside]) * (1 + 1e-6) + rise + 1e-6)
-
-
-@pytest.mark.parametrize(
-    ("name", "function"),
-    [
-        ("exponential", mpmath.exp),
-        ("sinh", mpmath.sinh),
-        ("tanh", mpmath.tanh),
-        ("softplus", lambda v: mpmath.log1p(mpmath.exp(v))),
-    ],
-)
-def test_amplifiers_are_within_their_stated_error(
-    rng: np.random.Generator, name: str, function: Callable[[mpmath.mpf], mpmath.mpf]
-) -> None:
-    v = rng.choice([-1.0, 1.0], 300) * 10.0 ** rng.uniform(-30, np.log10(600.0), 300)
-    with mpmath.workdps(40):
-        exact = [function(mpmath.mpf(x)) for x in v.tolist()]
-        pairs = zip(REGULARISERS[name].g(v).tolist(), exact, strict=True)
-        assert max(float(abs(g / w - 1)) for g, w in pairs) < FUNCTION_ERROR
-
-
-def wanted(T: np.ndarray, D: np.ndarray, mu: float, f1: np.ndarray, f2: np.ndarray) -> np.ndarray:
-    A = T * D
-    return np.linalg.solve(A.T @ A + mu * np.eye(len(D)), A.T @ f1 + f2)
-
-
-def test_qr_keeps_digits_that_normal_equations_lose(rng: np.random.Generator) -> None:
-    U, V = (np.linalg.qr(rng.standard_normal((6, 6)))[0] for _ in range(2))
-    sigma = np.logspace(0, -7, 6)
-    T, y = (U * sigma) @ V.T, rng.standard_normal(6)
-    mu = 1e-24
-    solved = factorise(T, mu)(T @ y, np.zeros(6))
-    assert solved == pytest.approx(y, abs=1e-7)
-    gram = T.T @ T
-    assert np.max(np.abs(np.linalg.solve(gram, T.T @ (T @ y)) - y)) > 1e-4
-
-
-@pytest.mark.parametrize("shape", [(7, 4), (4, 7)])
-def test_singular_values(rng: np.random.Generator, shape: tuple[int, int]) -> None:
-    T, f1, f2 = rng.standard_normal(shape), rng.standard_normal(shape[0]), rng.random(shape[1])
-    svd = SVD(T, 0.1)
-    assert svd.solve(f1, f2) == pytest.approx(wanted(T, np.ones(shape[1]), 0.1, f1, f2), rel=1e-11)
-    stack = np.vstack([T, np.sqrt(0.1) * np.eye(shape[1])])
-    sigma = np.linalg.svd(stack, compute_uv=False)
-    assert svd.least == pytest.approx(sigma[-1], rel=1e-12)
-    assert svd.condition == pytest.approx(sigma[0] / sigma[-1], rel=1e-12)
 
 
 SIGMA = 0.1
