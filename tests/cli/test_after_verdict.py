@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import click
 import pytest
 
 import taction
@@ -19,7 +18,6 @@ LIMITS = {"pass": "1s", "fail": "1ns"}
 STATUS = {"pass": 0, "fail": 1}
 VERIFY = "taction.verification.verdict.verify"
 VIEW = "taction.verification.report.views.verdict_view"
-TEXT = "taction.verification.report.views.design_view.remedies_text"
 
 
 @pytest.fixture(autouse=True)
@@ -86,28 +84,6 @@ def test_ctrl_c_in_the_search_shows_the_verdict(
     assert result.exit_code == 130
     assert result.stdout.rstrip().endswith("FAIL")
     assert "interrupted; the verdict stands" in result.stderr
-
-
-def test_the_verdict_is_printed_before_the_search(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def search(verdict: Any, **more: Any) -> object:
-        click.echo("the search begins")
-        return object()
-
-    monkeypatch.setattr(taction, "what_to_change", search)
-    monkeypatch.setattr(TEXT, lambda scene, found: "what to change\n  C = 1 nF (verified)")
-    lines = run(
-        "verify", str(write_fast(tmp_path / "a.toml", limit="1ns")), *ENGINE
-    ).stdout.splitlines()
-    places = [
-        lines.index(next(line for line in lines if part in line))
-        for part in (
-            "settles to ±1 % in", "more: -v", "the search begins", "what to change", "C = 1 nF",
-        )
-    ]  # fmt: skip
-    assert places == sorted(places)
-    assert lines[-1] == "FAIL"
 
 
 @pytest.mark.parametrize("outcome", LIMITS)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import json
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,7 +17,7 @@ import taction as library
 from taction.verification.report.documents.document_catalogue import schema
 from taction.verification.report.explorer import server
 from tests.support.entries import write_fast
-from tests.support.paths import ROOT, SCENES
+from tests.support.paths import SCENES
 from tests.support.running import document, taction
 
 PAPER = str(SCENES / "paper-breadboard.toml")
@@ -103,43 +101,6 @@ def test_a_report_that_cannot_be_written_spoils_neither_result_nor_baseline(fold
     assert "No space left on device" in result.stderr
     assert json.loads(result.stdout)["counts"] == {"changed": 1}
     assert file.read_bytes() != before
-
-
-# A real signal, at a known moment: while the second scene is verified.
-INTERRUPT = """
-import signal
-from taction.cli.main import main
-from taction.verification.studies import scene_files as run
-
-verify = run.verify
-def interrupted(scene):
-    if scene.name == "second":
-        signal.raise_signal(signal.SIGINT)
-    return verify(scene)
-run.verify = interrupted
-main()
-"""
-
-
-def test_ctrl_c_leaves_a_whole_baseline_and_says_so(folder: Path) -> None:
-    write_fast(folder / "a.toml", capacitance="10.5pF")
-    for name in ("b.toml", "c.toml"):
-        scene = write_fast(folder / name)
-        scene.write_text(scene.read_text().replace("fast", "second"))
-    file = folder.parent / "b.json"
-    words = ("regress", folder, "--baseline", file, "--update", "--json", "--jobs", "1")
-    run = subprocess.run(
-        [sys.executable, "-c", INTERRUPT, *map(str, words)],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-    )
-    assert run.returncode == 130, run.stderr
-    assert "interrupted; the finished scenes are in the report" in run.stderr
-    assert json.loads(run.stdout)["counts"] == {"changed": 1, "not run": 2}
-    assert set(json.loads(file.read_text())["scenes"]) == {"a.toml"}
-    after = regress(folder, "--baseline", file, "--json")
-    assert json.loads(after.stdout)["counts"] == {"same": 1, "new": 2}
 
 
 @pytest.fixture

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from taction.verification.readings.measurements import measure
 from taction.verification.readings.record import RecordTrace, lagrange
@@ -138,59 +136,6 @@ def last(trace, level):
     at, early, late = np.where(np.isnan(found.time), 0.0, found.time)
     width = np.maximum(late - at, at - early) + found.uncertainty.max(axis=0)
     return Crossings(found.time[0], width)
-
-
-def first(trace, level):
-    """The first instants at which rows, from -1, are above a level."""
-    rows, steps = np.arange(trace.channels), np.ones(trace.channels)
-    found = trace.first_reached(rows, steps, np.full(3, level), SHIFTS)
-    at, late, early = found.time
-    width = np.maximum(late - at, at - early) + found.uncertainty.max(axis=0)
-    return Crossings(at, width)
-
-
-def test_many_rows_at_once_are_exponentials_crossings(rng):
-    """A row, a time constant: ``tau ln(1/level)`` each way."""
-    time = np.sort(np.concatenate([[0.0, 9.0], rng.uniform(0, 9, 900)]))
-    tau = np.array([0.5, 1.0, 2.0])
-    decays = np.exp(-time / tau[:, None])
-    for level in (0.1, 0.5, 0.9):
-        truth = tau * np.log(1 / level)
-        found = last(RecordTrace(time, decays), level)
-        rising = first(RecordTrace(time, -decays), 1.0 - level)
-        for each in (found, rising):
-            assert (np.abs(each.time - truth) <= each.uncertainty).all()
-            assert each.uncertainty.max() < 1e-3
-    above = first(RecordTrace(time, -decays), -0.5)
-    assert above.time.tolist() == [0.0, 0.0, 0.0]  # from the first point on
-
-
-@settings(max_examples=40)
-@given(
-    period=st.floats(7, 60),
-    phase=st.floats(0, 2 * np.pi),
-    decay=st.floats(0, 0.05),
-    jitter=st.integers(0, 1000),
-    level=st.floats(0.05, 0.6),
-)
-def test_the_uncertainty_covers_the_truth_down_to_seven_points_a_period(
-    period, phase, decay, jitter, level
-):
-    noise = np.random.default_rng(jitter).uniform(-0.2, 0.2, 80)
-    time = np.arange(80.0) + noise
-
-    def wave(t):
-        return np.exp(-decay * t) * np.cos(2 * np.pi * t / period + phase)
-
-    trace = RecordTrace(time, np.array([wave(time)]))
-    found = last(trace, level)
-    grid = np.linspace(time[0], time[-1], 200_001)
-    above = grid[np.abs(wave(grid)) > level] - time[0]
-    end = time[-1] - time[0]
-    if np.isnan(found.time[0]):
-        assert above.size == 0 or np.abs(wave(grid)).max() - level < 0.05
-    elif above.size and found.time[0] < end and above[-1] < end:
-        assert abs(found.time[0] - above[-1]) <= found.uncertainty[0] + 2 * (grid[1] - grid[0])
 
 
 def test_a_step_after_a_plateau_makes_no_peak():

@@ -21,7 +21,14 @@ from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.reference.problem import Problem, Solution, solution_difference
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
 from taction.verification.reference.solve import solve
-from tests.support.oracle import count_claims, error_of, exact_solution, kernel, random_problems
+from tests.support.oracle import (
+    count_claims,
+    error_of,
+    exact_solution,
+    kernel,
+    optimum,
+    random_problems,
+)
 
 NONLINEAR = ("exponential", "sinh", "softplus", "tanh")
 EVERY = ("linear", *NONLINEAR)
@@ -158,6 +165,15 @@ V = np.linspace(-6.05, 6.15, 49)  # without a break of any amplifier
 
 
 @ENTRIES
+def test_slope_is_the_derivative_and_potential_the_integral(entry: Regulariser) -> None:
+    step = 1e-5
+    slope = (entry.g(V + step) - entry.g(V - step)) / 2 / step
+    assert slope == pytest.approx(entry.slope(V), rel=1e-8, abs=1e-10)
+    value = (entry.potential(V + step) - entry.potential(V - step)) / 2 / step
+    assert value == pytest.approx(entry.g(V), abs=1e-7, rel=1e-8)
+
+
+@ENTRIES
 def test_bounds_on_the_slope(entry: Regulariser) -> None:
     for width in (0.0, 0.5, 3.0):
         near = V[:, None] + np.linspace(-width, width, 41)
@@ -286,15 +302,11 @@ def scene(rule: object, variance: float = 1e-3, channels: int = 9):
     return parse_scene({"problem": problem, "design": {"lambda": rule}}, "made.toml")
 
 
-def tikhonov(inverse, lam):
-    """Return the minimiser by the normal equations, the textbook's way."""
-    T = inverse.matrix
-    return np.linalg.solve(T.T @ T + lam * np.eye(T.shape[1]), T.T @ inverse.strain)
-
-
 def test_discrepancy_meets_the_noise():
     chosen = resolve_lambda(scene("discrepancy"))
     inverse = make_problem(chosen)
-    residual = inverse.matrix @ tikhonov(inverse, chosen.design.lam) - inverse.strain
+    residual = (
+        inverse.matrix @ optimum(inverse.matrix, inverse.strain, chosen.design.lam) - inverse.strain
+    )
     assert float(residual @ residual) == pytest.approx(1.3 * 9 * 1e-3, rel=1e-4)
     assert chosen.lambda_rule == "discrepancy"

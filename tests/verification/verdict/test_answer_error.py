@@ -47,13 +47,6 @@ def judged(
     return verify(scene, problem=InverseProblem(T, eps, stress, None))
 
 
-def tikhonov(T: Floats, eps: Floats, lam: float) -> Floats:
-    """The minimiser of |T u - eps|^2 + lam |u|^2, by least squares of the stacked equations."""
-    n = T.shape[1]
-    stacked = np.vstack([T, math.sqrt(lam) * np.eye(n)])
-    return np.linalg.lstsq(stacked, np.concatenate([eps, np.zeros(n)]))[0]
-
-
 def assert_split(answer: AnswerError, clean: Floats, noisy: Floats, stress: Floats) -> None:
     """The errors in the channel of the largest, as fractions of the largest true stress."""
     errors, largest = noisy - stress, np.abs(stress).max()
@@ -75,8 +68,8 @@ def test_shipped_scenes(name: str, noisy: bool) -> None:
     scene = load_scene(f"scenes/{name}.toml")
     verdict = taction.verify(scene, engine="statespace")
     problem, lam = make_problem(scene), verdict.circuit.value("lambda")
-    noisy_u = tikhonov(problem.matrix, problem.strain, lam)
-    clean_u = tikhonov(problem.matrix, problem.matrix @ problem.stress, lam)
+    noisy_u = optimum(problem.matrix, problem.strain, lam)
+    clean_u = optimum(problem.matrix, problem.matrix @ problem.stress, lam)
     assert_split(verdict.answer, clean_u, noisy_u, problem.stress)
     assert verdict.answer.has_noise is noisy
     assert (verdict.answer.noise == 0.0) is not noisy
@@ -95,7 +88,7 @@ def test_the_board_is_compared_in_the_same_unit(known: bool) -> None:
     """Without a true stress the unit is the largest stress of the answer."""
     eps = T @ STRESS + NOISE
     verdict = judged(STRESS if known else None, eps)
-    u = tikhonov(T, eps, LAM)
+    u = optimum(T, eps, LAM)
     unit = U0 * float(np.abs(STRESS if known else u).max())
     assert verdict.answer.unit == pytest.approx(unit, rel=1e-12)
     off = float(np.abs(verdict.steady.values - U0 * u).max())
@@ -129,7 +122,7 @@ def test_an_unstable_board_finds_no_answer() -> None:
     assert not verdict.poles.stable
     found = verdict_document(verdict)["answer"]
     assert (found["board_error"], found["text"]) == (None, "")
-    largest = np.abs(tikhonov(T, T @ STRESS, LAM) - STRESS).max() / STRESS.max()
+    largest = np.abs(optimum(T, T @ STRESS, LAM) - STRESS).max() / STRESS.max()
     assert found["true_error"] == pytest.approx(largest, rel=1e-9)
 
 

@@ -42,6 +42,7 @@ from taction.verification.verdict.transient_plan import AIM, TransientPlan
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import make_scene, ringing_scene
 from tests.support.measured import named
+from tests.support.oracle import optimum
 from tests.support.paths import SCENES
 
 NAMES = sorted(path.stem for path in SCENES.glob("*.toml"))
@@ -120,10 +121,9 @@ def assert_budget_adds_up(verdict: Verdict) -> None:
 
 
 def assert_tikhonov(verdict: Verdict) -> None:
-    """The reference, and the board, against a least-squares solver of the stacked system."""
-    T, eps, lam = verdict.problem.matrix, verdict.problem.strain, verdict.circuit.value("lambda")
-    stacked = np.vstack([T, math.sqrt(lam) * np.eye(T.shape[1])])
-    wanted = np.linalg.lstsq(stacked, np.append(eps, np.zeros(T.shape[1])), rcond=None)[0]
+    """The reference, and the board, against 60 digits."""
+    lam = verdict.circuit.value("lambda")
+    wanted = optimum(verdict.problem.matrix, verdict.problem.strain, lam)
     wanted *= verdict.circuit.value("U0")
     assert verdict.ideal.target == pytest.approx(wanted, rel=1e-9, abs=1e-12)
     final = np.array([channel.final for channel in verdict.measurements.channels])

@@ -160,11 +160,6 @@ FAILURES: dict[str, tuple[SmallDeck, type[SimulationError], str]] = {
         BadEvidence,
         "v(x) ",
     ),
-    "one over zero": (
-        transient("B1 x 0 V = 1/(v(out)-v(out))", LOAD, saved=("out", "x")),
-        BadEvidence,
-        "v(x) ",
-    ),
 }
 
 

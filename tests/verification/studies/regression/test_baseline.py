@@ -372,6 +372,7 @@ def test_ctrl_c_keeps_what_was_done(
     assert report.interrupted
     assert report.exit_status == INTERRUPTED
     kept = updated_baseline(report, old)
+    assert load_baseline(tmp_path.with_suffix(".json")) == kept
     assert set(kept) == {"a.toml", "c.toml"}
     assert kept["c.toml"] == old["c.toml"]
     assert kept["a.toml"] != old["a.toml"]
