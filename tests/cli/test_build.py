@@ -147,15 +147,6 @@ def test_csv_and_json_agree(tmp_path: Path) -> None:
     assert found["power"]["quiescent"] == pytest.approx(19 * 30 * 1.3e-3)
 
 
-def test_new_does_not_overwrite(tmp_path: Path) -> None:
-    file = tmp_path / "board.toml"
-    assert document(taction("new", str(file), "--json"))["file"] == str(file)
-    again = taction("new", str(file))
-    assert again.exit_code == 2
-    assert "--force" in again.stderr
-    assert taction("new", str(file), "--force").exit_code == 0
-
-
 @pytest.mark.parametrize(("name", "supply"), [("lm324", 15.0), ("ad8065", 12.0)])
 def test_a_new_scene_has_the_op_amp_that_is_asked_for(
     name: str, supply: float, tmp_path: Path

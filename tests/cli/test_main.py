@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import jsonschema
-import numpy as np
 import pytest
 
 from taction.cli.commands import COMMANDS
@@ -96,23 +95,6 @@ def test_netlist_prints_the_deck_and_explains_on_stderr() -> None:
     found = document(taction("netlist", TUNED, "--json"))
     assert found["deck"] == result.stdout
     assert {"what", "why"} == set(found["omissions"][0])
-
-
-def test_simulate_writes_what_it_measured(tmp_path: Path) -> None:
-    file = tmp_path / "waves.csv"
-    result = taction("simulate", TUNED, *FAST, "-o", str(file), "--json")
-    assert result.exit_code == 0
-    found = document(result)
-    header, *_ = file.read_text().splitlines()
-    assert header == "time," + ",".join(f"u_{n}" for n in range(1, 8))
-    table = np.loadtxt(file, delimiter=",", skiprows=1)
-    assert len(table) == found["points"]
-    assert table[-1, 0] == found["stop"]
-    assert table[-1, 1:] == pytest.approx([c["final"] for c in found["channels"]], rel=1e-12)
-    raw = taction("simulate", TUNED, *FAST, "-o", str(tmp_path / "waves.raw"))
-    assert raw.exit_code == 0
-    assert b"Plotname: Transient Analysis" in (tmp_path / "waves.raw").read_bytes()[:400]
-    assert taction("simulate", TUNED, "-o", "waves.txt").exit_code == 2
 
 
 @pytest.mark.parametrize("words", [("--json", "--help"), ("--help", "--json"), ("-h", "--json")])

@@ -22,7 +22,6 @@ from tests.support.running import document, taction
 
 PAPER = str(SCENES / "paper-breadboard.toml")
 OVER = ("--over", "C=50pF:100pF:3", "--fix", "gain=1M", "--fix", "lambda=0.7")
-ONE = ("stress", "--jobs", "1", "--only")
 VARYING = ("timing", "simulation", "accuracy", "taction")  # wall times, and the head
 SET = ("--set", "C=20pF", "--set", "design.gain=2Mohm")
 
@@ -48,21 +47,6 @@ def test_an_option_that_is_no_more_says_what_to_type(words: tuple[str, ...], rem
     refused = taction(words[0], PAPER, *words[1:])
     assert refused.exit_code == 2
     assert remedy in " ".join(refused.stderr.replace("│", " ").split())
-
-
-def test_a_wrong_outcome_has_status_1(monkeypatch: pytest.MonkeyPatch) -> None:
-    from dataclasses import replace
-
-    from taction.verification.evidence.stress import catalogue
-    from taction.verification.evidence.stress import run_cases as run
-
-    cases = catalogue.select(catalogue.load_catalogue(), ("wrong-shape",))
-    planted = tuple(replace(case, outcome={"statespace": ("pass",)}) for case in cases)
-    monkeypatch.setattr(run, "load_catalogue", lambda: planted)
-    done = taction(*ONE, "wrong-shape")
-    assert done.exit_code == 1
-    assert "InputError" in done.stdout
-    assert "wrong outcome" in done.stdout
 
 
 def regress(*words: object) -> Result:

@@ -122,12 +122,6 @@ EXTRAS = {
     for name, needs in PROJECT["optional-dependencies"].items()
     if name != "dev"
 }
-# Command lines that need an extra, and the extra that the message names.
-REFUSED = {
-    ("verify", BOARD, "--plot=a.png", *LIGHT): "plot",
-    ("verify", BOARD, "--report=a.html", *LIGHT): "report",
-    ("explore", BOARD, "--no-browser"): "explore",
-}
 
 
 @pytest.fixture(params=["by_pip", "by_uv"])
@@ -169,17 +163,6 @@ def test_doctor_names_the_extra_of_everything_that_is_missing(by_pip: Environmen
     missing = [each["found"] for each in json.loads(run.stdout)["findings"] if not each["ok"]]
     named = set(re.findall(r"taction\[(\w+)\]", " ".join(missing)))
     assert named == set(EXTRAS)
-
-
-@pytest.mark.parametrize(("words", "extra"), REFUSED.items(), ids=REFUSED.values())
-def test_a_missing_extra_is_named_before_any_work(
-    by_pip: Environment, words: tuple[str, ...], extra: str
-) -> None:
-    shutil.copy(SCENES / BOARD, by_pip.folder)
-    run = by_pip.run(*words)
-    assert run.returncode == 2
-    assert f"pip install 'taction[{extra}]'" in run.stderr
-    assert "Traceback" not in run.stderr
 
 
 def test_extras_bring_what_their_options_need(by_uv: Environment) -> None:

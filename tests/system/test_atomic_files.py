@@ -20,31 +20,6 @@ from taction.system.output_files import ABANDONED, write_atomically
 from taction.system.processes import clear_abandoned, make_own_folder, own_folder
 from tests.support.running import is_running
 
-# A limit on the size of files is the kernel's own "no space": the write fails half way.
-FULL = """
-import resource, signal, sys
-from taction.system.errors import InputError
-from taction.system.output_files import write_atomically
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
-try:
-    write_atomically(sys.argv[1], "x" * 20_000)
-except InputError as error:
-    print(error)
-"""
-
-
-def test_a_disk_that_is_full_leaves_the_old_file_whole(tmp_path: Path) -> None:
-    file = tmp_path / "baseline.json"
-    file.write_text("old")
-    run = subprocess.run(
-        [sys.executable, "-B", "-c", FULL, str(file)], capture_output=True, text=True, check=True
-    )
-    assert str(file) in run.stdout
-    assert "File too large" in run.stdout
-    assert file.read_text() == "old"
-    assert [path.name for path in tmp_path.iterdir()] == ["baseline.json"]
-
 
 def test_a_new_file_has_the_permissions_of_any_other_and_an_old_one_keeps_its_own(
     tmp_path: Path,

@@ -80,6 +80,15 @@ def test_noise_is_covered_by_sigma(rng):
     assert 0.4 < np.sqrt(np.mean(np.square(pulls))) < 1.3  # neither boastful nor useless
 
 
+def test_only_the_stretch_before_saturation_is_fitted():
+    time = np.linspace(0, 2.5e-3, 50001)
+    mode = fitted(time, np.tanh(1e-4 * ring(time, 6e3))[:, None])
+    assert mode.growth_rate == pytest.approx(6e3, rel=1e-4)
+    assert mode.frequency == pytest.approx(F0, rel=1e-6)
+    assert mode.stop < np.log(0.5 / 1e-4) / 6e3
+    assert mode.doubt == ""
+
+
 def uneven_periods(rng, points, periods=60):
     return uneven(rng, periods / F0, round(points * periods) + 1)
 

@@ -21,6 +21,7 @@ from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.reference.problem import Problem, Solution, solution_difference
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
 from taction.verification.reference.solve import solve
+from taction.verification.reference.stacked_least_squares import factorise
 from tests.support.oracle import (
     count_claims,
     error_of,
@@ -186,6 +187,17 @@ def test_bounds_on_the_slope(entry: Regulariser) -> None:
         inside = reached < 1.0 if entry is REGULARISERS["tanh"] else np.ones_like(V, dtype=bool)
         slope = entry.slope(entry.inverse(reached[inside]))
         assert np.all(slope <= entry.slope_bound(u[inside]) * (1 + 1e-6) + rise + 1e-6)
+
+
+def test_qr_keeps_digits_that_normal_equations_lose(rng: np.random.Generator) -> None:
+    U, V = (np.linalg.qr(rng.standard_normal((6, 6)))[0] for _ in range(2))
+    sigma = np.logspace(0, -7, 6)
+    T, y = (U * sigma) @ V.T, rng.standard_normal(6)
+    mu = 1e-24
+    solved = factorise(T, mu)(T @ y, np.zeros(6))
+    assert solved == pytest.approx(y, abs=1e-7)
+    gram = T.T @ T
+    assert np.max(np.abs(np.linalg.solve(gram, T.T @ (T @ y)) - y)) > 1e-4
 
 
 SIGMA = 0.1
