@@ -19,8 +19,7 @@ from taction.netlist_gen.board.parts import ResistorMatrix, entry_voltages
 from taction.spice_models.input_errors import CHANGES
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.cell_stamps import gain_stage
-from taction.verification.engines.statespace.equations.stamps import stamp
+from taction.verification.engines.statespace.equations.stamps import gain_stage, stamp
 from taction.verification.engines.statespace.linearised.equilibrium import balance, scaled_jacobian
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 
