@@ -159,12 +159,6 @@ def test_a_table_that_cannot_be_opened(tmp_path: Path, name: str) -> None:
     assert "expected numbers separated by commas" in result.stderr
 
 
-@pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
-def test_every_shipped_scene_loads_and_carries_its_file_name(path: Path) -> None:
-    scene = load_scene(path)
-    assert (scene.name, scene.file, scene.folder) == (path.stem, path, SCENES)
-
-
 def test_a_byte_order_mark_is_no_mistake(tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
     path.write_text("\ufeff" + TACTILE, encoding="utf-8")
