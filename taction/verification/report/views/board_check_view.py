@@ -152,12 +152,16 @@ def _nearest_stable(found: BoardCheck) -> str:
 def _outputs(found: BoardCheck) -> Iterator[Content]:
     columns = {
         "output": lambda each: each.name,
-        "before": lambda each: number_cell(each.before, "V", 6),
+        "before": lambda each: number_cell(
+            each.before if abs(each.before) > each.rest_bound else 0.0, "V", 6
+        ),
         "at rest": lambda each: _with(each.rest, each.rest_bound, "V", 5, found.amplitude),
         **_answers(found.measurements.band, over=False),
     }
-    step = quantity(found.amplitude, "V")
-    yield Table.of("", found.outputs, columns, f"Shares of the largest step, {step}. {KNOWN}")
+    step = f"Shares of the largest step, {quantity(found.amplitude, 'V')}. " * (
+        found.amplitude > 0.0
+    )
+    yield Table.of("", found.outputs, columns, f"{step}{KNOWN}")
     yield f"output noise: {found.noise.unknown}" if found.noise.unknown else ""
 
 

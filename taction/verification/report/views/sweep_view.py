@@ -95,8 +95,12 @@ class Plane:
             return EDGE
         if (self.growth > 0.0).any() and (self.growth < 0.0).any():
             return " Stable at some points, unstable at others: no line is between listed values."
+        signs = {*np.sign(self.growth[np.isfinite(self.growth)]).tolist()}
+        if len(signs) != 1:
+            return ""
+        how = {-1.0: "stable", 1.0: "unstable", 0.0: "at the edge of stability"}[signs.pop()]
         where = "at every point" if np.isfinite(self.growth).all() else "where it is known"
-        return f" Stability is the same {where}."
+        return f" The board is {how} {where}."
 
     def chart(self, title: str, marks: Iterable[charts.Mark], summary: str) -> charts.Chart:
         """Return a chart of `marks` with the boundary."""

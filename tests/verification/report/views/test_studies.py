@@ -169,10 +169,10 @@ def test_a_limit_among_the_values_is_an_edge(limits: list[float]) -> None:
 @pytest.mark.parametrize(
     ("growth", "sentence"),
     [
-        ([[-1.0, -2.0], [-1.0, -3.0]], "Stability is the same at every point."),
-        ([[1.0, 2.0], [1.0, 3.0]], "Stability is the same at every point."),
+        ([[-1.0, -2.0], [-1.0, -3.0]], "The board is stable at every point."),
+        ([[1.0, 2.0], [1.0, 3.0]], "The board is unstable at every point."),
         ([[-1.0, 2.0], [-1.0, -3.0]], "Stable at some points, unstable at others"),
-        ([[-1.0, NONE], [-1.0, -3.0]], "Stability is the same where it is known."),
+        ([[-1.0, NONE], [-1.0, -3.0]], "The board is stable where it is known."),
     ],
 )
 def test_a_map_of_lists_says_whether_its_points_are_stable(
