@@ -348,5 +348,5 @@ def test_ctrl_c_keeps_the_samples_and_says_so(tmp_path: Path) -> None:
     assert "interrupted; the report holds the finished samples" in err
     document = json.loads(out)
     assert document["complete"] is False
-    assert 5 <= document["samples"] < 100000
-    assert document["samples"] <= stored(file)
+    # One that is stored while the signal comes may not be in the report.
+    assert max(stored(file) - 1, 4) <= document["samples"] <= stored(file) < 100000
