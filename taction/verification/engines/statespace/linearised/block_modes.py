@@ -289,24 +289,31 @@ def _separated(modes: BlockModes) -> tuple[Complexes, Ints, Complexes, Complexes
     size = np.abs(modes.F)
     mixed = (size > FAR * np.abs(s[:, None] - s)) & (size > IMPROVABLE * modes.E)
     mixed &= alone & alone[:, None]
-    np.fill_diagonal(mixed, val=False)
-    every = np.arange(len(s))
-    other = np.where(alone, mates, every)
-    mixed |= mixed[np.ix_(other, other)]
-    mixed[every, other] |= mixed.any(axis=0) | mixed.any(axis=1)  # modes stay with conjugates
-    label = components(mixed)
+    own = np.where(alone, mates, np.arange(len(s)))
+    label = components(mixed | mixed[np.ix_(own, own)])
     numbers, counts = np.unique(label, return_counts=True)
-    T, X, W, mates, changed = modes.T.copy(), modes.X.copy(), modes.W.copy(), mates.copy(), False
+    if not np.any(counts > 1):
+        return modes.T, mates, modes.X, modes.W
+    T, X, W, mates = modes.T.copy(), modes.X.copy(), modes.W.copy(), mates.copy()
+    changed = False
     for number in numbers[counts > 1].tolist():
         own = np.flatnonzero(label == number)
-        # In the vectors' real and imaginary parts, conjugates stay apart.
-        real = np.linalg.inv(_joined(np.eye(len(own)), np.searchsorted(own, modes.mates[own])))
-        acting = (modes.T - modes.F)[np.ix_(own, own)]
-        poles, turn = np.linalg.eig(np.linalg.solve(real, acting @ real).real)
-        turn = real @ turn
-        if np.linalg.cond(turn) < SEPARABLE:
-            T[own, own], X[:, own], W[own] = poles, X[:, own] @ turn, np.linalg.solve(turn, W[own])
-            mates[own], changed = own[_places_of_mates(poles)], True
+        acting, other = (modes.T - modes.F)[np.ix_(own, own)], modes.mates[own]
+        closed = np.isin(other, own)
+        if closed.all():  # the vectors' real and imaginary parts keep conjugates apart
+            real = np.linalg.inv(_joined(np.eye(len(own)), np.searchsorted(own, other)))
+            poles, turn = np.linalg.eig(np.linalg.solve(real, acting @ real).real)
+            turn, other = real @ turn, own[_places_of_mates(poles)]
+        elif own[0] < other[0]:
+            poles, turn = np.linalg.eig(acting)
+        else:
+            continue  # with its conjugates
+        if not np.linalg.cond(turn) < SEPARABLE:
+            continue
+        T[own, own], X[:, own], W[own] = poles, X[:, own] @ turn, np.linalg.solve(turn, W[own])
+        mates[own], changed = other, True
+        if not closed.any():
+            T[other, other], X[:, other], W[other] = poles.conj(), X[:, own].conj(), W[own].conj()
     return (T, mates, X, W) if changed else (modes.T, modes.mates, modes.X, modes.W)
 
 
