@@ -11,12 +11,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
 from taction.verification.engines.statespace.linearised.reduction import ROUNDED, Reduced
 
-WANTED = 1e-7  # of the largest voltage: error of a response, above which a Newton step is tried
+WANTED = 1e-9  # of the largest voltage: error of a response, above which a Newton step is tried
 ENOUGH = 1e-7  # ... above which nearly parallel modes are grouped
 UNDRIVEN = 1e-6  # of its terms: a smaller response to the sources may be rounding
 NEWTON = 6  # largest number of steps
@@ -184,31 +183,29 @@ def certify(
     reduced: Reduced, T: Complexes, group: Ints, mates: Ints, X: Complexes, W: Complexes
 ) -> BlockModes:
     """Compare vectors with the pencil; W is scaled to ``W M V`` of unit diagonal."""
-    pencil, n = reduced.pencil, len(T)
-    M, K, X = pencil.M, pencil.K, _joined(_parts(X, mates), mates)
-    seen = reduced.seen @ _parts(X, mates)
-    V, MV, KV = (_joined(each, mates) for each in (seen, M @ seen, K @ seen))
+    pencil, V = reduced.pencil, _product(reduced.seen, X)
+    M, K, n = pencil.M, pencil.K, len(T)
+    MV, KV = _product(M, V), _product(K, V)
     norm = np.einsum("ij,ji->i", W, MV)
-    rows = _parts((W / np.where(norm != 0.0, norm, 1.0)[:, None]).T, mates).T
-    W = _joined(rows.T, mates).T
+    W = W / np.where(norm != 0.0, norm, 1.0)[:, None]
     sizes, weights = np.abs(V), np.abs(W)
     charge = pencil.mass @ sizes
-    mixed = np.abs(_between(rows, MV, mates) - np.eye(n)) + ROUNDED * (weights @ charge)
+    mixed = np.abs(W @ MV - np.eye(n)) + ROUNDED * (weights @ charge)
     nu = mixed.sum(axis=1).max(initial=0.0)
     single = n == len(set(group.tolist()))
     R = MV * np.diag(T) - KV if single else MV @ T - KV
     rounding = charge * np.abs(np.diag(T)) if single else charge @ np.abs(T)
     rounding = ROUNDED * (rounding + pencil.pull @ sizes)
-    F, E = _between(rows, R, mates), weights @ rounding
+    F, E = W @ R, weights @ rounding
     unseen = np.zeros_like(sizes)
     if reduced.first is not None:
         a, p, inverse = reduced.first
         unseen[p] = np.abs(inverse) @ (np.abs(R[a]) + rounding[a])
         size, charged = np.abs(T), bool(pencil.mass[:, p].any())
-        coupled = _joined((rows @ K[:, p]).T, mates).T
+        coupled = _product(K[:, p].T, W.T).T
         doubt = weights @ pencil.pull[:, p]
         if charged:
-            WM = _joined((rows @ M[:, p]).T, mates).T
+            WM = _product(M[:, p].T, W.T).T
             coupled = (np.diag(T)[:, None] * WM if single else T @ WM) - coupled
             doubt += size @ (weights @ pencil.mass[:, p])
         lost = np.abs(coupled) + ROUNDED * doubt
@@ -222,29 +219,22 @@ def certify(
         E = E + mixed @ (np.abs(F) + E) / (1.0 - nu)
     if not (nu < 0.5 and np.all(np.isfinite(E))):
         E = np.full_like(E, np.inf)
+    np.fill_diagonal(F, _with_conjugates(np.diag(F), mates))
     return BlockModes(reduced, T, group, mates, X, V, W, F, E, mixed, unseen)
 
 
-def _parts(columns: NDArray[Any], mates: Ints) -> NDArray[Any]:
-    """Return real and imaginary parts in the place of columns that are conjugate."""
-    found, first = columns.copy(), np.flatnonzero(mates >= np.arange(len(mates)))
-    found[:, mates[first]] = columns.imag[:, first]
-    found[:, first] = columns.real[:, first]
-    return found if np.any(mates < 0) else found.real
+def _product(A: Floats, V: Complexes) -> Complexes:
+    """Return the product of a real and a complex matrix, at half the cost of a complex one."""
+    n = V.shape[1]
+    both = A @ np.concatenate([V.real, V.imag], axis=1)
+    return np.asarray(both[:, :n] + 1j * both[:, n:])
 
 
-def _joined(parts: NDArray[Any], mates: Ints) -> Complexes:
-    """Return the columns of `_parts`, conjugate to the bit."""
-    found, first = parts + 0j, np.flatnonzero(mates > np.arange(len(mates)))
-    second = mates[first]
-    real, imaginary = parts[:, first], 1j * parts[:, second]
-    found[:, first], found[:, second] = real + imaginary, real - imaginary
+def _with_conjugates(values: Complexes, mates: Ints) -> Complexes:
+    """Return values of modes, or vectors as rows, that are conjugate where the modes are mates."""
+    found, known = values.copy(), mates >= 0
+    found[known] = 0.5 * (values[known] + values[mates[known]].conj())
     return found
-
-
-def _between(rows: NDArray[Any], columns: Complexes, mates: Ints) -> Complexes:
-    """Return the products of vectors with columns, of which `rows` are the parts."""
-    return _joined(_joined((rows @ _parts(columns, mates)).T, mates).T, mates)
 
 
 def eigenmodes(reduced: Reduced) -> BlockModes:
@@ -258,10 +248,12 @@ def eigenmodes(reduced: Reduced) -> BlockModes:
         rows = np.linalg.inv(parts / scale[:, None]) / scale
     except np.linalg.LinAlgError:
         return group_modes(reduced, s, np.ones(len(s), dtype=np.bool_), GROUPS[0][1])
-    real, mates = np.diag(s.real), _places_of_mates(s)
-    real[upper, lower], real[lower, upper] = s.imag[upper], s.imag[lower]
-    W = _joined(reduced.lefts(real, rows).T, mates).T.conj()
-    return certify(reduced, np.diag(s + 0j), np.arange(len(s)), mates, vectors + 0j, W)
+    Y = rows.astype(np.complex128)
+    Y[upper] = (rows[upper] - 1j * rows[lower]) / 2.0
+    Y[lower] = Y[upper].conj()
+    T = np.diag(s.astype(np.complex128))
+    numbers, mates = np.arange(len(s)), _places_of_mates(s)
+    return certify(reduced, T, numbers, mates, vectors + 0j, reduced.lefts(T, Y))
 
 
 def newton_step(modes: BlockModes) -> BlockModes:
@@ -280,6 +272,7 @@ def newton_step(modes: BlockModes) -> BlockModes:
         T = np.asarray(T - np.where(same, np.triu(modes.F), 0.0))
     pencil = modes.reduced.pencil
     W = np.asarray(np.linalg.solve(W @ (pencil.M @ (modes.reduced.seen @ X)), W))
+    X, W = _with_conjugates(X.T, mates).T, _with_conjugates(W, mates)
     return certify(modes.reduced, T, modes.group, mates, X, W)
 
 
@@ -301,7 +294,7 @@ def _separated(modes: BlockModes) -> tuple[Complexes, Ints, Complexes, Complexes
         acting, other = (modes.T - modes.F)[np.ix_(own, own)], modes.mates[own]
         closed = np.isin(other, own)
         if closed.all():  # the vectors' real and imaginary parts keep conjugates apart
-            real = np.linalg.inv(_joined(np.eye(len(own)), np.searchsorted(own, other)))
+            real = _real_basis(np.searchsorted(own, other))
             poles, turn = np.linalg.eig(np.linalg.solve(real, acting @ real).real)
             turn, other = real @ turn, own[_places_of_mates(poles)]
         elif own[0] < other[0]:
@@ -320,6 +313,16 @@ def _separated(modes: BlockModes) -> tuple[Complexes, Ints, Complexes, Complexes
 def _places_of_mates(poles: Complexes) -> Ints:
     """Return the places of the conjugates of poles as LAPACK orders them, (n,)."""
     return np.arange(len(poles)) + np.sign(poles.imag).astype(np.int64)
+
+
+def _real_basis(mates: Ints) -> Complexes:
+    """Return the combinations of modes that are real, as columns, (m, m)."""
+    one = np.eye(len(mates), dtype=np.complex128)
+    places = np.arange(len(mates))
+    found = 0.5 * (one + one[:, mates])
+    second = mates < places
+    found[:, second] = -0.5j * (one - one[:, mates])[:, second]
+    return found
 
 
 def conditions(modes: BlockModes) -> Floats:
