@@ -99,7 +99,8 @@ class OpenTable(Mapping[str, T]):
         return iter([*own, *others])
 
     def __len__(self) -> int:
-        return sum(map(len, self._entries()))
+        own, others = self._entries()
+        return len(own) + len(others)
 
     def __contains__(self, name: object) -> bool:
         return any(name in table for table in self._entries())
