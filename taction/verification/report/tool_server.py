@@ -10,9 +10,11 @@ from __future__ import annotations
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import suppress
 from importlib import metadata
@@ -22,9 +24,10 @@ from typing import TYPE_CHECKING, Any, cast
 from taction.system.errors import Complaint, InputError, NoVerdictError
 from taction.system.foreign_files import FOLDERS, MEGABYTE
 from taction.system.output_files import check_extra
-from taction.system.processes import guard
+from taction.system.processes import ENDING, guard
 
 if TYPE_CHECKING:
+    import anyio
     from mcp.server.lowlevel import Server
     from mcp.types import CallToolResult
 
@@ -65,12 +68,33 @@ def serve(folder: str | Path, limit: float) -> None:
     import anyio
     from mcp.server.stdio import stdio_server
 
+    # A handler that raises would end the task that runs just then, or a callback.
+    main, received = threading.current_thread() is threading.main_thread(), list[int]()
+    handlers = {n: signal.getsignal(n) for n in ENDING if main and callable(signal.getsignal(n))}
+
+    async def watch(scope: anyio.CancelScope) -> None:
+        """End all tasks at a signal."""
+        with anyio.open_signal_receiver(*map(signal.Signals, handlers)) as signals:
+            async for number in signals:
+                received.append(number)
+                scope.cancel()
+
     async def run() -> None:
-        async with stdio_server(cast(Any, _Lines())) as (read, write):
-            await made.run(read, write, made.create_initialization_options())
+        async with anyio.create_task_group() as group:
+            if handlers:
+                group.start_soon(watch, group.cancel_scope)
+            async with stdio_server(cast(Any, _Lines())) as (read, write):
+                await made.run(read, write, made.create_initialization_options())
+            group.cancel_scope.cancel()
 
     try:
-        anyio.run(run)
+        try:
+            anyio.run(run)
+        finally:  # asyncio leaves the handlers of Python
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+        for number in received[:1]:
+            signal.raise_signal(number)
     except BaseExceptionGroup as group:  # of the tasks that read, answer and write
         error: BaseException = group
         while isinstance(error, BaseExceptionGroup):

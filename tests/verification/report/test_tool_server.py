@@ -137,7 +137,8 @@ def first_words() -> bytes:
     return json.dumps(asked).encode() + b"\n"
 
 
-def test_a_signal_ends_the_server_while_stdin_is_open(folder: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_the_server_while_stdin_is_open(folder: Path, number: int) -> None:
     words = [sys.executable, "-P", "-m", "taction", "mcp", str(folder)]
     pipe = subprocess.PIPE
     with subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=pipe) as process:
@@ -147,7 +148,7 @@ def test_a_signal_ends_the_server_while_stdin_is_open(folder: Path) -> None:
         process.stdin.write(first_words())
         process.stdin.flush()
         assert b"taction" in process.stdout.readline()
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(20.0) == 128 + signal.SIGTERM
+        process.send_signal(number)
+        assert process.wait(20.0) == 128 + number
         said = process.stderr.read()
     assert said == b"taction: interrupted; no verdict was reached\n"
