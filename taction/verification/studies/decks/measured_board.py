@@ -78,8 +78,10 @@ class MeasuredBoard:
 
         Where one output has none, the others are known by themselves, and this one is NaN.
         """
-        if not self.poles.known_stable or self.apart.beyond:
+        if not self.poles.known_stable:
             return OutputNoise(unknown="only a board that is known to be stable has noise at rest")
+        if self.apart.beyond:
+            return OutputNoise(unknown=FAR)
         circuit = self.board.circuit
         flicker = any(model.flicker_noise > 0.0 for model in circuit.models.values())
         low = self.lowest or (LOWEST if flicker else 0.0)

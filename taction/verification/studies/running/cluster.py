@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 from taction.system.errors import Complaint, InputError, NoVerdictError, SimulationError
 from taction.system.output_files import check_extra
+from taction.system.progress import Notice, Progress
 from taction.verification.studies.running import study
 from taction.verification.studies.running.study import Workers
 from taction.verification.studies.running.versions import own_version, simulator_name
@@ -60,12 +61,12 @@ def cluster(address: str, announce: Callable[[str], None] = lambda text: None) -
 
 
 def workers_at(
-    address: str | None,
-    jobs: int | None = None,
-    announce: Callable[[str], None] = lambda text: None,
+    address: str | None, jobs: int | None = None, progress: Progress = lambda stage: None
 ) -> AbstractContextManager[Workers]:
     """Return the cluster at `address`, or `jobs` processes here if it is None."""
-    return study.local(jobs) if address is None else cluster(address, announce)
+    if address is None:
+        return study.local(jobs)
+    return cluster(address, lambda text: progress(Notice(text)))
 
 
 def check_address(address: str) -> None:

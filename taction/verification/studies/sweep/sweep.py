@@ -195,7 +195,7 @@ def computed(
 ) -> SweepCounts:
     """Compute what `store` lacks, by processes here or a cluster."""
     try:
-        with workers_at(cluster, jobs, lambda text: progress(Notice(text))) as workers:
+        with workers_at(cluster, jobs, progress) as workers:
             return sweep_points(plan, store, workers, progress=progress)
     except KeyboardInterrupt:
         stored = f"{store.count()} results are in {store.path}; the same command continues"

@@ -23,7 +23,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.documents import HIDDEN
 from taction.system.errors import Complaint, InputError
-from taction.system.progress import Notice, Progress
+from taction.system.progress import Progress
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.lambda_rule import read_scene
@@ -156,7 +156,7 @@ def corners(
     if named:
         found = named_corners(board, named, progress)
         return CornerStudy(board.name, board.quantities, found, scene=scene)
-    with workers_at(cluster, jobs, lambda text: progress(Notice(text))) as workers:
+    with workers_at(cluster, jobs, progress) as workers:
         return replace(worst_of(board, workers, progress), scene=scene)
 
 

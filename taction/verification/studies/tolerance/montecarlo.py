@@ -21,7 +21,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.documents import taken
 from taction.system.errors import Complaint, InputError, Interrupted
-from taction.system.progress import Notice, Progress
+from taction.system.progress import Progress
 from taction.system.quantities import fraction, percent
 from taction.system.results import Result
 from taction.verification.reference.lambda_rule import read_scene
@@ -341,8 +341,7 @@ def montecarlo(
     width, board, found, passed = half_width(until), prepare(read_scene(scene, engine)), [], 0
     complete, path = True, ":memory:" if output is None else str(output)
     try:
-        announced = workers_at(cluster, jobs, lambda text: progress(Notice(text)))
-        with Store(path) as store, announced as workers:
+        with Store(path) as store, workers_at(cluster, jobs, progress) as workers:
             for sample in run_samples(board, samples, seed, workers, store):
                 found.append(sample)
                 passed += sample.outcome == "pass"
