@@ -316,6 +316,10 @@ class _Measured:
                 found = [each[:n] @ np.linalg.inv(each[n:]) for each in found]
             except np.linalg.LinAlgError:
                 found = [np.full(each[:n].shape, np.nan) for each in found]
+            # all currents sum to zero: the one beside the largest conductance is known least
+            least = min(self.ohms, key=lambda i: self.ohms[i])
+            for each in found:
+                each[least] -= each.sum(axis=0)
         self.G, self.C, wrong = _fit(np.array(found))
         wrong = wrong or _wrong_state(element, self.G, self.held, models)
         if not wrong and element.out and element.out[0] == "v" and np.any(self.C):

@@ -125,8 +125,16 @@ RL out 0 10k
 Q1 c b e q
 .model q NPN(Is=6.734f Bf=255.9 Vaf=74.03 Cje=4.493p Tf=301.2p)"""
 
+LEAKING = """Vin in 0 DC -5 AC 1
+D1 in k dx
+Vk k 0 0
+F1 0 out Vk 40meg
+R1 out 0 1k
+C1 out 0 1n
+.model dx D(Is=800f rs=1)"""  # 1 pS behind 1 S, times 4e7
 
-@pytest.mark.parametrize("text", [PAIR, FIELD, EMITTER])
+
+@pytest.mark.parametrize("text", [PAIR, FIELD, EMITTER, LEAKING])
 def test_every_node_responds_as_in_ngspice(text: str, tmp_path: Path) -> None:
     """From the source and from currents into every node, within 1e-6."""
     assert agrees(checked(tmp_path, text))
