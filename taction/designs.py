@@ -37,7 +37,7 @@ def netlist(
     output : path, optional
         Write the deck into this file.
     explain : bool
-        List the omitted parts, the reasons, and what pruning changes and saves, on stderr.
+        List the omitted parts, the reasons, and what pruning changes, on stderr.
 
         In Python: `circuit.omissions` of the result, and its `pruning`.
     split : bool

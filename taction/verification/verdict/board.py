@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -146,7 +146,8 @@ class Board:
             return self.small
         plan = self.plan
         found = PartLoads.of(self.linear, transient=plan.transient, tolerance=plan.tolerance)
-        return found.beside(self.small)
+        simulated = tuple(load for load in self.small.loads if load.is_above)
+        return replace(found, simulated=simulated)
 
     @cached_property
     def spread(self) -> InputSpread | None:

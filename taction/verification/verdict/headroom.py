@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Literal, cast
 
 import numpy as np
@@ -27,10 +27,8 @@ TOLERANCE = 1e-3  # of a board without exact solution, in step amplitudes
 INSTANTS = 1000  # of such a board, in geometric progression
 EARLIEST = 1e-6  # of the record: the first of them
 
-Quantity = Literal["voltage", "slope", "current", "drive"]
-DRIVE: Quantity = "drive"
-"""The input of an op-amp at the large-signal level; beyond its range the output slews."""
-UNITS: dict[Quantity, str] = {"voltage": "V", "slope": "V/s", "current": "A", "drive": "V"}
+Quantity = Literal["voltage", "slope", "current"]
+UNITS: dict[Quantity, str] = {"voltage": "V", "slope": "V/s", "current": "A"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,18 +36,17 @@ class Load:
     """What one op-amp has to do."""
 
     DOCUMENT = (
-        *("part", "quantity", "peak", "limit", "rest", "error", "slewing [s]"),
+        *("part", "quantity", "peak", "limit", "rest", "error"),
         *("time [s] = at # of the peak; null at rest", "share", "unit"),
     )
 
     part: str  # name of the op-amp in the circuit
-    quantity: Quantity  # of the output, or `DRIVE`
+    quantity: Quantity  # of the output
     peak: float  # largest size over all time, in the quantity's unit
     limit: float  # of the part, in the quantity's unit
     at: float  # instant of the peak, s; infinite at rest
     rest: float  # size at the equilibrium, in the quantity's unit
     error: float  # bound on the error of `peak`, in the quantity's unit
-    slewing: float | None = None  # how long the simulated op-amp slews, s; None without slew rate
 
     @property
     def share(self) -> float:
@@ -75,19 +72,13 @@ def _rows(circuit: Circuit) -> Iterator[_Row]:
     """Yield what the op-amps have to do; limits that they have in their model are no loads."""
     for cell in circuit.opamps:
         model, out = circuit.models[cell.model], cell.output
-        swing = model.swing(circuit.supply)
-        if model.large_signal:
-            ends = {
-                cell.noninverting: 1.0 / model.input_range,
-                cell.inverting: -1.0 / model.input_range,
-            }
-            ends.pop("0", None)
-            yield cell.name, DRIVE, model.input_range, ends
-        else:
-            limits: dict[Quantity, float] = {"voltage": swing, "slope": model.slew_rate}
-            for quantity, limit in limits.items():
-                if math.isfinite(limit):
-                    yield cell.name, quantity, limit, {out: 1.0 / limit}
+        limits: dict[Quantity, float] = {
+            "voltage": model.swing(circuit.supply),
+            "slope": model.slew_rate,
+        }
+        for quantity, limit in limits.items():
+            if math.isfinite(limit) and not model.large_signal:
+                yield cell.name, quantity, limit, {out: 1.0 / limit}
         if model.has_largest_current and not model.is_current_limited:
             weight = 1.0 / (model.output_resistance * model.output_current)
             across = {node: weight * gain for node, gain in _behind_the_output(circuit, cell)}
@@ -136,27 +127,24 @@ def _loads(
     rest = np.abs(weights @ np.array([board.equilibrium[node] for node in nodes]))
     rest[slopes] = 0.0
     loads = (
-        Load(
-            *(part, quantity, peak * limit, limit, when, still * limit, error * limit),
-            beyond if quantity == DRIVE else None,
-        )
-        for (part, quantity, limit, _), peak, when, error, beyond, still in zip(
+        Load(part, quantity, peak * limit, limit, when, still * limit, error * limit)
+        for (part, quantity, limit, _), peak, when, error, still in zip(
             rows, *(each.tolist() for each in (*found, rest)), strict=True
         )
     )
     return tuple(sorted(loads, key=lambda load: (-load.share, load.part, load.quantity)))
 
 
-Peaks = tuple[Floats, Floats, Floats, Floats]
-"""Of K sizes: the largest, when that is, s, a bound on its error, and how long it is above 1, s."""
+Peaks = tuple[Floats, Floats, Floats]
+"""Of K sizes: the largest, when that is, s, and a bound on its error."""
 
 
 def _exact_peaks(solution: Exact) -> Peaks:
-    """Return the peaks of a solution; how long they are above 1 is not looked for."""
+    """Return the peaks of a solution."""
     count = len(solution.final)
     found = np.array(ExactTrace(solution, np.ones(count), np.zeros(count), PRECISION, DETAIL).peaks)
     heights, doubts, at = np.where(found[0, 0] > found[0, 1], found[:, 0], found[:, 1])
-    return heights, at, doubts, np.zeros(count)
+    return heights, at, doubts
 
 
 def _record(
@@ -189,8 +177,7 @@ def _sampled_peaks(time: Floats, values: Floats, slopes: Bools) -> Peaks:
     fine = sizes(1)
     peaks = fine.max(axis=1)
     errors = np.abs(peaks - sizes(2).max(axis=1)) + PRECISION
-    beyond = np.trapezoid(np.where(fine > 1.0, 1.0, 0.0), time, axis=1)
-    return peaks, time[fine.argmax(axis=1)], errors, beyond
+    return peaks, time[fine.argmax(axis=1)], errors
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,15 +189,6 @@ class PartLoads:
     unknown: str = ""  # why the loads are not known, or empty
     unit_voltage: float | None = None  # U0, V, of a board whose loads are proportional to U0
     simulated: tuple[Load, ...] = ()  # of the small-signal board, where the simulated op-amps limit
-    slewing: Mapping[str, float | None] = field(default_factory=dict)  # how long, s, by part
-
-    def beside(self, small: PartLoads) -> PartLoads:
-        """Return these loads of a large-signal board with those of its `small`-signal board."""
-        simulated = [load for load in small.loads if load.is_above]
-        for k, load in enumerate(simulated):
-            if load.quantity == "slope" and not self.unknown:
-                simulated[k] = replace(load, slewing=self.slewing.get(load.part, 0.0))
-        return replace(self, simulated=tuple(simulated))
 
     @classmethod
     def of(
@@ -232,9 +210,7 @@ class PartLoads:
             return cls((), f"the loads of the op-amps are not known: {error}", volts)
         first = {load.quantity: load for load in reversed(loads)}
         chosen = (load for load in loads if load.is_above or first[load.quantity] is load)
-        kept = tuple(load for load in chosen if load.quantity != DRIVE)
-        slewing = {load.part: load.slewing for load in loads if load.quantity == DRIVE}
-        return cls(kept, "", volts, slewing=slewing)
+        return cls(tuple(chosen), "", volts)
 
     @property
     def impossible(self) -> tuple[Load, ...]:
@@ -274,10 +250,9 @@ def amount(load: Load, value: float) -> str:
 def limited_text(load: Load) -> str:
     """Return what the limit of a simulated op-amp does, and what the op-amp would need."""
     does = {"slope": "slew rate counts", "voltage": "clips", "current": "limits its current"}
-    text = f"slews for {show(load.slewing, 's', 2)}" if load.slewing else does[load.quantity]
     (number, unit), needed = amount(load, load.limit).split(" "), amount(load, load.peak)
     limit = number if needed.endswith(f" {unit}") else f"{number} {unit}"
-    return f"{text}: needs {needed} of {limit}"
+    return f"{does[load.quantity]}: needs {needed} of {limit}"
 
 
 def describe(load: Load) -> str:

@@ -1,7 +1,4 @@
-"""What pruning changes and saves: the steady state, with its bound, and parts.
-
-The deck of a scene, and the files that it is written to.
-"""
+"""The deck of a scene, the files that it is written to, and what pruning changes."""
 
 from __future__ import annotations
 
@@ -13,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import FILE_NAME, Deck, write_deck
 from taction.netlist_gen.deck.dialects import DIALECTS, NATIVE
 from taction.netlist_gen.scene.inverse_problem import make_problem
@@ -34,16 +30,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pruning:
-    """The steady state, and the parts, without the small entries of T."""
+    """The steady state without the small entries of T."""
 
-    DOCUMENT = ("entries", "change [V]", "bound [V]", "resistors", "opamps")
+    DOCUMENT = ("entries", "change [V]", "bound [V]")
 
     entries: int  # number of entries of T that the board leaves out
     target: Floats  # (N,): the optimum with the pruned T, V
     change: float  # largest deviation of `target` from the optimum with the whole T, V
     bound: float  # on that deviation, V; infinite if a solution is not trusted
-    resistors: int | None = None  # fewer than with the whole T; None if that cannot be built
-    opamps: int | None = None
 
     @classmethod
     def of(cls, network: IdealNetwork, fraction: float, solution: Solution) -> Pruning | None:
@@ -60,35 +54,14 @@ class Pruning:
     def text(self) -> str:
         """The numbers in words."""
         text = f"moves the steady state by {show(self.change, 'V', 3)}"
-        if math.isinf(self.bound):
-            text += ", without a bound: a solution is not trusted"
-        if self.resistors is None:
-            return f"{text}; with the whole T the board cannot be built"
-        return f"{text}; saves {self.resistors} resistors and {self.opamps} op-amps"
+        unbounded = math.isinf(self.bound)
+        return text + ", without a bound: a solution is not trusted" * unbounded
 
 
 def pruning_of(scene: Scene) -> Pruning | None:
-    """Compare the board of `scene` with the board of the whole T; None if nothing is pruned."""
-    if not scene.design.prune:
-        return None
-    problem = make_problem(scene)
-    network = ideal_network(problem, scene)
-    found = Pruning.of(network, scene.design.prune, network.rest)
-    if found is None:
-        return None
-    kept = synthesise(scene, problem)
-    unpruned = scene.model_copy(update={"design": scene.design.model_copy(update={"prune": 0.0})})
-    try:
-        whole = synthesise(unpruned, problem)
-    except InputError:
-        return found
-    fewer = _resistors(whole) - _resistors(kept)
-    return replace(found, resistors=fewer, opamps=len(whole.opamps) - len(kept.opamps))
-
-
-def _resistors(circuit: Circuit) -> int:
-    placed = (int(np.count_nonzero(np.isfinite(matrix.ohms))) for matrix in circuit.matrices)
-    return len(circuit.resistors) + sum(placed)
+    """Compare the solution of `scene` with that of the whole T; None if nothing is pruned."""
+    network = ideal_network(make_problem(scene), scene)
+    return Pruning.of(network, scene.design.prune, network.rest)
 
 
 EVEN_POINTS = 125.0  # on a period of ringing: an error of about 1e-4 of the step in ngspice
@@ -105,7 +78,7 @@ class Netlist(Deck):
     warnings : tuple of str
         Values that cannot be bought, or that the layout undoes.
     pruning : Pruning or None
-        What pruning changes and saves; None unless asked for, or without pruning.
+        What pruning changes; None unless asked for, or without pruning.
     written : tuple of str
         The files that were written.
     """

@@ -32,11 +32,9 @@ from taction.verification.verdict.answer_error import (
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
 from taction.verification.verdict.details import (
-    VisitedSet,
     all_warnings,
     find_contradiction,
     missing_witness,
-    visited_sets,
 )
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.run import Accuracy, Run, observe
@@ -44,7 +42,7 @@ from taction.verification.verdict.run_checks import run_checks
 from taction.verification.verdict.simulation import Waiting, begin, build
 
 T = TypeVar("T")
-DETAILS = ("answer", "budget", "active_sets")
+DETAILS = ("answer", "budget")
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -143,14 +141,6 @@ class Verdict(Evidence, Result):
         """The parts of the difference of the record's end and the true stress."""
         find = partial(error_budget, self.run, self, self.answer)
         return self._detail("the error budget", find, ErrorBudget())
-
-    @cached_property
-    def active_sets(self) -> tuple[VisitedSet, ...]:
-        """The active sets of a board of piecewise linear amplifiers that the transient visits."""
-        nothing: tuple[VisitedSet, ...] = ()
-        if self.circuit.is_linear:
-            return nothing
-        return self._detail("the active sets", partial(visited_sets, self.run), nothing)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

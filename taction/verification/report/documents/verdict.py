@@ -20,7 +20,6 @@ from taction.verification.design.remedies import Remedies, StableRange, stable_r
 from taction.verification.stability.margin import Margin
 from taction.verification.studies.regression.difference import StoredKey
 from taction.verification.verdict.answer_error import ErrorBudget, ErrorPart, difference
-from taction.verification.verdict.details import VisitedSet
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.record import Record, finite
 from taction.verification.verdict.verify import Verdict
@@ -133,7 +132,6 @@ class VerdictBody:
         "timing [s] = verdict.timing",
         "cause = record.reason # why it is no pass, with value and limit; empty of a pass",
         "what_to_change? = remedies # of a failed verdict: changes that mend it",
-        "active_sets? = active_sets # of piecewise linear amplifiers: those that are visited",
     )
 
     verdict: Verdict
@@ -145,11 +143,6 @@ class VerdictBody:
     def of(cls, verdict: Verdict) -> VerdictBody:
         """Return the document of a verdict."""
         return cls(verdict, Record.of(verdict))
-
-    @property
-    def active_sets(self) -> tuple[VisitedSet, ...] | None:
-        """The active sets that the transient visits; None for a board without such amplifiers."""
-        return self.verdict.active_sets or None
 
     @property
     def states(self) -> int | None:

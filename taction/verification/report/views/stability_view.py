@@ -30,7 +30,6 @@ from taction.verification.stability.margin import AROUND, first_knob, stable_val
 from taction.verification.stability.poles import Poles
 from taction.verification.studies.onset.onset import NOT_ASKED, Onset
 from taction.verification.studies.onset.transient_trial import Side
-from taction.verification.verdict.verify import Verdict
 
 SHOWN = 2000  # poles
 MOST = 100  # channels up to which the stable values of C cost some seconds
@@ -59,16 +58,6 @@ def stability_blocks(circuit: Circuit, poles: Poles) -> tuple[Content, ...]:
     stated = f"Stable values of {name}: {ranges}."
     rows |= {f"{name} of this board": own, f"stable values of {name}": ranges}
     return f"{text} at {name} = {own}. {stated}", pole_map(poles, stated), rows
-
-
-def active_set_table(verdict: Verdict) -> Table:
-    """Return the active sets that a board of piecewise linear amplifiers visits."""
-    columns = fields(
-        "pieces = active; from = begin; stays = stay; visits; rightmost pole = rightmost;"
-        " stability = words"
-    )
-    note = "The straight piece of each channel's amplifier, counted from the left."
-    return Table.of("Active sets", verdict.active_sets, columns, note)
 
 
 def knob_ranges(circuit: Circuit, poles: Poles) -> str:

@@ -26,7 +26,7 @@ from taction.verification.report.views.answer_view import (
     yield_text,
 )
 from taction.verification.report.views.opamp_view import counts_text, packages_text
-from taction.verification.report.views.stability_view import active_set_table, stability_blocks
+from taction.verification.report.views.stability_view import stability_blocks
 from taction.verification.studies.tolerance.varied_board import VerifiedSample
 from taction.verification.verdict.answer_error import ErrorPart, worst_channel
 from taction.verification.verdict.board_power import KICAD, OWN, REPORT, BuiltBoard
@@ -84,7 +84,6 @@ def view(
             Section("Waveforms", lambda: [f(verdict) for f in records], media=DRAWN),
             Section("Waveforms", lambda: _channels(verdict), media=both),
             Section("Stability", lambda: stability_blocks(circuit, verdict.poles)),
-            Section("Active sets", lambda: active_set_table(verdict), media=detailed),
             Section(
                 "Recovered stress", lambda: waveforms.stress_chart(verdict), media="page picture"
             ),
@@ -186,14 +185,13 @@ def load_bars(loads: Iterable[Load], note: str = "", *, limited: bool = False) -
     bars = []
     for load in sorted(loads, key=lambda load: -load.share)[:LOADS]:
         at = "at rest" if math.isinf(load.at) else f"at {figure(load.at, 's', 3)}"
-        slews = f", slews for {figure(load.slewing, 's', 2)}" if load.slewing else ""
         error = load.error if math.isfinite(load.error) else 0.0
         bar = blocks.Bar(
             name=f"{load.quantity} of {load.part}",
             outcome="" if limited else "fail" if load.share > 1.0 else "pass",
             share=load.share,
             doubt=error / load.limit,
-            value=f"{figure(load.peak, load.unit, 3)} {at}{slews}",
+            value=f"{figure(load.peak, load.unit, 3)} {at}",
             limit=f"at most {figure(load.limit, load.unit, 3)}",
         )
         bars.append(bar)
