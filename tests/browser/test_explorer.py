@@ -185,19 +185,6 @@ def test_wrong_values_are_refused_and_change_nothing(explore: Callable[..., Open
     assert page.inner_text("#mistake-0") == ""
 
 
-def test_ngspice_lies_over_the_state_space(explore: Callable[..., Opened], ngspice: Path) -> None:
-    page = explore().page
-    page.click("#simulate")
-    page.wait_for_function(
-        "document.getElementById('simulation').textContent.includes('difference')", timeout=LONG
-    )
-    ours = drawn(page, "u4")[0]
-    theirs = drawn(page, "ngspice")
-    assert len(theirs) == 7
-    expected = np.interp(theirs[3][:, 0], ours[:, 0], ours[:, 1])
-    assert theirs[3][:, 1] == pytest.approx(expected, abs=5e-3 * np.abs(ours).max())
-
-
 def test_a_saved_scene_has_the_same_reading(
     explore: Callable[..., Opened], serve: Callable[[str], Server]
 ) -> None:

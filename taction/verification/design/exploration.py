@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,7 +25,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, EngineError, InputError, TactionError
-from taction.system.quantities import EXAMPLES, number, parse, show, show_rate, spaced
+from taction.system.quantities import EXAMPLES, number, parse, show, show_rate
 from taction.verification.design.trials import LAMBDA, with_lambda_held
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
@@ -39,7 +39,7 @@ from taction.verification.stability.poles import Poles, poles
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.headroom import PartLoads, describe
 from taction.verification.verdict.input_spread import outputs_at_rest
-from taction.verification.verdict.record import ERROR, Record
+from taction.verification.verdict.record import Record
 from taction.verification.verdict.transient_plan import settled_after
 from taction.verification.verdict.verify import verify
 
@@ -48,7 +48,6 @@ AROUND, AROUND_LAMBDA = 30.0, 1000.0  # times and divided by the scene's value
 LEAST_STRAY, MOST_STRAY = 1e-14, 1e-10  # F
 LEAST_NOISE, MOST_NOISE = 1e-8, 1.0  # variance, of the mean square of the strain
 STEPS, DIGITS = 1000, 4  # places of a slider, and digits of their values
-CELLS = 9  # of a slider: one verdict in the middle of each
 ZERO_PART = 0.04  # of a slider whose value may be zero: its lower end
 
 SUFFIX = ".toml"
@@ -355,9 +354,7 @@ class Judgement:
 
     record: Record  # of the verdict, or why there is none
     warnings: tuple[str, ...] = ()
-    engine: str = ""  # the simulator
     curves: ExplorerCurves | None = None
-    difference: float | None = None  # of the two engines, fraction of the step
     answer: AnswerError | None = None
 
     @classmethod
@@ -366,54 +363,24 @@ class Judgement:
         return cls(Record.without_verdict(type(error).__name__, str(error), ""))
 
 
-def judge(scene: Scene, engine: str) -> Judgement:
-    """Verify a scene with an engine."""
+def judge(scene: Scene) -> Judgement:
+    """Verify a scene with the state-space engine."""
     try:
-        verdict = verify(scene.with_engine(engine))
+        verdict = verify(scene.with_engine("statespace"))
     except TactionError as error:
         return Judgement.without_verdict(error)
-    measured, agreement, difference = verdict.measurements, verdict.agreement, None
-    if agreement is not None and not agreement.reason and measured.amplitude > 0.0:
-        difference = agreement.difference / measured.amplitude
     time, stop = verdict.waveforms.time, float(verdict.waveforms.time[-1])
-    rises = [c.rise_time.value for c in measured.channels if c.rise_time is not None]
+    rises = [c.rise_time.value for c in verdict.measurements.channels if c.rise_time is not None]
     windows = {"rise": min(WINDOW * max(rises, default=stop), stop), "whole": stop}
     return Judgement(
         Record.of(verdict, channels=False),
         verdict.warnings,
-        verdict.waveforms.simulator,
         ExplorerCurves(time, verdict.u, windows),
-        difference,
         verdict.drawn_answer,
     )
 
 
 def others(control: Control, settings: Settings) -> Settings:
-    """Return what the outcomes along a slider depend on: all values but its own."""
+    """Return what the stable values of a control depend on: all values but its own."""
     values = {path: v for path, v in settings.values.items() if path != control.path}
     return replace(settings, values=values)
-
-
-def spots(start: Start, settings: Settings) -> Iterator[tuple[Control, int, Settings]]:
-    """Yield slider, number and settings of the middle of each cell, the nearest first."""
-
-    def distance(cell: tuple[Control, int]) -> int:
-        control, place = cell
-        here = control.place(settings.values.get(control.path, control.own))
-        return round(CELLS * abs((place + 0.5) / CELLS - here))
-
-    cells = ((control, cell) for control in start.controls for cell in range(CELLS))
-    for control, cell in sorted(cells, key=distance):
-        values = {**settings.values, control.path: control.chosen((cell + 0.5) / CELLS)}
-        yield control, cell, Settings.of(start, values, settings.opamp)
-
-
-def outcome_of(scene: Scene) -> tuple[str, str]:
-    """Return the outcome of a verdict by the state-space engine, and why it is no pass."""
-    try:
-        verdict = verify(scene.with_engine("statespace"), full_margin=False)
-    except TactionError as error:
-        return ERROR, str(error).partition("\n")[0]
-    outcome = verdict.outcome
-    names = [spaced(check.name) for check in verdict.checks if check.outcome is outcome]
-    return outcome.value, "" if outcome.value == "pass" else ", ".join(names)

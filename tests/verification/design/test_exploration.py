@@ -145,7 +145,7 @@ def test_a_file_is_never_replaced(tmp_path: Path, name: str) -> None:
 
 def test_a_verdict_is_that_of_verify(start: Start) -> None:
     scene = Settings.of(start, {CAPACITANCE: 1.5e-11}).scene(start)
-    found, verdict = judge(scene, "statespace"), taction.verify(scene, engine="statespace")
+    found, verdict = judge(scene), taction.verify(scene, engine="statespace")
     assert found.record.value("settling_time") == verdict.measurements.settling_time.value
     assert found.record.outcome == verdict.outcome.value
     for column, whole in zip(found.curves.outputs.T, verdict.u.T, strict=True):
@@ -159,7 +159,7 @@ def test_a_closed_loop_board_has_its_own_slider_and_its_whole_margin() -> None:
     assert start.controls[0].name == "feedback conductance"
     view = BoardView(start.scene)
     stable = view.boundary("gf", 2e-5, 1.8e-2).stable_ranges
-    found = judge(start.scene, "statespace")
+    found = judge(start.scene)
     margin = found.record.value("margin")
     assert margin == pytest.approx(start.controls[0].own / stable[-1][0], rel=1e-6)
     assert margin is not None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +14,6 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import quantity, readable
 from taction.verification.design.exploration import (
-    CELLS,
     STEPS,
     BoardView,
     Control,
@@ -132,41 +130,6 @@ def verdict_part(found: Judgement) -> Part:
     }
 
 
-def along_part(start: Start, known: Mapping[str, Mapping[int, tuple[str, str]]]) -> Part:
-    """Return what is known of the checks along each slider: a cell, its outcome and its text."""
-    return {
-        "along": {
-            control.path: [
-                _cell(control, cell, known.get(control.path, {}).get(cell)) for cell in range(CELLS)
-            ]
-            for control in start.controls
-        }
-    }
-
-
-def _cell(control: Control, cell: int, found: tuple[str, str] | None) -> Part:
-    value = typed_value(control.chosen((cell + 0.5) / CELLS), control.unit, 3)
-    outcome, reason = found or ("unknown", "")
-    words = {"unknown": "not known yet", ERROR: "no verdict"}.get(outcome, outcome)
-    return {"outcome": outcome, "text": f"{value}: {words}{': ' * bool(reason)}{readable(reason)}"}
-
-
-def simulation_part(found: Judgement) -> Part:
-    """Return what ngspice says, beside the state-space engine."""
-    record = found.record
-    if record.outcome == ERROR:
-        return {"simulation": f"no result: {readable(record.reason)}"}
-    compared = "not compared with the state-space engine"
-    if found.difference is not None:
-        off = figure(found.difference, "step", 3)
-        compared = f"largest difference from the state-space engine {off} of the step"
-    figures = ", ".join(f"{name} {value}" for name, value in _figures(found).items())
-    undecided = [check for check in record.checks if check.outcome.value != "pass"]
-    reasons = "; ".join(readable(f"{check.name}: {check.reason}") for check in undecided)
-    text = f"{found.engine}: {record.outcome} in {quantity(record.value('seconds'), 's', 2)};"
-    return {"simulation": f"{text} {compared}; {figures}. {reasons}".rstrip()}
-
-
 def _figures(found: Judgement) -> dict[str, str]:
     value = found.record.value
     band = next(filter(None, map(band_text, found.record.checks)), "")
@@ -177,9 +140,7 @@ def _figures(found: Judgement) -> dict[str, str]:
     }
 
 
-def outputs_chart(
-    curves: ExplorerCurves, other: ExplorerCurves | None, view: BoardView, window: str
-) -> charts.Chart:
+def outputs_chart(curves: ExplorerCurves, view: BoardView, window: str) -> charts.Chart:
     """Return the outputs in a window, ``"rise"`` or ``"whole"``, with targets and bands."""
     end = curves.windows[window]
     time, outputs, beyond = _shown(curves, end, view)
@@ -200,12 +161,6 @@ def outputs_chart(
         supply = quantity(view.board.circuit.supply, "V")
         note += f" The chart ends at the supply of {supply}: beyond it the linear board is not the"
         note += " board."
-    if other is not None:
-        time, theirs, _ = _shown(other, end, view)
-        for column in theirs.T:
-            x, y = charts.thinned(time, column, POINTS)
-            marks.append(charts.Curve(x, y, "ngspice", "ink", "dot", width=2.4, label=""))
-        note += " Dots on the curves: ngspice."
     axes = charts.Axis("time", "s", limits=(0.0, end)), charts.Axis("", "V", limits=limits)
     return charts.Chart("Outputs", *axes, tuple(marks), summary=note.strip(), legend=False)
 
@@ -227,8 +182,7 @@ class SliderLook:
     settings: Settings
     view: BoardView
     limits: tuple[str, ...] = ()  # what the op-amps cannot do
-    verdict: Judgement | None = None  # of the state-space engine
-    other: Judgement | None = None  # of ngspice
+    verdict: Judgement | None = None
 
     def find_poles(self, window: str) -> Part:
         """Find the poles and, of a small linear board, the curves."""
@@ -251,8 +205,7 @@ class SliderLook:
             curves = self.view.curves(window)
         if curves is None:
             return {}
-        other = None if self.other is None else self.other.curves
-        return {"outputs": chart_part(outputs_chart(curves, other, self.view, window))}
+        return {"outputs": chart_part(outputs_chart(curves, self.view, window))}
 
 
 def look_at(start: Start, settings: Settings, window: str) -> tuple[SliderLook, Part]:

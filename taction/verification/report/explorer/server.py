@@ -106,8 +106,6 @@ def _with_policy(send: Send, host: str) -> Send:
 
 PAGE = Path(__file__).parent / "page"
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
-RUNNING = "ngspice is running; the page stays usable"
-WITHOUT = "ended without a result for these values"
 
 
 def bound(wanted: int) -> socket.socket:
@@ -189,8 +187,6 @@ async def _talk(socket: Any, start: Start, judging: ExplorerJob) -> None:
     actions: dict[str, Callable[[Any], None]] = {
         "move": session.move,
         "window": lambda name: session.show(str(name)),
-        "simulate": lambda _: session.simulate(),
-        "cancel": lambda _: session.cancel(),
         "save": lambda name: session.save(str(name)),
     }
     try:
@@ -207,22 +203,17 @@ def _templates() -> Environment:
 
 
 PLACES = ("command", "doubts", "limits", "facts", "stable", "stable_text", "verdict_text", "checks",
-          "readings", "warnings", "simulation", "saved")  # fmt: skip
+          "readings", "warnings", "saved")  # fmt: skip
 """Parts that are shown as markup, by the name of their element."""
 
 
 def markup_of(part: Part) -> Part:
     """Return a part for the browser: its texts as markup, the others for the page's program."""
     macros: Any = _templates().get_template("parts.html").module
-    kept = {key: value for key, value in part.items() if key not in (*PLACES, "along")}
+    kept = {key: value for key, value in part.items() if key not in PLACES}
     shown = {key.replace("_", "-"): part[key] for key in PLACES if key in part}
     if "refused" in part:
         shown |= {"refused": [part["refused"]], "verdict-text": "no board with these values"}
     if "refused" in part or "outcome" in part:
         shown["verdict-mark"] = part.get("outcome", "error")
-    if "simulating" in part and "simulation" not in part:
-        shown["simulation"] = RUNNING if part["simulating"] else WITHOUT
-    made = [macros.into(place, value) for place, value in shown.items()]
-    for number, (path, cells) in enumerate(part.get("along", {}).items()):
-        made.append(macros.along(path, f"along-{number}", cells))
-    return kept | {"html": "".join(made)}
+    return kept | {"html": "".join(macros.into(*each) for each in shown.items())}

@@ -21,12 +21,10 @@ from taction.verification.report.explorer import page_parts as parts
 from taction.verification.report.explorer.page_parts import Part, SliderLook
 from taction.verification.stability.edges import Edges
 from taction.verification.studies.running.study import Worker, WorkerDiedError
-from taction.verification.verdict.record import ERROR
 
 T = TypeVar("T")
 REST = 0.12  # s without new values, after which the hand rests
 WINDOWS = ("rise", "whole")
-SLOW = 2.0  # s of a verdict, above which the sliders show no checks
 PATIENCE = 3.0  # s that a call which nobody waits for may still take
 
 
@@ -81,11 +79,9 @@ class Session:
     settings: Settings = field(default_factory=Settings)
     window: str = "rise"
     work: asyncio.Task[None] | None = None  # what is found for the newest values
-    simulation: asyncio.Task[None] | None = None
     _number: int = 0  # of the newest values
     _look: SliderLook | None = None  # at the newest values
     _boundary: tuple[object, Edges | EngineError] | None = None  # and the values that it holds for
-    _along: dict[str, tuple[Settings, dict[int, tuple[str, str]]]] = field(default_factory=dict)
 
     def move(self, wanted: Mapping[str, Any]) -> None:
         """Take new values from the page, and begin to answer."""
@@ -128,7 +124,7 @@ class Session:
             self._tell(**shown, refused=readable(str(error)))
             return
         self._look = look
-        self._tell(**shown, **part, **parts.along_part(self.start, self._known_along(settings)))
+        self._tell(**shown, **part)
         boundary, poles = partial(self._boundary_of, look), partial(look.find_poles, self.window)
         if not look.view.is_large:
             await self._step(boundary)
@@ -138,13 +134,11 @@ class Session:
         ):
             await self._step(stage)
         try:
-            look.verdict = await self.judging.run(exploration.judge, look.view.scene, "statespace")
+            look.verdict = await self.judging.run(exploration.judge, look.view.scene)
         except WorkerDiedError as error:
             look.verdict = Judgement.without_verdict(error)
         better = {} if look.is_exact else look.outputs_part(self.window)
         self._tell(**parts.verdict_part(look.verdict), **better)
-        if look.verdict.record.outcome != ERROR:
-            await self._judge_along(settings)
 
     async def _step(self, stage: Callable[[], Part]) -> None:
         """Tell what `stage` finds."""
@@ -152,30 +146,6 @@ class Session:
             self._tell(**await asyncio.to_thread(stage))
         except TactionError as error:
             self._tell(doubts=[readable(str(error))])
-
-    def _known_along(self, settings: Settings) -> dict[str, dict[int, tuple[str, str]]]:
-        """Return what is known of the checks along each slider, and forget what holds no more."""
-        for control in self.start.controls:
-            key = exploration.others(control, settings)
-            if self._along.get(control.path, (None, {}))[0] != key:
-                self._along[control.path] = (key, {})
-        return {path: outcomes for path, (_, outcomes) in self._along.items()}
-
-    async def _judge_along(self, settings: Settings) -> None:
-        """Find the outcome of the checks along each slider."""
-        known, clock = self._known_along(settings), asyncio.get_running_loop().time
-        for control, cell, there in exploration.spots(self.start, settings):
-            began = clock()
-            if cell in known[control.path]:
-                continue
-            try:
-                found = await self.judging.run(exploration.outcome_of, there.scene(self.start))
-            except (InputError, WorkerDiedError) as error:
-                found = ERROR, str(error).partition("\n")[0]
-            known[control.path][cell] = found
-            self._tell(**parts.along_part(self.start, known))
-            if clock() - began > SLOW:  # 45 of them would take minutes
-                return
 
     def _boundary_of(self, look: SliderLook) -> Part:
         """Find the stable values of the first knob, which do not depend on its own value."""
@@ -197,38 +167,8 @@ class Session:
         if self._look is not None:
             self._tell(**self._look.outputs_part(self.window))
 
-    def simulate(self) -> None:
-        """Run ngspice on the present values."""
-        self.cancel()
-        if self._look is None:  # no board with these values
-            self._tell(simulating=False)
-            return
-        self.simulation = asyncio.create_task(self._simulate(self._look))
-
-    async def _simulate(self, look: SliderLook) -> None:
-        """Run ngspice in a process of its own, which ends with the run."""
-        self._tell(simulating=True)
-        worker, told = Worker(), Part()
-        try:
-            call = asyncio.to_thread(
-                worker.call, None, exploration.judge, look.view.scene, "ngspice"
-            )
-            look.other = await call
-            told = parts.simulation_part(look.other) | look.outputs_part(self.window)
-        except (WorkerDiedError, asyncio.CancelledError):
-            pass
-        finally:
-            worker.end()
-        self._tell(simulating=False, **told)
-
-    def cancel(self) -> None:
-        """End the run of ngspice of this page, if there is one."""
-        if self.simulation is not None:
-            self.simulation.cancel()
-
     def close(self) -> None:
         """End what is still to be found."""
-        self.cancel()
         if self.work is not None:
             self.work.cancel()
 

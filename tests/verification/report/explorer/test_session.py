@@ -14,7 +14,6 @@ import pytest
 import taction
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import InputError
-from taction.verification.design import exploration
 from taction.verification.design.exploration import Start
 from taction.verification.report.explorer import server
 from taction.verification.report.explorer.server import Guard
@@ -46,30 +45,14 @@ class Ended(Here):
         raise WorkerDiedError("the process was ended")
 
 
-@pytest.fixture(autouse=True)
-def strips(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
-    """No verdicts along the sliders but in tests of them."""
-    if "strips" not in request.node.name:
-        monkeypatch.setattr(exploration, "spots", lambda *_: [])
-
-
-def told(
-    *moves: dict[str, Any], name: str = "paper-breadboard", job: Any = None, again: Any = None
-) -> list[Any]:
-    """Return the parts that a page is told of moves; the hand rests after the last one.
-
-    `again` is a move after this rest.
-    """
+def told(*moves: dict[str, Any], job: Any = None) -> list[Any]:
+    """Return the parts that a page is told of moves; the hand rests after the last one."""
     parts: list[Any] = []
 
     async def run() -> None:
-        start = Start.of(load_scene(SCENES / f"{name}.toml"))
+        start = Start.of(load_scene(SCENES / "paper-breadboard.toml"))
         page = Session(start, parts.append, job or Here())  # type: ignore[arg-type]
-        for move in (*moves, again):
-            if move is None:
-                continue
-            if move is again and page.work is not None:
-                await page.work
+        for move in moves:
             page.move(move)
         if page.work is not None:
             await page.work
@@ -101,31 +84,6 @@ def test_only_the_newest_values_have_a_verdict() -> None:
     parts = told(*({"places": {C: place}} for place in (600, 700, 800)), job=job)
     assert [part["number"] for part in parts if "outcome" in part] == [3]
     assert job.calls == 1
-
-
-def test_strips_show_the_checks_along_every_slider(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nine values of each; after a move of C the outcomes along C still hold, the others do not."""
-    monkeypatch.setattr(exploration, "outcome_of", first := Stub())
-    job = Here()
-    parts = told({}, job=job, again={"places": {C: 600}})
-    cells = [part["along"] for part in parts if "along" in part]
-    assert all(len(found) == exploration.CELLS for found in cells[-1].values())
-    assert {cell["outcome"] for found in cells[-1].values() for cell in found} == {"pass", "fail"}
-    assert first.boards == 45 + 36
-    begin = next(part for part in parts if part["number"] == 2)["along"]
-    known = {path for path, found in begin.items() if found[0]["outcome"] != "unknown"}
-    assert known == {C}
-
-
-class Stub:
-    """Verdicts that fail below 10 pF, and their number."""
-
-    def __init__(self) -> None:
-        self.boards = 0
-
-    def __call__(self, scene: Any) -> tuple[str, str]:
-        self.boards += 1
-        return ("pass", "") if scene.design.capacitance >= 1e-11 else ("fail", "rise time")
 
 
 @pytest.mark.parametrize(
@@ -160,36 +118,6 @@ def test_values_without_a_board_say_why() -> None:
 
 def test_a_lost_process_is_no_verdict() -> None:
     assert told({}, job=Ended())[-1]["outcome"] == "error"
-
-
-def simulated(*, cancel: bool) -> list[Any]:
-    """Return the parts that a page is told while ngspice runs on its values."""
-    parts: list[Any] = []
-
-    async def run() -> None:
-        page = Session(Start.of(load_scene(SCENES / "paper-breadboard.toml")), parts.append, Here())  # type: ignore[arg-type]
-        page.move({})
-        await page.work  # type: ignore[misc]
-        page.simulate()
-        await asyncio.sleep(0.1)
-        if cancel:
-            page.cancel()
-        await page.simulation  # type: ignore[misc]
-
-    asyncio.run(run())
-    assert [part["simulating"] for part in parts if "simulating" in part] == [True, False]
-    return parts
-
-
-def test_ngspice_is_told_beside_the_state_space(ngspice: str) -> None:
-    found = next(part for part in simulated(cancel=False) if "simulation" in part)
-    assert ": pass in " in found["simulation"]
-    names = [each["name"] for each in found["outputs"]["data"]]
-    assert names.count("ngspice") == 7
-
-
-def test_a_run_of_ngspice_ends_when_it_is_cancelled() -> None:
-    assert not any("simulation" in part for part in simulated(cancel=True))
 
 
 def test_a_port_that_is_taken_is_refused() -> None:

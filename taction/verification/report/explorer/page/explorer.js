@@ -63,7 +63,6 @@ const show = (part) => {
     ["refused", "doubts", "limits"].forEach((id) => get(id).replaceChildren());
     state.charts = {};
     state.refused = "refused" in part;
-    get("simulation").textContent = "Its waveforms are laid over the outputs.";
   }
   for (const each of new DOMParser().parseFromString(part.html, "text/html").querySelectorAll("[data-into]")) {
     get(each.dataset.into).replaceChildren(...each.childNodes);
@@ -76,10 +75,6 @@ const show = (part) => {
     if (part.mistake && !state.pending && (state.refused || state.judged === part.number)) outdated(false); // nothing has changed
     get("opamp").value = part.opamp;
     get("mistake").textContent = wrong.length ? "" : part.mistake || "";
-  }
-  if ("simulating" in part) {
-    get("simulate").disabled = part.simulating;
-    get("cancel").hidden = !part.simulating;
   }
   if ("outcome" in part) {
     state.judged = part.number;
@@ -117,8 +112,6 @@ const wire = () => {
   get("opamp").addEventListener("change", () => ask({ opamp: get("opamp").value }));
   get("reset").addEventListener("click", () => ask({ reset: true }));
   get("hand").addEventListener("submit", (event) => event.preventDefault());
-  get("simulate").addEventListener("click", () => send("simulate"));
-  get("cancel").addEventListener("click", () => send("cancel"));
   get("save").addEventListener("submit", (event) => { event.preventDefault(); send("save", get("save-name").value); });
   tactionCharts.follow(() => draw({}, true));
 };
