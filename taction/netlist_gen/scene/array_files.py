@@ -27,53 +27,33 @@ DAMAGED = ValueError, SyntaxError, TypeError, tokenize.TokenError, RecursionErro
 
 
 def read_array(
-    scene: StatedProblem,
-    key: str,
-    name: str | Floats,
-    shape: tuple[int | None, ...],
-    *,
-    transposed: int | None = None,
+    scene: StatedProblem, key: str, name: str | Floats, shape: tuple[int | None, ...]
 ) -> Floats:
     """Return the array for `key` of `scene`, as `fitted`: from the file `name`, or itself."""
     if isinstance(name, str):
-        return read_file(scene.folder / name, key, shape, transposed)
-    return _fitted(name, scene.file, key, "", shape, transposed)
+        return read_file(scene.folder / name, key, shape)
+    return _fitted(name, scene.file, key, "", shape)
 
 
-def read_file(
-    path: Path, key: str, shape: tuple[int | None, ...], transposed: int | None = None
-) -> Floats:
+def read_file(path: Path, key: str, shape: tuple[int | None, ...]) -> Floats:
     """Return the array of a .csv or .npy file."""
     values = _read_npy(path, key) if path.suffix == ".npy" else _read_csv(path, key)
-    return _fitted(values, path, key, repr(path.name), shape, transposed)
+    return _fitted(values, path, key, repr(path.name), shape)
 
 
 def read_problem(matrix: str | Path, strain: str | Path) -> tuple[Floats, Floats]:
     """Return the matrix (M, N) and the strain (M,) of two files."""
     T = read_file(Path(matrix), "problem.matrix", (None, None))
-    sensors, channels = T.shape
-    return T, read_file(Path(strain), "problem.strain", (sensors,), channels)
+    return T, read_file(Path(strain), "problem.strain", (len(T),))
 
 
 def _fitted(
-    values: Floats,
-    path: Path,
-    key: str,
-    text: str,
-    shape: tuple[int | None, ...],
-    transposed: int | None,
+    values: Floats, path: Path, key: str, text: str, shape: tuple[int | None, ...]
 ) -> Floats:
     try:
         return fitted(values, shape)
     except ValueError as error:
-        hint, table = "", values.ndim == 2 and min(values.shape) > 1
-        if transposed is not None and values.size == transposed != shape[0]:
-            hint = "; is problem.matrix transposed? It has one row a sensor, one column a channel"
-        elif len(shape) == 1 and table and shape[0] in (None, len(values)):
-            hint = "; are matrix and strain swapped?" * (key == "problem.strain")
-            if values.shape[1] == 2 and np.all(values[:, 1] % 1 == 0):
-                hint = "; is ',' a decimal comma here? It separates values; write 1.5 for 1,5"
-        raise InputError(path, Complaint(key, text, f"{error}{hint}")) from None
+        raise InputError(path, Complaint(key, text, str(error))) from None
 
 
 def read_profile(scene: StatedProblem, key: str, name: str) -> tuple[Floats, Floats]:

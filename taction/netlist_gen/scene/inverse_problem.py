@@ -132,12 +132,10 @@ def _tactile(scene: StatedProblem, problem: TactileProblem) -> InverseProblem:
 def _from_files(scene: StatedProblem, problem: MatrixProblem) -> InverseProblem:
     matrix = read_array(scene, "problem.matrix", problem.matrix, (None, None))
     sensors, channels = matrix.shape
-    strain = read_array(scene, "problem.strain", problem.strain, (sensors,), transposed=channels)
+    strain = read_array(scene, "problem.strain", problem.strain, (sensors,))
     stress = None
     if problem.stress is not None:
-        stress = read_array(
-            scene, "problem.stress", problem.stress, (channels,), transposed=sensors
-        )
+        stress = read_array(scene, "problem.stress", problem.stress, (channels,))
     return InverseProblem(matrix, _noisy(strain, problem.noise), stress, None)
 
 
