@@ -88,13 +88,8 @@ def write_schemas() -> None:
 
 
 def draw_pictures() -> None:
-    """Draw one channel of four boards, and what lambda does, as SVG that is always the same."""
-    boards = {name: name for name in ("inverse", "least-squares", "ridge")}
-    boards["board"] = "paper-breadboard"
+    """Draw what lambda does, as SVG that is always the same."""
     with mpl.rc_context({"svg.hashsalt": "taction"}):
-        for name, scene in boards.items():
-            circuit = taction.synthesise(taction.load_scene(ROOT / "scenes" / f"{scene}.toml"))
-            circuit.plot().savefig(PLACE / f"{name}.svg", metadata={"Date": None})
         _regularisation().savefig(PLACE / "lambda.svg", metadata={"Date": None})
 
 

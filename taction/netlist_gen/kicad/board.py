@@ -1,10 +1,10 @@
-"""A board as a KiCad project: a sheet for each channel and each sensor row; a picture of a channel.
+"""A board as a KiCad project: a sheet for each channel and each sensor row.
 
 A branch is a part of the board that is connected without the matrices, ground and the constant
 voltages: a channel, or a sensor row. A stage is an amplifier with the parts into its input node and
 its feedback; a branch is drawn as its stages, one below the other. All this is found from the
 board's nets alone. The first sheet has the others as boxes, and the supplies of all packages;
-labels join nets. A picture shows the sheet of one channel with one resistor of each matrix.
+labels join nets.
 """
 
 from __future__ import annotations
@@ -16,15 +16,12 @@ from dataclasses import dataclass, field
 from itertools import count
 from typing import Literal
 
-import numpy as np
-
 from taction.netlist_gen.board.circuit import GROUND, Circuit, Role
 from taction.netlist_gen.kicad import symbols
 from taction.netlist_gen.kicad.part_symbols import BoardParts, PartUnit, printed_value
-from taction.netlist_gen.kicad.sheet import GRID, TITLE, Label, Placed, SchematicSheet, library
+from taction.netlist_gen.kicad.sheet import TITLE, Label, Placed, SchematicSheet, library
 from taction.netlist_gen.kicad.symbols import FLAG, Point, Symbol, SymbolPart
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.quantities import quantity
 
 LEFT, TOP = 12, 14  # of the drawing
 RUNG, WIDTH = 4, 31  # distance of the parts into a node, and their width with wires and label
@@ -51,12 +48,6 @@ class DrawnBranch:
     name: str
     title: str
     nodes: tuple[str, ...]
-
-
-def driven_row(circuit: Circuit, n: int) -> int:
-    """Return the sensor row that channel `n` drives most; 0 without a matrix resistor."""
-    ohms = circuit.forward_ohms[:, n - 1]
-    return 1 + int(np.argmin(ohms)) if np.isfinite(ohms).any() else 0
 
 
 def branches(parts: BoardParts) -> Iterator[DrawnBranch]:
@@ -227,96 +218,6 @@ class BranchDrawing:
         up = -3.2 if symbol.name.startswith("+") else 3.2
         part = SymbolPart(symbol, f"{symbol.prefix}{next(self.ports):03d}", symbol.name)
         self.sheet.place(part, at, value=(at[0], at[1] + up) if shown else None)
-
-
-def channel_sheet(circuit: Circuit, n: int, k: int) -> SchematicSheet:
-    """Draw channel `n` with row `k`, from 1, with one resistor of each matrix."""
-    parts = BoardParts(circuit, None, {f"{matrix.name}_{k}_{n}" for matrix in circuit.matrices})
-    drawing, y = BranchDrawing(parts, SchematicSheet(circuit.name)), TOP
-    for branch in branches(parts):
-        if branch.name in (f"channel-{n}", f"row-{k}"):
-            y = drawing.branch(y, branch)
-    return drawing.sheet
-
-
-MARGIN = 3.0  # of the frame, in steps of the grid
-PICTURE_WIDTH = 0.62  # of a letter, in heights
-DIRECTION = {0: (1.0, 0.0), 90: (0.0, 1.0), 180: (-1.0, 0.0), 270: (0.0, -1.0)}
-DOT = 0.35  # radius of a junction, in steps of the grid
-SHARE = {"left": 0.0, "middle": 0.5, "right": 1.0}  # of a text, before its place
-
-
-@dataclass(slots=True)
-class Strokes:
-    """Lines, circles (filled or not) and texts of a sheet, in steps of the grid, y downwards."""
-
-    lines: list[list[Point]]
-    circles: list[tuple[Point, float, bool]]
-    texts: list[Label]
-
-    @classmethod
-    def of(cls, sheet: SchematicSheet) -> Strokes:
-        """Return the strokes of a sheet."""
-        drawn = cls([], [(point, DOT, True) for point in sheet.junctions()], [*sheet.labels])
-        drawn.lines += [list(segment) for segment in sheet.segments]
-        for placed in sheet.placed:
-            part, symbol, unit = placed.part, placed.part.symbol, placed.part.unit - 1
-            drawn.lines += [[*map(placed.turned, points)] for points in symbol.lines[unit]]
-            if symbol.radius:
-                drawn.circles.append((placed.at, symbol.radius / GRID, False))
-            for pin in symbol.units[unit]:
-                (x, y), (right, up) = pin.at, DIRECTION[pin.direction]
-                end = x + right * pin.length, y + up * pin.length
-                drawn.lines.append([placed.turned(pin.at), placed.turned(end)])
-            exact = part.fields.get("Exact", "").split()
-            value = quantity(float(exact[0]), exact[1]) if exact else part.value
-            texts = (
-                (part.fields.get("Deck", part.reference), placed.reference),
-                (value, placed.value),
-            )
-            if symbol.prefix != "U":  # a package says nothing about the channel
-                drawn.texts += [Label(text, at, "middle") for text, at in texts if at is not None]
-        return drawn
-
-    @property
-    def frame(self) -> tuple[float, float, float, float]:
-        """Left, top, right and bottom of everything."""
-        points = [point for line in self.lines for point in line]
-        for label in self.texts:
-            (x, y), wide = label.at, PICTURE_WIDTH * label.size / GRID * len(label.text)
-            left = x - SHARE[label.anchor] * wide
-            points += [(left, y), (left + wide, y)]
-        across, down = zip(*points, strict=True)
-        return min(across) - MARGIN, min(down) - MARGIN, max(across) + MARGIN, max(down) + MARGIN
-
-
-def schematic_strokes(circuit: Circuit) -> Strokes:
-    """Return the drawing of the middle channel and the sensor row that it drives most."""
-    n = _middle_channel(circuit)
-    drawn = Strokes.of(channel_sheet(circuit, n, driven_row(circuit, n)))
-    left, _, _, bottom = drawn.frame
-    text = ", ".join(f"{fact.symbol} = {fact.text}" for fact in circuit.facts.values())
-    drawn.texts.append(Label(text, (left + MARGIN, bottom), "left"))
-    return drawn
-
-
-def _middle_channel(circuit: Circuit) -> int:
-    """Return the middle channel, or the first one that has a matrix resistor."""
-    channels = range(1, 1 + circuit.shape[1])
-    middle = channels[(len(channels) - 1) // 2]
-    return int(next(n for n in (middle, *channels) if driven_row(circuit, n)))
-
-
-def schematic_summary(circuit: Circuit) -> str:
-    """Return in words what the schematic shows."""
-    n = _middle_channel(circuit)
-    k = driven_row(circuit, n)
-    present = np.isfinite(circuit.forward_ohms)
-    return (
-        f"Channel {n} with sensor row {k}, one of {present[:, n - 1].sum()} resistors into the"
-        f" channel and of {present[k - 1].sum()} resistors into the row. Stray capacitances are not"
-        " drawn."
-    )
 
 
 ACROSS, CELL = 8, (30, 22)  # places of a row of the first sheet, and their size on the grid

@@ -9,7 +9,7 @@ import csv
 import io
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -76,8 +76,7 @@ class BoardParts:
     """The parts of a board; op-amps are named as in ``taction export bom``."""
 
     circuit: Circuit
-    scene: Scene | None = None  # without it op-amps have the name of their model
-    entries: Collection[str] | None = None  # the matrix resistors that are wanted; None: all
+    scene: Scene
 
     @cached_property
     def signal(self) -> tuple[PartUnit, ...]:
@@ -114,8 +113,7 @@ class BoardParts:
             yield self._two_ended(passive, (passive.a, passive.b))
         for matrix in circuit.matrices:
             for each in matrix.resistors():
-                if self.entries is None or each.card in self.entries:
-                    yield self._two_ended(each, (each.a, each.b), entry=True)
+                yield self._two_ended(each, (each.a, each.b), entry=True)
         for current in circuit.currents:
             yield self._two_ended(current, (GROUND, current.node))
         for amplifier in circuit.amplifiers:
@@ -156,15 +154,12 @@ class BoardParts:
     def _package(self) -> tuple[Symbol, str, dict[str, str]]:
         """The symbol of a package of op-amps, their name, and their fields."""
         count = next(iter(self.circuit.models.values())).channels_per_package
-        name, preset, changed = next(iter(self.circuit.models)), "", True
-        if self.scene is not None:
-            choice = self.scene.design.opamp
-            name = (choice.file or choice.base).rpartition("/")[2].partition(".")[0].upper()
-            preset = "" if choice.file else choice.base
-            changed = bool(own_figures(choice))
+        choice = self.scene.design.opamp
+        name = (choice.file or choice.base).rpartition("/")[2].partition(".")[0].upper()
+        preset = "" if choice.file else choice.base
         usual = preset in symbols.USUAL_PINS and count == OPAMPS[preset].channels_per_package
         symbol = symbols.opamp(ODD.sub("_", name), count, usual=usual)
-        if changed or preset in ("", "ideal"):
+        if own_figures(choice) or preset in ("", "ideal"):
             text = "op-amp: no part with exactly these figures is known"
             return symbol, name, {"MPN": "", "Description": text}
         return symbol, name, {"MPN": name, "Description": "op-amp"}
@@ -181,7 +176,7 @@ class BoardParts:
             words = KINDS[boards.CurrentSource][-1]
         fields = {"Deck": part.card, "Exact": f"{value!r} {unit}", "Description": words}
         if words in ("resistor", "capacitor"):
-            share = None if self.scene is None else tolerance_of(self.scene, words, part.card)
+            share = tolerance_of(self.scene, words, part.card)
             fields["Tolerance"] = "" if share is None else percent(share)
         shown = f"{printed_value(value)}{letter}"
         return PartUnit(

@@ -11,17 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import groupby
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from taction.system.charts import Chart, Outcome
 from taction.system.progress import attempt
 from taction.verification.report.texts import Cell as Cell
 from taction.verification.report.texts import Column, cell, fields, shown_by
 from taction.verification.report.texts import Shown as Shown
-
-if TYPE_CHECKING:
-    from taction.netlist_gen.kicad.board import Strokes
-
 
 TERMINAL, PAGE, NOTEBOOK, PICTURE = "terminal", "page", "notebook", "picture"
 MOST = {NOTEBOOK: 40}  # rows of a table, by the medium
@@ -137,16 +133,6 @@ class Bars:
 
 
 @dataclass(frozen=True, slots=True)
-class Drawing:
-    """A drawing of lines, circles and texts."""
-
-    kind: ClassVar[str] = "drawing"
-    title: str
-    strokes: Strokes
-    summary: str
-
-
-@dataclass(frozen=True, slots=True)
 class Facts:
     """Names and values."""
 
@@ -175,7 +161,7 @@ class Notes:
     outcome: Outcome = ""
 
 
-Block = Table | Bars | Chart | Drawing | Facts | Code | Notes
+Block = Table | Bars | Chart | Facts | Code | Notes
 Content = Block | str | Mapping[str, str] | None
 """What stands in a section: a text is a line of notes, a mapping has names and values."""
 BOTH, EVERYWHERE, DRAWN = "terminal page", "terminal page notebook", "page picture"

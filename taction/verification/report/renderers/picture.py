@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from taction.netlist_gen.kicad.sheet import GRID
 from taction.system import charts
 from taction.system.array_types import Floats
 from taction.system.charts import Axis, Chart
 from taction.system.output_files import check_extra, replacing
 from taction.system.results import check_plot_file
-from taction.verification.report.blocks import PICTURE, Bars, Block, Drawing, Notes, Page
+from taction.verification.report.blocks import PICTURE, Bars, Block, Notes, Page
 from taction.verification.report.texts import figure, glued
 
 if TYPE_CHECKING:
@@ -86,7 +85,7 @@ def _drawn(page: Page) -> Figure:
     columns = [PANEL[0] + max(map(_beside, panels[k::across]), default=0.0) for k in range(across)]
     if across == 1:
         columns = [ALONE * columns[0]]
-    width, rows = sum(columns), [max(_height(e, sum(columns)) for e in line) for line in lines]
+    width, rows = sum(columns), [max(map(_height, line)) for line in lines]
     figure = _new_figure(width, sum(rows) + 0.6)
     if title := ": ".join(filter(None, (page.title, page.summary))):
         figure.suptitle(wrapped(title, TITLE_LETTERS * width), fontweight="bold")
@@ -120,11 +119,8 @@ def _new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def _height(block: Block, width: float) -> float:
-    """Return the height of a block, inches; a drawing fills the width of the picture."""
-    if isinstance(block, Drawing):
-        left, top, right, bottom = block.strokes.frame
-        return width * (bottom - top) / (right - left)
+def _height(block: Block) -> float:
+    """Return the height of a block, inches."""
     if not isinstance(block, Chart):
         return PANEL[1]
     return max(PANEL[1] * (not block.y.names), block.pixels / PIXELS) + LINE * _legend_lines(block)
@@ -151,24 +147,6 @@ def _notes(axes: Axes, notes: Notes) -> None:
     text = "\n".join(line for each in notes.lines for line in textwrap.wrap(each, 56))
     axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes)
     axes.set_title(notes.title, fontsize="medium")
-
-
-def _drawing(axes: Axes, drawing: Drawing) -> None:
-    from matplotlib.patches import Circle
-
-    strokes, figure = drawing.strokes, cast("Figure", axes.figure)
-    left, top, right, bottom = strokes.frame
-    axes.set(aspect="equal", xlim=(left, right), ylim=(bottom, top))
-    axes.set_axis_off()
-    for line in strokes.lines:
-        axes.plot(*zip(*line, strict=True), color="black", lw=0.9)
-    for centre, radius, filled in strokes.circles:
-        axes.add_patch(Circle(centre, radius, fill=filled, color="black", lw=0.9))
-    points = 72.0 * figure.get_figwidth() / (right - left) / GRID  # of a millimetre
-    for label in strokes.texts:
-        side = "center" if label.anchor == "middle" else label.anchor
-        level = "bottom" if label.kind == "label" else "center"
-        axes.text(*label.at, label.text, ha=side, va=level, fontsize=points * label.size)
 
 
 def _bars_chart(bars: Bars) -> Chart:
@@ -408,5 +386,5 @@ def _legend(axes: Axes, chart: Chart) -> None:
 
 
 BLOCKS: dict[type, Callable[[Any, Any], None]] = {
-    Chart: draw_chart, Drawing: _drawing, Notes: _notes,
+    Chart: draw_chart, Notes: _notes,
 }  # fmt: skip

@@ -282,7 +282,6 @@ SHOWN: dict[type, Callable[[Any], RenderableType]] = {
     blocks.Notes: _notes,
     blocks.Code: lambda block: _lines(block.title, [Text(escaped(block.text, "\n\t"))]),
     Chart: lambda block: Text(plain(block.title)),
-    blocks.Drawing: lambda block: Text(plain(block.summary)),
 }
 
 

@@ -1,4 +1,4 @@
-"""The board: numbers, one channel as a schematic, the matrix, what was left out, parts, deck."""
+"""The board: numbers, the matrix, what was left out, parts, deck."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from taction.netlist_gen.board.bill_of_materials import bill_of_materials
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.deck import write_deck
-from taction.netlist_gen.kicad.board import schematic_strokes, schematic_summary
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import all_keys, own_value
 from taction.netlist_gen.scene.problem_keys import StatedProblem
@@ -20,7 +19,7 @@ from taction.system.array_types import Floats
 from taction.system.charts import BLUE, GREY, Axis, Chart, Curve, Grid, Limit, segments
 from taction.system.quantities import counted, quantity, readable, sizes, spaced
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.report.blocks import Code, Content, Drawing, Notes, Page, Section, Table
+from taction.verification.report.blocks import Code, Content, Notes, Page, Section, Table
 from taction.verification.report.texts import figure
 from taction.verification.report.views.opamp_view import part_columns
 from taction.verification.verdict.board_power import board_power
@@ -52,7 +51,7 @@ def board_lines(verdict: Verdict) -> tuple[str, ...]:
 
 
 def board_blocks(circuit: Circuit) -> tuple[Content, ...]:
-    """Return the schematic of one channel, the matrix and the numbers of the board."""
+    """Return the matrix and the numbers of the board."""
     rows = {
         f"{opamp_name(name)}, {title}": quantity(getattr(model, figure), unit)
         for name, model in circuit.models.items()
@@ -60,12 +59,7 @@ def board_blocks(circuit: Circuit) -> tuple[Content, ...]:
     }
     rows["supply"] = f"±{quantity(circuit.supply, 'V')}"
     level = "small signal" if circuit.is_small_signal else "large signal"
-    return schematic(circuit), matrix_chart(circuit), rows | {"level of the op-amp models": level}
-
-
-def schematic(circuit: Circuit) -> Drawing:
-    """Return the schematic of one channel and one sensor row."""
-    return Drawing("One channel", schematic_strokes(circuit), schematic_summary(circuit))
+    return matrix_chart(circuit), rows | {"level of the op-amp models": level}
 
 
 def problem_view(scene: StatedProblem) -> Page:
@@ -216,5 +210,5 @@ def view(circuit: Circuit) -> Page:
         "left out": f"{counted(len(circuit.omissions), 'kind')} of parts that it does not need",
     }
     card = Section("Board", facts, media="notebook")
-    drawn = Section("One channel", lambda: schematic(circuit), media="picture")
-    return Page(circuit.name, "", "", f"one of {len(circuit.outputs)} channels", (), (card, drawn))
+    drawn = Section("Matrix", lambda: matrix_chart(circuit), media="picture")
+    return Page(circuit.name, "", sections=(card, drawn))

@@ -17,7 +17,6 @@ from matplotlib.axis import Axis as FigureAxis
 from matplotlib.figure import Figure
 from matplotlib.text import Text as FigureText
 
-from taction.netlist_gen.kicad.board import Strokes
 from taction.system.charts import OUTCOMES, Axis, Band, Chart, Columns, Curve, Limit, View
 from taction.verification.report.blocks import (
     Bar,
@@ -25,7 +24,6 @@ from taction.verification.report.blocks import (
     Block,
     Cell,
     Code,
-    Drawing,
     Facts,
     Notes,
     Page,
@@ -39,7 +37,6 @@ from tests.support.report_pages import HOSTILE, hostile, page
 
 EVERYWHERE = "terminal page notebook"
 
-STROKES = Strokes([[(0.0, 0.0), (9.0, 9.0)]], [((1.0, 1.0), 2.0, True)], [])
 TOUCH = 1.0  # pixels by which boxes may overlap: a box is larger than its letters
 MOST = 6_000_000  # bytes
 DRAWN = (
@@ -95,7 +92,6 @@ def gallery() -> Page:
         Facts("Board", (("R", "10 kΩ"), ("channels", "3"))),
         Code("deck", "* a board\nR1 a b 1e4"),
         Notes("Warnings", ("the record ends early",), "fail"),
-        Drawing("Cell", STROKES, "a cell"),
         *CHARTS.values(),
     )  # fmt: skip
     return Page(
@@ -213,7 +209,6 @@ def test_a_page_has_every_block_and_loads_nothing() -> None:
         "u1 is slow",
         "10 kΩ",
         "the record ends early",
-        "a cell",
     ):
         assert word in text
     assert not tree.xpath("//*[@src or @href[not(starts-with(., '#'))]]")

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lxml.html import document_fromstring
 
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
@@ -18,12 +17,10 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.charts import Chart, Curve, Limit, Text
 from taction.system.quantities import quantity, readable, show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.report.blocks import Bars, Code, Drawing, Facts, Page, Section, Table
+from taction.verification.report.blocks import Bars, Code, Facts, Page, Table
 from taction.verification.report.documents.verdict import verdict_document
-from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import Terminal, page_text, plain, print_page
 from taction.verification.report.views.answer_view import check_bar
-from taction.verification.report.views.board_view import schematic
 from taction.verification.report.views.verdict_view import load_bars, screen, view
 from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.checks import Check, Outcome
@@ -128,27 +125,6 @@ def test_the_whisker_is_the_uncertainty() -> None:
     assert check_bar(made(0.2, 0.4, uncertainty=1e-6)).whisker is None
 
 
-@pytest.mark.parametrize(
-    ("name", "parts"),
-    [
-        ("passing", ("Rb_", "Rr_2", "Cc_2", "Rs_", "100 kΩ", "100 pF")),
-        ("exponential", ("exponential", "Rbias_1", "Ve = ")),
-        ("passive", ("Rr_1", "Cc_1", "u_1")),
-        ("one channel", ("Rb_1_1", "Rf_1_1", "w_1")),
-    ],
-)
-def test_the_schematic_has_the_parts_of_the_board(name: str, parts: tuple[str, ...]) -> None:
-    drawing = schematic(verdicts()[name].circuit)
-    shown = Page("", "", "", "", (), (Section("", (drawing,)),))
-    (sheet,) = document_fromstring(page_html(shown)).find_class("sheet")
-    (root,) = sheet.iter("svg")
-    text = " ".join(each.text for each in root.iter("text"))
-    for part in parts:
-        assert part in text
-    assert len(root.get("viewbox", root.get("viewBox")).split()) == 4
-    assert drawing.summary
-
-
 def test_the_parts_list_counts_every_part() -> None:
     circuit = verdicts()["passing"].circuit
     rows = block("passing", Table, "Bill of materials").rows
@@ -166,7 +142,6 @@ def test_the_deck_to_copy_is_the_deck_that_runs() -> None:
     code = block("passing", Code, "the deck")
     assert code.text.rstrip().endswith(".end")
     assert ".tran" in code.text
-    assert block("passing", Drawing, "One channel").strokes.lines
 
 
 def test_the_outputs_show_the_record_and_the_targets() -> None:
