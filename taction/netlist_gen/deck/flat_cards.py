@@ -107,7 +107,7 @@ NAMED = 4  # sources in a sentence
 SMALL_STEP = 1e-3  # V or A, of a source of a circuit that is linear about its operating point
 BIASED_STEP = 0.01  # of its DC value: the step of a source with AC, within the rails
 LEAST_FARADS = 1e-12  # scale of the charges of a deck without capacitors
-ABSENT = 1e-24  # F: at 1e12 ohm a pole beyond 10 GHz; vendors write 1e-30 for nothing
+ABSENT = 1e-23  # F: at 1e12 ohm a pole beyond 10 GHz; vendors write 1e-30 for nothing, and areas
 _FIELD = re.compile(r"[^\s=(),]+\s*=\s*[^\s=]+|[^\s=(),]+")
 _B = re.compile(r"(\S+) (\S+) ([vi]) ?= ?(.+)")
 _OUTPUT = re.compile(r"\bv\s*\(\s*([^\s,()]+)\s*\)")
@@ -128,7 +128,7 @@ class Flat:
     models: dict[str, tuple[str, str]] = field(default_factory=dict)  # kind and card, by name
     stimuli: dict[str, Stimulus] = field(default_factory=dict)  # of V and I, by card
     charged: list[str] = field(default_factory=list)  # cards with ic=
-    absent: list[str] = field(default_factory=list)  # capacitors below `ABSENT`
+    absent: list[Branch] = field(default_factory=list)  # capacitances below `ABSENT`
     knobs: dict[str, Branch] = field(default_factory=dict)  # by name
 
     @property
@@ -208,7 +208,7 @@ def _part(flat: Flat, name: str, text: str) -> None:
     value = value / many if letter in "rl" else value * many
     ends, control, knob = plain[:2], tuple(plain[2:count]), passive or value != 0.0
     if letter == "c" and abs(value) < ABSENT:
-        flat.absent.append(shown(name))
+        flat.absent.append(Branch("C", name[1:], ends[0], ends[1], value))
         return
     if letter == "l" and value < 0.0:
         raise ValueError("an inductance above 0 is expected")

@@ -22,7 +22,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND
 from taction.netlist_gen.deck.elements import CardError, Element, Models, model_cards, shown
-from taction.netlist_gen.deck.flat_cards import Flat, card_of, read_cards, sum_parts
+from taction.netlist_gen.deck.flat_cards import ABSENT, Flat, card_of, read_cards, sum_parts
 from taction.netlist_gen.deck.foreign_lines import number
 from taction.spice_models.branches import Branch
 from taction.system.array_types import Complexes, Floats
@@ -239,15 +239,17 @@ def linear_flat(flat: Flat, volts: Mapping[str, float], options: str, simulator:
     if len(answers.plots) != 1 + len(FREQUENCIES):
         raise CardError(f"ngspice does not measure the elements alone: {answers.complaint}")
     tables = [dict(zip(names, values[-1], strict=True)) for names, values in answers.plots]
-    parts, wrong = [*flat.parts], list[str]()
+    parts, absent, wrong = [*flat.parts], [*flat.absent], list[str]()
     for each in bench:
         text = each.fit(tables, flat.models)
         wrong += [f"{shown(each.element.name)}: {text}"] if text else []
-        parts += each.parts()
+        for part in each.parts():
+            left = part.letter in "CY" and abs(part.value) < ABSENT
+            (absent if left else parts).append(part)
     if wrong:
         more = f"; and {len(wrong) - NAMED} more" if len(wrong) > NAMED else ""
         raise CardError("; ".join(wrong[:NAMED]) + more)
-    return replace(flat, parts=parts)
+    return replace(flat, parts=parts, absent=absent)
 
 
 class _Measured:

@@ -214,7 +214,7 @@ def test_what_a_source_does(text: str, before: float, after: float, at: float) -
 def test_a_capacitor_of_nothing_is_left_out(folder: Path, ngspice: str) -> None:
     board = read_board(written(folder, f"t\n{RC}C2 out 0 0\nC3 in out {{0*1n}}\n.end\n"))
     assert [part.card for part in board.circuit.capacitors] == ["C1"]
-    assert "less than 1e-24 F, so left out: C2, C3" in board.notes
+    assert "less than 1e-23 F, so left out: C2, C3" in board.notes
     assert [knob.name for knob in board.circuit.knobs] == ["R1", "C1"]
 
 

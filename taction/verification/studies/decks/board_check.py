@@ -169,7 +169,7 @@ def check_board(
     checks, why = [*judge(found, asked, margin)], ["" if ngspice else "without ngspice"]
     if ngspice:
         every = np.append(found.poles.poles, found.apart.hidden)
-        checks.append(compare_ac(deck.point, board, every))
+        checks.append(compare_ac(deck.point, board, every, deck.flat.absent))
     if transient or "engines_agree" in asked.names:
         from taction.verification.studies.decks.transient_witness import compare_transient
 

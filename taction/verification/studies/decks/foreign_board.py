@@ -192,6 +192,7 @@ def _notes(deck: ForeignDeck, flat: Flat, immediate: bool) -> Iterator[str]:
     kinds = {found.kind for found in flat.stimuli.values()}
     yield from (text for kind, text in REMARKS.items() if kind in kinds)
     if flat.absent:
-        yield f"less than {ABSENT:g} F, so left out: {', '.join(flat.absent)}"
+        names = dict.fromkeys(shown(f"c{part.name}") for part in flat.absent if part.letter == "C")
+        yield f"less than {ABSENT:g} F, so left out: {', '.join(names)}"
     if flat.charged or any(card.word == ".ic" for card in deck.left):
         yield "initial charges (ic=, .ic) do not count"

@@ -346,7 +346,8 @@ def _linear_model(point: DeckPoint, f: Floats, simulator: Simulator) -> LinearMo
     found = poles(LinearBoard(circuit_of(replace(flat, parts=held), "bench", (OUT,))))
     if found.known_unstable:
         raise CardError(f"the netlist itself has a pole at {show_rate(found.rightmost.real)}")
-    check = compare_ac(point, LinearBoard(circuit_of(flat, "bench", (OUT,))), found.poles)
+    bench = LinearBoard(circuit_of(flat, "bench", (OUT,)))
+    check = compare_ac(point, bench, found.poles, flat.absent)
     if check.value is None or not check.value <= GOOD:
         raise CardError(f"it differs from the small signal of ngspice: {check.reason}")
     # the op-amp with its supplies: the bench without what drives it

@@ -10,14 +10,15 @@ holds rests within 1 uV of them, and a junction there has a slope that is known 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 
 import numpy as np
 
-from taction.spice_models.branches import Source
+from taction.netlist_gen.board.circuit import GROUND, with_parts
+from taction.spice_models.branches import Branch, Source
 from taction.system.array_types import EPS, Complexes, Floats
-from taction.verification.characterise.operating_point import PROBE, DeckPoint
+from taction.verification.characterise.operating_point import MISFIT, PROBE, DeckPoint
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.verdict.checks import Check, Outcome, at_most
 
@@ -31,10 +32,13 @@ FAINT = 1e-6  # of the largest voltage at a frequency: smaller ones count as thi
 SHARP = 0.2  # damping below which frequencies about a pole are added
 
 
-def compare_ac(point: DeckPoint, board: LinearBoard, poles: Complexes) -> Check:
+def compare_ac(
+    point: DeckPoint, board: LinearBoard, poles: Complexes, absent: Iterable[Branch] = ()
+) -> Check:
     """Return the check ``ac_agrees``: the largest relative difference from ngspice's ``.ac``.
 
-    It is compared at frequencies about the `poles`.
+    It is compared at frequencies about the `poles`. The board is without the `absent` capacitances;
+    with them it is compared, and they may move no output by more than `MISFIT` of its largest.
     """
     known = board.descriptor.names[: board.descriptor.node_count]
     nodes = [name for name in point.weights if name in known]
@@ -44,7 +48,9 @@ def compare_ac(point: DeckPoint, board: LinearBoard, poles: Complexes) -> Check:
     if not len(hertz):
         text = f"ngspice's .ac was not compared: {said}"
         return Check("ac_agrees", Outcome.INCONCLUSIVE, None, None, LIMIT, None, "ratio", text)
-    ours, doubt = _ours(point, board, nodes, hertz)
+    left_out = [part for part in absent if {*part.nodes} <= {GROUND, *known}]
+    whole = LinearBoard(with_parts(board.circuit, left_out)) if left_out else board
+    ours, doubt = _ours(point, whole, nodes, hertz)
     size = np.abs(theirs)
     floor = np.maximum(size, FAINT * size.max(axis=2, keepdims=True))
     floor = np.where(floor > 0.0, floor, 1.0)
@@ -59,6 +65,9 @@ def compare_ac(point: DeckPoint, board: LinearBoard, poles: Complexes) -> Check:
     off = np.where(np.isfinite(off), off, np.inf)
     beyond = np.maximum(off - doubt / floor, 0.0)
     hides = np.any((off > LIMIT) & (beyond <= LIMIT), axis=(0, 1))
+    if left_out:
+        without, _ = _ours(point, board, nodes, hertz)
+        hides |= np.abs(without - ours)[0].max(axis=0) > MISFIT * np.abs(ours)[0].max(axis=0)
     hidden = [name for name, hid in zip(nodes, hides, strict=True) if hid]
     way, at, node = (int(k) for k in np.unravel_index(int(beyond.argmax()), beyond.shape))
     worst, how = float(beyond.max()), ("from the source", "from currents into every node")[way]

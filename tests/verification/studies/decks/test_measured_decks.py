@@ -391,7 +391,29 @@ def test_a_capacitance_of_nothing_is_left_out(tmp_path: Path) -> None:
     """CSS of many a vendor's op-amp, 1e-30 F, is no pole at 1e33 /s."""
     found = checked(tmp_path, "V1 in 0 1\nR1 in out 1k\nC1 out 0 1n\nR2 in x 1\nC2 x 0 1e-30")
     assert [pole.real for pole in found.poles.poles] == pytest.approx([-1e6])
-    assert "less than 1e-24 F, so left out: C2" in found.notes
+    assert "less than 1e-23 F, so left out: C2" in found.notes
+
+
+AREA = """.model m d is=1e-8 cjo=10f
+Vin in 0 DC 1 AC 1
+D1 0 in m 400e-12
+R1 in out 1k
+C1 out 0 6n"""  # 2 aF at the source, and so a pole of 1e17 times that of C1
+
+
+def test_a_capacitance_of_nothing_of_a_device_is_left_out(tmp_path: Path) -> None:
+    found = checked(tmp_path, f"{AREA}\nD2 0 out m 400e-12")
+    assert agrees(found)
+    assert found.poles.poles == pytest.approx([-1.0 / (1e3 * 6e-9)], rel=1e-6)
+
+
+def test_a_capacitance_that_moves_an_output_is_not_left_out_in_silence(tmp_path: Path) -> None:
+    """Two reversed diodes divide by their capacitances from some 20 GHz on, before that by gmin."""
+    text = f"{AREA}\nD2 dark in m 400e-12\nD3 0 dark m 100e-12\nR2 out x 1k\nC2 x 0 100f"
+    found = checked(tmp_path, text, outputs="dark")
+    (check,) = [check for check in found.checks if check.name == "ac_agrees"]
+    assert check.outcome.value == "inconclusive"
+    assert "dark" in check.reason
 
 
 def test_a_polynomial_of_the_third_degree_of_two_inputs(tmp_path: Path) -> None:
