@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit, without_wires
-from taction.netlist_gen.scene.design import Design
 from taction.netlist_gen.topologies.frame.planes import with_ideal_stages
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import EPS, Floats
@@ -296,23 +295,6 @@ def difference(
     return ErrorPart(name, largest, how, bound, tuple(apart.tolist()))
 
 
-DEVICES = {
-    "programming": "as every device is programmed by itself",
-    "drift": "as every device drifts by itself",
-    "read_noise": "as every device is read by itself",
-}
-"""Why devices of arrays differ, by the kinds of their spreads."""
-
-
-def around(design: Design, change: str) -> str:
-    """Return where a board must work, as far as a change of its errors depends on it."""
-    if change in DEVICES:
-        return f"{DEVICES[change]}, to first order"
-    if change == "supply_rejection":
-        return f"at supplies of ±{design.supply:g} V ± {100.0 * design.supply_tolerance:g} %"
-    return f"at {design.temperature}"
-
-
 LEAST_BOUND = 1e-9  # of the largest stress: a smaller bound on an error has no number of its own
 Link = tuple[str, str, Floats | LinearBoard, float | None]
 """A solution of the chain, V, (N,), or a board that rests there: the part that it ends, how that is
@@ -324,7 +306,7 @@ def error_budget(run: Run, evidence: Evidence, answer: AnswerError) -> ErrorBudg
 
     Where a solution cannot be found its part is not known, and the part after it contains it.
     """
-    board, noise, spread = run.board, evidence.noise, evidence.spread
+    board, noise = run.board, evidence.noise
     error = evidence.end_error * (evidence.measurements.amplitude or 1.0)
     end = error if math.isfinite(error) else None
     parts, last = list[ErrorPart](), answer.stress
@@ -342,9 +324,6 @@ def error_budget(run: Run, evidence: Evidence, answer: AnswerError) -> ErrorBudg
     if noise is not None:
         how = f"rms at rest {noise.band}: resistors, op-amps and sensors; not in the sum"
         parts.append(ErrorPart("noise", noise.known, how))
-    for name, volts in ({} if spread is None else spread.changes).items():
-        how = f"95 % of the boards are within, {around(board.scene.design, name)}; not in the sum"
-        parts.append(ErrorPart(name, volts, how))
     start = "regularised answer" if answer.stress is None else "true stress"
     first = board.ideal.target if answer.stress is None else answer.stress
     how = f"end of the record against the {start}"

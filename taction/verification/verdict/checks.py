@@ -166,13 +166,8 @@ class Evidence:
         volts, error = map(self._share, self.spread.distance(self.targets))
         if volts <= self.static:
             return alike
-        differ = "the input errors of their op-amps differ"
-        if self.spread.changes:
-            differ = "their parts differ, also by temperature or supply"
-        text = (
-            f"{SPREAD} are within, since {differ} (most: {self.spread.largest});"
-            f" {percent(self.static)} with all of one sign"
-        )
+        alone = f"{percent(self.static)} with all errors of one sign"
+        text = f"{SPREAD} are within, since their parts differ; {alone}"
         return volts, error + self.static_error, text
 
     @property

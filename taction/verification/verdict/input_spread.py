@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -76,11 +76,7 @@ class InputSpread:
     rows: Floats  # (P, N): what each deviation adds for one standard deviation, V
     uniform: int = 0  # so many of the last rows are uniform, all others normal
     curvature: float = 0.0  # error of the first order, as a share of a deviation
-    largest: str = ""  # what moves the outputs most: a part, or an op-amp and its figure
     moved: Floats | float = 0.0  # (N,): what the changes of temperature and supply add to the mean
-    # How far each kind of change (`CHANGES`, `DRIFT`, `KINDS` of devices) moves an output by itself
-    # in all but 5 % of the boards, V.
-    changes: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -114,12 +110,14 @@ class InputSpread:
             *tolerance_deviations(sensitivity, at_rest, at, size),
         ]
         rest = outputs_at_rest(board)
+        changed = (each.shift for each in every if each.kind in CHANGES)
         found = cls(
             sum((each.shift for each in every), rest),
             np.array([each.row for each in every]),
             len(at_rest) if uniform else 0,
+            moved=sum(changed, np.zeros_like(rest)),
         )
-        return found._probed(every, at)._with_changes(every)
+        return found._probed(every, at)
 
     def _probed(
         self, every: Sequence[Deviation], at: Callable[[Mapping[str, float]], Circuit]
@@ -127,9 +125,8 @@ class InputSpread:
         """Compare the first order with the rest of a board at which the worst output is far off."""
         worst = int(np.argmax(self.sigma))
         sigma, column = float(self.sigma[worst]), self.rows[:, worst]
-        found = replace(self, largest=every[int(np.argmax(np.abs(column)))].name)
         if not sigma > 0.0:
-            return found
+            return self
         z, shares, logs = PROBED * column / sigma, dict[str, float](), dict[str, float]()
         for each, value in zip(every, z.tolist(), strict=True):
             if each.is_of_resistor:
@@ -139,20 +136,7 @@ class InputSpread:
         scale = {name: math.exp(value) for name, value in logs.items()}
         probed = outputs_at_rest(LinearBoard(with_factors(at(shares), scale)))
         off = float(np.abs(probed - self.mean - self.rows.T @ z).max())
-        return replace(found, curvature=off / (PROBED * sigma))
-
-    def _with_changes(self, every: Sequence[Deviation]) -> InputSpread:
-        """Return the spread with what each kind of change does by itself."""
-        none = np.zeros_like(self.mean)
-        moved, changes = none, dict[str, float]()
-        for kind in (*CHANGES, DRIFT, *KINDS):
-            if alike := [each for each in every if each.kind == kind]:
-                alone = InputSpread(
-                    sum((each.shift for each in alike), none),
-                    np.array([each.row for each in alike]),
-                )
-                moved, changes[kind] = moved + alone.mean, alone.distance(none)[0]
-        return replace(self, moved=moved, changes=changes)
+        return replace(self, curvature=off / (PROBED * sigma))
 
     @functools.cached_property
     def sigma(self) -> Floats:
@@ -161,34 +145,31 @@ class InputSpread:
 
     def distance(self, target: Floats, share: float = SHARE) -> tuple[float, float]:
         """Return how far from `target` (N,) a share of the boards rests, and its error, V."""
-        return max(self._distance(away, share) for away in self._away(target))
+        found, ranks = [], DRAWN * (share + self._scatter(share) * np.array([-1.0, 0.0, 1.0]))
+        for farthest, error in self._farthest(target):
+            places = np.ceil(ranks).astype(np.int64) - 1
+            low, middle, high = np.sort(farthest)[places].tolist()
+            found.append((middle, max(high - middle, middle - low) + error))
+        return max(found)
 
     def within(self, target: Floats, limit: float) -> tuple[float, float]:
         """Return bounds on the share of boards that rest at most `limit`, V, off `target`."""
         found = []
-        for away in self._away(target):
-            farthest, error = np.abs(away + self._sums).max(axis=1), self._first_order(away)
-            ends = [float((farthest <= limit + sign * error).mean()) for sign in (-1.0, 1.0)]
-            low, high = (self._scatter(end) for end in ends)
-            found.append((max(ends[0] - low, 0.0), ends[1] + high))
+        for farthest, error in self._farthest(target):
+            low, high = (float((farthest <= limit + end).mean()) for end in (-error, error))
+            found.append((max(low - self._scatter(low), 0.0), high + self._scatter(high)))
         least, most = min(found)
         return least, min(most, 1.0)
 
-    def _away(self, target: Floats) -> list[Floats]:
-        """Return how far the means are from `target`, with and without the changes, V."""
-        parts = (0.0, self.moved) if np.any(self.moved) else (0.0,)
-        return [self.mean - part - target for part in parts]
+    def _farthest(self, target: Floats) -> Iterator[tuple[Floats, float]]:
+        """Yield how far drawn boards rest off `target`, and the error of the first order, V.
 
-    def _distance(self, away: Floats, share: float) -> tuple[float, float]:
-        """Return the distance, and its error, for means that are `away` (N,), V."""
-        farthest = np.sort(np.abs(away + self._sums).max(axis=1))
-        ranks = DRAWN * (share + self._scatter(share) * np.array([-1.0, 0.0, 1.0]))
-        low, middle, high = farthest[np.ceil(ranks).astype(np.int64) - 1].tolist()
-        return middle, max(high - middle, middle - low) + self._first_order(away)
-
-    def _first_order(self, away: Floats) -> float:
-        """Return the error of the first order, V."""
-        return self.curvature * float(np.abs(away).max() + self.sigma.max(initial=0.0))
+        The means are those with the changes of temperature and supply, and those without.
+        """
+        for part in (0.0, self.moved) if np.any(self.moved) else (0.0,):
+            away = self.mean - part - target
+            size = float(np.abs(away).max() + self.sigma.max(initial=0.0))
+            yield np.abs(away + self._sums).max(axis=1), self.curvature * size
 
     @functools.cached_property
     def _independent(self) -> tuple[Floats, Floats]:

@@ -128,22 +128,14 @@ def shifted(circuit: Circuit, **figures: float) -> Floats:
 
 
 def test_drift_and_supply_rejection_are_rows_by_the_equilibria_of_changed_boards() -> None:
-    """One op-amp after the other with another offset; 1.96 to 2.25 deviations hold 95 % of two."""
+    """One op-amp after the other with another offset."""
     circuit = board(opamp=DESIGN["opamp"] | {"offset_drift": "10uV/K"}, **HOT)
     spread = InputSpread.of(LinearBoard(circuit))
     assert spread is not None
     each = shifted(circuit, offset_voltage=1e-3) / 1e-3
-    unit = np.sqrt((each**2).sum(axis=0)).max()
-    wanted = {
-        "offset_drift": unit * 10e-6 / 0.67 * 45.0,  # a scene's figure: half of the parts keep it
-        "supply_rejection": unit * 150e-6 / 3.0 * 0.05 * 15.0,  # the sheet's 150 uV/V: 3 sigma
-    }
-    assert spread.changes.keys() == wanted.keys()
-    for name, deviation in wanted.items():
-        assert 1.9 * deviation < spread.changes[name] < 2.3 * deviation, name
-    variance = ROOM.sigma**2 + each.T**2 @ np.full(
-        len(circuit.opamps), (10e-6 / 0.67 * 45.0) ** 2 + (150e-6 / 3.0 * 0.75) ** 2
-    )
+    drift = 10e-6 / 0.67 * 45.0  # a scene's figure: half of the parts keep it
+    supply = 150e-6 / 3.0 * 0.05 * 15.0  # the sheet's 150 uV/V: 3 sigma
+    variance = ROOM.sigma**2 + (each**2).sum(axis=0) * (drift**2 + supply**2)
     np.testing.assert_allclose(spread.sigma, np.sqrt(variance), rtol=2e-3)
     assert circuit.models["ua741_changed"].not_known == ("bias_drift",)
 
@@ -181,11 +173,10 @@ def test_resistors_drift_each_by_itself() -> None:
     assert spread is not None
     np.testing.assert_allclose(spread.sigma, 1e-4 * np.sqrt(squares), rtol=1e-3)
     assert spread.curvature < 1e-3
-    assert list(spread.changes) == ["resistor_drift"]
 
 
 def test_the_verdict_counts_what_the_scene_asks_for() -> None:
-    """The rows stand in the budget; the check fails where the drift is beyond its limit."""
+    """The check fails where the drift is beyond its limit."""
     parts = {**DESIGN, "opamp": DESIGN["opamp"] | {"base": "tl084", "offset_voltage": 0.0}}
 
     def found(**design: Any) -> Any:
@@ -194,14 +185,10 @@ def test_the_verdict_counts_what_the_scene_asks_for() -> None:
         return verify(scene.with_engine("statespace"))
 
     room, hot = found(), found(**HOT, temperature_coefficient=5e-5)
-    rows = {"offset_drift", "supply_rejection", "bias_drift", "offset_current_drift"}
-    assert not rows & {part.name for part in room.budget}
-    assert rows | {"resistor_drift"} <= {part.name for part in hot.budget}
     before, after = (v.checks[0] for v in (room, hot))
     assert before.outcome is Outcome.PASS
     assert after.outcome is Outcome.FAIL
     assert after.value > 2.0 * before.value
-    assert "also by temperature or supply" in after.reason
     lacking = [text for text in found(opamp=UA741, **HOT).warnings if "not known" in text]
     assert lacking == ["op-amp ua741: bias drift not known, so left out"]
 

@@ -275,13 +275,10 @@ def _varied(found: BoardCheck) -> Iterator[Section]:
     study, share = found.corners, found.yields
     if study is None or share is None:
         return
-    nodes = [out.node for out in found.circuit.outputs]
     yield Section(
         "Worst cases", lambda: tolerance.tables(study.quantities, study.corners), media=BOTH
     )
     yield Section("Least, typical and largest values", lambda: tolerance.ranges(study))
-    rest = "Outputs at rest, worst case"
-    yield Section(rest, lambda: tolerance.directions(study, nodes), media=BOTH)
     yield Section("Yield", f"{titled(share.sentence)}.", media=BOTH)
     yield Section("Checks that do not pass", lambda: tolerance.failures(share), media=BOTH)
     yield Section("Spread", lambda: tolerance.spreads(share), media=BOTH)

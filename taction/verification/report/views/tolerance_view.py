@@ -232,7 +232,6 @@ def causes(result: YieldReport) -> Content:
 WORST = ("fail", "inconclusive", "pass")
 RANGES = "Typical: the nominal board."
 DEVIATIONS = 200  # deviations in a table
-DIRECTIONS = 4  # worst-case directions in a terminal
 
 
 def corner_view(study: CornerStudy) -> Page:
@@ -250,7 +249,6 @@ def corner_view(study: CornerStudy) -> Page:
         sections=(
             Section("Least, typical and largest values", ranges(study)),
             Section("Corners", tuple(tables(study.quantities, corners)), media="terminal page"),
-            Section("Channels at rest", directions(study), media="terminal page"),
             Section("Deviations", _deviations(corners)),
             origin_section(study.scene),
         ),
@@ -320,21 +318,6 @@ def _remark(corner: Corner) -> str:
         f"most moved by {largest}" if largest else "",
     )
     return f"{_name(corner)}: {'; '.join(filter(None, remarks))}" if any(remarks) else ""
-
-
-def directions(study: CornerStudy, names: Sequence[str] = ()) -> Table:
-    """Return the errors of the channels at rest, the largest first; `names` are those of decks."""
-    columns = {
-        "channel": lambda each: Cell(
-            names[each.channel - 1] if names else f"u{each.channel}", each.channel
-        ),
-        "side of the reference": lambda each: "above" if each.sign > 0 else "below",
-        **fields("first order = predicted step; solved step"),
-        "most moved by": lambda each: " ".join(each.largest),
-    }
-    note, title = "Worst-case errors at rest, from the signs of the sensitivities.", "Largest error"
-    most, more = {"terminal": DIRECTIONS}, "{} smaller ones: --json."
-    return Table.of(f"{title} of each channel at rest", study.directions, columns, note, most, more)
 
 
 def _deviations(corners: Sequence[Corner]) -> Table:

@@ -3,29 +3,25 @@
 A sensitivity is a difference of two verifications by the state-space engine. In the worst corner of
 a quantity every component has the end of its tolerance with the sign of the sensitivity, which is
 exact where the quantity is monotonic in each component. The steady-state error is not, since it is
-smallest near the nominal board: its corner is that of the channel with the largest signed error,
-``e_n + sum_p |S_pn|`` to first order, which is solved, too. If the corner of one quantity is worse
+smallest near the nominal board: the corners of the channels with the largest signed errors,
+``e_n + sum_p |S_pn|`` to first order, are tried. If the corner of one quantity is worse
 for another quantity than that quantity's own corner, it is reported for both.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.documents import HIDDEN
 from taction.system.errors import Complaint, InputError
 from taction.system.progress import Progress
 from taction.system.results import Result
-from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.cluster import workers_at
 from taction.verification.studies.running.study import HERE, Workers
@@ -39,23 +35,8 @@ from taction.verification.studies.tolerance.varied_board import (
 
 PROBE = 0.25  # of the tolerance: large against rounding errors, small against curvature
 NOTHING = 1e-9  # of the largest slope of a channel: rounding
-NAMED = 5  # components listed with each direction and each corner, and corners in a `repr`
+NAMED = 5  # components listed with each corner, and corners in a `repr`
 STEADY_CORNERS = 8  # corners of the steady state that are tried
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Direction:
-    """One channel, one sign of its error, and the corner that makes it largest."""
-
-    channel: int  # from 1
-    sign: int  # 1 where the output is above the reference, else -1
-    predicted: float  # error of the channel at the corner, to first order, in step amplitudes
-    solved: float  # the same from the equilibrium of the board at this corner
-    # The components with the largest slopes, with the signs of their deviations.
-    largest: tuple[str, ...]
-    deviations: dict[str, float]  # of the corner, in tolerances, by component
-    # Change of the error, times `sign`, for a deviation of one tolerance, in step amplitudes.
-    slopes: Annotated[Floats, HIDDEN]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,15 +52,14 @@ class Corner:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class CornerStudy(Result):
-    """Verified corners of a scene, and the worst-case direction of every channel at rest."""
+    """Verified corners of a scene."""
 
     VIEW = "taction.verification.report.views.tolerance_view:corner_view"
-    DOCUMENT = ("scene = name", "corners", "directions")
+    DOCUMENT = ("scene = name", "corners")
 
     name: str
     quantities: tuple[Quantity, ...]
     corners: tuple[Corner, ...]
-    directions: tuple[Direction, ...] = ()
     scene: Scene | None = None
 
     @property
@@ -163,7 +143,7 @@ def corners(
 def worst_of(
     board: Varied, workers: Workers, progress: Progress = lambda stage: None
 ) -> CornerStudy:
-    """Return the nominal board, the worst corner of every quantity, and the directions."""
+    """Return the nominal board, and the worst corner of every quantity."""
     count, reported = len(board.varied), board.quantities
     probes = [("", z) for z in (np.zeros(count), *(PROBE * np.eye(count)))]
     centre, *moved = _verified(board.by_statespace(), probes, workers, progress, "sensitivities")
@@ -171,12 +151,12 @@ def worst_of(
         quantity.name: np.array([_worse(quantity, each.result, centre.result) for each in moved])
         for quantity in reported
     }
-    directions = steady_directions(board, centre.result, [each.result for each in moved])
-    gradient["steady_state"] = directions[0].slopes if directions else np.zeros(count)
+    steady = steady_slopes(centre.result, [each.result for each in moved])
+    gradient["steady_state"] = steady[0] if steady else np.zeros(count)
     ends = [
         ("nominal", np.zeros(count)),
         *((quantity.name, np.sign(gradient[quantity.name])) for quantity in reported),
-        *(("", np.sign(found.slopes)) for found in directions[1:STEADY_CORNERS]),
+        *(("", np.sign(slopes)) for slopes in steady[1:]),
     ]
     nominal, *tried = _verified(board, ends, workers, progress, "corners")
     worst = [min(tried, key=lambda c: _goodness(c.result, q, c.name)) for q in reported]
@@ -189,34 +169,27 @@ def worst_of(
         )
         for quantity, corner in zip(reported, worst, strict=True)
     ]
-    return CornerStudy(board.name, reported, (nominal, *named), directions)
+    return CornerStudy(board.name, reported, (nominal, *named))
 
 
-def steady_directions(
-    board: Varied, centre: BoardSample, moved: Sequence[BoardSample]
-) -> tuple[Direction, ...]:
-    """Return the directions of all channels and both signs, the largest error first.
+def steady_slopes(centre: BoardSample, moved: Sequence[BoardSample]) -> list[Floats]:
+    """Return what each part moves a channel away from the reference at rest, worst channels first.
 
-    `moved` are the boards with each component in its turn off by `PROBE`. There are no directions
-    where no output has to move: errors are fractions of the largest step.
+    Each is the slope of an error in step amplitudes, (components,), times the sign of one side.
+    `moved` are the boards with each component in its turn off by `PROBE`. There are no slopes where
+    no output has to move: errors are fractions of the largest step.
     """
-    if math.isnan(board.step_amplitude):
-        return ()
-    count = len(board.varied)
-    rest = np.array(centre.errors or _errors(board, np.zeros(count)))
-    probes = zip(moved, PROBE * np.eye(count), strict=True)
-    slopes = [(np.array(each.errors or _errors(board, z)) - rest) / PROBE for each, z in probes]
-    S = np.array(slopes).reshape(count, len(rest))
+    rest = np.array(centre.errors)
+    slopes = [(np.array(each.errors or centre.errors) - rest) / PROBE for each in moved]
+    S = np.array(slopes).reshape(len(moved), len(rest))
     S = np.where(np.abs(S) > NOTHING * np.abs(S).max(axis=0, initial=0.0), S, 0.0)
-    found = []
-    for n, sign in itertools.product(range(len(rest)), (1, -1)):
-        towards = sign * S[:, n]
-        corner = _deviations(board, np.sign(towards))
-        predicted = float(rest[n] + sign * np.abs(towards).sum())
-        solved = float(_errors(board, np.sign(towards))[n])
-        largest = largest_parts(towards, board, corner)
-        found.append(Direction(n + 1, sign, predicted, solved, largest, corner, towards))
-    return tuple(sorted(found, key=lambda direction: -direction.sign * direction.solved))
+    sides = [
+        (sign * error + float(np.abs(column).sum()), sign * column)
+        for error, column in zip(rest.tolist(), S.T, strict=True)
+        for sign in (1.0, -1.0)
+    ]
+    sides.sort(key=lambda side: -side[0])
+    return [towards for _, towards in sides[:STEADY_CORNERS]]
 
 
 def largest_parts(
@@ -226,13 +199,6 @@ def largest_parts(
     order = np.argsort(-np.abs(slopes), kind="stable")[:NAMED].tolist()
     moved = [(board.varied[k].name, deviations.get(board.varied[k].name, 0.0)) for k in order]
     return tuple(f"{'+' if z > 0 else '-'}{name}" for name, z in moved if z)
-
-
-def _errors(board: Varied, z: Floats) -> tuple[float, ...]:
-    """Return the error of every channel at rest with deviations `z`, in step amplitudes."""
-    rest = LinearBoard(board.at(z)).equilibrium
-    outputs = np.array([output.sign * rest[output.node] for output in board.nominal.outputs])
-    return tuple(((outputs - board.target) / board.step_amplitude).tolist())
 
 
 def _deviations(board: Varied, z: Floats) -> dict[str, float]:

@@ -245,9 +245,6 @@ def test_a_divider_rests_where_its_worst_resistors_say(tmp_path: Path) -> None:
     found = checked(tmp_path, PULSED, 'resistor = "1%"\n', samples=1)
     above = 1.01 / (1.01 + 1.0 / 1.01) - 0.5  # of 2 V, in steps of 1 V: twice this
     assert worst(found, "steady_state") == pytest.approx(2.0 * above, rel=1e-6)
-    assert found.corners is not None
-    solved = sorted(direction.solved for direction in found.corners.directions)
-    assert solved == pytest.approx([-2.0 * above, 2.0 * above], rel=1e-6)
 
 
 @pytest.mark.usefixtures("ngspice")
