@@ -35,12 +35,10 @@ class Clock:
         self.seconds: dict[str, float] = {}
         self._progress, self._stage, self._since = progress, "", time.perf_counter()
 
-    def begin(self, stage: str, remark: str = "") -> None:
+    def begin(self, stage: str) -> None:
         """End the current stage and begin `stage`, or go on with one that began before."""
         self.pause()
         self._stage = stage
-        if remark:
-            self._progress(Notice(f"{stage} ({remark})"))
         self._progress(stage)
 
     def pause(self) -> None:

@@ -25,8 +25,8 @@ from taction.netlist_gen.scene.axes import (
     LIMITS,
     Point,
     SweepAxis,
+    percentages,
     tried,
-    value_questions,
     with_values,
 )
 from taction.netlist_gen.scene.check_keys import unitless_times
@@ -455,8 +455,8 @@ def choose(
         points,
         named,
     )
-    times = {"settling_time": settling, "rise_time": rise}
-    ask(_limit_questions(original, plan.scene, times), progress)
+    ask(_unitless({"settling_time": settling, "rise_time": rise}), progress)
+    ask(percentages(plan.scene), progress)
     with Store(":memory:" if store is None else str(store)) as results:
         computed(plan, results, jobs=jobs, cluster=cluster, progress=progress)
         ranked = designs(plan, results, ANY_PART if any_part else None)
@@ -484,12 +484,8 @@ def _number(option: str, given: str | float | None) -> float | None:
         raise InputError(option, complaint) from None
 
 
-def _limit_questions(
-    scene: Scene, limited: Scene, times: Mapping[str, str | float | None]
-) -> Iterator[str]:
-    """Yield what may be a slip in the limits: a time without a unit, a limit that is none."""
+def _unitless(times: Mapping[str, str | float | None]) -> Iterator[str]:
+    """Yield the times of the limits that have no unit and are long for a board."""
     for name, given in times.items():
         with suppress(TypeError, ValueError):  # None, or a text with a unit
             yield from unitless_times({"checks": {name: {"max": float(given or "")}}})
-    known = set(value_questions(scene))
-    yield from (question for question in value_questions(limited) if question not in known)

@@ -372,7 +372,7 @@ def observe(board: Board, pending: Waiting | None, clock: Clock) -> Run:
 
 def _observed(board: Board, pending: Waiting | None, clock: Clock) -> Run:
     """Wait for a simulation, find the error of its record, and measure it."""
-    clock.begin("simulation", remark=board.plan.remark)
+    clock.begin("simulation")
     wave = (pending or begin(board))()
     clock.begin("comparison")
     own, beside = own_error(board, wave), None

@@ -43,10 +43,7 @@ CKTTERR = 72.0  # 12 of the trapezoidal rule's local error times 3! of the divid
 INSTANTS = 240  # number of instants of the forecast, in geometric progression
 EARLIEST = 0.01  # of the fastest time constant: the first instant after 0
 UNSEEN = 1e-9  # of the step amplitude: smaller modes are ignored at the outputs
-FEWEST_STEPS = (50.0, 100.0, 200.0, 500.0, 1500.0)
-"""Candidates for the least number of steps of a record. With the trapezoidal rule an unresolved
-stiff mode decays more slowly the longer the step is: if this limits the error, a shorter maximum
-step is cheaper than a smaller truncation error."""
+FEWEST_STEPS = 50.0  # of a record; with more the mean cost of a board grows
 FIRST = 0.1  # of the step that the charges allow at t = 0: the first step
 FEWEST_INSTANTS = 200.0  # least number of instants of a record
 MOST_INSTANTS = 500_000  # and the largest
@@ -56,7 +53,7 @@ EXPONENT = 1.5  # the truncation error is proportional to this power of the erro
 SEARCH_AIM = 0.93  # of the allowed error: target of each search step
 CLOSE = 0.8  # of the allowed error: the search stops above this fraction
 TRIES = 12
-LEAST, MOST = 1e-15, 0.5  # truncation errors
+LEAST, START, MOST = 1e-15, 1e-6, 0.5  # truncation errors
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,20 +181,10 @@ class StepModel:
         return np.asarray(np.interp(places, count, self.time))
 
     def cheapest(self, error: float) -> StepForecast:
-        """Return the step control with the fewest steps within `error`, or the least error."""
-        found, begin = list[StepForecast](), 1e-6
-        for fewest in FEWEST_STEPS:
-            found.append(self._within(error, self.stop / fewest, begin))
-            best = min(found, key=lambda each: (max(each.error, error), each.steps))
-            begin = best.transient.truncation
-            if best.error <= error and best.steps <= 4.0 * fewest:
-                break  # no shorter maximum step has fewer steps
-        return best
-
-    def _within(self, error: float, max_step: float, truncation: float) -> StepForecast:
-        """Search the largest truncation error whose forecast stays within `error`."""
+        """Return the largest truncation error whose forecast stays within `error`, or the least."""
+        truncation = START
         for _ in range(TRIES):
-            forecast = self.forecast(truncation, max_step)
+            forecast = self.forecast(truncation, self.stop / FEWEST_STEPS)
             ratio = SEARCH_AIM * error / max(forecast.error, TINY)
             following = min(max(truncation * min(ratio, 1e12) ** EXPONENT, LEAST), MOST)
             if CLOSE * error <= forecast.error <= error or following == truncation:
@@ -242,8 +229,6 @@ LINEAR_STEP, MATRIX_STEP = 2.7e-6, 3.1e-9
 for N = M = 7 to 128 on one machine (else N is the larger of the two); with behavioural amplifiers a
 step takes `NEWTON` times as long."""
 NEWTON = 2.5
-LONG = 10.0  # s: a longer run is announced
-SHORTER = "the state-space engine (--engine statespace) is usually faster"
 UNSTABLE_PERIODS = 100.0  # of ringing: the same for the state-space engine, where it needs steps
 EXACT_PERIODS = 20_000.0  # the same where it needs none: the record has `GROWING_POINTS` on each
 GROWING_POINTS = 10.0  # on a period: fewer would show ringing at another frequency
@@ -281,13 +266,6 @@ class TransientPlan:
         """Tolerance of the state-space engine's steps, in step amplitudes."""
         most = CURVED_TOLERANCE if self.curved else math.inf
         return min(state_space_tolerance(self.wanted), most)
-
-    @property
-    def remark(self) -> str:
-        """How long ngspice will take, if it takes long; else empty."""
-        if self.seconds < LONG:
-            return ""
-        return f"about {self.seconds:.0f} s for {self.steps:.2g} steps; {SHORTER}"
 
     def instants(self, board: LinearBoard) -> Floats | None:
         """Return dense instants of a state-space record, s; None if the outputs grow."""

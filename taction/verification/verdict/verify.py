@@ -191,7 +191,7 @@ def verify(
     clock = Clock(progress)
     board = build(scene, clock, problem=problem, circuit=circuit, ideal=ideal,
                   full_margin=full_margin)  # fmt: skip
-    clock.begin("simulation", remark=board.plan.remark)
+    clock.begin("simulation")
     evidence = read(board, begin(board), clock)
     checks = run_checks(evidence)
     clock.end()

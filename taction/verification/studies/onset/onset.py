@@ -17,7 +17,7 @@ from typing import Annotated
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import Over, SweepAxis, axis_questions, parse_axes, with_values
+from taction.netlist_gen.scene.axes import Over, SweepAxis, parse_axes, with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import own_value
 from taction.netlist_gen.scene.scene import Scene
@@ -29,7 +29,7 @@ from taction.system.errors import (
     SimulatorNotFound,
     SimulatorTooOld,
 )
-from taction.system.progress import Progress, ask
+from taction.system.progress import Progress
 from taction.system.quantities import quantity
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
@@ -247,7 +247,6 @@ def onset(
     """
     scene = read_scene(scene)
     axis = parse_onset_axis(scene, over)
-    ask(axis_questions(scene, [[axis]]), progress)
     values = [float(value) for value in axis.values]
     logarithmic = axis.scale != "lin" and min(values) > 0.0
     middle = math.sqrt(min(values) * max(values)) if logarithmic else None

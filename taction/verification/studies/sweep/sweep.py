@@ -25,9 +25,9 @@ from taction.netlist_gen.scene.axes import (
     Fixed,
     Over,
     SweepAxis,
-    axis_questions,
     check_axes,
     fixed_values,
+    kept_figures,
     parse_axes,
     with_values,
 )
@@ -254,7 +254,7 @@ class SweepResult(Result):
         *("scene = plan.scene.name", "file = plan.scene.file", "database = store.path", "axes"),
         *("engine = plan.engine", "total = count.total", "done = count.done"),
         *("ran = count.ran", "outcomes", "seconds [s]"),
-        "notes # what may be a slip in the axes, and the figures that every op-amp keeps",
+        "notes # what may be a slip in the scene, and the figures that every op-amp keeps",
         "points",
     )
 
@@ -271,9 +271,9 @@ class SweepResult(Result):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What may be a slip in the axes, and which figures of the scene every op-amp keeps."""
-        scene = self.plan.scene
-        return (*scene.written_questions, *axis_questions(scene, self.plan.groups))
+        """What may be a slip in the scene, and which of its figures every op-amp keeps."""
+        scene, paths = self.plan.scene, [axis.key.path for axis in self.plan.axes]
+        return (*scene.written_questions, *kept_figures(scene, paths))
 
     @property
     def outcomes(self) -> dict[str, int]:
@@ -426,7 +426,7 @@ def sweep(
     axes = parse_axes(scene, over)
     check_axes(axes, fixed)
     plan = Plan(scene, axes, choose_engine(scene if engine is None else scene.with_engine(engine)))
-    ask(axis_questions(plan.scene, plan.groups), progress)
+    ask(kept_figures(plan.scene, [axis.key.path for axis in plan.axes]), progress)
     store, start = Store(":memory:" if output is None else str(output)), time.perf_counter()
     count = computed(plan, store, jobs=jobs, cluster=cluster, progress=progress)
     return SweepResult(plan, store, count, time.perf_counter() - start, strict)
