@@ -224,7 +224,7 @@ TABLE = {
     ),
     "montecarlo": Command(
         about="Estimate the yield under component tolerances.",
-        outputs=(picture("histograms with limits, and the components behind the spread,"), REPORT),
+        outputs=(picture("histograms with limits"), REPORT),
         other=lambda options: None if options["sample"] is None else SAMPLE,
         parameters=(
             option("sample", type=click.IntRange(0), of="verify_sample", required=False),
@@ -276,7 +276,7 @@ TABLE = {
     "scale": Command(about="Propose G0, U0, s and R for op-amps and supply.", files=own_file),
     "onset": Command(
         about="Find every stability crossing over a range.",
-        outputs=(picture("the pole map and the root locus"), REPORT),
+        outputs=(picture("damping and frequency of every mode over the value"), REPORT),
         parameters=(
             option("over", metavar="KEY[=LOW:HIGH:N]"),
             option("transients", "--confirm/--no-confirm"),

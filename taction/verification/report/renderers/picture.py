@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -54,9 +54,7 @@ LINES = {"solid": "-", "dash": (0, (4.0, 4.0)), "dot": ":", "dashdot": "-.", "":
 THEME = {"ink": "#1a1a1a", "muted": "#555555", "band": "#d9d9d9", "true": charts.GREY}
 DIVERGING = (charts.BLUE, "#f4f4f2", charts.ORANGE)
 FEW = 5  # steps between labels that may be long
-LABELLED = 0.5  # height of the ticks and the label of the horizontal axis, inches
-TURNED = 0.3  # more height of turned names, inches
-LINE = 0.22  # height of a line of a legend, inches
+LEGEND = 0.6  # opacity of a legend, which stands where it hides least
 
 
 def draw_page(page: Page, path: str | Path | None = None) -> Figure:
@@ -123,7 +121,7 @@ def _height(block: Block) -> float:
     """Return the height of a block, inches."""
     if not isinstance(block, Chart):
         return PANEL[1]
-    return max(PANEL[1] * (not block.y.names), block.pixels / PIXELS) + LINE * _legend_lines(block)
+    return max(PANEL[1] * (not block.y.names), block.pixels / PIXELS)
 
 
 def _beside(block: Block) -> float:
@@ -179,7 +177,8 @@ def draw_chart(axes: Axes, chart: Chart) -> None:
         if axis.reverse:
             getattr(axes, f"invert_{name}axis")()
         _label(axes, axis, name)
-    _legend(axes, chart)
+    if chart.legend and axes.get_legend_handles_labels()[1]:
+        axes.legend(loc="best", fontsize="small", framealpha=LEGEND)
     axes.set_title(wrapped(chart.title, LETTERS * _inches(axes)), fontsize="medium")
 
 
@@ -349,40 +348,6 @@ DRAWERS: dict[type, Callable[[Any, Any, Chart], None]] = {
     charts.Grid: _grid,
     charts.Text: _text,
 }
-
-
-def _keys(chart: Chart) -> list[str]:
-    """Return the names in the legend of a chart, each once."""
-    named = (each for each in chart.marks if getattr(each, "label", "legend"))
-    names = [str(getattr(each, "name", "")) for each in named] if chart.legend else []
-    return [*dict.fromkeys(filter(None, names))]
-
-
-def _in_a_line(keys: Sequence[str], inches: float) -> int:
-    """Return how many names stand side by side below a chart."""
-    return max(1, min(3, int(LETTERS * inches / (6 + max(map(len, keys))))))
-
-
-def _legend_lines(chart: Chart) -> int:
-    keys = _keys(chart)
-    return -(-len(keys) // _in_a_line(keys, PANEL[0])) if keys else 0
-
-
-def _legend(axes: Axes, chart: Chart) -> None:
-    """Write the legend below the chart, where it hides nothing."""
-    from matplotlib.transforms import ScaledTranslation
-
-    if not (keys := _keys(chart)):
-        return
-    handles, names = axes.get_legend_handles_labels()
-    known = dict(zip(names, handles, strict=True))
-    lower = LABELLED + TURNED * _crowded(axes, chart.x)
-    scale = cast("Figure", axes.figure).dpi_scale_trans
-    axes.legend(
-        [known[name] for name in keys], keys, fontsize="small", loc="upper center",
-        bbox_to_anchor=(0.5, 0.0), ncols=_in_a_line(keys, _inches(axes)),
-        bbox_transform=axes.transAxes + ScaledTranslation(0.0, -lower, scale),
-    )  # fmt: skip
 
 
 BLOCKS: dict[type, Callable[[Any, Any], None]] = {

@@ -9,7 +9,6 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from textwrap import TextWrapper
 from typing import IO, Any, NoReturn
 
 from rich.box import SIMPLE_HEAD
@@ -30,7 +29,6 @@ SHORT = 20  # letters of a cell that stays in one line wherever the page is wide
 LIMIT_AT, BEYOND = 12, 4  # letters of a drawn bar up to its limit, and beyond it
 UNMET = {"fail": "FAILS", "inconclusive": "undecided"}
 WIDE_GAP, GAP = 3, 2  # columns between two cells of a table
-MOST_PARTS = 3  # of a table that is too wide for the page
 GLUE = "\ue000"  # stands between a number and its unit while lines are broken
 QUOTES = "'''"  # in the place of three backticks
 SMALL = str.maketrans({"µ": "u", "Ω": "ohm"})
@@ -169,8 +167,7 @@ class FittedTable:
     """A table that fits the width of its page and loses nothing.
 
     A cell is broken between words, never inside a word, and never between a number and its unit.
-    Where the page is too narrow, the columns stand in two or three tables, or every row becomes a
-    list of titles and values.
+    Where the page is too narrow, the columns stand in several tables.
     """
 
     def __init__(self, block: blocks.Table) -> None:
@@ -189,11 +186,10 @@ class FittedTable:
         """Yield the table, in several parts where it is too wide, or the list."""
         if self.title:
             yield Text(f"\n{self.title}", style="italic")
-        parts = self._parts(options.max_width)
-        if not parts:
-            yield from self._records(options.max_width)
-        for lines in (console.render_lines(part, options) for part in parts):
-            for line in lines:
+        for places, gap in self._parts(options.max_width):
+            widths = self._widths(places, options.max_width, gap)
+            room = options.update_width(max(options.max_width, _total(widths, gap)))
+            for line in console.render_lines(self._table(places, widths, gap), room):
                 left = len("".join(segment.text for segment in line).rstrip())
                 for text, style, control in line:
                     yield Segment(text[: max(left, 0)].replace(GLUE, " "), style, control)
@@ -202,36 +198,31 @@ class FittedTable:
         if self.note:
             yield Text(f"{self.note}\n", style="dim")
 
-    def _parts(self, width: int) -> list[Table]:
-        """Return the table in the first form that fits, in one piece or in parts; else nothing."""
-        every = list(range(len(self.titles)))
-        for gap in (WIDE_GAP, GAP):
-            if widths := self._widths(every, width, gap):
-                return [self._table(every, widths, gap)]
-        several = [(part, self._widths(part, width, GAP)) for part in self._cut(width)]
-        if len(several) <= MOST_PARTS and all(widths for _, widths in several):
-            return [self._table(part, widths, GAP) for part, widths in several if widths]
-        return []
+    def _parts(self, width: int) -> list[tuple[list[int], int]]:
+        """Return the columns of each part with their gap: the heads, and as many others as fit."""
 
-    def _cut(self, width: int) -> list[list[int]]:
-        """Return the columns of each part: the heads, and as many of the others as fit."""
-        heads = list(range(self.heads))
+        def fits(places: list[int], gap: int) -> bool:
+            return _total(self._widths(places, width, gap), gap) <= width
+
+        every, heads = list(range(len(self.titles))), list(range(self.heads))
+        if fits(every, WIDE_GAP):
+            return [(every, WIDE_GAP)]
         parts = [heads]
-        for place in range(self.heads, len(self.titles)):
+        for place in every[self.heads :]:
             wider = [*parts[-1], place]
-            if len(parts[-1]) > len(heads) and not self._widths(wider, width, GAP):
+            if len(parts[-1]) > len(heads) and not fits(wider, GAP):
                 parts.append([*heads, place])
             else:
                 parts[-1] = wider
-        return parts
+        return [(part, GAP) for part in parts]
 
-    def _widths(self, places: Sequence[int], width: int, gap: int) -> list[int] | None:
-        """Return the width of each column; None if they do not fit into `width`.
+    def _widths(self, places: Sequence[int], width: int, gap: int) -> list[int]:
+        """Return the width of each column, such that they fit into `width` if that is possible.
 
         Rich alone would break words; here the widest columns give way, down to their longest word,
         or to their longest cell where all cells are `short`. A title may be broken between words.
         """
-        width -= gap * (len(places) - 1) + 2
+        room = width - _total([0] * len(places), gap)
         natural, least = [], []
         for place in places:
             title = self.titles[place].split("\n")
@@ -240,10 +231,10 @@ class FittedTable:
             parts = lines if self.short[place] else " ".join(lines).split()
             natural.append(max(map(cell_len, (*title, *lines)), default=0))
             least.append(max(map(cell_len, (*words, *parts)), default=0))
-        if sum(least) > width:
-            return None
-        while sum(natural) > width:
-            wide = (place for place, low in enumerate(least) if natural[place] > low)
+        while sum(natural) > room:
+            wide = [place for place, low in enumerate(least) if natural[place] > low]
+            if not wide:
+                break
             natural[max(wide, key=natural.__getitem__)] -= 1
         return natural
 
@@ -255,24 +246,9 @@ class FittedTable:
             table.add_row(*(row[place] for place in places))
         return table
 
-    def _records(self, width: int) -> Iterator[Text]:
-        """Yield each row as lines of a title and a value."""
-        titles = [title.replace("\n", " ").replace(GLUE, " ") for title in self.titles]
-        indent = max(map(len, titles)) + 2
-        if not self.rows:
-            yield Text("\n " + "\n ".join(titles))
-        head = Text("")
-        for row in self.rows:
-            head = row[0] if row[0].plain else head  # an empty first cell means the one above
-            yield Text("")
-            for name, cell in zip(titles, (head, *row[1:]), strict=True):
-                room = max(width - indent - 1, 1)
-                wrapper = TextWrapper(room, break_long_words=False, break_on_hyphens=False)
-                lines = [part for line in cell.plain.split("\n") for part in wrapper.wrap(line)]
-                for place, line in enumerate(lines or [""]):
-                    start = f" {name.ljust(indent)}" if place == 0 else " " * (indent + 1)
-                    text = Text(start, no_wrap=True, overflow="ignore")
-                    yield text.append(line.replace(GLUE, " "), cell.style)
+
+def _total(widths: Sequence[int], gap: int) -> int:
+    return sum(widths) + gap * (len(widths) - 1) + 2
 
 
 SHOWN: dict[type, Callable[[Any], RenderableType]] = {

@@ -32,7 +32,6 @@ from taction.verification.studies.decks.questions import QUESTIONS, Question
 from taction.verification.verdict.checks import Check, overall
 
 POLES, PARTS, POINTS = 12, 12, 31  # rows in a terminal
-BESIDE = 3  # values on either side of a crossing that come first
 FAMILY = 5  # step responses in a picture, beside those around crossings
 LEADS = {"pass": "", "fail": "Fails: ", "inconclusive": "Not decided: "}
 RINGS = 0.3  # damping ratio below which the summary says first that the board rings
@@ -241,9 +240,6 @@ def _sweep(found: Sweep, band: float) -> Iterator[Content]:
         **fields("at = frequency Hz"),
         **_answers(band, over=True),
     }
-    beside = found.beside_crossings(BESIDE)
-    if len(found.points) > POINTS and beside:
-        yield Table.of("Around the crossings", [found.points[n] for n in beside], points)
     yield Table.of("Values", found.points, points, most={"terminal": POINTS}, more="--json has all")
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from taction.system import charts
 from taction.system.array_types import Floats
 from taction.system.documents import read
-from taction.system.quantities import counted, quantity, readable, spaced
+from taction.system.quantities import counted, readable, spaced
 from taction.verification.report.blocks import Bars, Content, Notes, Page, Section, Table
 from taction.verification.report.texts import (
     Cell,
@@ -154,7 +154,6 @@ def stored_value(value: float | str | None, unit: str) -> str:
 
 
 NAMED = 3  # keys in the first line
-WAVES = "The outputs of B minus those of A, over time."
 POINTS = 20_000  # of all curves of one board
 BEYOND: dict[bool | None, tuple[str, charts.Outcome]] = {
     True: ("yes", "fail"),
@@ -243,7 +242,7 @@ def _name(reading: Difference, outputs: tuple[str, ...]) -> str:
 
 
 def _outputs(difference: VerdictDifference) -> Iterator[Content]:
-    """Yield the outputs of both over time, and B minus A, where both have waveforms."""
+    """Yield the outputs of both over time, where both have waveforms."""
     first, second = (each and each() for each in difference.curves)
     if not first or not second:
         text = "No waveforms: one of them is a stored verdict, or leaves the range of floats."
@@ -267,13 +266,6 @@ def _outputs(difference: VerdictDifference) -> Iterator[Content]:
     marks = *drawn(time, u, "solid", 2.2), *drawn(other, v, "dash", 1.2), *texts
     text = f"Solid: A, {difference.first}. Dashed: B, {difference.second}."
     yield charts.Chart("Outputs", charts.TIME, charts.Axis("output", "V"), marks, text, height=420)
-    inside = (time >= other[0]) & (time <= other[-1])
-    if inside.any():
-        theirs = [np.interp(time[inside], other, v[:, n]) for n in range(count)]
-        apart = np.column_stack(theirs) - u[inside, :count]
-        moved = tuple(drawn(time[inside], apart, "solid", 1.2))
-        title = f"B minus A: at most {quantity(float(np.abs(apart).max()), 'V', 3)}"
-        yield charts.Chart(title, charts.TIME, charts.Axis("difference", "V"), moved, WAVES)
 
 
 Document = Mapping[str, Any]

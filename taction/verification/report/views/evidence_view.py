@@ -207,7 +207,6 @@ WORK = (
     " The dashed line is the error of the reference; a cross at the upper edge is a run that timed"
     " out."
 )
-STEPS = "The order of convergence of a method is the median slope of its line."
 
 
 def accuracy_view(study: WorkPrecisionStudy) -> Page:
@@ -260,8 +259,6 @@ def _charts(study: WorkPrecisionStudy) -> Iterator[Content]:
         return
     time = Axis("wall time, median", "s", "log")
     yield Chart("Runs by time and error", time, ERROR, tuple(_work(study)), WORK)
-    step = Axis("mean step (periods of the fastest ringing)", "", "log")
-    yield Chart("Error against the mean step", step, ERROR, tuple(_steps(study)), STEPS)
 
 
 def _work(study: WorkPrecisionStudy) -> Iterator[Mark]:
@@ -284,20 +281,6 @@ def _work(study: WorkPrecisionStudy) -> Iterator[Mark]:
             look, text = _methods(study)[point.method][0], f"timed out at {point.name}"
             place = np.array([point.seconds]), np.array([top])
             yield Curve(*place, text, look, "", "x", size=9.0, label="", hover=(text,))
-
-
-def _steps(study: WorkPrecisionStudy) -> Iterator[Mark]:
-    """Yield the errors over the mean steps in periods, with the orders of convergence."""
-    for method, (colour, mark, _) in _methods(study).items():
-        known = _known(study, method, "mean_step")
-        steps = np.array([p.mean_step for p in known], dtype=np.float64) / study.period
-        hover = tuple(f"{method.name} {p.name}: {p.error:.2e}" for p in known)
-        order, name = study.order(method), method.name
-        if order is not None:
-            theory = "varies" if method.order is None else f"theory {method.order:g}"
-            name = f"{method.name}: order {order:.2f} ({theory})"
-        errors = np.array([max(p.error or 0.0, LOWEST) for p in known])
-        yield Curve(steps, errors, name, colour, "dot", mark, size=5.0, hover=hover)
 
 
 def _runs(study: WorkPrecisionStudy) -> Iterator[Content]:

@@ -15,7 +15,7 @@ from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import quantity
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.report.blocks import Content, Facts, Page, Section, Table
+from taction.verification.report.blocks import Content, Page, Section, Table
 from taction.verification.report.texts import (
     Cell,
     Column,
@@ -185,9 +185,6 @@ STATES: dict[bool | None, tuple[str, charts.Outcome]] = {
 }
 LINES: dict[bool | None, charts.Line] = {True: "dash", False: "dashdot", None: "dot"}
 MAX_DAMPING = 0.5  # damping ratio up to which a mode is on the charts
-HEADROOM = 1.25
-PARTS = 5  # of the values, each with a colour on the pole map
-NEAR = 6  # modes of each sample, nearest the imaginary axis, that set the limits of the pole map
 FAILURES = 10  # values without poles that are listed
 INCOMPLETE = (
     "Large board: only the rightmost poles were computed, so the list has no modes that begin or"
@@ -275,14 +272,6 @@ def _crossings(onset: Onset) -> Iterator[Content]:
     if failures := [sample for sample in onset.scan.samples if sample.failure]:
         yield f"No poles at {len(failures)} of the values."
         yield from (f"{_value(onset, s.value)}: {s.failure}" for s in failures[:FAILURES])
-    rows = (
-        (
-            f"unstable poles at {_value(onset, count.value)}",
-            f"{count.poles} by eigenvalues, {count.reason or f'{count.winding} by winding number'}",
-        )
-        for count in onset.counts
-    )
-    yield Facts("Two counts of the unstable poles", tuple(rows))
 
 
 def frequency_cell(edge: Any, digits: int = 6) -> Cell | str:
@@ -291,7 +280,7 @@ def frequency_cell(edge: Any, digits: int = 6) -> Cell | str:
 
 
 def _charts(onset: Onset) -> Iterator[Content]:
-    """Yield damping and frequency of every ringing pole over the value, and the pole map."""
+    """Yield damping and frequency of every ringing pole over the value."""
     name, samples = onset.axis.name, [each for each in onset.scan.samples if not each.failure]
     rows = [
         (sample.value, p.real, p.imag)
@@ -324,21 +313,6 @@ def _charts(onset: Onset) -> Iterator[Content]:
         title = f"{what.partition(' ')[0].capitalize()} over the value"
         summary = f"The {what} of every ringing mode over {name}. {LOOKS}"
         yield charts.Chart(title, x, y, drawn, summary)
-    marks = list[charts.Mark]()
-    parts = np.array_split(np.unique(value), PARTS)
-    for part, look in zip(parts, charts.spread_colours(PARTS), strict=True):
-        if len(part):
-            own = np.isin(value, part)
-            title = " to ".join(dict.fromkeys(_value(onset, part[k]) for k in (0, -1)))
-            told = tuple(itertools.compress(hover, own))
-            places = real[own], hertz[own], title, look
-            marks.append(charts.Curve(*places, "", "circle", size=5.0, hover=told))
-    axis = np.zeros(len(edges)), np.array([each.frequency for each in edges])
-    marks.append(charts.Curve(*axis, "crossing", "fail", "", "circle-open", size=9.0))
-    near = _window(edges, [sample.poles for sample in samples])
-    everything = HEADROOM * min(real.min(), near[0]), near[1], HEADROOM * max(imag.max(), near[2])
-    windows = ("near the crossings", near), ("all ringing poles", everything)
-    yield upper_half_plane(marks, windows, f"The colour says {name}.")
 
 
 def _on_values(onset: Onset) -> Iterator[charts.Mark]:
@@ -360,21 +334,3 @@ def _on_values(onset: Onset) -> Iterator[charts.Mark]:
         yield charts.Limit(value, "x", once(f"crossing, {word}"), outcome, LINES[state], 1.2)
         if each.crossing.changes_stability:
             yield charts.Text(_value(onset, value), value, None, ("right", "below"))
-
-
-def _window(edges: Sequence[Edge], samples: Sequence[Complexes]) -> Window:
-    """Return the left, right and upper limit of the pole map around the crossings, 1/s."""
-    near = [
-        p
-        for poles in samples
-        for p in poles[(poles.imag > 0.0) & np.isfinite(poles.real)][:NEAR].tolist()
-        if abs(p.real) < MAX_DAMPING * abs(p)
-    ]
-    ringing = [edge for edge in edges if edge.frequency]
-    decisive = [edge for edge in ringing if edge.changes_stability] or ringing
-    omega = [abs(edge.pole) for edge in decisive] or [p.imag for p in near]
-    top = HEADROOM * max(omega, default=1.0)
-    real = [p.real for p in near if p.imag < top] or [-top, top]
-    left, right = np.percentile(real, (5, 95)).tolist()
-    least = max(0.25 * (right - left), 1e-4 * top)
-    return min(HEADROOM * left, -least), max(HEADROOM * right, least), top

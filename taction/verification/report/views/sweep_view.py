@@ -18,9 +18,9 @@ from taction.system import charts
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
 from taction.system.plugins import OpenTable
-from taction.system.quantities import banded, counted, quantity, readable, spaced
+from taction.system.quantities import banded, quantity, readable, spaced
 from taction.system.reading_definitions import EXCURSIONS
-from taction.verification.report.blocks import Content, Facts, Page, Section, Table
+from taction.verification.report.blocks import Content, Page, Section, Table
 from taction.verification.report.texts import LEAST_SHARE, Cell, Column, fields, figure, titled
 from taction.verification.report.views.answer_view import origin_section
 from taction.verification.studies.sweep.sweep import Plan, SweepResult, all_records, grids
@@ -221,7 +221,6 @@ def view(result: SweepResult) -> Page:
         summary=f"{count.done} of {count.total} points: {outcomes}.",
         lines=(f"Over {names}; engine: {ENGINES[plan.engine]}.", *map(readable, result.notes)),
         sections=(
-            Section("Axes", Facts("", tuple(_axes(plan))), media="notebook"),
             Section("Pictures", text),
             Section(
                 "Pictures", lambda: _charts(result), media="picture" if many else "page picture"
@@ -259,13 +258,6 @@ def _name(record: dict[str, Any]) -> str:
     if outcome == "pass" or not found:
         return outcome
     return f"{outcome}: {spaced('stability' if 'stability' in found else found[0])}"
-
-
-def _axes(plan: Plan) -> Iterator[tuple[str, str]]:
-    for each in plan.axes:
-        first, last = (place_text(each, each.values[k]) for k in (0, -1))
-        ends = first if len(each) == 1 else f"{first} to {last}"
-        yield each.name, f"{counted(len(each), 'value')}, {ends}"
 
 
 def _worth(data: Mapping[str, Any]) -> tuple[list[str], tuple[str, ...]]:

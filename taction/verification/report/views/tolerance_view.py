@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.charts import Axis, Band, Chart, Columns, Limit, Mark, Text, rows
+from taction.system.charts import Axis, Band, Chart, Columns, Limit, Mark
 from taction.system.quantities import counted, percent, spaced
 from taction.verification.report.blocks import Content, Notes, Page, Section, Table
 from taction.verification.report.texts import Cell, Column, fields, figure, number_cell, titled
@@ -20,17 +20,11 @@ from taction.verification.studies.tolerance.montecarlo import CHECK_OF, Quantity
 from taction.verification.studies.tolerance.varied_board import Quantity
 
 BINS = 40  # of a histogram, at most
-CULPRITS = 12  # parts of a chart
 SHOWN = 10  # sensitivities in a terminal
-FAR = 1.5  # times the range of the values: a limit farther away is an arrow
+FAR = 1.5  # times the range of the values: a limit farther away is not drawn
 SAME = 1e-9  # relative: values that are one value
 Limits = tuple[float | None, float | None]  # the least and the largest accepted value
 COUNTED = "Each column counts the samples in a range of values; hatched: beyond the limit."
-CULPRIT = (
-    "Share of a part in the variance of a quantity with a limit; the quantity whose check costs"
-    " most yield comes first. Solid with +: the quantity grows with the part; hatched with −: it"
-    " falls."
-)
 
 
 def yield_view(result: YieldReport) -> Page:
@@ -43,7 +37,6 @@ def yield_view(result: YieldReport) -> Page:
         summary=f"{text[:1].upper()}{text[1:]}. {_worst(result)}".rstrip(),
         sections=(
             Section("Checks that do not pass", tuple(failures(result)), media=shown),
-            Section("What costs yield", lambda: _culprits(result), media="page picture"),
             Section("Quantities", spreads(result), media=shown),
             Section("Histograms", lambda: histograms(result), media="page picture"),
             Section("Causes", causes(result), media=shown),
@@ -140,10 +133,10 @@ def histograms(result: YieldReport) -> Iterator[Content]:
 
 
 def _histogram(title: str, spread: QuantitySpread, values: Floats, text: str) -> Chart:
-    """Return the histogram of values; a limit far away is an arrow, `text` what has none."""
+    """Return the histogram of values, with the limits near them; `text`: what has none."""
     unit, both = spread.unit, (spread.at_least, spread.at_most)
     limits = [limit for limit in both if limit is not None]
-    edges = _edges(values, limits)
+    edges = np.histogram_bin_edges(values, bins=min(BINS, 4 + math.isqrt(len(values))))
     width, middles = float(edges[1] - edges[0]), 0.5 * (edges[1:] + edges[:-1])
     low, high = float(edges[0]) - width, float(edges[-1]) + width
     reach = FAR * (high - low)
@@ -158,11 +151,6 @@ def _histogram(title: str, spread: QuantitySpread, values: Floats, text: str) ->
         marks.append(Band(min(spread.at_most, shown[1]), shown[1], "x", colour="fail"))
     if spread.at_least is not None:
         marks.append(Band(shown[0], max(spread.at_least, shown[0]), "x", colour="fail"))
-    for limit in limits:
-        if limit not in near:
-            right = limit > high
-            arrow, side = ("limit →", "left") if right else ("← limit", "right")
-            marks.append(Text(arrow, None, None, (side, "below")))  # type: ignore[arg-type]
     message = "no limit"
     if limits:
         beyond, texts = _beyond(values, both), " and ".join(figure(each, unit) for each in limits)
@@ -171,31 +159,6 @@ def _histogram(title: str, spread: QuantitySpread, values: Floats, text: str) ->
     message += f", {text}" * bool(text)
     x, y = Axis(spread.title, unit, limits=shown), Axis("samples", whole=True)
     return Chart(f"{title}: {message}", x, y, tuple(marks), COUNTED)
-
-
-def _edges(values: Floats, limits: list[float]) -> Floats:
-    """Return the edges of the bins; a limit among the values is an edge."""
-    edges = np.histogram_bin_edges(values, bins=min(BINS, 4 + math.isqrt(len(values))))
-    inside = [limit for limit in limits if edges[0] < limit < edges[-1]]
-    if not inside:
-        return np.asarray(edges, dtype=np.float64)
-    width, limit = float(edges[1] - edges[0]), inside[0]
-    before, after = (math.ceil(abs(limit - end) / width) for end in (edges[0], edges[-1]))
-    return np.asarray(limit + width * np.arange(-before, after + 1))
-
-
-def _culprits(result: YieldReport) -> Content:
-    shown = result.sensitivities[:CULPRITS]
-    if not shown:
-        return _no_causes(result)
-    looks, sizes = [], []
-    for each in shown:
-        share, grows = 100.0 * each.correlation**2, each.correlation > 0.0
-        looks.append("pass" if grows else "fail")
-        text = f"{'+' if grows else '−'} {share:.0f} %"
-        sizes.append((f"{each.parameter}, {spaced(each.quantity)}: {text}", share))
-    x = Axis("share of the variance (%)")
-    return rows("Parts behind the lost yield", x, sizes, tuple(looks), CULPRIT)
 
 
 def _no_causes(result: YieldReport) -> Notes:
@@ -207,7 +170,7 @@ def _no_causes(result: YieldReport) -> Notes:
         )
     elif result.passed < result.samples:
         text = "The lost samples have no verdict: no part is known to cost yield."
-    return Notes("Parts behind the lost yield", (text,) if result.samples else ())
+    return Notes("", (text,) if result.samples else ())
 
 
 def causes(result: YieldReport) -> Content:
@@ -231,7 +194,6 @@ def causes(result: YieldReport) -> Content:
 
 WORST = ("fail", "inconclusive", "pass")
 RANGES = "Typical: the nominal board."
-DEVIATIONS = 200  # deviations in a table
 
 
 def corner_view(study: CornerStudy) -> Page:
@@ -249,7 +211,6 @@ def corner_view(study: CornerStudy) -> Page:
         sections=(
             Section("Least, typical and largest values", ranges(study)),
             Section("Corners", tuple(tables(study.quantities, corners)), media="terminal page"),
-            Section("Deviations", _deviations(corners)),
             origin_section(study.scene),
         ),
     )
@@ -318,18 +279,3 @@ def _remark(corner: Corner) -> str:
         f"most moved by {largest}" if largest else "",
     )
     return f"{_name(corner)}: {'; '.join(filter(None, remarks))}" if any(remarks) else ""
-
-
-def _deviations(corners: Sequence[Corner]) -> Table:
-    """Return the deviations, in tolerances, with a column for each corner."""
-    moved = [corner for corner in corners if corner.deviations]
-    names = list(dict.fromkeys(name for corner in moved for name in corner.deviations))
-    columns: dict[str, Column] = {"part": str}
-    columns |= {_name(corner): partial(_deviation, corner) for corner in moved}
-    note, most = "In tolerances of the part.", {"page": DEVIATIONS}
-    return Table.of("Deviations", names, columns, note, most, "{} more parts: --json.")
-
-
-def _deviation(corner: Corner, part: str) -> Cell | None:
-    value = corner.deviations.get(part)
-    return None if value is None else Cell(f"{value:+g}", value)

@@ -9,8 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from taction.system.charts import Axis, Chart, Limit, rows
-from taction.system.quantities import banded, counted, quantity, readable, spaced
+from taction.system.quantities import banded, counted, quantity, readable
 from taction.system.reading_definitions import EXCURSIONS, READINGS, TIMES
 from taction.verification.reference.problem import Solution
 from taction.verification.report import blocks
@@ -88,7 +87,6 @@ def view(
                 "Recovered stress", lambda: waveforms.stress_chart(verdict), media="page picture"
             ),
             Section("Checks", lambda: Bars("", answers.check_bars(verdict)), media="picture"),
-            Section("Error budget", lambda: _budget_chart(verdict)),
             Section("Error budget", lambda: budget_table(verdict), media=detailed),
             Section("Headroom", lambda: _headroom(verdict), media=both),
             Section("Error and run time", lambda: _effort(verdict), media=detailed),
@@ -243,26 +241,6 @@ def budget_table(verdict: Verdict) -> Table | None:
         note += " The parts do not add up: a solution between them is not known."
     columns["how it was found"] = lambda part: readable(part.how)
     return Table.of("Parts of the error", parts, columns, note) if parts else None
-
-
-def _budget_chart(verdict: Verdict) -> Chart | None:
-    """Return the signed parts of the worst channel, and their sum."""
-    budget, total = verdict.budget, verdict.budget.total
-    if total is None:
-        return None
-    worst = worst_channel(np.array(total.channels))
-    parts = {spaced(part.name): part.channels[worst] for part in budget if part.channels}
-    shown = parts | {"whole": total.channels[worst]}
-    looks = tuple("fail" if size < 0.0 else "pass" for size in parts.values())
-    sizes = [(f"{name}: {_volts(size, verdict).text}", size) for name, size in shown.items()]
-    unknown = [spaced(p.name) for p in budget if p.value is None or not math.isfinite(p.value)]
-    size = quantity(shown["whole"], "V", 3)
-    summary = (
-        f"The parts of channel {worst + 1}, which has the largest whole error, {size}, add up to"
-        " it. Solid blue bars raise the output, hatched orange bars lower it."
-    ) + f" Not known: {', '.join(unknown)}." * bool(unknown)
-    x, marks = Axis(f"error of channel {worst + 1}", "V"), (Limit(0.0, line="solid"),)
-    return rows("Parts of the error", x, sizes, (*looks, "band"), summary, marks)
 
 
 def _effort(verdict: Verdict) -> dict[str, str]:

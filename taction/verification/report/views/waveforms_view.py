@@ -20,7 +20,6 @@ from taction.verification.report.texts import figure
 from taction.verification.verdict.verify import Verdict
 
 POINTS = 60_000  # of all curves of a chart
-EARLY_POINTS = 0.3  # of them in the first rise
 EARLY = 10.0  # rise times, or periods of an oscillation, that a view of the first rise shows
 LABELLED = 12  # channels above which curves have no names beside them
 ROOM = 0.06  # of the height, above and below the curves
@@ -63,22 +62,14 @@ def curves(
     line: charts.Line = "",
     width: float = 1.2,
     points: int = POINTS,
-    early: float = 0.0,
 ) -> Iterator[charts.Curve]:
     """Yield a thinned curve for each channel of `values` (P, N), without a name in the legend.
 
-    Without a `line`, dashes tell symmetric channels apart. The time up to `early`, s, has a share
-    of the points of its own.
+    Without a `line`, dashes tell symmetric channels apart.
     """
-    count, first = values.shape[1], time <= early
-    whole = ((np.ones_like(first), 1.0),)
-    shares = ((first, EARLY_POINTS), (~first, 1.0 - EARLY_POINTS)) if early else whole
+    count = values.shape[1]
     for n, (column, look) in enumerate(zip(values.T, charts.spread_colours(count), strict=True)):
-        parts = (
-            charts.thinned(time[part], column[part], int(share * points / count))
-            for part, share in shares
-        )
-        x, y = (np.concatenate(part) for part in zip(*parts, strict=True))
+        x, y = charts.thinned(time, column, points // count)
         dashed = n >= (count + 1) // 2 and count <= LABELLED
         drawn, name = line or ("dash" if dashed else "solid"), names[n] if names else f"u{n + 1}"
         yield charts.Curve(x, y, name, look, drawn, width=width, label="")
@@ -114,7 +105,7 @@ def outputs_chart(verdict: Verdict) -> charts.Chart:
     found, end = verdict.measurements, float(verdict.waveforms.time[-1])
     targets = [channel.target for channel in found.channels]
     (limits, cut), early = _window(verdict), early_end(verdict)
-    marks = [*output_marks(verdict.waveforms.time, verdict.u, targets, limits, early=early)]
+    marks = [*output_marks(verdict.waveforms.time, verdict.u, targets, limits)]
     settled = "not settled"
     if found.settling_time is not None:
         marks.append(charts.Limit(found.settling_time.value, "x", "", "muted"))
@@ -184,7 +175,7 @@ def deviation_chart(verdict: Verdict) -> charts.Chart:
     band = m.band
     off = (verdict.u - np.array([c.target for c in m.channels])) / (m.amplitude or 1.0)
     early = early_end(verdict)
-    drawn = curves(verdict.waveforms.time, off, width=0.8, early=early)
+    drawn = curves(verdict.waveforms.time, off, width=0.8)
     marks: list[charts.Mark] = [charts.Band(-band, band, "y"), *drawn]
     largest = float(np.nanmax(np.abs(off), initial=0.0)) * 1.05 or 1.0
     if m.settling_time is None:

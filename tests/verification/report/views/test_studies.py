@@ -18,7 +18,6 @@ from taction.verification.report.blocks import PAGE, Bars, Block, Page, Table
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout
 from taction.verification.report.views import tolerance_view as tolerance
 from taction.verification.report.views.sweep_view import Plane
-from taction.verification.report.views.tolerance_view import _edges
 from taction.verification.studies.tolerance.montecarlo import (
     QuantitySpread,
     Sensitivity,
@@ -153,17 +152,6 @@ def histogram(spread: QuantitySpread) -> Chart:
 
 def marks(chart: Chart, kind: type) -> list[Any]:
     return [mark for mark in chart.marks if isinstance(mark, kind)]
-
-
-@pytest.mark.parametrize("limits", [[], [0.31], [2.0], [0.2, 0.7]])
-def test_a_limit_among_the_values_is_an_edge(limits: list[float]) -> None:
-    values = np.linspace(0.0, 1.0, 101)
-    edges = _edges(values, limits)
-    assert edges[0] <= 0.0
-    assert edges[-1] >= 1.0
-    assert np.diff(edges) == pytest.approx(np.full(len(edges) - 1, edges[1] - edges[0]))
-    if limits and limits[0] < 1.0:
-        assert np.abs(edges - limits[0]).min() < 1e-12
 
 
 @pytest.mark.parametrize(
