@@ -26,7 +26,6 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.engines.statespace.linearised.modes import Modes, find_modes
 from taction.verification.engines.statespace.linearised.reduction import (
     Pencil,
-    Reduced,
     reduce_pencil,
 )
 
@@ -264,15 +263,11 @@ def drawn_board(seed: int, channels: int = 24, **design: object) -> Circuit:
     return synthesise(Scene.from_arrays(T, T @ rng.uniform(-1.0, 1.0, channels), **asked))
 
 
-def decompose(*matrices: np.ndarray) -> Modes:
-    """Return the modes of ``x' = A x``, given the blocks along the diagonal of A, 1/s."""
-    size, begin, blocks = sum(map(len, matrices)), 0, list[Reduced]()
-    for A in matrices:
-        one, places = np.eye(len(A)), np.arange(begin, begin := begin + len(A))
-        basis = np.eye(size)[:, places]
-        parts = one, A, np.zeros((len(A), 1)), one, np.abs(A), basis, basis.T
-        blocks.append(reduce_pencil(Pencil(*parts), []))
-    return find_modes(blocks)
+def decompose(A: np.ndarray) -> Modes:
+    """Return the modes of ``x' = A x``, A in 1/s."""
+    one = np.eye(len(A))
+    parts = one, A, np.zeros((len(A), 1)), one, np.abs(A), one, one
+    return find_modes(reduce_pencil(Pencil(*parts), []))
 
 
 def outputs_at_rest(circuit: Circuit) -> Floats:

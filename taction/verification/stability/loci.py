@@ -105,7 +105,7 @@ class _Trace:
 
     def loci(self, omega: Floats) -> Complexes:
         """Return the logarithms of the shares at frequencies (P,), shape (P, K)."""
-        w = np.concatenate([np.linalg.eigvals(W) for W in self.ports.at(omega)], axis=1)
+        w = np.linalg.eigvals(self.ports.at(omega))
         shares = 1.0 - 1.0 / np.where(np.abs(w) < SMALLEST, SMALLEST, w)
         return np.log(np.where(np.abs(shares) < SMALLEST, SMALLEST, shares))
 
@@ -187,8 +187,7 @@ class _Trace:
         `omega` is zero, or far above all poles; `beside` are the loci at the nearest frequency, and
         `sign` is the change of the unstable count where these are above the axis.
         """
-        found = self.ports.at(np.full(1, omega))
-        w = np.concatenate([np.linalg.eigvals(W[0].real) for W in found])
+        w = np.linalg.eigvals(self.ports.at(np.full(1, omega))[0].real)
         real = (w.imag == 0.0) & ((w.real > 1.0) | (w.real < -SMALLEST))
         for share in (1.0 - 1.0 / w[real].real).tolist():
             nearest = beside[np.argmin(np.abs(beside - math.log(share)))]

@@ -3,13 +3,12 @@
 It is the W(s) of the characteristic loci (`loci`): that of equal parts, or of one part that stands
 in the matrices as a product of a column and a row. The modes of the board give it at all
 frequencies at once: each pole has a residue, and one solve of the equations tells what is left.
-The two blocks of a board that is its own mirror image have currents and loci of their own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -19,7 +18,6 @@ from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.stamps import stamp
-from taction.verification.engines.statespace.linearised.block_modes import BlockModes
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import linear_matrices
 
@@ -83,17 +81,19 @@ class PortResponse:
         board = self.board.coarse if self.board.descriptor.is_large else self.board
         return board.state_space.modes.poles
 
-    def at(self, omega: Floats) -> list[Complexes]:
-        """Return matrices whose eigenvalues are the loci, at omega (P,), 1/s; (P, k, k) each.
+    def at(self, omega: Floats) -> Complexes:
+        """Return the matrices whose eigenvalues are the loci, at omega (P,), 1/s; (P, K, K).
 
         EngineError: the board has a pole there.
         """
         s = np.asarray(1j * omega, np.complex128)
-        weights = s[:, None, None] if self.reactive else np.ones(1)
-        found = [np.asarray(part.at(s) * weights) for part in self._parts]
-        if not found:
-            found = [np.stack([self.exact(each) for each in s.tolist()])]
-        if not all(np.isfinite(each).all() for each in found):
+        if self._modal is None:
+            found = np.stack([self.exact(each) for each in s.tolist()])
+        else:
+            poles, residues, direct = self._modal
+            weights = s[:, None, None] if self.reactive else 1.0
+            found = (_sums(s, poles, residues, self.count) + direct) * weights
+        if not np.isfinite(found).all():
             raise EngineError("a pole of the board is on the imaginary axis")
         return found
 
@@ -126,59 +126,33 @@ class PortResponse:
         return -s * moved if self.reactive else -moved
 
     @cached_property
-    def _parts(self) -> list[_Part]:
-        """The response by the modes of each block of the board; of all where their currents meet.
+    def _modal(self) -> tuple[Complexes, Complexes, Floats] | None:
+        """Poles (n,), residues (n, K²) and what has no pole (K, K), of the response by the modes.
 
-        Empty for a large board, where modes are not known well, or where more is left than a
+        None for a large board, where modes are not known well, or where more is left than a
         constant: a capacitor at the output of a source has a current that is a derivative.
         """
         if self.board.descriptor.is_large:
-            return []
+            return None
         modes = self.board.state_space.modes
         if not (len(modes.poles) and modes.alone.all() and modes.defect < WELL_CONDITIONED):
-            return []
-        blocks = modes.refined.blocks
-        parts = [part for block in blocks if len((part := self._part([block])).direct)]
-        bases = [part.basis for part in parts]
-        if parts and np.linalg.matrix_rank(np.hstack(bases)) < sum(len(U.T) for U in bases):
-            parts = [self._part(blocks)]
+            return None
+        modes = modes.refined
+        pencil, poles, K = modes.reduced.pencil, np.diag(modes.T), self.count
+        right = (self.columns.T @ pencil.basis) @ modes.V
+        left = modes.W @ (pencil.left @ self.rows)
+        residues = (right.T[:, :, None] * left[:, None, :]).reshape(-1, K * K)
         s = float(np.abs(modes.poles).max()) * np.array([ABOVE, FAR], np.complex128)
         weights = s.real if self.reactive else np.ones(2)
         near, far = (self.exact(each) / by for each, by in zip(s.tolist(), weights, strict=True))
-        found, left = list[_Part](), far
-        for part in parts:
-            U, modal = part.basis, part.at(s)
-            direct = U.T @ near @ U - modal[0]
-            left = left - U @ (modal[1] + direct) @ U.T
-            found.append(replace(part, direct=direct.real))
+        modal = _sums(s, poles, residues, K)
+        direct = (near - modal[0]).real
         size = max(1.0 / weights[1], float(np.abs(far).max()))
-        return found if np.abs(left).max() <= WELL_CONDITIONED * size else []
-
-    def _part(self, blocks: Sequence[BlockModes]) -> _Part:
-        """Return the response by the modes of some blocks."""
-        pencils = [block.reduced.pencil for block in blocks]
-        seen = [self.columns.T @ pencil.basis for pencil in pencils]
-        driven = [pencil.left @ self.rows for pencil in pencils]
-        vectors, sizes, _ = np.linalg.svd(np.hstack(seen))
-        U = vectors[:, : int((sizes > SAME * sizes.max(initial=0.0)).sum())]
-        right = np.hstack([U.T @ a @ b.V for a, b in zip(seen, blocks, strict=True)])
-        left = np.vstack([b.W @ (a @ U) for a, b in zip(driven, blocks, strict=True)])
-        residues = right.T[:, :, None] * left[:, None, :]
-        poles = np.concatenate([np.diag(block.T) for block in blocks])
-        return _Part(U, poles, residues.reshape(len(left), -1), np.zeros((U.shape[1],) * 2))
+        known = np.abs(far - modal[1] - direct).max() <= WELL_CONDITIONED * size
+        return (poles, residues, direct) if known else None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Part:
-    """Impedance among the currents `basis` (K, k): residues (n, k²) at poles, and what has none."""
-
-    basis: Floats
-    poles: Complexes
-    residues: Complexes
-    direct: Floats
-
-    def at(self, s: Complexes) -> Complexes:
-        """Return the impedance at s (P,), 1/s."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            found = (1.0 / (s[:, None] - self.poles)) @ self.residues
-        return np.asarray(found.reshape(-1, *self.direct.shape) + self.direct)
+def _sums(s: Complexes, poles: Complexes, residues: Complexes, K: int) -> Complexes:
+    """Return the sums of residues (n, K²) over the distances of s (P,) from poles, (P, K, K)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(((1.0 / (s[:, None] - poles)) @ residues).reshape(-1, K, K))

@@ -12,7 +12,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,6 @@ from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS, gain_of
-from taction.verification.engines.statespace.equations.mirror_symmetry import DenseMatrix
 
 LARGE = 600  # unknowns above which structured solves replace dense ones
 
@@ -71,6 +70,13 @@ class Coupling:
     drivers: Ints
     conductance: Floats
     loaded: Bools
+
+
+class DenseMatrix(NamedTuple):
+    """M and K of a board, (size, size) each."""
+
+    mass: Floats
+    stiffness: Floats
 
 
 Device = tuple[str, int, int, float, float]
@@ -132,8 +138,6 @@ class Descriptor:
     determined: Bools  # rows that state a voltage instead of a current balance
     devices: Devices  # f
     places: dict[str, int] = field(repr=False)  # index of each name
-    # The image of each unknown that the names propose; valid where the matrices commute with it.
-    mirror: Ints | None = field(repr=False)
     # Whether the circuit has parts of a deck, between any two nodes: such a circuit has no design
     # that keeps its numbers apart, so rounding counts at every step, and the poles are counted.
     has_branches: bool = False
@@ -164,21 +168,11 @@ class Descriptor:
         return self.size > LARGE
 
     @functools.cached_property
-    def at_rest(self) -> bytes:
-        """All that the equilibrium of a small board follows from: its capacitances do not count."""
-        devices = self.devices
-        arrays: tuple[NDArray[Any], ...] = (
-            *(self.dense.stiffness, self.constant, self.switched, self.determined),
-            *(devices.input, devices.output, devices.u_scale, devices.v_scale),
-        )
-        words = "\n".join((*self.names, *devices.kinds)).encode()
-        return b"\n".join((words, *(array.tobytes() for array in arrays)))
-
-    @functools.cached_property
     def dense(self) -> DenseMatrix:
         """M and K as full matrices, without the amplifiers' slopes; shape (size, size) each."""
         M, K = self.mass.dense(self.size), self._dense_stiffness()
-        return DenseMatrix.of(M, K, self.determined, self.mirror)
+        M.flags.writeable = K.flags.writeable = False
+        return DenseMatrix(M, K)
 
     def _dense_stiffness(self) -> Floats:
         flat, values = [self.local.rows * self.size + self.local.columns], [self.local.values]
@@ -343,9 +337,8 @@ class Stamper:
         used, names = np.flatnonzero(G.any(axis=0)), (*matrix.plus, *matrix.minus)
         drivers = np.array([self.node(names[d]) for d in used.tolist()], dtype=np.int64)
         G = G[:, used]
-        # Sorted, so that the sums of mirrored rows are equal to the bit.
         for places, axis in ((sinks, 1), (drivers, 0)):
-            self._diagonal(places, -np.sort(G, axis=axis).sum(axis=axis))
+            self._diagonal(places, -G.sum(axis=axis))
         driven = drivers != GROUND
         self.couplings.append((sinks, drivers[driven], G[:, driven], False))
 

@@ -50,7 +50,6 @@ from taction.verification.engines.statespace.equations.descriptor import (
     Devices,
     Stamper,
 )
-from taction.verification.engines.statespace.equations.mirror_symmetry import proposed_mirror
 
 Signal = list[tuple[int, float]]  # unknowns with their gains; a sum
 
@@ -131,7 +130,6 @@ def _finish(stamper: Stamper, node_count: int, moved: Ints | None) -> Descriptor
         determined=determined,
         devices=Devices.of(stamper.devices),
         places=stamper.places,
-        mirror=proposed_mirror(names),
         has_branches=bool(stamper.circuit.branches),
         moved=stamper.moved,
     )

@@ -29,7 +29,6 @@ from taction.verification.engines.statespace.equations.descriptor import (
     Descriptor,
     Triplets,
 )
-from taction.verification.engines.statespace.equations.mirror_symmetry import proposed_mirror
 
 CHANNELS = 14  # of the coarse board, and as many sensors
 
@@ -80,7 +79,6 @@ def projected(
         determined=np.asarray(abs(back) @ descriptor.determined > 0.0),
         devices=replace(devices, **dict(zip(("input", "output"), ends, strict=True))),
         places={name: k for k, name in enumerate(names)},
-        mirror=proposed_mirror(names),
     )
 
 

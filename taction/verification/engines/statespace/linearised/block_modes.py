@@ -1,4 +1,4 @@
-"""Modes of one block of equations, found by eigenvectors or Schur vectors, and their residual.
+"""Modes of reduced equations, found by eigenvectors or Schur vectors, and their residual.
 
 See `modes` for what the residual says. Nothing that is stated depends on how vectors were found.
 """
@@ -33,7 +33,7 @@ SPARE = 1.05  # for what lies between the instants
 
 @dataclass(frozen=True, eq=False)
 class BlockModes:
-    """Vectors and poles of one block, and what their residual says; as they come, not ordered."""
+    """Vectors and poles, and what their residual says; as they come, not ordered."""
 
     reduced: Reduced
     T: Complexes  # (n, n): poles, 1/s, and the triangular matrices of groups, along the diagonal
@@ -49,10 +49,10 @@ class BlockModes:
     F: Complexes
     E: Floats
     mixed: Floats  # (n, n): bound on ``W M V - 1``
-    unseen: Floats  # (k, n): bound on the error of V in unknowns without charge
+    hidden: Floats  # (k, n): bound on the error of V in unknowns without charge
     other: BlockModes | None = None  # modes found otherwise, whose poles may be better known
 
-    @property
+    @functools.cached_property
     def poles(self) -> Complexes:
         """The corrected poles, 1/s, (n,)."""
         return np.asarray(np.diag(self.T - self.F))
@@ -102,7 +102,7 @@ class BlockModes:
         gap = np.maximum(np.abs(s[:, None] - s), np.abs(s.real)[:, None])
         gap = np.maximum(gap, 1e-3 * speed)
         weight = np.abs(start)
-        off = sizes @ ((self.coupling / gap) @ weight) + self.unseen @ weight
+        off = sizes @ ((self.coupling / gap) @ weight) + self.hidden @ weight
         return float(off.max(initial=0.0)) / largest
 
 
@@ -144,7 +144,7 @@ def _growth(inner: Complexes) -> Floats:
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def find_block_modes(reduced: Reduced) -> BlockModes:
-    """Return the modes of a block, refined by Newton's steps and then by groups of parallel ones.
+    """Return the modes, refined by Newton's steps and then by groups of parallel ones.
 
     LinAlgError: A is not finite.
     """
@@ -197,10 +197,10 @@ def certify(
     rounding = charge * np.abs(np.diag(T)) if single else charge @ np.abs(T)
     rounding = ROUNDED * (rounding + pencil.pull @ sizes)
     F, E = W @ R, weights @ rounding
-    unseen = np.zeros_like(sizes)
+    hidden = np.zeros_like(sizes)
     if reduced.first is not None:
         a, p, inverse = reduced.first
-        unseen[p] = np.abs(inverse) @ (np.abs(R[a]) + rounding[a])
+        hidden[p] = np.abs(inverse) @ (np.abs(R[a]) + rounding[a])
         size, charged = np.abs(T), bool(pencil.mass[:, p].any())
         coupled = _product(K[:, p].T, W.T).T
         doubt = weights @ pencil.pull[:, p]
@@ -209,9 +209,9 @@ def certify(
             coupled = (np.diag(T)[:, None] * WM if single else T @ WM) - coupled
             doubt += size @ (weights @ pencil.mass[:, p])
         lost = np.abs(coupled) + ROUNDED * doubt
-        E = E + lost @ unseen[p]
+        E = E + lost @ hidden[p]
         if charged:
-            moved = np.abs(WM) @ unseen[p]
+            moved = np.abs(WM) @ hidden[p]
             far = np.abs(np.diag(T)[:, None] - np.diag(T))
             E = E + (far + np.where(group[:, None] == group, size, 0.0)) * moved
             mixed = mixed + moved
@@ -220,7 +220,7 @@ def certify(
     if not (nu < 0.5 and np.all(np.isfinite(E))):
         E = np.full_like(E, np.inf)
     np.fill_diagonal(F, _with_conjugates(np.diag(F), mates))
-    return BlockModes(reduced, T, group, mates, X, V, W, F, E, mixed, unseen)
+    return BlockModes(reduced, T, group, mates, X, V, W, F, E, mixed, hidden)
 
 
 def _product(A: Floats, V: Complexes) -> Complexes:
@@ -271,7 +271,8 @@ def newton_step(modes: BlockModes) -> BlockModes:
         X, W = X + X @ turn, W - turn @ W
         T = np.asarray(T - np.where(same, np.triu(modes.F), 0.0))
     pencil = modes.reduced.pencil
-    W = np.asarray(np.linalg.solve(W @ (pencil.M @ (modes.reduced.seen @ X)), W))
+    charges = _product(pencil.M, _product(modes.reduced.seen, X))
+    W = np.asarray(np.linalg.solve(W @ charges, W))
     X, W = _with_conjugates(X.T, mates).T, _with_conjugates(W, mates)
     return certify(modes.reduced, T, modes.group, mates, X, W)
 

@@ -122,7 +122,7 @@ class LinearBoard:
     @functools.cached_property
     def open_loop(self) -> StateSpace:
         """The state space with the amplifiers' outputs as inputs."""
-        return open_loop(self.descriptor, self.operating_point)
+        return open_loop(self.descriptor)
 
     @functools.cached_property
     def structure(self) -> Structure:

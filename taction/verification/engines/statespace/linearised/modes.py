@@ -26,19 +26,14 @@ bounds, Gershgorin for pencils).
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from taction.system.array_types import Bools, Complexes, Floats, Ints
-from taction.verification.engines.statespace.equations.mirror_symmetry import block_diagonal
+from taction.system.array_types import Complexes, Floats, Ints
 from taction.verification.engines.statespace.linearised.block_modes import (
     CERTAIN,
     BlockModes,
-    Group,
     balanced_sums,
     components,
     find_block_modes,
@@ -76,7 +71,7 @@ def _errors(modes: BlockModes) -> Floats:
     unknown = np.full(n, np.inf)
     if not (n and modes.is_known):
         return unknown
-    E = modes.coupling + np.abs(np.triu(modes.T, 1))
+    E = modes.coupling + np.abs(modes.T - np.diag(np.diag(modes.T)))
     gap, own = np.abs(s[:, None] - s), np.diag(E)
     linked = (gap**2 / LINKED < E * E.T) | (gap < 4.0 * (own[:, None] + own))
     for _ in range(n):
@@ -119,75 +114,51 @@ def _within(E: Floats, label: Ints, s: Complexes) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Modes:
+class Modes(BlockModes):
     """``A = right (diag(poles) + couplings within groups) left`` with ``left right = 1``.
 
-    `blocks` are those along the diagonal of A; `poles` are the eigenvalues, 1/s, rightmost first,
-    which the places `order` among all blocks' have.
+    `poles` are the eigenvalues, 1/s, rightmost first.
     """
 
-    blocks: tuple[BlockModes, ...]
-    poles: Complexes
-    order: Ints
-
     @classmethod
-    def of(cls, blocks: Iterable[BlockModes]) -> Modes:
-        """Return the modes of all blocks."""
-        found = tuple(blocks)
-        poles = np.concatenate([block.poles for block in found])
-        order = np.lexsort((-poles.imag, -poles.real))
-        return cls(found, poles[order], order)
+    def of(cls, found: BlockModes) -> Modes:
+        """Return modes in the order of their poles."""
+        order = np.lexsort((-found.poles.imag, -found.poles.real))
+        place = np.append(np.argsort(order), -1)  # -1 stays -1
+        both = np.ix_(order, order)
+        return cls(
+            reduced=found.reduced,
+            T=found.T[both],
+            group=found.group[order],
+            mates=place[found.mates[order]],
+            X=found.X[:, order],
+            V=found.V[:, order],
+            W=found.W[order],
+            F=found.F[both],
+            E=found.E[both],
+            mixed=found.mixed[both],
+            hidden=found.hidden[:, order],
+            other=found.other,
+        )
 
     @functools.cached_property
     def refined(self) -> Modes:
         """The same one Newton step later: vectors in which A is diagonal but for rounding."""
-        return Modes.of(map(newton_step, self.blocks)) if np.isfinite(self.defect) else self
+        basis = self.alone.all() and np.isfinite(self.defect)
+        return Modes.of(newton_step(self)) if basis else self
 
-    @functools.cached_property
+    @property
     def right(self) -> Complexes:
         """Basis vectors as columns, (n, n): eigenvectors where `alone`."""
-        return block_diagonal([block.X for block in self.blocks])[:, self.order]
-
-    @functools.cached_property
-    def left(self) -> Complexes:
-        """Dual vectors as rows, (n, n)."""
-        return block_diagonal([block.left for block in self.blocks])[self.order]
+        return self.X
 
     @functools.cached_property
     def defect(self) -> float:
         """Largest element of ``left right - 1``; infinite where the vectors are no basis."""
-        if not all(block.is_known for block in self.blocks):
+        if not self.is_known:
             return np.inf
-        return max(_off(block.left @ block.X) for block in self.blocks)
-
-    def _ordered(self, found: Iterable[NDArray[Any]]) -> NDArray[Any]:
-        return np.concatenate(list(found), axis=-1)[..., self.order]
-
-    @functools.cached_property
-    def alone(self) -> Bools:
-        """Whether each mode has a direction of its own, (n,)."""
-        return self._ordered(block.alone for block in self.blocks)
-
-    @functools.cached_property
-    def _places(self) -> list[Ints]:
-        """The places of the modes of each block among all, rightmost first."""
-        ends = np.cumsum([len(block.T) for block in self.blocks])[:-1]
-        return np.split(np.argsort(self.order), ends)
-
-    @functools.cached_property
-    def mates(self) -> Ints:
-        """Place of the complex conjugate of each mode that is alone, (n,)."""
-        pairs = zip(self.blocks, self._places, strict=True)
-        return self._ordered(places[np.maximum(block.mates, 0)] for block, places in pairs)
-
-    @functools.cached_property
-    def groups(self) -> list[Group]:
-        """The groups of more than one mode."""
-        return [
-            replace(group, members=places[group.members])
-            for block, places in zip(self.blocks, self._places, strict=True)
-            for group in block.groups
-        ]
+        off = np.abs(self.left @ self.X - np.eye(len(self.X))).max(initial=0.0)
+        return float(off) if np.isfinite(off) else np.inf
 
     @property
     def centres(self) -> Complexes:
@@ -208,13 +179,7 @@ class Modes:
     @functools.cached_property
     def pole_errors(self) -> Floats:
         """Bound on the error of each pole, 1/s, (n,)."""
-        return self._ordered(pole_errors(block) for block in self.blocks)
-
-    @functools.cached_property
-    def coupling(self) -> Floats:
-        """Bound on what the board has beside the modes, 1/s, (n, n)."""
-        found = block_diagonal([block.coupling for block in self.blocks])
-        return np.asarray(found[np.ix_(self.order, self.order)])
+        return pole_errors(self)
 
     @functools.cached_property
     def mixing(self) -> tuple[Floats, Floats] | None:
@@ -227,8 +192,7 @@ class Modes:
         gap = np.abs(np.where(strong, rates[:, None] - rates, s[:, None] - s))
         near = gap <= np.minimum(np.abs(rates)[:, None], np.abs(rates))
         apart = np.where(near, 0.0, E / np.where(near, 1.0, gap))
-        known = all(block.is_known for block in self.blocks)
-        if not (known and np.all(balanced_sums(apart, s) < CERTAIN)):
+        if not (self.is_known and np.all(balanced_sums(apart, s) < CERTAIN)):
             return None
         more = np.linalg.inv(np.eye(len(s)) - 4.0 * apart)  # of higher orders
         close = np.where(near, E, 0.0)
@@ -241,30 +205,19 @@ class Modes:
         `deviation` (size,) are all unknowns at the start, less those at rest, V; `doubt` (K, n) is
         a bound on what the rows miss of each mode, by default nothing.
         """
-        parts = list[Floats | Complexes]()
+        pencil = self.reduced.pencil
         with np.errstate(invalid="ignore", over="ignore"):
-            for block in self.blocks:
-                pencil = block.reduced.pencil
-                dual = block.W @ (pencil.charges @ deviation)
-                sizes = np.abs(block.W) @ (pencil.charge_sizes @ np.abs(deviation))
-                unsure = ROUNDED * sizes + 2.0 * block.mixed @ np.abs(dual)
-                parts.append(np.stack([dual, sizes, unsure]))
-            dual, sizes, unsure = self._ordered(parts)
-            terms = (np.abs(C) @ np.abs(self.right)) * sizes.real
+            dual = self.W @ (pencil.charges @ deviation)
+            sizes = np.abs(self.W) @ (pencil.charge_sizes @ np.abs(deviation))
+            unsure = ROUNDED * sizes + 2.0 * self.mixed @ np.abs(dual)
+            terms = (np.abs(C) @ np.abs(self.right)) * sizes
         missed = np.zeros(C.shape) if doubt is None else doubt
-        return ModeShares(self, C @ self.right, missed, dual, unsure.real, terms)
+        return ModeShares(self, C @ self.right, missed, dual, unsure, terms)
 
     @functools.cached_property
     def unseen(self) -> Floats:
         """Bound on the error of each mode in each of all unknowns, (size, n)."""
-        return self._ordered(
-            np.abs(block.reduced.pencil.basis) @ block.unseen for block in self.blocks
-        )
-
-
-def _off(product: Complexes) -> float:
-    off = np.abs(product - np.eye(len(product))).max(initial=0.0)
-    return float(off) if np.isfinite(off) else np.inf
+        return np.asarray(np.abs(self.reduced.pencil.basis) @ self.hidden)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -321,9 +274,9 @@ class ModeShares:
         return lag, vague
 
 
-def find_modes(blocks: Sequence[Reduced]) -> Modes:
-    """Return the modes of reduced equations, one dense eigenproblem (25 n³ flops) a block.
+def find_modes(reduced: Reduced) -> Modes:
+    """Return the modes of reduced equations by a dense eigenproblem (25 n³ flops).
 
-    LinAlgError: a matrix is not finite.
+    LinAlgError: A is not finite.
     """
-    return Modes.of([find_block_modes(block) for block in blocks])
+    return Modes.of(find_block_modes(reduced))

@@ -36,7 +36,6 @@ from taction.spice_models.transistor import ELECTRON, NOMINAL
 from taction.system.array_types import EPS, Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
-from taction.verification.engines.statespace.equations.mirror_symmetry import block_diagonal
 from taction.verification.engines.statespace.equations.stamps import (
     gain_stage,
     transistor_currents,
@@ -238,8 +237,6 @@ def _weights(A: Floats, weight: Weight) -> Floats:
 
 def _sizes(space: StateSpace) -> Floats:
     """Return the sizes of the terms of A, and of the charges that a unit of ``x'`` moves."""
-    parts = []
-    for block in space.blocks:
-        pencil, L, seen = block.pencil, np.abs(block.left), np.abs(block.seen)
-        parts.append((L @ pencil.pull @ seen, L @ pencil.mass @ seen))
-    return np.stack([block_diagonal(each) for each in zip(*parts, strict=True)])
+    pencil = space.reduced.pencil
+    L, seen = np.abs(space.reduced.left), np.abs(space.reduced.seen)
+    return np.stack([L @ pencil.pull @ seen, L @ pencil.mass @ seen])

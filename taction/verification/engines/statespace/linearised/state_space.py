@@ -7,7 +7,6 @@ descriptor equations are eliminated, and recovered with all others in z.
 
 from __future__ import annotations
 
-import contextlib
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,14 +17,9 @@ from numpy.typing import NDArray
 from taction.system.array_types import Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
-from taction.verification.engines.statespace.equations.descriptor import Descriptor
-from taction.verification.engines.statespace.equations.mirror_symmetry import (
-    DenseMatrix,
-    block_diagonal,
-)
+from taction.verification.engines.statespace.equations.descriptor import DenseMatrix, Descriptor
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
-from taction.verification.engines.statespace.linearised.modes import Modes
-from taction.verification.engines.statespace.linearised.modes import find_modes as modes_of
+from taction.verification.engines.statespace.linearised.modes import Modes, find_modes
 from taction.verification.engines.statespace.linearised.reduction import (
     Pencil,
     Reduced,
@@ -40,22 +34,19 @@ class StateSpace:
     """A board as ``x' = A x + B [on, 1]``, ``z = C x + D [on, 1]``: A in 1/s, B in V/s."""
 
     descriptor: Descriptor
-    # Those of the states, which are solved by themselves: one, or two of a board that is its own
-    # mirror image, which costs a quarter.
-    blocks: tuple[Reduced, ...]
+    reduced: Reduced
     lost: int = 0  # poles of the board that are so far away that rounding hides them
 
     @property
     def n(self) -> int:
         """Number of states."""
-        return sum(len(block.A) for block in self.blocks)
+        return len(self.A)
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of the unknowns that x are, or of the first of two images; none of combinations."""
-        places = [block.places for block in self.blocks if block.places is not None]
-        found = tuple(self.nodes[k] for each in places for k in each.tolist())
-        return found if len(places) == len(self.blocks) else ()
+        """Names of the unknowns that x are; none of combinations."""
+        places = self.reduced.places
+        return () if places is None else tuple(self.nodes[k] for k in places.tolist())
 
     @property
     def nodes(self) -> tuple[str, ...]:
@@ -65,34 +56,34 @@ class StateSpace:
     @functools.cached_property
     def modes(self) -> Modes:
         """Eigenvalues of A with their vectors."""
-        return modes_of(self.blocks)
+        return find_modes(self.reduced)
 
-    @functools.cached_property
+    @property
     def A(self) -> Floats:  # noqa: N802 - as every textbook has it
         """See the class."""
-        return block_diagonal([part.A for part in self.blocks])
+        return self.reduced.A
 
-    @functools.cached_property
+    @property
     def B(self) -> Floats:  # noqa: N802 - as every textbook has it
         """See the class."""
-        return np.concatenate([part.B for part in self.blocks])
+        return self.reduced.B
 
-    @functools.cached_property
+    @property
     def C(self) -> Floats:  # noqa: N802 - as every textbook has it
         """See the class."""
-        return np.hstack([part.C for part in self.blocks])
+        return self.reduced.C
 
-    @functools.cached_property
+    @property
     def D(self) -> Floats:  # noqa: N802 - as every textbook has it
         """See the class."""
-        return np.asarray(sum(part.D for part in self.blocks))
+        return self.reduced.D
 
     def state_of(self, z: Floats) -> Floats:
         """Return the states, (n,), from the charges of the capacitors at voltages z, (size,).
 
         z need not be consistent: at z = 0 everything is discharged.
         """
-        return np.concatenate([part.charge @ z for part in self.blocks])
+        return self.reduced.charge @ z
 
     def rows(self, names: Sequence[str]) -> tuple[Floats, Floats]:
         """Return the rows of C and D of nodes, zeros for ground; EngineError for unknown nodes."""
@@ -133,14 +124,11 @@ def linear_matrices(descriptor: Descriptor, point: Equilibrium | None) -> DenseM
         return descriptor.dense
     devices, K = descriptor.devices, descriptor.dense.stiffness.copy()
     K[devices.output, devices.input] += point.slopes
-    dense = descriptor.dense
-    return DenseMatrix.of(dense.mass, K, descriptor.determined, dense.image)
+    return DenseMatrix(descriptor.dense.mass, K)
 
 
-def open_loop(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
+def open_loop(descriptor: Descriptor) -> StateSpace:
     """Return the state space with the outputs of the m behavioural amplifiers as further inputs.
-
-    The states are those of the state space at `point`.
 
     EngineError: as `linearise`; also for a capacitor at such an output, whose current would need
       the output's time derivative.
@@ -149,8 +137,7 @@ def open_loop(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
     b = np.zeros((descriptor.size, 2 + devices.count))
     b[:, 0], b[:, 1] = descriptor.switched, descriptor.constant
     b[devices.output, 2 + np.arange(devices.count)] = 1.0
-    image = linear_matrices(descriptor, point).image
-    return _state_space(descriptor, replace(descriptor.dense, image=image), b)
+    return _state_space(descriptor, descriptor.dense, b)
 
 
 def _state_space(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> StateSpace:
@@ -158,15 +145,8 @@ def _state_space(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> State
 
     A topology's board is known to have the states that its design gives it.
     """
-    blocks, whole = list[Reduced](), replace(board, image=None)
-    if board.image is not None:
-        with contextlib.suppress(EngineError):  # the message must name unknowns of the whole board
-            blocks = _reduced(descriptor, board, b)
-    doubt = descriptor.has_branches and not all(block.decided for block in blocks)
-    if doubt or not (blocks and all(len(part.A) and part.places is not None for part in blocks)):
-        blocks = _reduced(descriptor, whole, b)
-    found = StateSpace(descriptor, tuple(blocks))
-    if not descriptor.has_branches or all(block.decided for block in blocks):
+    found = StateSpace(descriptor, _reduced(descriptor, board, b))
+    if not descriptor.has_branches or found.reduced.decided:
         return found
     count = finite_poles(descriptor, _slopes(descriptor, board))
     if count > found.n:
@@ -189,36 +169,18 @@ def _slopes(descriptor: Descriptor, board: DenseMatrix) -> Floats:
     return np.asarray(change[devices.output, devices.input])
 
 
-def _reduced(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> list[Reduced]:
-    """Eliminate in each block of the equations; rounding is relative to the terms of M and K.
-
-    In a circuit of any parts they may cancel.
-    """
-    found, slopes = list[Reduced](), _slopes(descriptor, board)
+def _reduced(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> Reduced:
+    """Eliminate; rounding is relative to the terms of M and K, which may cancel in any circuit."""
+    slopes, every = _slopes(descriptor, board), np.eye(descriptor.size)
     masses, pulls = np.abs(board.mass), np.abs(board.stiffness)
     if descriptor.has_branches:
         masses, pulls = descriptor.summed(np.abs, slopes)
-    for part in board.blocks:
-        places, basis = part.places, part.basis
-        pencil = Pencil(
-            M=part.mass,
-            K=part.stiffness,
-            b=part.left @ b,
-            mass=masses[places] @ np.abs(basis),
-            pull=pulls[places] @ np.abs(basis),
-            basis=basis,
-            left=part.left,
-        )
 
-        def exact(places: Ints = places, basis: Floats = basis) -> NDArray[np.longdouble]:
-            M, _ = descriptor.summed(lambda x: x.astype(np.longdouble), slopes)
-            return np.asarray(M[places] @ basis)
+    def exact() -> NDArray[np.longdouble]:
+        return descriptor.summed(lambda x: x.astype(np.longdouble), slopes)[0]
 
-        names = [descriptor.names[place] for place in places.tolist()]
-        reduced = reduce_pencil(pencil, names, exact)
-        states = None if reduced.places is None else places[reduced.places]
-        found.append(replace(reduced, places=states))
-    return found
+    pencil = Pencil(board.mass, board.stiffness, b, masses, pulls, every, every)
+    return reduce_pencil(pencil, descriptor.names, exact)
 
 
 # Poles are counted in integers: no rounding decides. Every stamped value is a double, so M and K

@@ -16,6 +16,7 @@ with growing modes, or one that needs too many patterns, is integrated by steps 
 from __future__ import annotations
 
 import math
+import re
 import time as clock
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -28,7 +29,6 @@ from taction.system.array_types import Floats, Indices, Ints
 from taction.system.errors import EngineError
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
-from taction.verification.engines.statespace.equations.mirror_symmetry import numbered_kinds
 from taction.verification.engines.statespace.equations.structured_solve import projected, units
 from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
@@ -66,12 +66,26 @@ def _sides(descriptor: Descriptor) -> Iterator[list[Ints]]:
     Kinds that belong to the same channels (or sensors) are one side.
     """
     unit, sides = units(descriptor), dict[tuple[bytes, bool], list[Ints]]()
-    for kind in numbered_kinds(descriptor.names):
+    for kind in _kinds(descriptor.names):
         for stated in (False, True):
             places = kind[descriptor.determined[kind] == stated]
             if len(places):
                 sides.setdefault((unit[places].tobytes(), len(places) == 1), []).append(places)
     yield from sides.values()
+
+
+_NUMBERED = re.compile(r"^([^\d\n]*)(\d*)(.*)$", re.MULTILINE)
+
+
+def _kinds(names: tuple[str, ...]) -> list[Ints]:
+    """Return the places of the unknowns of each kind, by number: ``v_1``, ``v_2``, for example."""
+    kinds: dict[tuple[str, str], list[tuple[int, int]]] = {}
+    for place, (head, number, tail) in enumerate(_NUMBERED.findall("\n".join(names))):
+        if number:
+            kinds.setdefault((head, tail), []).append((int(number), place))
+        else:
+            kinds[head, tail] = [(0, place)]
+    return [np.array([place for _, place in sorted(kind)]) for kind in kinds.values()]
 
 
 METHOD = "exact, by patterns"

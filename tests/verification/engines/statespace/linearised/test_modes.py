@@ -74,6 +74,24 @@ def test_slow_poles_do_not_lose_the_digits_of_the_fast_ones(decades: float, seed
     assert np.all(np.abs(modes.left @ modes.right - np.eye(len(A))) <= modes.defect + EPS)
 
 
+def test_real_arithmetic_keeps_pairs_and_their_order_of_accuracy() -> None:
+    # Poles over nine decades, the slow ones wanted to their own size.
+    wanted = np.array([-1.0, -2.0 + 30.0j, -2.0 - 30.0j, -5e3, -1e5 + 4e6j, -1e5 - 4e6j, -3e9])
+    blocks = np.zeros((7, 7))
+    blocks[np.arange(7), np.arange(7)] = wanted.real
+    for k in (1, 4):
+        blocks[k, k + 1], blocks[k + 1, k] = wanted[k].imag, -wanted[k].imag
+    turn = np.eye(7) + np.triu(np.random.default_rng(5).integers(-2, 3, (7, 7)), 1)
+    scale = 10.0 ** np.arange(7)
+    A = np.linalg.inv(turn) @ blocks @ turn * scale / scale[:, None]
+    modes = decompose(A)
+    assert modes.poles == pytest.approx(np.sort_complex(wanted)[::-1], rel=1e-5)
+    assert modes.defect < 1e-12
+    pairs = np.flatnonzero(modes.poles.imag > 0.0)
+    assert np.array_equal(modes.right[:, pairs], modes.right[:, pairs + 1].conj())
+    assert np.array_equal(modes.left[pairs], modes.left[pairs + 1].conj())
+
+
 def chain(channels: int, C: float, gain: float) -> LinearBoard:
     """A board for first differences: equal op-amps drive one another in chains of equal poles."""
     T = np.eye(channels) - np.eye(channels, k=1)

@@ -17,10 +17,20 @@ from taction.verification.engines.statespace.transients import reduced_transient
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.evidence.stress.run_cases import compare, wrong_checks
+from taction.verification.stability.poles import poles
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.simulation import state_space_error
 from taction.verification.verdict.verify import verify
-from tests.support.boards import IDEAL, board, drawn_board, kernel, lags, paper_board, strain
+from tests.support.boards import (
+    IDEAL,
+    board,
+    drawn_board,
+    kernel,
+    lags,
+    paper_board,
+    strain,
+    two_pole,
+)
 from tests.support.true_values import true_values
 
 TAU = 1e-6
@@ -50,6 +60,16 @@ def test_modes_that_have_faded_are_not_missed() -> None:
     rates = (np.exp(np.outer(t, poles)) @ (share * poles[:, None])).real
     slope = solution.flow.pair(t)[1]
     assert np.all(np.abs(slope - rates) <= 1e-12 * np.abs(rates).max(axis=0))
+
+
+def test_a_growing_mode_is_never_left_out() -> None:
+    circuit = board(kernel(7, 3.0), strain(7, 3.0), two_pole(790e3, 12e-12))
+    wild = replace(circuit, capacitors=tuple(replace(c, farads=4e-12) for c in circuit.capacitors))
+    growing = poles(wild).poles
+    growing = growing[(growing.real > 0.0) & (growing.imag > 0.0)]
+    flow = exact_solution(wild).flow
+    assert len(growing) > 2
+    assert np.sum(flow.poles.real > 0.0) == len(growing)
 
 
 def test_from_rest_a_board_with_a_voltage_source_does_not_move_without_strain() -> None:
