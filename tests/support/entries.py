@@ -33,7 +33,6 @@ def entry(**changes: Any) -> Entry:
         "engine": "ngspice",
         "checks": [{"name": "stability", "outcome": "pass"}],
         "step_amplitude": 1.0,
-        "speed": 1e6,
         "channels": [channel()],
         "settling_time": 5e-6,
         "growth_rate": -1e6,

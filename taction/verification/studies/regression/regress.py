@@ -11,21 +11,20 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from taction.netlist_gen.scene.check_keys import Regression
-from taction.netlist_gen.scene.keys import all_keys, files_of
+from taction.netlist_gen.scene.keys import files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import INLINE, plain, read
 from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted, TactionError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.output_files import check_folder, printable, write_atomically
 from taction.system.progress import Progress
-from taction.system.quantities import NONE, written
 from taction.system.reading_definitions import READINGS
 from taction.system.results import Result
 from taction.verification.studies.running.study import for_each
@@ -41,7 +40,7 @@ from taction.verification.verdict.record import (
 )
 from taction.verification.verdict.verify import Verdict
 
-FORMAT = 4
+FORMAT = 5
 MARK = "taction_baseline"
 MOVE_AWAY = "rename it, and `--update` writes a new baseline"
 
@@ -60,12 +59,8 @@ class Entry:
     fingerprint: str  # SHA-256 of the scene and its files, without the tolerances
     taction: str  # version
     solved_by: str  # engine with its version, matrix solver and integration method
-    speed: Annotated[float, "1/s"]  # magnitude of the rightmost pole, 1/s
     # What is compared: `ALWAYS`, `STABLE` and the same of the channels.
     record: Annotated[Record, INLINE]
-    # The keys that the scene gives, with their values as it could write them; empty in a baseline
-    # of an older taction.
-    keys: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.record.value("growth_rate") is None:
@@ -94,42 +89,20 @@ def observe(verdict: Verdict) -> Entry:
         fingerprint=fingerprint(verdict.scene),
         taction=metadata.version("taction"),
         solved_by=verdict.waveforms.simulator,
-        speed=abs(verdict.poles.rightmost),
         record=Record.of(verdict).without_run_time(),
-        keys=written_keys(verdict.scene),
     )
 
 
 def fingerprint(scene: Scene) -> str:
     """Return the SHA-256 of a scene as written, without its tolerances, and of its files."""
-    digest = hashlib.sha256(json.dumps(_written(scene), sort_keys=True).encode())
+    written = scene.model_dump(
+        mode="json", exclude_unset=True, exclude={"regression"}, by_alias=True
+    )
+    digest = hashlib.sha256(json.dumps(written, sort_keys=True).encode())
     for name in files_of(scene).values():
         if isinstance(name, str):  # an array is in what was written
             digest.update(read_bounded(scene.folder / name, LARGEST))
     return digest.hexdigest()
-
-
-def _written(scene: Scene) -> dict[str, Any]:
-    return scene.model_dump(mode="json", exclude_unset=True, exclude={"regression"}, by_alias=True)
-
-
-def written_keys(scene: Scene) -> dict[str, str]:
-    """Return the keys that a scene gives, as it could write them; a list has only its length."""
-    units = {key.path: key.unit for key in all_keys(scene)}
-
-    def texts(table: dict[str, Any], above: str) -> Iterator[tuple[str, str]]:
-        for name, value in table.items():
-            path = above + name
-            if isinstance(value, dict):
-                yield from texts(value, f"{path}.")
-            elif isinstance(value, list):
-                yield path, f"{len(value)} values"
-            elif isinstance(value, float) and units.get(path):
-                yield path, written(value, units[path]).strip('"')
-            else:
-                yield path, str(value)
-
-    return dict(texts(_written(scene), ""))
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,7 +174,7 @@ def scene_tolerance(allowed: Regression, then: Entry) -> Tolerance:
     def tolerance(name: str, first: Figure, second: Figure) -> float | None:
         size, unit = abs(first.value or 0.0), first.unit
         if name in POLE_READINGS:
-            scale = then.speed if unit else 1.0
+            scale = abs(complex(*then.record.pole or ())) if unit else 1.0
             return allowed.poles.absolute * scale + allowed.poles.relative * size
         if unit == "s":
             return allowed.times.absolute + allowed.times.relative * size
@@ -456,12 +429,7 @@ def _unchanged(result: SceneResult) -> bool:
 
 
 def _notes(now: Entry, then: Entry) -> Iterable[str]:
-    names = {**then.keys, **now.keys} if then.keys else {}
-    values = ((name, then.keys.get(name, NONE), now.keys.get(name, NONE)) for name in names)
-    edited = [f"{n.removeprefix('design.')} {a} → {b}" for n, a, b in values if a != b]
-    if edited:
-        yield f"edited: {', '.join(edited)}"
-    elif now.fingerprint != then.fingerprint:
+    if now.fingerprint != then.fingerprint:
         yield "the scene, or a file that it names, was edited since the baseline"
     if now.solved_by != then.solved_by:
         yield f"simulator was {then.solved_by}, now {now.solved_by}"
