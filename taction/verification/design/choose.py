@@ -179,9 +179,9 @@ class ChosenDesign(Trial):
     """The trial of one design of a choice: op-amp, C and gain."""
 
     DOCUMENT = (
-        *("place", "values = plain_values", "outcome", "left", "shares", "settling_time [s]"),
-        *("overshoot [step]", "headroom", "noise_rms [V] = noise", "reason", "refused"),
-        "worst_share",
+        *("place", "values = plain_values", "outcome = record.outcome", "left = record.failed"),
+        *("shares", "settling_time [s]", "overshoot [step]", "headroom", "noise_rms [V] = noise"),
+        *("reason = record.reason", "refused", "worst_share"),
     )
 
     place: int = 0  # of the grid
@@ -204,18 +204,18 @@ class ChosenDesign(Trial):
     @property
     def headroom(self) -> float | None:
         """Share of the worst limit of an op-amp."""
-        return self.reading("headroom")
+        return self.record.check_value("headroom")
 
     @property
     def noise(self) -> float | None:
         """Output noise, V."""
-        return self.reading("noise")
+        return self.record.check_value("noise")
 
     @property
     def worst(self) -> float:
         """The largest share; infinite without any, and where a failure shows in none of them."""
-        left = (self.shares.get(name, 0.0) for name in self.left)
-        hidden = self.outcome != Outcome.PASS.value and min(left, default=0.0) < 1.0
+        left = (self.shares.get(name, 0.0) for name in self.record.failed)
+        hidden = self.record.outcome != Outcome.PASS.value and min(left, default=0.0) < 1.0
         return math.inf if hidden else max(self.shares.values(), default=math.inf)
 
     @property
@@ -231,8 +231,9 @@ class ChosenDesign(Trial):
     @property
     def rank(self) -> tuple[bool, bool, int, float, float]:
         """Sort key: good designs, then those with the fewest checks left, then the share."""
-        left = len(self.left) if self.outcome != ERROR else len(CHECKS)
-        return not self.good, self.outcome != "pass", left, self.worst, self.settling_time
+        record = self.record
+        left = len(record.failed) if record.outcome != ERROR else len(CHECKS)
+        return not self.good, record.outcome != "pass", left, self.worst, self.settling_time
 
 
 @dataclass(frozen=True, slots=True)

@@ -262,7 +262,7 @@ def find_remedies(
         unmendable=unmendable,
         opamps=tuple(str(trial.values[OPAMP]) for trial in stable) if ranges else (),
         trials=len(trials.tried),
-        undecided=tuple(t.reason for t in trials.tried if t.outcome == ERROR),
+        undecided=tuple(t.record.reason for t in trials.tried if t.record.outcome == ERROR),
         work=trials.spent,
         limit=trials.limit,
     )
@@ -290,7 +290,7 @@ def _change(trials: Trials, failed: Sequence[str], trial: Trial) -> Change:
         scene = trials.scene_at(trial.values)
         fact = topology_of(scene).facts(scene).get("R")
         resistance = None if fact is None else fact.value
-    return Change(values, _mended(failed, trial), trial.left, resistance)
+    return Change(values, _mended(failed, trial), trial.record.failed, resistance)
 
 
 def _search(trials: Trials, path: str, begin: float | None) -> Search | None:

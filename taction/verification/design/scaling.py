@@ -298,14 +298,14 @@ def _with_capacitance(
     own = trials.at({path: scene.design.capacitance})
     if accept(own):
         return scene
-    rest = own.reading("steady_state") or 0.0
+    rest = own.record.check_value("steady_state") or 0.0
     off = accept is is_good and rest > scene.checks.steady_state.tolerance  # no C moves the rest
     search = None if off else search_key(trials, path, accept=accept)
     if search is None or not search.found:
-        notes.append(f"{NO_C}: {own.refused or own.reason}")
+        notes.append(f"{NO_C}: {own.refused or own.record.reason}")
         return None
     farads = search.found[0].values[path]
-    notes.append(f"C is another than the scene's, {show(farads, 'F', 3)}: {own.reason}")
+    notes.append(f"C is another than the scene's, {show(farads, 'F', 3)}: {own.record.reason}")
     return with_values(scene, {path: farads})
 
 

@@ -58,7 +58,7 @@ class Trial:
 
     DOCUMENT: ClassVar[tuple[str, ...]] = (
         *("values = plain_values", "settling_time [s]", "overshoot [step]"),
-        *("left # checks that do not pass", "refused"),
+        *("left = record.failed # checks that do not pass", "refused"),
     )
 
     values: dict[str, Any]  # new numbers and names by dotted paths
@@ -72,24 +72,9 @@ class Trial:
         return self.values
 
     @property
-    def outcome(self) -> str:
-        """The outcome of the verdict: pass, fail, inconclusive or error."""
-        return self.record.outcome
-
-    @property
-    def left(self) -> tuple[str, ...]:
-        """Names of the checks that do not pass."""
-        return self.record.failed
-
-    @property
-    def reason(self) -> str:
-        """Why the outcome is not a pass."""
-        return self.record.reason
-
-    @property
     def good(self) -> bool:
         """Whether every check passes with parts that can be bought."""
-        return self.outcome == Outcome.PASS.value and not self.refused
+        return self.record.outcome == Outcome.PASS.value and not self.refused
 
     @property
     def settling_time(self) -> float:
@@ -109,11 +94,6 @@ class Trial:
         """Whether a check passes."""
         check = self.record.check(name)
         return check is not None and check.outcome is Outcome.PASS
-
-    def reading(self, name: str) -> float | None:
-        """Return the value of a check."""
-        check = self.record.check(name)
-        return None if check is None else check.value
 
 
 class Trials:

@@ -167,7 +167,7 @@ def tune(
 def frontier(trials: Iterable[Trial]) -> tuple[Trial, ...]:
     """Return the Pareto-optimal designs of those that fail no check but that of the overshoot."""
     best: list[Trial] = []
-    kept = [t for t in trials if not t.refused and set(t.left) <= {"overshoot"}]
+    kept = [t for t in trials if not t.refused and set(t.record.failed) <= {"overshoot"}]
     settling = [trial for trial in kept if math.isfinite(trial.settling_time)]
     for trial in sorted(settling, key=lambda t: (t.overshoot, t.settling_time)):
         if not best or trial.settling_time < best[-1].settling_time:
@@ -180,12 +180,12 @@ def _search(
 ) -> Trial:
     """Return the best design of a grid, and of simplexes from the best of its points."""
     own: Values = {each.path: each.own for each in ranges}
-    if trials.at(own).outcome == ERROR:
+    if trials.at(own).record.outcome == ERROR:
         trials.board_at(own)  # raises the error of the scene's own design
 
     def objective(trial: Trial) -> float:
         """Return ln(settling time), plus a penalty for every check that does not pass."""
-        broken = len(trial.left) + bool(trial.refused)
+        broken = len(trial.record.failed) + bool(trial.refused)
         if not math.isfinite(trial.settling_time):
             return (100 + broken) * INFEASIBLE
         excess = max(trial.overshoot - RESERVE * overshoot, 0.0)
@@ -212,7 +212,7 @@ def _no_design(
     ends = ", ".join(
         f"{r.path} from {show(r.low, r.unit, 3)} to {show(r.high, r.unit, 3)}" for r in ranges
     )
-    failing = closest.refused or ", ".join(map(spaced, closest.left)) or "overshoot"
+    failing = closest.refused or ", ".join(map(spaced, closest.record.failed)) or "overshoot"
     reached = ""
     if math.isfinite(closest.overshoot):
         reached = f" with an overshoot of {percent(closest.overshoot)}"

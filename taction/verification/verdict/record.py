@@ -240,6 +240,10 @@ class Record:
         """Return the check of a name, if it ran."""
         return next((check for check in self.checks if check.name == name), None)
 
+    def check_value(self, name: str) -> float | None:
+        """Return the value of a check, if it has one."""
+        return None if (check := self.check(name)) is None else check.value
+
 
 def decisive_reason(verdict: Verdict) -> str:
     """Return why a verdict is no pass; empty of a pass."""

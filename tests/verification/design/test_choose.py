@@ -146,7 +146,7 @@ def test_the_order_is_that_of_the_worst_share() -> None:
     assert ranked[0].worst == pytest.approx(0.8)
     assert ranked[2].worst == pytest.approx(0.8 / 0.9)
     assert ranked[3].worst == pytest.approx(0.9)
-    assert ranked[-1].left == ("settling_time",)
+    assert ranked[-1].record.failed == ("settling_time",)
     best = best_designs(ranked)
     assert [design.opamp for design in best] == ["tl084", "ne5534", "tl084"]
     assert [design.place for design in best] == [0, 5, 2]
@@ -266,9 +266,9 @@ def test_a_worst_value_below_1_is_a_written_scene_that_passes(
         computed(plan, store, jobs=1)
         found = designs(plan, store)
     for each in found:
-        if each.outcome != "pass":
+        if each.record.outcome != "pass":
             assert each.worst >= 1.0
-            lacking = [name for name in each.left if each.record.check(name).value is None]
+            lacking = [name for name in each.record.failed if each.record.check(name).value is None]
             assert each.worst_share is None or not lacking  # such as: it never enters the band
     passed = []
     for rank, place in enumerate(rng.permutation(len(found))[:20]):
@@ -279,7 +279,7 @@ def test_a_worst_value_below_1_is_a_written_scene_that_passes(
         passed.append(verdict.outcome is Outcome.PASS)
         if each.worst < 1.0:
             assert passed[-1], each.values
-        elif set(each.left) - {"headroom"}:
+        elif set(each.record.failed) - {"headroom"}:
             # Beyond 90 % of an op-amp's limit the written board is simulated with the limit.
             assert not passed[-1], each.values
     assert 4 <= sum(passed) <= 16

@@ -273,7 +273,7 @@ def test_a_board_that_rings_too_long_is_not_simulated_and_its_reason_is_shown(
     made = Trials(paper(name="paper-exponential"))
     found = made.at({"design.capacitance": 5e-11})
     assert found.record.figures["settling_time"] is None
-    assert "it rings too long for a search" in found.reason
+    assert "it rings too long for a search" in found.record.reason
     scene, remedies = unstable()
-    shown = remedies_text(scene, replace(remedies, undecided=(found.reason,)))
-    assert f"1 of them without a verdict, such as: {found.reason}" in shown
+    shown = remedies_text(scene, replace(remedies, undecided=(found.record.reason,)))
+    assert f"1 of them without a verdict, such as: {found.record.reason}" in shown

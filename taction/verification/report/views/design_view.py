@@ -194,11 +194,11 @@ def _outcome(design: ChosenDesign) -> Cell:
     """Return the outcome with the check that decides it, or what cannot be bought."""
     if design.refused:
         return Cell(f"no parts: {readable(design.refused)}", None, "fail")
-    line = design.reason.split("\n")[0]
-    if design.outcome == ERROR:  # file, key and value, then what is wrong with it
+    outcome, line = design.record.outcome, design.record.reason.split("\n")[0]
+    if outcome == ERROR:  # file, key and value, then what is wrong with it
         line = line.rpartition(": ")[2]
     check = shortened(spaced(line.partition(" (limit")[0].partition("; ")[0]), LONGEST)
-    return texts.outcome_cell(": ".join(filter(None, (design.outcome, check))), design.outcome)
+    return texts.outcome_cell(": ".join(filter(None, (outcome, check))), outcome)
 
 
 def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Column]:
@@ -266,7 +266,7 @@ def _points(designs: Sequence[ChosenDesign], name: str, mark: str, size: float) 
 
 def _level(design: ChosenDesign | None) -> float:
     """Return the worst share; NaN for a design without a verdict."""
-    undecided = design is not None and design.outcome == "inconclusive"
+    undecided = design is not None and design.record.outcome == "inconclusive"
     if design is None or not design.shares or (undecided and design.worst_share is None):
         return math.nan
     return float(np.clip(design.worst, *KNOWN))
@@ -277,7 +277,7 @@ def _hover(design: ChosenDesign | None) -> str:
         return ""
     worst = design.worst_share
     share = "no value" if worst is None else figure(worst, "", 3)
-    outcome = "no parts" if design.refused else design.outcome
+    outcome = "no parts" if design.refused else design.record.outcome
     return f"{_place(design, ' ')}: {outcome}, worst {share}"
 
 
