@@ -186,6 +186,16 @@ class Scan(Edges):
     logarithmic: bool = True
 
     @property
+    def points(self) -> int:
+        """Number of samples."""
+        return len(self.samples)
+
+    @property
+    def scale(self) -> str:
+        """Their spacing."""
+        return "logarithmic" if self.logarithmic else "linear"
+
+    @property
     def complete(self) -> bool:
         """Whether all poles are known, else only edges of the rightmost pole are listed."""
         return all(sample.complete for sample in self.samples)

@@ -143,20 +143,6 @@ def test_a_reading_that_only_one_solution_has_is_infinitely_uncertain() -> None:
     assert evidence(measurements=neither).reading_errors["rise_time"] == 0.0
 
 
-@pytest.mark.parametrize(
-    ("end", "high", "says"),
-    [
-        (2e-4, 0.0, "steady_state: the tolerance 0.001 is not well"),
-        (0.0, 0.02, "overshoot: the limit 0.15 is not well above"),
-    ],
-)
-def test_a_tolerance_close_to_the_simulations_error(end: float, high: float, says: str) -> None:
-    one = channel(overshoot=Reading(0.1, high))
-    (found,) = all_warnings(evidence(one, checks={"overshoot": {"max": 0.15}}, end_error=end))
-    assert says in found
-    assert "points_per_period" in found
-
-
 def test_a_fragile_reading_comes_with_both_values() -> None:
     fragile = channel(3, rise_time=Reading(10.4e-6, 0.0, True, 4.3e-6))
     (found,) = all_warnings(evidence(fragile))

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
@@ -92,17 +91,6 @@ class Count:
 
 
 @dataclass(frozen=True, slots=True)
-class Scanned:
-    """The values whose poles were computed."""
-
-    low: Annotated[Number, {"key": "from"}]
-    high: Annotated[Number, {"key": "to"}]
-    points: int
-    scale: str
-    default: bool
-
-
-@dataclass(frozen=True, slots=True)
 class WithoutPoles:
     """A value whose poles could not be computed."""
 
@@ -117,7 +105,9 @@ class Onset(Result):
     VIEW = "taction.verification.report.views.stability_view:onset_view"
     DOCUMENT = (
         *("scene = scene.name", "file = scene.file", "over = axis.key.path"),
-        *("unit = axis.key.unit", "own_value", "scanned", "complete = scan.complete"),
+        *("unit = axis.key.unit", "own_value", "scanned.from = scan.low", "scanned.to = scan.high"),
+        *("scanned.points = scan.points", "scanned.scale = scan.scale"),
+        *("scanned.default = axis.default", "complete = scan.complete"),
         *("crossings = findings", "unstable_counts = counts"),
         *("stable_ranges = scan.stable_ranges", "unresolved = scan.unresolved", "failures"),
     )
@@ -153,14 +143,6 @@ class Onset(Result):
     def failures(self) -> tuple[WithoutPoles, ...]:
         """The values whose poles could not be computed."""
         return tuple(WithoutPoles(s.value, s.failure) for s in self.scan.samples if s.failure)
-
-    @property
-    def scanned(self) -> Scanned:
-        """The values whose poles were computed."""
-        samples = self.scan.samples
-        scale = "logarithmic" if self.scan.logarithmic else "linear"
-        ends = samples[0].value, samples[-1].value
-        return Scanned(*ends, len(samples), scale, self.axis.default)
 
     @property
     def outcome(self) -> str:

@@ -48,7 +48,7 @@ from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.study import FAILURES, Worker
 from taction.verification.studies.running.versions import describe_machine
 from taction.verification.verdict.run import outputs
-from taction.verification.verdict.transient_plan import coarser, even_transient
+from taction.verification.verdict.transient_plan import truncation_for
 
 BASE_POINTS = 125.0  # points per period of the task's transient
 COMPARED = 1000  # instants of a record that are compared with the reference, about
@@ -80,7 +80,9 @@ def ngspice(
 ) -> MethodRun:
     """Run ngspice with `points` points on a ringing period."""
     simulator = find_simulator()
-    transient = replace(coarser(transient, BASE_POINTS / points), method=method)
+    step = transient.max_step * BASE_POINTS / points
+    even = replace(transient, max_step=step, truncation=truncation_for(points))
+    transient = replace(even, method=method)
     deck = write_deck(circuit, transient, solver=simulator.solver_option)
     # The option acct makes ngspice print its steps and iterations.
     deck = replace(deck, text=deck.text.replace("\n.options ", "\n.options acct ", 1))
@@ -339,7 +341,8 @@ def accuracy(
     stop = PERIODS * period
     if scene.analysis.stop != "auto":
         stop = min(stop, scene.analysis.stop)
-    transient = even_transient(scene, scales, BASE_POINTS, stop)
+    step, initial = scales.max_step_for(BASE_POINTS), scene.analysis.initial
+    transient = Transient(stop, step, truncation_for(BASE_POINTS), initial=initial)
     board, left_out, end = LinearBoard(circuit), list[str](), started + budget
     runs, solved = list[tuple[SettingResult, MethodRun | None]](), dict[str, Floats]()
     usable, task = list(_applicable(board, left_out)), (circuit, transient)
