@@ -22,8 +22,9 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
+from taction.verification.engines.statespace.linearised.find_modes import find_modes
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.linearised.modes import Modes, find_modes
+from taction.verification.engines.statespace.linearised.modes import Modes
 from taction.verification.engines.statespace.linearised.reduction import (
     Pencil,
     reduce_pencil,

@@ -1,7 +1,6 @@
-"""Choice of lam: discrepancy principle, GCV, L-curve, quasi-optimality, least squared error.
+"""Choice of lam: discrepancy principle, generalised cross-validation, least squared error.
 
-Every rule minimises a score over lam. The sensitivity of the solution is exact:
-``(T^T T + mu / g') du = -(v + beta) dmu``, one singular value decomposition of ``T D``.
+Every rule minimises a score over lam.
 """
 
 from __future__ import annotations
@@ -33,35 +32,17 @@ class LambdaTrial:
 
     solution: Solution
     residual: float  # ``|T u - eps|^2``
-    penalty: float  # Omega above its least value
-    sensitivity: Floats  # ``lam du/dlam`` (N,)
-    penalty_sensitivity: float  # ``lam dOmega/dlam``
     fitted: float  # degrees of freedom: trace of the derivative of ``T u`` with respect to eps
 
     @classmethod
     def of(cls, problem: Problem) -> LambdaTrial:
-        """Solve and differentiate."""
-        solution = solve(problem)
-        entry = REGULARISERS[problem.regulariser]
+        """Solve, and find the degrees of freedom by the singular values of ``T sqrt(g')``."""
+        solution, entry = solve(problem), REGULARISERS[problem.regulariser]
         v = solution.u if solution.v is None else solution.v
-        beta = float(problem.bias)
         mu = entry.weight * problem.lam
-        D = np.sqrt(entry.slope(v))
-        svd = SVD(problem.T * D, mu)
-        sensitivity = -mu * D * svd.solve(np.zeros(len(problem.eps)), D * (v + beta))
+        square = SVD(problem.T * np.sqrt(entry.slope(v)), mu).sigma ** 2
         misfit = problem.T @ solution.u - problem.eps
-        rest = np.full_like(v, -beta)
-        floor = entry.energy(rest) + beta * entry.g(rest)
-        penalty = 2.0 * entry.weight * np.sum(entry.energy(v) + beta * solution.u - floor)
-        square = svd.sigma**2
-        return cls(
-            solution=solution,
-            residual=float(misfit @ misfit),
-            penalty=float(penalty),
-            sensitivity=sensitivity,
-            penalty_sensitivity=float(2.0 * entry.weight * (v + beta) @ sensitivity),
-            fitted=float(np.sum(square / (square + mu))),
-        )
+        return cls(solution, float(misfit @ misfit), float(np.sum(square / (square + mu))))
 
 
 def _discrepancy(trial: LambdaTrial, variance: float, _: Floats) -> float:
@@ -74,29 +55,12 @@ def _gcv(trial: LambdaTrial, variance: float, truth: Floats) -> float:
     return trial.residual / free**2 if free > 0.0 else float("inf")
 
 
-def _l_curve(trial: LambdaTrial, variance: float, truth: Floats) -> float:
-    """Return minus the curvature of (log residual, log penalty)."""
-    rho, eta, slope = trial.residual, trial.penalty, trial.penalty_sensitivity
-    lam = trial.solution.lam
-    if not (rho > 0.0 and eta > 0.0 and slope < 0.0):
-        return float("inf")
-    # Derivatives with respect to log lam; ``d residual = -lam d penalty``.
-    dx, dy = -lam * slope / rho, slope / eta
-    turn = dx * dy * (dx - dy - 1.0)
-    return -float(turn / (dx * dx + dy * dy) ** 1.5)
-
-
 RULES: dict[str, Callable[[LambdaTrial, float, Floats], float]] = {
     "discrepancy": _discrepancy,
     "gcv": _gcv,
-    "l-curve": _l_curve,
-    "quasi-optimality": lambda trial, *_: float(np.linalg.norm(trial.sensitivity)),
     "mse": lambda trial, _, truth: float(np.sum((trial.solution.u - truth) ** 2)),
 }
 """Scores by rule: functions of a trial, of the noise's variance and of the true u."""
-# Their score also falls towards both ends of the range, where it has no meaning: the lowest local
-# minimum between the ends counts.
-LOCAL_MINIMUM = {"l-curve", "quasi-optimality"}
 
 
 def missing(rule: str, variance: float, truth: Floats | None) -> str:
@@ -150,7 +114,7 @@ def choose(
     count = int((DECADES[1] - DECADES[0]) * PER_DECADE) + 1
     grid = middle + np.linspace(*DECADES, count)
     scores = np.array([score(float(exponent)) for exponent in grid])
-    best = _lowest(scores, rule in LOCAL_MINIMUM)
+    best = int(np.argmin(scores))
     at_edge = best in (0, count - 1)
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, count - 1)]
     with np.errstate(invalid="ignore"):  # scores may be infinite
@@ -164,11 +128,3 @@ def choose(
     )
     solution = solve(replace(problem, lam=float(10.0**exponent)))
     return LambdaChoice(solution, least, at_edge)
-
-
-def _lowest(scores: Floats, local_minimum: bool) -> int:
-    """Return the index of the least score; of the lowest inner minimum if one is requested."""
-    inner = scores[1:-1]
-    minima = 1 + np.flatnonzero((inner < scores[:-2]) & (inner <= scores[2:]))
-    candidates = minima if local_minimum and len(minima) else np.arange(len(scores))
-    return int(candidates[np.argmin(scores[candidates])])

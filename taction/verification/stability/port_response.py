@@ -18,6 +18,7 @@ from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.stamps import stamp
+from taction.verification.engines.statespace.linearised.find_modes import refined_modes
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import linear_matrices
 
@@ -137,7 +138,7 @@ class PortResponse:
         modes = self.board.state_space.modes
         if not (len(modes.poles) and modes.alone.all() and modes.defect < WELL_CONDITIONED):
             return None
-        modes = modes.refined
+        modes = refined_modes(modes)
         pencil, poles, K = modes.reduced.pencil, np.diag(modes.T), self.count
         right = (self.columns.T @ pencil.basis) @ modes.V
         left = modes.W @ (pencil.left @ self.rows)

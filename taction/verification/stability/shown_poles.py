@@ -113,8 +113,7 @@ def _volts(board: LinearBoard) -> tuple[Floats, Bools]:
     space, descriptor = board.state_space, board.descriptor
     modes = space.modes
     C, _ = space.rows(descriptor.names[: descriptor.node_count])
-    order = np.lexsort((-modes.poles.imag, -modes.poles.real))
-    return np.abs(C @ modes.right)[:, order], modes.alone[order]
+    return np.abs(C @ modes.right), modes.alone
 
 
 def _nodes_of(board: LinearBoard, volts: Floats) -> list[str]:

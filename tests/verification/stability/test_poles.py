@@ -205,16 +205,16 @@ def test_a_pole_of_a_model_where_strays_of_one_size_leave_no_digit() -> None:
 
 
 def test_a_pole_that_rounding_hides_is_said_and_does_not_decide() -> None:
-    """Two nodes with 1 mS each: 1 nF between them, and 3e-24 F that is lost beside it.
+    """Two nodes with 1 mS each: 10 nF between them, and 3e-23 F that is lost beside it.
 
-    Of ``s C (1 + s c r) + ...`` the second pole is at +1 mS / 3e-24 F.
+    Of ``s C (1 + s c r) + ...`` the second pole is at +1 mS / 3e-23 F.
     """
-    made = board("r2 m 0 1k", "r3 n 0 1k", "c2 m n 1n", "c3 m 0 -3e-24")
+    made = board("r2 m 0 1k", "r3 n 0 1k", "c2 m n 10n", "c3 m 0 -3e-23")
     found = poles(made)
     assert found.stable is None
     assert found.doubt
     shown, apart = told_apart(made, found)
     assert shown.known_stable
-    np.testing.assert_allclose(sorted(np.r_[shown.poles, apart.hidden].real), [-1e6, -5e5])
+    np.testing.assert_allclose(sorted(np.r_[shown.poles, apart.hidden].real), [-1e6, -5e4])
     assert apart.lost == 1
     assert "so far away" in apart.sentences[-1]

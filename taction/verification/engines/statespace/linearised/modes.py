@@ -26,138 +26,120 @@ bounds, Gershgorin for pencils).
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.system.array_types import Complexes, Floats, Ints
-from taction.verification.engines.statespace.linearised.block_modes import (
-    CERTAIN,
-    BlockModes,
-    balanced_sums,
-    components,
-    find_block_modes,
-    newton_step,
-)
-from taction.verification.engines.statespace.linearised.reduction import (
-    ROUNDED,
-    Reduced,
-)
+from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
+from taction.verification.engines.statespace.linearised.reduction import ROUNDED, Reduced
 
+UNDRIVEN = 1e-6  # of its terms: a smaller response to the sources may be rounding
+NARROW = 0.4  # of the decay rate: largest distance of a pole from the centre of its group
+POWERS = 100  # largest number of powers of the time in a group
+SAMPLED = (1e-2, 1e2, 120)  # first and last instant in units of the scale, and number
+BALANCING = 20  # steps to units in which couplings are equal in both directions
+CERTAIN = 0.2  # row sum of couplings over distances in these units, from which no bound is stated
+SPARE = 1.05  # for what lies between the instants
 LINKED = 16.0  # the square of a distance, over it: a larger coupling in both directions links
 TIGHT = 0.9  # row sum of the couplings over distances, from which their series may not end
 IRREDUCIBLE = 1e-18  # keeps the sizes of couplings irreducible
 
 
-@np.errstate(over="ignore", invalid="ignore", divide="ignore")
-def pole_errors(modes: BlockModes) -> Floats:
-    """Bound the distance of every pole to its true pole, 1/s, (n,); infinite where unknown."""
-    errors = _errors(modes)
-    if modes.other is not None and len(errors):
-        s, other = modes.poles, modes.other.poles
-        there = np.abs(s[:, None] - other) + _errors(modes.other)
-        errors = np.minimum(errors, there.min(axis=1))
-    return errors
-
-
-def _errors(modes: BlockModes) -> Floats:
-    """Bound the errors of the poles of one set of vectors.
-
-    What couples poles are E and, within groups, the triangular part of T. Poles whose couplings may
-    exchange them form components. Beside a component, all others add a second order
-    ``E (D - E)^-1 E``, D half the distance of a pole.
-    """
-    s, n = modes.poles, len(modes.T)
-    unknown = np.full(n, np.inf)
-    if not (n and modes.is_known):
-        return unknown
-    E = modes.coupling + np.abs(modes.T - np.diag(np.diag(modes.T)))
-    gap, own = np.abs(s[:, None] - s), np.diag(E)
-    linked = (gap**2 / LINKED < E * E.T) | (gap < 4.0 * (own[:, None] + own))
-    for _ in range(n):
-        label = components(linked)
-        half = np.where(label[:, None] != label, gap / 2.0, np.inf)
-        nearest = half.min(axis=1, initial=np.inf)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            H = np.nan_to_num(E / nearest[:, None], nan=np.inf, posinf=1e300)
-        tight = ~(balanced_sums(H, s) < TIGHT)
-        if not tight.any():
-            beyond = (E + E @ np.linalg.solve(np.eye(n) - H, H)) / half
-            errors = _within(E + E @ beyond, label, s)
-            tight = errors >= nearest
-            if not tight.any():
-                return errors
-        more = linked | (tight[:, None] & (half <= 1.01 * nearest[:, None]))
-        more |= more.T
-        if np.array_equal(more, linked | linked.T):
-            break
-        linked = more
-    return unknown
-
-
-def _within(E: Floats, label: Ints, s: Complexes) -> Floats:
-    """Bound the errors of the poles s within each component, with couplings E.
-
-    Every true pole is nearer than the spectral radius of all sizes to one member, and discs that
-    overlap are one set.
-    """
-    errors = np.diag(E).copy()
-    numbers, counts = np.unique(label, return_counts=True)
-    for number in numbers[counts > 1].tolist():
-        own = np.flatnonzero(label == number)
-        sizes, gap = E[np.ix_(own, own)], np.abs(s[own][:, None] - s[own])
-        weak = IRREDUCIBLE * np.sqrt(np.outer(sizes.max(axis=1), sizes.max(axis=1)))
-        disc = 1.01 * float(np.abs(np.linalg.eigvals(sizes + weak)).max())
-        joined = components(gap <= 2.0 * disc)
-        errors[own] = np.where(joined[:, None] == joined, gap + disc, 0.0).max(axis=1)
-    return errors
-
-
 @dataclass(frozen=True, eq=False)
-class Modes(BlockModes):
+class Modes:
     """``A = right (diag(poles) + couplings within groups) left`` with ``left right = 1``.
 
-    `poles` are the eigenvalues, 1/s, rightmost first.
+    Vectors and poles, and what their residual says.
     """
 
-    @classmethod
-    def of(cls, found: BlockModes) -> Modes:
-        """Return modes in the order of their poles."""
-        order = np.lexsort((-found.poles.imag, -found.poles.real))
-        place = np.append(np.argsort(order), -1)  # -1 stays -1
-        both = np.ix_(order, order)
-        return cls(
-            reduced=found.reduced,
-            T=found.T[both],
-            group=found.group[order],
-            mates=place[found.mates[order]],
-            X=found.X[:, order],
-            V=found.V[:, order],
-            W=found.W[order],
-            F=found.F[both],
-            E=found.E[both],
-            mixed=found.mixed[both],
-            hidden=found.hidden[:, order],
-            other=found.other,
-        )
+    reduced: Reduced
+    T: Complexes  # (n, n): poles, 1/s, and the triangular matrices of groups, along the diagonal
+    # `group`, `mates`: (n,): number of the group of each mode, and the place of its conjugate; -1
+    # in a group of several.
+    group: Ints
+    mates: Ints
+    # `right`, `V`, `W`: (n, n): vectors of the states (eigenvectors where `alone`), then right and
+    # left vectors of the pencil.
+    right: Complexes
+    V: Complexes
+    W: Complexes
+    # `F`, `E`: (n, n): what corrects T, 1/s, and a bound on the error of that.
+    F: Complexes
+    E: Floats
+    mixed: Floats  # (n, n): bound on ``W M V - 1``
+    hidden: Floats  # (k, n): bound on the error of V in unknowns without charge
+    other: Modes | None = None  # modes found otherwise, whose poles may be better known
 
     @functools.cached_property
-    def refined(self) -> Modes:
-        """The same one Newton step later: vectors in which A is diagonal but for rounding."""
-        basis = self.alone.all() and np.isfinite(self.defect)
-        return Modes.of(newton_step(self)) if basis else self
+    def poles(self) -> Complexes:
+        """The corrected poles, 1/s, (n,)."""
+        return np.asarray(np.diag(self.T - self.F))
+
+    @functools.cached_property
+    def alone(self) -> Bools:
+        """Whether a mode is the only one of its group, (n,)."""
+        return np.asarray(np.bincount(self.group, minlength=1)[self.group] == 1)
+
+    @functools.cached_property
+    def groups(self) -> list[Group]:
+        """The groups of more than one mode."""
+        numbers = np.unique(self.group[~self.alone]).tolist()
+        return [Group.of(self, np.flatnonzero(self.group == number)) for number in numbers]
+
+    @functools.cached_property
+    def coupling(self) -> Floats:
+        """Bound on what the board has beside T with the corrected poles, 1/s, (n, n)."""
+        return np.abs(self.F - np.diag(np.diag(self.F))) + self.E
+
+    @functools.cached_property
+    def left(self) -> Complexes:
+        """The dual vectors of the states, (n, n)."""
+        return np.asarray(self.W @ (self.reduced.pencil.M @ self.reduced.seen))
 
     @property
-    def right(self) -> Complexes:
-        """Basis vectors as columns, (n, n): eigenvectors where `alone`."""
-        return self.X
+    def is_known(self) -> bool:
+        """Whether the vectors are a basis."""
+        return bool(np.all(np.isfinite(self.E)))
+
+    @functools.cached_property
+    def error(self) -> float:
+        """Estimate of the error of the response to the sources, over its largest voltage.
+
+        Without sources it is that of the response to a start with 1 V at every unknown.
+        """
+        if not self.is_known:
+            return math.inf
+        s, sizes, pencil = self.poles, np.abs(self.V), self.reduced.pencil
+        fastest = float(np.abs(s).max(initial=0.0)) or 1.0
+        speed = np.maximum(np.abs(s), 1e-12 * fastest)
+        start = (self.W @ pencil.b).sum(axis=1) / speed
+        largest = float(np.abs(self.V @ start).max(initial=0.0))
+        terms = sizes @ (np.abs(self.W) @ np.abs(pencil.b).sum(axis=1) / speed)
+        if not largest > UNDRIVEN * float(terms.max(initial=0.0)):  # 1 V at every unknown
+            start, largest = np.abs(self.W @ pencil.M).sum(axis=1), 1.0
+        gap = np.maximum(np.abs(s[:, None] - s), np.abs(s.real)[:, None])
+        gap = np.maximum(gap, 1e-3 * speed)
+        weight = np.abs(start)
+        off = sizes @ ((self.coupling / gap) @ weight) + self.hidden @ weight
+        return float(off.max(initial=0.0)) / largest
+
+    @property
+    def ordered(self) -> Modes:
+        """The same with the rightmost pole first."""
+        order = np.lexsort((-self.poles.imag, -self.poles.real))
+        place, both = np.append(np.argsort(order), -1), np.ix_(order, order)  # -1 stays -1
+        rows = {name: getattr(self, name)[order] for name in ("group", "W")}
+        columns = {name: getattr(self, name)[:, order] for name in ("right", "V", "hidden")}
+        squares = {name: getattr(self, name)[both] for name in ("T", "F", "E", "mixed")}
+        return replace(self, mates=place[self.mates[order]], **rows, **columns, **squares)
 
     @functools.cached_property
     def defect(self) -> float:
         """Largest element of ``left right - 1``; infinite where the vectors are no basis."""
         if not self.is_known:
             return np.inf
-        off = np.abs(self.left @ self.X - np.eye(len(self.X))).max(initial=0.0)
+        off = np.abs(self.left @ self.right - np.eye(len(self.right))).max(initial=0.0)
         return float(off) if np.isfinite(off) else np.inf
 
     @property
@@ -220,6 +202,133 @@ class Modes(BlockModes):
         return np.asarray(np.abs(self.reduced.pencil.basis) @ self.hidden)
 
 
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Nearly parallel modes: ``exp(T t)`` is ``exp(centre t) exp(inner t)`` among them."""
+
+    members: Ints  # (m,): their places
+    centre: complex
+    inner: Complexes
+    growth: Floats  # (m, m): G with ``|exp(inner t)| <= G exp(scale t)`` for t >= 0, by element
+    scale: float  # 1/s
+
+    @classmethod
+    def of(cls, modes: Modes, members: Ints) -> Group:
+        """Return the group of some places."""
+        acting = modes.T[np.ix_(members, members)] - np.diag(modes.F.diagonal()[members])
+        centre = complex(acting.diagonal().mean())
+        inner, scale = acting - centre * np.eye(len(members)), 0.5 * abs(centre.real)
+        growth = np.full(inner.shape, np.inf)
+        if np.abs(inner.diagonal()).max() < NARROW * abs(centre.real):
+            growth = _growth(np.asarray(inner / scale, dtype=np.complex128))
+        return cls(members, centre, inner, growth, scale)
+
+
+def _growth(inner: Complexes) -> Floats:
+    """Return G with ``|exp(inner x)| <= G exp(x)`` for x >= 0; infinite where powers do not end."""
+    powers = [np.eye(len(inner), dtype=np.complex128)]
+    for k in range(1, POWERS):
+        powers.append(powers[-1] @ inner / k)
+        if np.abs(powers[-1]).max() * (k / math.e) ** k < EPS:
+            break
+    else:
+        return np.full(inner.shape, np.inf)
+    x = np.append(0.0, np.geomspace(*SAMPLED))
+    weight = x[:, None] ** np.arange(len(powers)) * np.exp(-x)[:, None]
+    return np.asarray(SPARE * np.abs(np.tensordot(weight, np.array(powers), 1)).max(axis=0))
+
+
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
+def pole_errors(modes: Modes) -> Floats:
+    """Bound the distance of every pole to its true pole, 1/s, (n,); infinite where unknown."""
+    errors = _errors(modes)
+    if modes.other is not None and len(errors):
+        s, other = modes.poles, modes.other.poles
+        there = np.abs(s[:, None] - other) + _errors(modes.other)
+        errors = np.minimum(errors, there.min(axis=1))
+    return errors
+
+
+def _errors(modes: Modes) -> Floats:
+    """Bound the errors of the poles of one set of vectors.
+
+    What couples poles are E and, within groups, the triangular part of T. Poles whose couplings may
+    exchange them form components. Beside a component, all others add a second order
+    ``E (D - E)^-1 E``, D half the distance of a pole.
+    """
+    s, n = modes.poles, len(modes.T)
+    unknown = np.full(n, np.inf)
+    if not (n and modes.is_known):
+        return unknown
+    E = modes.coupling + np.abs(modes.T - np.diag(np.diag(modes.T)))
+    gap, own = np.abs(s[:, None] - s), np.diag(E)
+    linked = (gap**2 / LINKED < E * E.T) | (gap < 4.0 * (own[:, None] + own))
+    for _ in range(n):
+        label = components(linked)
+        half = np.where(label[:, None] != label, gap / 2.0, np.inf)
+        nearest = half.min(axis=1, initial=np.inf)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            H = np.nan_to_num(E / nearest[:, None], nan=np.inf, posinf=1e300)
+        tight = ~(balanced_sums(H, s) < TIGHT)
+        if not tight.any():
+            beyond = (E + E @ np.linalg.solve(np.eye(n) - H, H)) / half
+            errors = _within(E + E @ beyond, label, s)
+            tight = errors >= nearest
+            if not tight.any():
+                return errors
+        more = linked | (tight[:, None] & (half <= 1.01 * nearest[:, None]))
+        more |= more.T
+        if np.array_equal(more, linked | linked.T):
+            break
+        linked = more
+    return unknown
+
+
+def _within(E: Floats, label: Ints, s: Complexes) -> Floats:
+    """Bound the errors of the poles s within each component, with couplings E.
+
+    Every true pole is nearer than the spectral radius of all sizes to one member, and discs that
+    overlap are one set.
+    """
+    errors = np.diag(E).copy()
+    numbers, counts = np.unique(label, return_counts=True)
+    for number in numbers[counts > 1].tolist():
+        own = np.flatnonzero(label == number)
+        sizes, gap = E[np.ix_(own, own)], np.abs(s[own][:, None] - s[own])
+        weak = IRREDUCIBLE * np.sqrt(np.outer(sizes.max(axis=1), sizes.max(axis=1)))
+        disc = 1.01 * float(np.abs(np.linalg.eigvals(sizes + weak)).max())
+        joined = components(gap <= 2.0 * disc)
+        errors[own] = np.where(joined[:, None] == joined, gap + disc, 0.0).max(axis=1)
+    return errors
+
+
+def balanced_sums(H: Floats, s: Complexes) -> Floats:
+    """Return the row sums of H >= 0 for modes s in units in which they are about the column sums.
+
+    The largest bounds the spectral radius in any units. They start from the square roots of the
+    poles' inverses (E. E. Osborne, J. ACM 7, 1960, all rows at once).
+    """
+    unit = 1.0 / np.sqrt(np.maximum(np.abs(s), 1e-30))
+    for _ in range(BALANCING):
+        rows, columns = (H @ unit) / unit, (1.0 / unit @ H) * unit
+        if rows.max(initial=0.0) < CERTAIN:
+            break
+        unit = unit * (np.maximum(rows, 1e-30) / np.maximum(columns, 1e-30)) ** 0.25
+    return np.asarray(rows)
+
+
+def components(linked: Bools) -> Ints:
+    """Return a number for each connected component of a graph, the least of its places, (n,)."""
+    linked = linked | linked.T
+    np.fill_diagonal(linked, val=True)
+    label = np.arange(len(linked))
+    while True:
+        least = np.where(linked, label, len(label)).min(axis=1, initial=len(label))
+        if np.array_equal(least, label):
+            return label
+        label = least
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ModeShares:
     """The shares of the modes in the rows (K,) of ``C x``, ``seen * dual``."""
@@ -272,11 +381,3 @@ class ModeShares:
         missed = self._grown(self.doubt, transposed=True)
         vague += own * self._grown(self.unsure, transposed=False) + missed * dual
         return lag, vague
-
-
-def find_modes(reduced: Reduced) -> Modes:
-    """Return the modes of reduced equations by a dense eigenproblem (25 n³ flops).
-
-    LinAlgError: A is not finite.
-    """
-    return Modes.of(find_block_modes(reduced))

@@ -237,6 +237,5 @@ def _weights(A: Floats, weight: Weight) -> Floats:
 
 def _sizes(space: StateSpace) -> Floats:
     """Return the sizes of the terms of A, and of the charges that a unit of ``x'`` moves."""
-    pencil = space.reduced.pencil
-    L, seen = np.abs(space.reduced.left), np.abs(space.reduced.seen)
+    pencil, L, seen = space.pencil, np.abs(space.left), np.abs(space.seen)
     return np.stack([L @ pencil.pull @ seen, L @ pencil.mass @ seen])

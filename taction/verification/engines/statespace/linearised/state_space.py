@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,8 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
 from taction.verification.engines.statespace.equations.descriptor import DenseMatrix, Descriptor
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
-from taction.verification.engines.statespace.linearised.modes import Modes, find_modes
+from taction.verification.engines.statespace.linearised.find_modes import find_modes
+from taction.verification.engines.statespace.linearised.modes import Modes
 from taction.verification.engines.statespace.linearised.reduction import (
     Pencil,
     Reduced,
@@ -30,11 +31,10 @@ LOST = "rounding leaves nothing of the circuit's poles: parts cancel to the last
 
 
 @dataclass(frozen=True, eq=False)
-class StateSpace:
+class StateSpace(Reduced):
     """A board as ``x' = A x + B [on, 1]``, ``z = C x + D [on, 1]``: A in 1/s, B in V/s."""
 
     descriptor: Descriptor
-    reduced: Reduced
     lost: int = 0  # poles of the board that are so far away that rounding hides them
 
     @property
@@ -45,8 +45,7 @@ class StateSpace:
     @property
     def states(self) -> tuple[str, ...]:
         """Names of the unknowns that x are; none of combinations."""
-        places = self.reduced.places
-        return () if places is None else tuple(self.nodes[k] for k in places.tolist())
+        return () if self.places is None else tuple(self.nodes[k] for k in self.places.tolist())
 
     @property
     def nodes(self) -> tuple[str, ...]:
@@ -56,34 +55,14 @@ class StateSpace:
     @functools.cached_property
     def modes(self) -> Modes:
         """Eigenvalues of A with their vectors."""
-        return find_modes(self.reduced)
-
-    @property
-    def A(self) -> Floats:  # noqa: N802 - as every textbook has it
-        """See the class."""
-        return self.reduced.A
-
-    @property
-    def B(self) -> Floats:  # noqa: N802 - as every textbook has it
-        """See the class."""
-        return self.reduced.B
-
-    @property
-    def C(self) -> Floats:  # noqa: N802 - as every textbook has it
-        """See the class."""
-        return self.reduced.C
-
-    @property
-    def D(self) -> Floats:  # noqa: N802 - as every textbook has it
-        """See the class."""
-        return self.reduced.D
+        return find_modes(self)
 
     def state_of(self, z: Floats) -> Floats:
         """Return the states, (n,), from the charges of the capacitors at voltages z, (size,).
 
         z need not be consistent: at z = 0 everything is discharged.
         """
-        return self.reduced.charge @ z
+        return np.asarray(self.charge @ z)
 
     def rows(self, names: Sequence[str]) -> tuple[Floats, Floats]:
         """Return the rows of C and D of nodes, zeros for ground; EngineError for unknown nodes."""
@@ -145,8 +124,10 @@ def _state_space(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> State
 
     A topology's board is known to have the states that its design gives it.
     """
-    found = StateSpace(descriptor, _reduced(descriptor, board, b))
-    if not descriptor.has_branches or found.reduced.decided:
+    reduced = _reduced(descriptor, board, b)
+    parts = {each.name: getattr(reduced, each.name) for each in fields(reduced)}
+    found = StateSpace(**parts, descriptor=descriptor)
+    if not descriptor.has_branches or found.decided:
         return found
     count = finite_poles(descriptor, _slopes(descriptor, board))
     if count > found.n:

@@ -16,13 +16,12 @@ import numpy as np
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import EPS, Complexes, Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.linearised.block_modes import Group
 from taction.verification.engines.statespace.linearised.linear_board import (
     Initial,
     LinearBoard,
     initial_unknowns,
 )
-from taction.verification.engines.statespace.linearised.modes import Modes
+from taction.verification.engines.statespace.linearised.modes import Group, Modes
 
 BLOCK = 512  # instants evaluated at a time
 FADED = -90.0  # exponent below which a mode is left out: 1e-39 of its first amplitude

@@ -19,6 +19,7 @@ from taction.system.array_types import EPS, Floats, Indices
 from taction.system.errors import DivergesError, EngineError
 from taction.system.quantities import show
 from taction.system.waveforms import Cost, Waveforms
+from taction.verification.engines.statespace.linearised.find_modes import refined_modes
 from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     initial_unknowns,
@@ -250,7 +251,7 @@ def _modal(
     first = reported.amplifiers.slopes(unknowns[devices.input, None])[:, 0]
     least = np.where(np.abs(first) < np.abs(slopes), first, slopes)
     finest = task.tolerance * float(devices.v_scale[~devices.limits].min(initial=np.inf))
-    modes = board.state_space.modes.refined
+    modes = refined_modes(board.state_space.modes)
     known = is_basis(modes) and () != board.open_loop.states == board.state_space.states
     if known and finest >= EPS * largest:
         return ModalBoard(equations, modes), least

@@ -1,150 +1,33 @@
-"""Modes of reduced equations, found by eigenvectors or Schur vectors, and their residual.
+"""Find the modes of reduced equations by eigenvectors or Schur vectors, and compare their residual.
 
 See `modes` for what the residual says. Nothing that is stated depends on how vectors were found.
 """
 
 from __future__ import annotations
 
-import functools
-import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
+from taction.system.array_types import Bools, Complexes, Floats, Ints
+from taction.verification.engines.statespace.linearised.modes import Modes, components
 from taction.verification.engines.statespace.linearised.reduction import ROUNDED, Reduced
 
 WANTED = 1e-9  # of the largest voltage: error of a response, above which a Newton step is tried
 ENOUGH = 1e-7  # ... above which nearly parallel modes are grouped
-UNDRIVEN = 1e-6  # of its terms: a smaller response to the sources may be rounding
 NEWTON = 6  # largest number of steps
 FAR = 0.1  # largest turn of a vector by one step
 SEPARABLE = 1e6  # condition number of vectors up to which modes are separated
 IMPROVABLE = 4.0  # times what is unknown of it: a coupling that a step reduces
 GROUPS = ((1e5, 0.25), (1e2, 0.5), (0.0, 1.0))  # condition of a mode, width of its group in decays
-NARROW = 0.4  # of the decay rate: largest distance of a pole from the centre of its group
-POWERS = 100  # largest number of powers of the time in a group
-SAMPLED = (1e-2, 1e2, 120)  # first and last instant in units of the scale, and number
-BALANCING = 20  # steps to units in which couplings are equal in both directions
-CERTAIN = 0.2  # row sum of couplings over distances in these units, from which no bound is stated
-SPARE = 1.05  # for what lies between the instants
-
-
-@dataclass(frozen=True, eq=False)
-class BlockModes:
-    """Vectors and poles, and what their residual says; as they come, not ordered."""
-
-    reduced: Reduced
-    T: Complexes  # (n, n): poles, 1/s, and the triangular matrices of groups, along the diagonal
-    # `group`, `mates`: (n,): number of the group of each mode, and the place of its conjugate; -1
-    # in a group of several.
-    group: Ints
-    mates: Ints
-    # `X`, `V`, `W`: (n, n): vectors of the states; right and left vectors of the pencil.
-    X: Complexes
-    V: Complexes
-    W: Complexes
-    # `F`, `E`: (n, n): what corrects T, 1/s, and a bound on the error of that.
-    F: Complexes
-    E: Floats
-    mixed: Floats  # (n, n): bound on ``W M V - 1``
-    hidden: Floats  # (k, n): bound on the error of V in unknowns without charge
-    other: BlockModes | None = None  # modes found otherwise, whose poles may be better known
-
-    @functools.cached_property
-    def poles(self) -> Complexes:
-        """The corrected poles, 1/s, (n,)."""
-        return np.asarray(np.diag(self.T - self.F))
-
-    @functools.cached_property
-    def alone(self) -> Bools:
-        """Whether a mode is the only one of its group, (n,)."""
-        return np.asarray(np.bincount(self.group, minlength=1)[self.group] == 1)
-
-    @functools.cached_property
-    def groups(self) -> list[Group]:
-        """The groups of more than one mode."""
-        numbers = np.unique(self.group[~self.alone]).tolist()
-        return [Group.of(self, np.flatnonzero(self.group == number)) for number in numbers]
-
-    @functools.cached_property
-    def coupling(self) -> Floats:
-        """Bound on what the board has beside T with the corrected poles, 1/s, (n, n)."""
-        return np.abs(self.F - np.diag(np.diag(self.F))) + self.E
-
-    @functools.cached_property
-    def left(self) -> Complexes:
-        """The dual vectors of the states, (n, n)."""
-        return np.asarray(self.W @ (self.reduced.pencil.M @ self.reduced.seen))
-
-    @property
-    def is_known(self) -> bool:
-        """Whether the vectors are a basis."""
-        return bool(np.all(np.isfinite(self.E)))
-
-    @functools.cached_property
-    def error(self) -> float:
-        """Estimate of the error of the response to the sources, over its largest voltage.
-
-        Without sources it is that of the response to a start with 1 V at every unknown.
-        """
-        if not self.is_known:
-            return math.inf
-        s, sizes, pencil = self.poles, np.abs(self.V), self.reduced.pencil
-        fastest = float(np.abs(s).max(initial=0.0)) or 1.0
-        speed = np.maximum(np.abs(s), 1e-12 * fastest)
-        start = (self.W @ pencil.b).sum(axis=1) / speed
-        largest = float(np.abs(self.V @ start).max(initial=0.0))
-        terms = sizes @ (np.abs(self.W) @ np.abs(pencil.b).sum(axis=1) / speed)
-        if not largest > UNDRIVEN * float(terms.max(initial=0.0)):  # 1 V at every unknown
-            start, largest = np.abs(self.W @ pencil.M).sum(axis=1), 1.0
-        gap = np.maximum(np.abs(s[:, None] - s), np.abs(s.real)[:, None])
-        gap = np.maximum(gap, 1e-3 * speed)
-        weight = np.abs(start)
-        off = sizes @ ((self.coupling / gap) @ weight) + self.hidden @ weight
-        return float(off.max(initial=0.0)) / largest
-
-
-@dataclass(frozen=True, eq=False)
-class Group:
-    """Nearly parallel modes: ``exp(T t)`` is ``exp(centre t) exp(inner t)`` among them."""
-
-    members: Ints  # (m,): their places
-    centre: complex
-    inner: Complexes
-    growth: Floats  # (m, m): G with ``|exp(inner t)| <= G exp(scale t)`` for t >= 0, by element
-    scale: float  # 1/s
-
-    @classmethod
-    def of(cls, modes: BlockModes, members: Ints) -> Group:
-        """Return the group of some places."""
-        acting = modes.T[np.ix_(members, members)] - np.diag(modes.F.diagonal()[members])
-        centre = complex(acting.diagonal().mean())
-        inner, scale = acting - centre * np.eye(len(members)), 0.5 * abs(centre.real)
-        growth = np.full(inner.shape, np.inf)
-        if np.abs(inner.diagonal()).max() < NARROW * abs(centre.real):
-            growth = _growth(np.asarray(inner / scale, dtype=np.complex128))
-        return cls(members, centre, inner, growth, scale)
-
-
-def _growth(inner: Complexes) -> Floats:
-    """Return G with ``|exp(inner x)| <= G exp(x)`` for x >= 0; infinite where powers do not end."""
-    powers = [np.eye(len(inner), dtype=np.complex128)]
-    for k in range(1, POWERS):
-        powers.append(powers[-1] @ inner / k)
-        if np.abs(powers[-1]).max() * (k / math.e) ** k < EPS:
-            break
-    else:
-        return np.full(inner.shape, np.inf)
-    x = np.append(0.0, np.geomspace(*SAMPLED))
-    weight = x[:, None] ** np.arange(len(powers)) * np.exp(-x)[:, None]
-    return np.asarray(SPARE * np.abs(np.tensordot(weight, np.array(powers), 1)).max(axis=0))
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
-def find_block_modes(reduced: Reduced) -> BlockModes:
+def find_modes(reduced: Reduced) -> Modes:
     """Return the modes, refined by Newton's steps and then by groups of parallel ones.
+
+    The dense eigenproblem costs 25 n³ flops.
 
     LinAlgError: A is not finite.
     """
@@ -162,10 +45,16 @@ def find_block_modes(reduced: Reduced) -> BlockModes:
                     best = grouped
             if best.error <= ENOUGH:
                 break
-    return best if best is first else replace(best, other=first)
+    return (best if best is first else replace(best, other=first)).ordered
 
 
-def _refined(modes: BlockModes) -> BlockModes:
+def refined_modes(modes: Modes) -> Modes:
+    """Return modes one Newton step later: vectors in which A is diagonal but for rounding."""
+    basis = modes.alone.all() and np.isfinite(modes.defect)
+    return newton_step(modes).ordered if basis else modes
+
+
+def _refined(modes: Modes) -> Modes:
     """Take Newton's steps while there is something to gain; return the best modes."""
     best = modes
     for _ in range(NEWTON):
@@ -181,7 +70,7 @@ def _refined(modes: BlockModes) -> BlockModes:
 
 def certify(
     reduced: Reduced, T: Complexes, group: Ints, mates: Ints, X: Complexes, W: Complexes
-) -> BlockModes:
+) -> Modes:
     """Compare vectors with the pencil; W is scaled to ``W M V`` of unit diagonal."""
     pencil, V = reduced.pencil, _product(reduced.seen, X)
     M, K, n = pencil.M, pencil.K, len(T)
@@ -220,7 +109,7 @@ def certify(
     if not (nu < 0.5 and np.all(np.isfinite(E))):
         E = np.full_like(E, np.inf)
     np.fill_diagonal(F, _with_conjugates(np.diag(F), mates))
-    return BlockModes(reduced, T, group, mates, X, V, W, F, E, mixed, hidden)
+    return Modes(reduced, T, group, mates, X, V, W, F, E, mixed, hidden)
 
 
 def _product(A: Floats, V: Complexes) -> Complexes:
@@ -237,7 +126,7 @@ def _with_conjugates(values: Complexes, mates: Ints) -> Complexes:
     return found
 
 
-def eigenmodes(reduced: Reduced) -> BlockModes:
+def eigenmodes(reduced: Reduced) -> Modes:
     """Return the modes, each by itself; the vectors of pairs are conjugate to the bit."""
     s, vectors = np.linalg.eig(reduced.A)
     upper, lower = np.flatnonzero(s.imag > 0.0), np.flatnonzero(s.imag < 0.0)
@@ -256,7 +145,7 @@ def eigenmodes(reduced: Reduced) -> BlockModes:
     return certify(reduced, T, numbers, mates, vectors + 0j, reduced.lefts(T, Y))
 
 
-def newton_step(modes: BlockModes) -> BlockModes:
+def newton_step(modes: Modes) -> Modes:
     """Return modes whose poles and vectors have taken one Newton step, compared again.
 
     Modes whose poles are too close for it are separated by an eigenproblem of their own instead.
@@ -277,7 +166,7 @@ def newton_step(modes: BlockModes) -> BlockModes:
     return certify(modes.reduced, T, modes.group, mates, X, W)
 
 
-def _separated(modes: BlockModes) -> tuple[Complexes, Ints, Complexes, Complexes]:
+def _separated(modes: Modes) -> tuple[Complexes, Ints, Complexes, Complexes]:
     """Return T, mates, X and W with the modes apart that F mixes more than a step can turn."""
     s, mates, alone = np.diag(modes.T), modes.mates, modes.alone
     size = np.abs(modes.F)
@@ -287,8 +176,8 @@ def _separated(modes: BlockModes) -> tuple[Complexes, Ints, Complexes, Complexes
     label = components(mixed | mixed[np.ix_(own, own)])
     numbers, counts = np.unique(label, return_counts=True)
     if not np.any(counts > 1):
-        return modes.T, mates, modes.X, modes.W
-    T, X, W, mates = modes.T.copy(), modes.X.copy(), modes.W.copy(), mates.copy()
+        return modes.T, mates, modes.right, modes.W
+    T, X, W, mates = modes.T.copy(), modes.right.copy(), modes.W.copy(), mates.copy()
     changed = False
     for number in numbers[counts > 1].tolist():
         own = np.flatnonzero(label == number)
@@ -308,7 +197,7 @@ def _separated(modes: BlockModes) -> tuple[Complexes, Ints, Complexes, Complexes
         mates[own], changed = other, True
         if not closed.any():
             T[other, other], X[:, other], W[other] = poles.conj(), X[:, own].conj(), W[own].conj()
-    return (T, mates, X, W) if changed else (modes.T, modes.mates, modes.X, modes.W)
+    return (T, mates, X, W) if changed else (modes.T, modes.mates, modes.right, modes.W)
 
 
 def _places_of_mates(poles: Complexes) -> Ints:
@@ -326,7 +215,7 @@ def _real_basis(mates: Ints) -> Complexes:
     return found
 
 
-def conditions(modes: BlockModes) -> Floats:
+def conditions(modes: Modes) -> Floats:
     """Return the condition number of each mode, in volts and in unknowns of equal size, (n,)."""
     V, W = np.abs(modes.V), np.abs(modes.W @ modes.reduced.pencil.M)
     scale = V.max(axis=1, initial=0.0)
@@ -338,7 +227,7 @@ def conditions(modes: BlockModes) -> Floats:
     return np.asarray(np.maximum(*found))
 
 
-def group_modes(reduced: Reduced, s: Complexes, ill: Bools, width: float) -> BlockModes:
+def group_modes(reduced: Reduced, s: Complexes, ill: Bools, width: float) -> Modes:
     """Return modes in groups: those of `ill` with all that are nearer than `width` decay rates."""
     import scipy.linalg as sl
 
@@ -388,30 +277,3 @@ def _single(label: Ints, t: Complexes, mates: Ints) -> tuple[list[int], list[int
     single = np.flatnonzero(np.bincount(label)[label] == 1).tolist()
     paired = [k for k in single if mates[k] != k and mates[mates[k]] == k]
     return [k for k in single if k not in paired], [k for k in paired if t[k].imag > 0.0]
-
-
-def balanced_sums(H: Floats, s: Complexes) -> Floats:
-    """Return the row sums of H >= 0 for modes s in units in which they are about the column sums.
-
-    The largest bounds the spectral radius in any units. They start from the square roots of the
-    poles' inverses (E. E. Osborne, J. ACM 7, 1960, all rows at once).
-    """
-    unit = 1.0 / np.sqrt(np.maximum(np.abs(s), 1e-30))
-    for _ in range(BALANCING):
-        rows, columns = (H @ unit) / unit, (1.0 / unit @ H) * unit
-        if rows.max(initial=0.0) < CERTAIN:
-            break
-        unit = unit * (np.maximum(rows, 1e-30) / np.maximum(columns, 1e-30)) ** 0.25
-    return np.asarray(rows)
-
-
-def components(linked: Bools) -> Ints:
-    """Return a number for each connected component of a graph, the least of its places, (n,)."""
-    linked = linked | linked.T
-    np.fill_diagonal(linked, val=True)
-    label = np.arange(len(linked))
-    while True:
-        least = np.where(linked, label, len(label)).min(axis=1, initial=len(label))
-        if np.array_equal(least, label):
-            return label
-        label = least
