@@ -1,4 +1,4 @@
-"""What a chart shows: axes, curves, limits, bands, bars and maps, in SI units.
+"""What a chart shows: axes, curves, limits, bands, columns and maps, in SI units.
 
 A chart says what is drawn, not how: the renderers of `report/renderers/` choose pixels, fonts and
 themes. An outcome has one look in every medium, see `OUTCOMES`.
@@ -166,15 +166,12 @@ class Band:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
-    """Bars (n,) from 0: columns, or rows where `across` is ``"y"``."""
+    """Columns (n,) of a histogram, from 0."""
 
-    places: ArrayLike  # middles of the bars on the axis `across`
-    sizes: ArrayLike  # lengths, with their signs
-    across: Literal["x", "y"] = "x"
-    widths: ArrayLike | None = None  # None: 0.8
-    looks: tuple[str, ...] = ("pass",)  # colour of each bar, or of all; an outcome has a hatching
-    name: str = ""
-    hover: tuple[str, ...] = ()
+    places: ArrayLike  # their middles
+    sizes: ArrayLike  # their heights
+    widths: ArrayLike
+    looks: tuple[str, ...]  # the outcome of each
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -212,18 +209,9 @@ class Text:
 Mark = Curve | Limit | Band | Columns | Grid | Text
 
 
-@dataclass(frozen=True, slots=True)
-class View:
-    """A part of a chart that a button shows; None leaves an axis as it is."""
-
-    name: str
-    x: Limits | None = None
-    y: Limits | None = None
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Chart:
-    """One pair of axes with marks; the first of its `views` is shown at the start."""
+    """One pair of axes with marks."""
 
     kind: ClassVar[str] = "chart"
     title: str  # what the chart shows, with what it says where nothing beside it does
@@ -231,36 +219,13 @@ class Chart:
     y: Axis
     marks: tuple[Mark, ...]
     summary: str = ""  # for readers who cannot see it, and as its caption
-    views: tuple[View, ...] = ()
     legend: bool = True
-    height: int = 0  # on a page, pixels; 0: as its kind of chart needs
+    height: int = 360  # on a page, pixels
 
     @property
     def axes(self) -> tuple[tuple[str, Axis], ...]:
         """The axes by their letters."""
         return ("x", self.x), ("y", self.y)
-
-    @property
-    def pixels(self) -> int:
-        """Height on a page; rows with names need more of it the more there are."""
-        return self.height or (100 + 30 * len(self.y.names) if self.y.names else HEIGHT)
-
-
-HEIGHT = 360  # pixels
-
-
-def rows(
-    title: str,
-    x: Axis,
-    sizes: Sequence[tuple[str, float]],
-    looks: tuple[str, ...],
-    summary: str = "",
-    more: tuple[Mark, ...] = (),
-) -> Chart:
-    """Return bars from 0, one below the other, with their names; `more` marks stand over them."""
-    bars = Columns(np.arange(len(sizes)), [size for _, size in sizes], "y", looks=looks)
-    names = Axis(scale="names", names=tuple(name for name, _ in sizes), reverse=True)
-    return Chart(title, x, names, (bars, *more), summary)
 
 
 def thinned(time: Floats, values: Floats, budget: int) -> tuple[Floats, Floats]:

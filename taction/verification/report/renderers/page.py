@@ -20,7 +20,7 @@ from taction.system.output_files import write_atomically
 from taction.verification.report.blocks import PAGE as MEDIUM
 from taction.verification.report.blocks import Block, Page, Section
 from taction.verification.report.output_checks import check_report_file
-from taction.verification.report.renderers.plotly import plotly_spec, view_layout
+from taction.verification.report.renderers.plotly import plotly_spec
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -38,7 +38,6 @@ def page_html(page: Page) -> str:
     """Return `page` as the text of one HTML file."""
     environment = templates()
     environment.filters |= {"spec": plotly_spec, "code": _code}
-    environment.globals["view_layout"] = view_layout
     program = _read("charts.js") + _read("page.js")
     shown = made_sections(page)
     charts = any(block.kind == "chart" for _, own in shown for block in own)

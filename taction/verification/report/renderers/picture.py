@@ -37,13 +37,12 @@ STYLE: dict[Any, Any] = {
 }
 PANEL = (5.0, 3.5)  # width and height of a chart, inches
 ALONE = 1.8  # times the width of a chart: that of a single one
-PIXELS = 112.0  # of a page, for an inch of a chart with more rows than usual
+PIXELS = 112.0  # of a page, for an inch of a high chart
+ROW = 0.27  # height of a bar, inches
 MOST = 12  # blocks of a picture
 WORD = 10  # letters that a line may have beyond an equal share
-LETTER, SHORT = 0.085, 12  # width of a letter, inches; letters that have room beside any chart
 SMALL = 12.0  # letters of a small text per inch
 MOST_SHARE = 1.2  # of a limit: where a bar ends
-SIDE: Any = "right", "middle"  # of a bar, where its numbers stand
 LETTERS = 13.0  # of a title per inch of the chart's width
 MARKS = {
     "circle": "o", "square": "s", "diamond": "D", "triangle-up": "^", "triangle-down": "v",
@@ -76,18 +75,16 @@ def _drawn(page: Page) -> Figure:
     found = list(page.blocks(PICTURE))
     shown: list[Block] = [each for each in found if not isinstance(each, Notes)]
     blocks = (shown or found)[:MOST] or [Notes("", (page.summary,))]
-    panels = [each for each in blocks if not isinstance(each, Bars)]
+    panels: list[Block] = [each for each in blocks if not isinstance(each, Bars)]
     across = 2 if len(panels) == 4 else max(min(len(panels), 3), 1)
     lines = [panels[first : first + across] for first in range(0, len(panels), across)]
-    lines += [[_bars_chart(each)] for each in blocks if isinstance(each, Bars)]
-    columns = [PANEL[0] + max(map(_beside, panels[k::across]), default=0.0) for k in range(across)]
-    if across == 1:
-        columns = [ALONE * columns[0]]
-    width, rows = sum(columns), [max(map(_height, line)) for line in lines]
+    lines += [[each] for each in blocks if isinstance(each, Bars)]
+    width = PANEL[0] * (across if across > 1 else ALONE)
+    rows = [max(map(_height, line)) for line in lines]
     figure = _new_figure(width, sum(rows) + 0.6)
     if title := ": ".join(filter(None, (page.title, page.summary))):
         figure.suptitle(wrapped(title, TITLE_LETTERS * width), fontweight="bold")
-    grid = figure.add_gridspec(len(rows), across, width_ratios=columns, height_ratios=rows)
+    grid = figure.add_gridspec(len(rows), across, height_ratios=rows)
     for row, line in enumerate(lines):
         for column, block in enumerate(line):
             end = column + 1 if row * across < len(panels) else across
@@ -119,15 +116,9 @@ def _new_figure(width: float, height: float) -> Figure:
 
 def _height(block: Block) -> float:
     """Return the height of a block, inches."""
-    if not isinstance(block, Chart):
-        return PANEL[1]
-    return max(PANEL[1] * (not block.y.names), block.pixels / PIXELS)
-
-
-def _beside(block: Block) -> float:
-    """Return the width of long names beside a chart, inches."""
-    names = block.y.names if isinstance(block, Chart) else ()
-    return LETTER * max((len(name) for name in names if len(name) > SHORT), default=0)
+    if isinstance(block, Bars):
+        return 0.9 + ROW * len(block.rows)
+    return max(PANEL[1], block.height / PIXELS) if isinstance(block, Chart) else PANEL[1]
 
 
 def wrapped(text: str, letters: float) -> str:
@@ -147,17 +138,19 @@ def _notes(axes: Axes, notes: Notes) -> None:
     axes.set_title(notes.title, fontsize="medium")
 
 
-def _bars_chart(bars: Bars) -> Chart:
-    """Return values beside their limits as bars, each with its outcome and its numbers."""
-    sizes = [(bar.name, min(max(bar.share or 0.0, 0.0), MOST_SHARE)) for bar in bars.rows]
-    words = ((bar.outcome, bar.value.partition(" (")[0], bar.limit) for bar in bars.rows)
-    texts = (
-        charts.Text(", ".join(filter(None, each)), 1.02 * MOST_SHARE, row, SIDE, "ink")
-        for row, each in enumerate(words)
-    )
-    used = Axis("part of the limit", limits=(0.0, 2.0 * MOST_SHARE))
-    looks = tuple(bar.fill for bar in bars.rows)
-    return charts.rows(bars.title, used, sizes, looks, "", (charts.Limit(1.0), *texts))
+def _bars(axes: Axes, bars: Bars) -> None:
+    """Draw values beside their limits, each with its outcome and its numbers."""
+    for place, bar in enumerate(bars.rows):
+        share = min(max(bar.share or 0.0, 0.0), MOST_SHARE)
+        look: Any = {"color": colour(bar.fill), "hatch": hatch(bar.fill), "edgecolor": "white"}
+        axes.barh(place, share, linewidth=0.4, **look)
+        words = filter(None, (bar.outcome, bar.value.partition(" (")[0], bar.limit))
+        axes.text(1.02 * MOST_SHARE, place, ", ".join(words), va="center", fontsize="small")
+    axes.axvline(1.0, color=THEME["ink"], ls="--", lw=1.0)
+    axes.set_yticks(range(len(bars.rows)), [bar.name for bar in bars.rows])
+    axes.set(xlim=(0.0, 2.0 * MOST_SHARE), ylim=(len(bars.rows) - 0.5, -0.5))
+    axes.set(xlabel="part of the limit", title=bars.title)
+    axes.grid(visible=False, axis="y")
 
 
 def draw_chart(axes: Axes, chart: Chart) -> None:
@@ -167,11 +160,8 @@ def draw_chart(axes: Axes, chart: Chart) -> None:
             getattr(axes, f"set_{name}scale")("log")
     for mark in chart.marks:
         DRAWERS[type(mark)](axes, mark, chart)
-    first = chart.views[0] if chart.views else None
     for name, axis in chart.axes:
-        ends = getattr(first, name, None) or axis.limits
-        if axis.names:
-            ends = (-0.5, len(axis.names) - 0.5)
+        ends = (-0.5, len(axis.names) - 0.5) if axis.names else axis.limits
         if ends is not None:
             getattr(axes, f"set_{name}lim")(*(axis.factor * end for end in ends))
         if axis.reverse:
@@ -278,19 +268,9 @@ def _band(axes: Axes, mark: charts.Band, chart: Chart) -> None:
 
 
 def _columns(axes: Axes, mark: charts.Columns, chart: Chart) -> None:
-    upright, other = mark.across == "x", "y" if mark.across == "x" else "x"
-    own, along = getattr(chart, mark.across), getattr(chart, other)
-    places, sizes = _values(mark.places, own), _values(mark.sizes, along)
-    widths = 0.8 if mark.widths is None else _values(mark.widths, own)
-    looks = mark.looks * len(sizes) if len(mark.looks) == 1 else mark.looks
-    draw: Any = axes.bar if upright else axes.barh
-    draw(
-        places, sizes, widths,
-        color=[colour(look) for look in looks], hatch=[hatch(look) for look in looks],
-        edgecolor="white", linewidth=0.4, label=mark.name or None,
-    )  # fmt: skip
-    if not upright:
-        axes.grid(visible=False, axis="y")
+    looks: Any = {"color": [*map(colour, mark.looks)], "hatch": [*map(hatch, mark.looks)]}
+    places, widths = _values(mark.places, chart.x), _values(mark.widths, chart.x)
+    axes.bar(places, _values(mark.sizes, chart.y), widths, edgecolor="white", lw=0.4, **looks)
 
 
 def _grid(axes: Axes, mark: charts.Grid, chart: Chart) -> None:
@@ -351,5 +331,5 @@ DRAWERS: dict[type, Callable[[Any, Any, Chart], None]] = {
 
 
 BLOCKS: dict[type, Callable[[Any, Any], None]] = {
-    Chart: draw_chart, Notes: _notes,
+    Chart: draw_chart, Bars: _bars, Notes: _notes,
 }  # fmt: skip

@@ -15,23 +15,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from taction.system import charts
-from taction.system.array_types import Floats
 from taction.verification.report.texts import figure
 
-LABELS = ((1.0, "D1"), (2.5, "D2"))  # decades up to which an axis has labels at these digits
 PACKED = 64  # points from which numbers are packed
 LETTER = 6.5  # width of a letter beside a chart, pixels
 HATCH = {"fgcolor": "rgba(255,255,255,0.75)", "fillmode": "overlay", "size": 6}
 PATTERNS = {"////": "/", "\\\\\\\\": "\\", "xxxx": "x", "....": ".", "++++": "+", "": ""}
 MAP = [[0, "--map-low"], [1, "--map-high"]]
 SIGNED = [[0, "--positive"], [0.5, "--neutral"], [1, "--negative"]]
-FLAT, CLEAR = 0.01, 1.5  # of a curve: relative change, and height of the chart
-NEAR, ROOM = 0.2, 1.5  # of points on a logarithmic axis: decades, and the factor around them
+FEW = 8  # values of an axis of whole numbers up to which Plotly would label halves, too
 
 
 def plotly_spec(chart: charts.Chart) -> dict[str, Any]:
     """Return `chart` as `data` and `layout` of Plotly, without its title."""
-    kinds, first = {type(mark) for mark in chart.marks}, next(iter(chart.views), charts.View(""))
+    kinds = {type(mark) for mark in chart.marks}
     texts = [_text(mark, chart) for mark in chart.marks if isinstance(mark, charts.Text)]
     straight = (mark for mark in chart.marks if isinstance(mark, charts.Limit | charts.Band))
     shapes = [_shape(mark, chart) for mark in straight]
@@ -39,7 +36,7 @@ def plotly_spec(chart: charts.Chart) -> dict[str, Any]:
     data = [trace for mark in drawn for trace in TRACES[type(mark)](mark, chart)]
     named = any(each.get("showlegend", True) for each in (*data, *shapes))
     layout: dict[str, Any] = {
-        **{f"{name}axis": _axis(chart, name, getattr(first, name)) for name, _ in chart.axes},
+        **{f"{name}axis": _axis(chart, name, axis) for name, axis in chart.axes},
         "shapes": shapes,
         "annotations": texts,
         "showlegend": chart.legend and named,
@@ -51,12 +48,6 @@ def plotly_spec(chart: charts.Chart) -> dict[str, Any]:
     if charts.Grid in kinds:
         layout["plot_bgcolor"] = "--card"
     return {"data": data, "layout": layout}
-
-
-def view_layout(chart: charts.Chart, view: charts.View) -> dict[str, Any]:
-    """Return the change of the layout that shows `view`."""
-    ends = ((name, axis, getattr(view, name)) for name, axis in chart.axes)
-    return {f"{name}axis.range": _range(axis, shown) for name, axis, shown in ends if shown}
 
 
 def packed(values: ArrayLike) -> dict[str, Any]:
@@ -99,55 +90,28 @@ def _range(axis: charts.Axis, limits: tuple[float, float]) -> list[float]:
     return [high, low] if axis.reverse else [low, high]
 
 
-def _known(chart: charts.Chart, name: str) -> Floats:
-    """Return the finite values of the marks along an axis."""
-    found: list[Any] = []
-    for mark in chart.marks:
-        if isinstance(mark, charts.Curve | charts.Grid):
-            found.append(getattr(mark, name))
-        elif isinstance(mark, charts.Columns):
-            found.append(mark.places if mark.across == name else mark.sizes)
-        elif isinstance(mark, charts.Limit) and mark.across == name:
-            found.append([mark.value])
-    values = np.concatenate(
-        [np.zeros(0), *(np.asarray(each, np.float64).ravel() for each in found)]
-    )
-    return np.asarray(values[np.isfinite(values)])
-
-
-def _axis(chart: charts.Chart, name: str, shown: tuple[float, float] | None) -> dict[str, Any]:
-    axis: charts.Axis = getattr(chart, name)
+def _axis(chart: charts.Chart, name: str, axis: charts.Axis) -> dict[str, Any]:
     unit = axis.sign.strip("%")
     made: dict[str, Any] = {"title": {"text": words(axis.caption)}}
-    limits, known = shown or axis.limits, _known(chart, name)
     if axis.scale == "names":
         made |= {"tickvals": list(range(len(axis.names))), "zeroline": False,
                  "ticktext": [words(each) for each in axis.names]}  # fmt: skip
     elif axis.scale == "log":
-        ends = known[known > 0.0] if limits is None else np.asarray(limits)
-        decades = float(np.log10(ends.max() / ends.min())) if len(ends) else 0.0
-        step = next((each for end, each in LABELS if decades < end), 1)
-        made |= {"type": "log", "dtick": step, "tickformat": "~s" if unit else "~g"}
-        if limits is None and len(ends) and decades < NEAR:  # Plotly would show two decades
-            limits = float(ends.min()) / ROOM, float(ends.max()) * ROOM
+        made |= {"type": "log", "nticks": 4, "tickformat": "~s" if unit else "~g"}
         if unit:  # Plotly leaves a suffix out within a decade
             made["title"] = {"text": words(f"{axis.caption} ({unit})")}
     elif unit:
         made |= {"ticksuffix": unit, "tickformat": "~s", "hoverformat": ".5s"}
     if axis.whole:
-        made["tickformat"] = "d"
-        if len(known) and np.ptp(known) <= 20:
-            made["dtick"] = 1
+        along = [getattr(mark, name, getattr(mark, "sizes", ())) for mark in chart.marks]
+        largest = max(float(np.max(each, initial=0.0)) for each in map(np.asarray, along))
+        made |= {"tickformat": "d"} | ({"dtick": 1} if largest <= FEW else {})
     if any(isinstance(mark, charts.Grid) for mark in chart.marks):
         made |= {"showgrid": False, "zeroline": False}
-    if limits is not None:
-        made["range"] = _range(axis, limits)
+    if axis.limits is not None:
+        made["range"] = _range(axis, axis.limits)
     elif axis.reverse:
         made["autorange"] = "reversed"
-    elif name == "y" and axis.scale == "linear" and len(known):
-        reach = float(np.abs(known).max())  # of a flat curve Plotly would go 1 up and 1 down
-        if reach > 0.0 and float(np.ptp(known)) < FLAT * reach:
-            made["range"] = sorted((0.0, CLEAR * axis.factor * float(known.max())))
     return made
 
 
@@ -209,30 +173,17 @@ def _shape(mark: charts.Limit | charts.Band, chart: charts.Chart) -> dict[str, A
 
 
 def _columns(mark: charts.Columns, chart: charts.Chart) -> Iterator[dict[str, Any]]:
-    """Yield the bars of each look; Plotly warns of a list of colours beside patterns."""
-    count = len(np.asarray(mark.sizes))
-    looks = mark.looks * count if len(mark.looks) == 1 else mark.looks
-    across, along = ("x", "y") if mark.across == "x" else ("y", "x")
-    for look in dict.fromkeys(looks):
-        chosen = [k for k in range(count) if looks[k] == look]
-
-        def values(of: Any, axis: str, places: list[int] = chosen) -> Any:
-            return _values(np.asarray(of, dtype=np.float64)[places], getattr(chart, axis))
-
-        known = look in charts.OUTCOMES
-        pattern = PATTERNS.get(charts.OUTCOMES[look].hatch, "/") if known else ""
-        trace: dict[str, Any] = {
-            "type": "bar", "orientation": "v" if across == "x" else "h",
-            across: values(mark.places, across), along: values(mark.sizes, along),
-            "width": 0.8 if mark.widths is None else values(mark.widths, across),
-            "name": words(mark.name), "showlegend": bool(mark.name),
+    """Yield the columns of each outcome; Plotly warns of a list of colours beside patterns."""
+    for look in dict.fromkeys(mark.looks):
+        own = np.array([each == look for each in mark.looks])
+        pattern = PATTERNS.get(charts.OUTCOMES[look].hatch, "/")
+        yield {
+            "type": "bar", "x": _values(np.asarray(mark.places)[own], chart.x),
+            "y": _values(np.asarray(mark.sizes)[own], chart.y),
+            "width": _values(np.asarray(mark.widths)[own], chart.x), "showlegend": False,
             "marker": {"color": colour(look), "pattern": HATCH | {"shape": pattern}},
-            "hovertemplate": f"%{{{along}:.4g}}<extra>{words(mark.name)}</extra>",
+            "hovertemplate": "%{y:.4g}<extra></extra>",
         }  # fmt: skip
-        if mark.hover:
-            trace["customdata"] = [words(mark.hover[k]) for k in chosen]
-            trace["hovertemplate"] = "%{customdata}<extra></extra>"
-        yield trace
 
 
 def _grid(mark: charts.Grid, chart: charts.Chart) -> Iterator[dict[str, Any]]:

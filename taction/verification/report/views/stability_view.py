@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -34,9 +33,8 @@ from taction.verification.studies.onset.transient_trial import Side
 SHOWN = 2000  # poles
 MOST = 100  # channels up to which the stable values of C cost some seconds
 SCANNED = 32  # the same where a scan has to find them: of a knob that scales an array
-FAR = 30.0  # times the size of the smallest pair: pairs beyond it are not in the first view
+FAR = 5.0  # times the size of the smallest pair, or the rightmost: pairs beyond it come by zoom
 DAMPING = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 0.7)
-Window = tuple[float, float, float]
 
 LARGE = "not computed for a board of this size; `taction onset SCENE --over {}` finds it"
 
@@ -100,25 +98,14 @@ def ranges_words(ranges: Sequence[Range], low: float, high: float, unit: str) ->
 def pole_map(poles: Poles, ranges: str = "") -> charts.Chart:
     """Return the upper half plane with poles and lines of equal damping; `ranges` in words."""
     values = poles.poles[poles.poles.imag >= 0.0][:SHOWN]
-    views = _views(values)
+    left, right, top = _window(values)
     marks: list[charts.Mark] = [*mode_marks(values.real, values.imag / math.tau, values.real)]
-    low, _, up = views[0][1]
-    if far := values[(values.real < low) | (values.imag > up)].tolist():
+    if far := values[(values.real < left) | (values.imag > top)].tolist():
         size = figure(max(map(abs, far)), "1/s", 2)
         marks.append(
             charts.Text(f"← {len(far)} farther, to {size}", None, None, ("right", "below"))
         )
-    summary = f"Poles of the linearised board. Circles decay, crosses grow. {ranges}".rstrip()
-    return upper_half_plane(marks, views, summary)
-
-
-def upper_half_plane(
-    marks: Sequence[charts.Mark], windows: Sequence[tuple[str, Window]], summary: str
-) -> charts.Chart:
-    """Return `marks` of poles over the growing half and lines of equal damping, in `windows`."""
-    sides = [[window[k] for _, window in windows] for k in range(3)]
-    left, right, top = min(sides[0]), max(sides[1]), max(sides[2])
-    reach = 1.5 * math.hypot(left, top)
+    reach = 1.5 * max(math.hypot(left, top), float(np.abs(values).max(initial=0.0)))
     ends = [(-z * reach, math.sqrt(1.0 - z**2) * reach / math.tau) for z in DAMPING]
     lines = charts.segments([((0.0, 0.0), end) for end in ends])
     ground = (
@@ -133,44 +120,33 @@ def upper_half_plane(
         charts.Axis("real part", "1/s", limits=(left, right)),
         charts.Axis("frequency", "Hz", limits=(0.0, top / math.tau)),
         (*ground, *marks),
-        f"The upper half plane; in the shaded part a mode grows. {summary} On a thin line the"
-        f" damping ratio is {ratios}, from the axis to the left.",
-        tuple(
-            charts.View(name, (low, high), (0.0, up / math.tau))
-            for name, (low, high, up) in windows
-        ),
+        "The upper half plane; in the shaded part a mode grows. Poles of the linearised board."
+        f" Circles decay, crosses grow. {ranges} On a thin line the damping ratio is {ratios},"
+        " from the axis to the left.",
     )
 
 
 def mode_marks(
-    x: Floats, y: Floats, real: Floats, texts: Sequence[str] = (), size: float = 6.0
+    x: Floats, y: Floats, real: Floats, size: float = 6.0
 ) -> tuple[charts.Curve, charts.Curve]:
     """Return the modes (P,) that decay, as circles, and that grow, as crosses; `real`, 1/s."""
 
     def marks(name: str, outcome: str, mark: str, chosen: np.ndarray) -> charts.Curve:
-        hover = tuple(itertools.compress(texts, chosen))
-        return charts.Curve(x[chosen], y[chosen], name, outcome, "", mark, size=size, hover=hover)
+        return charts.Curve(x[chosen], y[chosen], name, outcome, "", mark, size=size)
 
     return marks("decays", "pass", "circle", real < 0.0), marks("grows", "fail", "x", real >= 0.0)
 
 
-def _views(values: Complexes) -> list[tuple[str, Window]]:
-    """Return the parts of the pole map: pairs, or slow real poles, and then all poles."""
-    views = [("all poles", _around(values, values.real.min(initial=0.0)))]
+def _window(values: Complexes) -> tuple[float, float, float]:
+    """Return what is shown first: the pairs, or slow real poles; see `_around`."""
     pairs = values[values.imag > 0.0]
     shown = pairs if len(pairs) else values
-    if len(shown):
-        lead, sizes = shown[:1], np.abs(shown)
-        near = shown[sizes <= FAR * max(sizes.min(), abs(lead[0]))]
-        if len(pairs):
-            views.insert(0, ("rightmost pair", _around(lead, -3.0 * abs(lead[0].real))))
-        if len(pairs) or len(near) < len(values):
-            name = "pairs" if len(pairs) else "slowest poles"
-            views.insert(0, (name, _around(near, near.real.min())))
-    return views
+    sizes = np.abs(shown)
+    near = shown[sizes <= FAR * max(sizes.min(initial=math.inf), *sizes[:1].tolist(), 0.0)]
+    return _around(near, float(near.real.min(initial=0.0)))
 
 
-def _around(values: Complexes, left: float) -> Window:
+def _around(values: Complexes, left: float) -> tuple[float, float, float]:
     """Return the left, right and upper limit of a view, 1/s; the axis is always in it."""
     right = max(float(values.real.max(initial=0.0)), 0.0)
     width = (right - min(left, 0.0)) or 1.0
@@ -296,7 +272,7 @@ def _charts(onset: Onset) -> Iterator[Content]:
     scale: Any = "log" if onset.scan.logarithmic else "linear"
     ends = tuple(onset.scan.samples[k].value for k in (0, -1))
     x = charts.Axis(name, onset.axis.key.unit, scale, (ends[0], ends[1]))
-    ground, hover = tuple(_on_values(onset)), tuple(_value(onset, each) for each in value.tolist())
+    ground = tuple(_on_values(onset))
     reach = min(max(3.0 * float(np.median(np.abs(damping))), 1e-3), MAX_DAMPING)
     edges = [each.crossing for each in onset.findings]
     at, rings = np.array([(c.value, c.frequency) for c in edges if c.frequency]).reshape(-1, 2).T
@@ -309,7 +285,7 @@ def _charts(onset: Onset) -> Iterator[Content]:
         ("damping ratio", ratio, damping, (zero,), ()),
         ("frequency", frequency, hertz, (), (crossing,)),
     ):
-        drawn = (*ground, *first, *mode_marks(value, values, real, hover, 4.0), *last)
+        drawn = (*ground, *first, *mode_marks(value, values, real, 4.0), *last)
         title = f"{what.partition(' ')[0].capitalize()} over the value"
         summary = f"The {what} of every ringing mode over {name}. {LOOKS}"
         yield charts.Chart(title, x, y, drawn, summary)

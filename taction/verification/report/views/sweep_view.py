@@ -21,7 +21,7 @@ from taction.system.plugins import OpenTable
 from taction.system.quantities import banded, quantity, readable, spaced
 from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.report.blocks import Content, Page, Section, Table
-from taction.verification.report.texts import LEAST_SHARE, Cell, Column, fields, figure, titled
+from taction.verification.report.texts import LEAST_SHARE, Cell, Column, fields, titled
 from taction.verification.report.views.answer_view import origin_section
 from taction.verification.studies.sweep.sweep import Plan, SweepResult, all_records, grids
 from taction.verification.verdict.record import FIGURES
@@ -113,15 +113,8 @@ class Plane:
         """Return what each point says."""
         (_, across), (_, down) = self.axes
         x, y = np.meshgrid(across, down, indexing="ij")
-        wheres = [group[0] for group in self.plan.groups[:2]]
-        hover = [
-            ", ".join(
-                f"{each.name} {place_text(each, v)}" for each, v in zip(wheres, at, strict=True)
-            )
-            for at in itertools.product(*(each.values for each in wheres))
-        ]
         size = float(np.clip(CROWD / max(names.shape), 2.0, 9.0))
-        return self.chart("Outcome", results(x, y, names, looks, hover, size), OUTCOME)
+        return self.chart("Outcome", results(x, y, names, looks, size), OUTCOME)
 
     def quantity(
         self, name: str, values: Floats, limits: tuple[float, float] | None = None
@@ -151,7 +144,7 @@ def curve_of(
     marks: list[charts.Mark] = list(_unstable(data["growth_rate"], places))
     if x.scale != "names":
         marks.append(charts.Curve(places, values, "", "muted", width=0.8, behind=True))
-    marks += results(places, values, names, looks, [figure(v, unit) for v in values.tolist()])
+    marks += results(places, values, names, looks)
     known = np.abs(values[np.isfinite(values)])
     low, high = float(known.min(initial=np.inf)), float(known.max(initial=0.0))
     log = name != "growth_rate" and 0.0 < 10.0 * low < high
@@ -169,16 +162,14 @@ def results(
     y: Floats,
     names: Names,
     looks: dict[str, charts.Look],
-    hover: Sequence[str],
     size: float = 7.0,
 ) -> Iterator[charts.Curve]:
     """Yield the points of each result, by the names of their looks, in that look."""
     for name, look in looks.items():
         there = names == name
         if there.any():
-            texts = tuple(itertools.compress(hover, there.ravel()))
-            own: Any = {"line": "", "mark": look.mark, "size": size, "hover": texts}
-            yield charts.Curve(x[there], y[there], name, look.colour, **own)
+            places = x[there], y[there]
+            yield charts.Curve(*places, name, look.colour, "", look.mark, size=size)
 
 
 def _unstable(growth: Floats, places: Floats) -> Iterator[charts.Band]:

@@ -144,8 +144,7 @@ def _histogram(title: str, spread: QuantitySpread, values: Floats, text: str) ->
     shown = min([low, *near]) - width, max([high, *near]) + width
     counts = np.histogram(values, bins=edges)[0]
     looks = tuple("fail" if out else "pass" for out in _beyond(middles, both))
-    hover = tuple(f"{count} samples" for count in counts.tolist())
-    marks: list[Mark] = [Columns(middles, counts, "x", np.diff(edges), looks, hover=hover)]
+    marks: list[Mark] = [Columns(middles, counts, np.diff(edges), looks)]
     marks += (Limit(limit, "x", "limit") for limit in near)
     if spread.at_most is not None:
         marks.append(Band(min(spread.at_most, shown[1]), shown[1], "x", colour="fail"))

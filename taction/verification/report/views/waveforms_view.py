@@ -101,10 +101,12 @@ def output_marks(
 
 
 def outputs_chart(verdict: Verdict) -> charts.Chart:
-    """Return the outputs with their targets; `difference_chart` has the second engine."""
+    """Return the first rise of the outputs, or their growth, with their targets."""
     found, end = verdict.measurements, float(verdict.waveforms.time[-1])
     targets = [channel.target for channel in found.channels]
-    (limits, cut), early = _window(verdict), early_end(verdict)
+    (limits, cut), shown = _window(verdict), (0.0, early_end(verdict))
+    if verdict.poles.known_unstable:  # the first periods are flat beside the growth
+        shown = _up_to_supply(verdict, verdict.u / (found.amplitude or 1.0))[0]
     marks = [*output_marks(verdict.waveforms.time, verdict.u, targets, limits)]
     settled = "not settled"
     if found.settling_time is not None:
@@ -114,23 +116,17 @@ def outputs_chart(verdict: Verdict) -> charts.Chart:
         settled = f"not settled ({', '.join(sorted(states))})"
     engine = verdict.waveforms.simulator.replace("statespace", "the state-space engine")
     summary = (
-        f"Outputs of {counted(len(targets), 'channel')} from 0 to {quantity(end, 's')} by {engine}."
+        f"Outputs of {counted(len(targets), 'channel')} up to {quantity(shown[1], 's', 3)} of"
+        f" {quantity(end, 's')} by {engine}."
         " Dotted: the target of each channel, from the numerical solution."
     ) + looks_text(len(targets))
     if cut:
         largest = quantity(float(np.abs(verdict.u).max()), "V", 2)
         supply = quantity(verdict.circuit.supply, "V", 3)
         summary += f" The chart ends where the record grows to {largest}; the supply is ±{supply}."
-    views = [
-        charts.View("first rise", (0.0, early)),
-        charts.View("whole record", (0.0, end)),
-    ]
-    if verdict.poles.known_unstable:  # the first periods are flat beside the growth
-        growth = _up_to_supply(verdict, verdict.u / (found.amplitude or 1.0))[0]
-        views.insert(0, charts.View("growth", growth))
-    axes = charts.TIME, charts.Axis("output", "V", limits=limits)
+    axes = replace(charts.TIME, limits=shown), charts.Axis("output", "V", limits=limits)
     title = f"Outputs: {settled}"
-    return charts.Chart(title, *axes, tuple(marks), summary, tuple(views), height=420)
+    return charts.Chart(title, *axes, tuple(marks), summary, height=420)
 
 
 def settled_text(verdict: Verdict) -> str:
@@ -174,25 +170,21 @@ def deviation_chart(verdict: Verdict) -> charts.Chart:
     m, end = verdict.measurements, float(verdict.waveforms.time[-1])
     band = m.band
     off = (verdict.u - np.array([c.target for c in m.channels])) / (m.amplitude or 1.0)
-    early = early_end(verdict)
     drawn = curves(verdict.waveforms.time, off, width=0.8)
     marks: list[charts.Mark] = [charts.Band(-band, band, "y"), *drawn]
-    largest = float(np.nanmax(np.abs(off), initial=0.0)) * 1.05 or 1.0
     if m.settling_time is None:
         settled = "the board does not settle within the record"
-        first = charts.View("up to the supply", *_up_to_supply(verdict, off / 1.05))
+        shown, sizes = _up_to_supply(verdict, off / 1.05)
     else:
         settled = f"dashed: {settled_text(verdict)}"
         marks.append(charts.Limit(m.settling_time.value, "x"))
-        first = charts.View("around the band", (0.0, end), (-6.0 * band, 6.0 * band))
-    rise = charts.View("first rise", (0.0, early), (-1.3, 1.3))
-    views = first, rise, charts.View("everything", (0.0, end), (-largest, largest))
+        shown, sizes = (0.0, end), (-6.0 * band, 6.0 * band)
     summary = (
         f"Output minus target of every channel; shaded: the band of ±{100 * band:g} % of the step"
         f" of {quantity(m.amplitude, 'V')}; {settled}."
     )
-    y = charts.Axis("deviation", "step")
-    return charts.Chart("Deviation from the targets", charts.TIME, y, tuple(marks), summary, views)
+    axes = replace(charts.TIME, limits=shown), charts.Axis("deviation", "step", limits=sizes)
+    return charts.Chart("Deviation from the targets", *axes, tuple(marks), summary)
 
 
 def _up_to_supply(verdict: Verdict, off: Floats) -> tuple[charts.Limits, charts.Limits]:

@@ -17,7 +17,7 @@ from matplotlib.axis import Axis as FigureAxis
 from matplotlib.figure import Figure
 from matplotlib.text import Text as FigureText
 
-from taction.system.charts import OUTCOMES, Axis, Band, Chart, Columns, Curve, Limit, View
+from taction.system.charts import OUTCOMES, Axis, Band, Chart, Columns, Curve, Limit
 from taction.verification.report.blocks import (
     Bar,
     Bars,
@@ -57,12 +57,12 @@ CHARTS = {
     "deviation": Chart(
         "Deviation", TIME, Axis("deviation", "step", limits=(-0.06, 0.06)),
         (Band(-0.01, 0.01, "y"), Curve([0.0, 5e-5, 1e-4], [0.05, 0.02, 0.0], "u1")),
-        "The deviation in per cent of the step.", (View("first rise", (0.0, 5e-5)),),
+        "The deviation in per cent of the step.",
     ),
     "histogram": Chart(
         "Settling time", Axis("settling time", "s", "log"), Axis("samples", whole=True),
-        (Columns([1e-5, 2e-5, 3e-5], [4.0, 9.0, 2.0], widths=[1e-5] * 3, name="samples",
-                 looks=("pass", "pass", "fail")), Limit(2.5e-5, "x", "limit")),
+        (Columns([1e-5, 2e-5, 3e-5], [4.0, 9.0, 2.0], [1e-5] * 3, ("pass", "pass", "fail")),
+         Limit(2.5e-5, "x", "limit")),
         "Fifteen samples.",
     ),
 }  # fmt: skip
@@ -227,7 +227,7 @@ def test_plotly_has_the_units_of_the_axes() -> None:
     share, time = (plotly.plotly_spec(CHARTS["deviation"])["layout"][f"{n}axis"] for n in "yx")
     assert share["title"]["text"] == "deviation (% of the step)"
     assert share["range"] == [-6.0, 6.0]
-    assert (time["ticksuffix"], time["range"]) == ("s", [0.0, 5e-5])
+    assert (time["ticksuffix"], time["range"]) == ("s", [0.0, 1e-4])
     log = plotly.plotly_spec(CHARTS["histogram"])["layout"]["xaxis"]
     assert (log["type"], log["title"]["text"]) == ("log", "settling time (s)")
 

@@ -3,8 +3,6 @@
 const tactionCharts = (() => {
   const coarse = matchMedia("(pointer: coarse)");
   const NARROW = 480;
-  // Labels of a logarithmic axis on a narrow page; one over a decade would be too few upwards.
-  const FEWER = { xaxis: { D1: "D2", D2: 1 }, yaxis: { D1: "D2" } };
   let known = {};
 
   // Colours: the style sheet's variables, which charts take by name.
@@ -45,10 +43,6 @@ const tactionCharts = (() => {
         delete each.texttemplate;
         each.mode = each.mode?.replace("+text", ""); // a table or the pointer has what has no room
       });
-      for (const name of ["xaxis", "yaxis"]) {
-        const dtick = FEWER[name][layout[name]?.dtick];
-        if (dtick) layout[name] = { ...layout[name], dtick };
-      }
     }
     return Plotly.react(canvas, data, layout, config);
   };

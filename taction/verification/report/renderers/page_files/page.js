@@ -18,13 +18,6 @@
   };
   const drawAll = (width) => { if (window.Plotly) canvases.forEach((each) => draw(each, width)); };
 
-  const change = (canvas, layout) => Plotly.relayout(canvas, layout);
-  all("[data-view]").forEach((button) => button.addEventListener("click", () => {
-    if (!window.Plotly) return;
-    all("[data-view]", button.parentElement).forEach((each) => each.setAttribute("aria-pressed", String(each === button)));
-    change(button.closest(".picture").querySelector(".canvas"), JSON.parse(button.dataset.view));
-  }));
-
   // Plotly is packed into the page; the policy of the page knows its digest.
   const unpack = async () => {
     const packed = document.getElementById("plotly");
@@ -34,11 +27,7 @@
     const program = document.createElement("script");
     program.textContent = await new Response(stream).text();
     document.head.append(program);
-    for (const canvas of canvases) {
-      await draw(canvas);
-      const first = canvas.parentElement.querySelector("[data-view]");
-      if (first) await change(canvas, JSON.parse(first.dataset.view));
-    }
+    for (const canvas of canvases) await draw(canvas);
     root.dataset.ready = "true";
   };
 
