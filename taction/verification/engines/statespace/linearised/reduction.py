@@ -26,7 +26,7 @@ NOTHING = 1e15  # condition number from which rounding leaves nothing of the sma
 DECIDED = 1e9  # condition number below which rounding cannot make a matrix singular, or regular
 SINGULAR = 1e13  # condition number of a scaled matrix above which it counts as singular
 CHAINED = 1e9  # condition number of scaled rows from which columns are scaled, too
-AT_OUTPUT = "a capacitor at the output of a behavioural amplifier: not supported"
+AT_OUTPUT = "a capacitor whose voltage a source (noise, an amplifier) sets at once: not supported"
 STEPS = 2  # inputs before those that change with time
 
 
