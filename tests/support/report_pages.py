@@ -20,7 +20,6 @@ from taction.verification.design.choose import (
     Choice,
     best_designs,
     choice_plan,
-    design_scene,
     designs,
 )
 from taction.verification.design.trials import SearchRange
@@ -185,10 +184,9 @@ def _choice(settling: str = "1ms") -> Page:
             store.put(point.key, result)
         ranked = designs(plan, store)
     best = best_designs(ranked)
-    verdict = verify(design_scene(plan, asked, best[0], 1)) if best else None
     said = [BestDesign(one, asked, Outcome.PASS) for one in best[:1]]
     said += [BestDesign(one, asked, None, HOSTILE) for one in best[1:]]
-    return design.choice_view(Choice(asked, ranked, said), verdict)
+    return design.choice_view(Choice(asked, ranked, said))
 
 
 def _setting(method: Method, setting: float, k: int) -> SettingResult:

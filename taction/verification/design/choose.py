@@ -47,7 +47,7 @@ from taction.system.output_files import check_own_folder, make_folder
 from taction.system.progress import Progress, ask
 from taction.system.quantities import fraction, number
 from taction.system.reading_definitions import READINGS
-from taction.system.results import RENDERERS, Result, load
+from taction.system.results import Result
 from taction.verification.design.scaling import rescaled
 from taction.verification.design.trials import (
     KEPT,
@@ -302,11 +302,6 @@ class Choice(Result):
         """``pass`` if ngspice contradicts not every one of the best, else ``fail``."""
         outcomes = {"pass" if one.outcome is None else one.outcome.value for one in self.best}
         return next((name for name in ("pass", "inconclusive") if name in outcomes), "fail")
-
-    def report(self, path: str | Path) -> None:
-        """Write the report; the proposed design is verified anew where ngspice is missing."""
-        page = load(f"{VIEWS}:full_choice_view")(self)
-        load(f"{RENDERERS}.page:write_page")(page, str(path))
 
 
 def designs(plan: Plan, store: Store, accepted: AcceptedParts | None = None) -> list[ChosenDesign]:

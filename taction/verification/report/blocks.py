@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 from taction.system.charts import Chart, Outcome
 from taction.system.progress import attempt
 from taction.verification.report.texts import Cell as Cell
-from taction.verification.report.texts import Column, cell, fields, shown_by
+from taction.verification.report.texts import Column, cell, shown_by
 from taction.verification.report.texts import Shown as Shown
 
 TERMINAL, PAGE, NOTEBOOK, PICTURE = "terminal", "page", "notebook", "picture"
@@ -111,25 +111,13 @@ LITTLE = f"below {100 * LEAST:g} % of the limit"
 
 @dataclass(frozen=True, slots=True)
 class Bars:
-    """Values beside their limits; `drawn`: a terminal draws a bar a line, without the reasons."""
+    """Values beside their limits; `brief`: a terminal leaves out the reasons."""
 
     kind: ClassVar[str] = "bars"
     title: str
     rows: tuple[Bar, ...]
     note: str = ""
-    drawn: bool = False
-
-    @property
-    def table(self) -> Table:
-        """The values as a table, without the reasons, which are long."""
-        columns: dict[str, Column] = {
-            "": "name",
-            **fields("outcome = outcome outcome; value; limit"),
-            "used": lambda bar: "" if bar.share is None else bar.used.replace(" of the limit", ""),
-        }
-        if not any(bar.outcome for bar in self.rows):
-            del columns["outcome"]
-        return Table.of(self.title, self.rows, columns, self.note)
+    brief: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,6 @@ import io
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
 from typing import IO, Any, NoReturn
 
 from rich.box import SIMPLE_HEAD
@@ -21,7 +20,7 @@ from rich.text import Text
 from taction.system.charts import OUTCOMES, Chart
 from taction.system.foreign_files import escaped, visible, visible_lines
 from taction.verification.report import blocks
-from taction.verification.report.blocks import NOTEBOOK, TERMINAL, Bar, Bars, Block, Page
+from taction.verification.report.blocks import NOTEBOOK, TERMINAL, Bars, Block, Page
 from taction.verification.report.texts import glued
 
 WIDTH = 160  # columns of a page in a file or a pipe, unless the variable COLUMNS says otherwise
@@ -117,15 +116,8 @@ def outcome_text(text: str, outcome: str) -> Text:
 
 
 def _bars(block: Bars) -> Group:
-    """Return the values beside their limits as a table, and the reasons below: they are long."""
-    if block.drawn:
-        return Group(*_drawn(block.rows))
-    reasons = (Text(f" {plain(bar.name)}: {plain(bar.reason)}") for bar in block.rows if bar.reason)
-    return Group(FittedTable(replace(block.table, note="")), *reasons)
-
-
-def _drawn(rows: Sequence[Bar]) -> Iterator[Text]:
-    """Yield a line for each value: its bar up to the limit and beyond it, and its numbers."""
+    """Return a line for each value: its bar up to the limit and beyond it, and its numbers."""
+    rows, lines = block.rows, list[Text]()
     longest = max((len(bar.name) for bar in rows), default=0)
     for bar in rows:
         text = Text(f"  {plain(bar.name).ljust(longest)}  ")
@@ -135,7 +127,11 @@ def _drawn(rows: Sequence[Bar]) -> Iterator[Text]:
             text.append(f": {UNMET[bar.outcome]}", f"bold {OUTCOMES[bar.outcome].colour}")
         elif bar.share is not None:
             text.append(f" ({bar.used.replace(' of the limit', '')})", "dim")
-        yield text
+        lines.append(text)
+    if not block.brief:
+        known = (bar for bar in rows if bar.reason)
+        lines += (Text(f" {plain(bar.name)}: {plain(bar.reason)}") for bar in known)
+    return _lines(block.title, lines)
 
 
 def _bar(share: float | None) -> str:

@@ -14,7 +14,7 @@ from taction.system import charts
 from taction.system.array_types import Floats
 from taction.system.documents import read
 from taction.system.quantities import counted, readable, spaced
-from taction.verification.report.blocks import Bars, Content, Notes, Page, Section, Table
+from taction.verification.report.blocks import BOTH, Bars, Content, Notes, Page, Section, Table
 from taction.verification.report.texts import (
     Cell,
     Column,
@@ -55,7 +55,6 @@ def regression_view(report: RegressionReport) -> Page:
     }
     scenes = Table.of("Scenes", report.results, columns)
     counts = ", ".join(f"{count} {status}" for status, count in report.count().items())
-    changes = tuple(content for each in report.results for content in _scene(each, "terminal"))
     return Page(
         title=report.folder,
         command="taction regress",
@@ -67,15 +66,13 @@ def regression_view(report: RegressionReport) -> Page:
         ),
         sections=(
             Section("Scenes", scenes, media="terminal page"),
-            Section("Changes", changes, media="terminal"),
-            *(Section(_scene_title(each), tuple(_scene(each, "page"))) for each in report.results),
+            *(
+                Section(f"{each.file}: {each.status.value}", tuple(_scene(each)), media=BOTH)
+                for each in report.results
+            ),
             origin_section(None, (("baseline", report.baseline),)),
         ),
     )
-
-
-def _scene_title(result: SceneResult) -> str:
-    return f"{result.file}: {result.status.value}"
 
 
 def _passing(checks: Iterable[Check]) -> str | None:
@@ -84,7 +81,7 @@ def _passing(checks: Iterable[Check]) -> str | None:
     return f"{sum(passed)} of {len(passed)} pass" if passed else None
 
 
-def _scene(result: SceneResult, medium: str) -> Iterator[Content]:
+def _scene(result: SceneResult) -> Iterator[Content]:
     """Yield what changed in a scene; a terminal shows the largest changes."""
     lines = tuple(map(readable, remarks(result)))
     if result.status is Status.SAME or not (result.changes or lines):
@@ -95,15 +92,10 @@ def _scene(result: SceneResult, medium: str) -> Iterator[Content]:
         "times": lambda each: _off(each.off),
         "note": "note",
     }
-    if medium == "terminal":
-        more = "and {} more (--json has all)"
-        yield Notes(_scene_title(result), lines)
-        yield Table.of("", result.changes, columns, "", {"terminal": SHOWN}, more)
-    else:
-        yield Notes("", lines)
-        note = "Times: the difference over the tolerance."
-        yield Table.of("Changes", result.changes, columns, note)
-        yield Bars("Checks", tuple(map(check_bar, result.checks)))
+    yield Notes(f"{result.file}: {result.status.value}", lines)
+    note, more = "Times: the difference over the tolerance.", "{} more: --json has all."
+    yield Table.of("Changes", result.changes, columns, note, {"terminal": SHOWN}, more)
+    yield Bars("Checks", tuple(map(check_bar, result.checks)), brief=True)
 
 
 VALUES = {
@@ -153,7 +145,6 @@ def stored_value(value: float | str | None, unit: str) -> str:
     return figure(value, "" if unit == "step" else unit, 6)
 
 
-NAMED = 3  # keys in the first line
 POINTS = 20_000  # of all curves of one board
 BEYOND: dict[bool | None, tuple[str, charts.Outcome]] = {
     True: ("yes", "fail"),
@@ -168,7 +159,7 @@ def difference_view(difference: VerdictDifference) -> Page:
         title=f"{difference.first} and {difference.second}",
         command="taction diff",
         outcome=EXITS.get(difference.exit_status, "inconclusive"),
-        summary=_edited(difference) + _summary(difference),
+        summary=_summary(difference),
         lines=(f"A: {difference.first}", f"B: {difference.second}", *difference.notes),
         sections=(
             Section("Keys", _keys(difference), media="terminal page"),
@@ -176,20 +167,6 @@ def difference_view(difference: VerdictDifference) -> Page:
             Section("Waveforms", lambda: _outputs(difference), media="page picture"),
         ),
     )
-
-
-def _edited(difference: VerdictDifference) -> str:
-    """Return the keys or parts that differ, with both values, and the outcomes if these differ."""
-    keys = difference.keys or ()
-    texts = [
-        f"{k.key} {figure(k.first, k.unit, 6)} → {figure(k.second, k.unit, 6)}"
-        for k in keys[:NAMED]
-        if not k.content
-    ]
-    texts += [f"{len(keys) - NAMED} more"] if len(keys) > NAMED else []
-    outcomes = (each for each in difference.readings if each.name == "outcome")
-    texts += [f"{each.first} → {each.second}" for each in outcomes if each.first != each.second]
-    return f"{', '.join(texts)}; " if texts else ""
 
 
 def _summary(difference: VerdictDifference) -> str:

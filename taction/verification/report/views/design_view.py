@@ -49,10 +49,9 @@ from taction.verification.report.texts import Cell, Column, fields, figure, numb
 from taction.verification.report.views.verdict_view import on_screen
 from taction.verification.report.views.verdict_view import view as verdict_report
 from taction.verification.stability.margin import first_knob
-from taction.verification.verdict.checks import Outcome, band_text
+from taction.verification.verdict.checks import band_text
 from taction.verification.verdict.headroom import describe
 from taction.verification.verdict.record import ERROR, finite
-from taction.verification.verdict.verify import Verdict, verify
 
 LONGEST = 60  # characters of a reason in a table
 SHOWN = 12  # op-amps in a terminal
@@ -69,20 +68,11 @@ WORST = (
     "Worst: the largest value over its limit; below 1 every check passes; -: a check that does not"
     " pass has no value."
 )
-COMMAND = "taction design choose"
 UNITS = {CAPACITANCE: "F", GAIN: "ohm", G0: "S", U0: "V", FEEDBACK: "S"}
 
 
-def full_choice_view(choice: Choice) -> Page:
-    """Return the page with the proposed design in full, verified anew without ngspice."""
-    if not choice.best:
-        return choice_view(choice)
-    one = proposed(choice.best)
-    return choice_view(choice, one.verdict or verify(one.scene.with_engine("statespace")))
-
-
-def choice_view(choice: Choice, verdict: Verdict | None = None) -> Page:
-    """Return the page of a choice; with a verdict, of the proposed design, this is in full."""
+def choice_view(choice: Choice) -> Page:
+    """Return the page of a choice."""
     scene, designs, best = choice.scene, choice.designs, choice.best
     passing = sum(design.good for design in designs)
     summary = f"{passing} of {len(designs)} designs pass with parts that can be bought."
@@ -96,23 +86,13 @@ def choice_view(choice: Choice, verdict: Verdict | None = None) -> Page:
     if not best:
         none = "No design passes; the table of op-amps has the nearest of each with its reason."
         lines = (none, *lines)
-    page = Page(
+    return Page(
         title=scene.name,
-        command=COMMAND,
-        outcome="pass" if best else "fail",
+        command="taction design choose",
+        outcome=choice.outcome,
         summary=summary,
         lines=lines,
         sections=own,
-    )
-    if verdict is None:
-        return page
-    full, first = verdict_report(verdict, COMMAND), proposed(best).design
-    return replace(
-        page,
-        outcome=full.outcome,
-        summary=f"{first.opamp}, {_place(first)}. {full.summary} {summary}",
-        lines=(f"In full below: {verdict.scene.name}, {verdict.waveforms.simulator}.", *full.lines),
-        sections=(*own, *full.sections),
     )
 
 
@@ -130,11 +110,6 @@ def _moved(scene: Scene, designs: Sequence[ChosenDesign]) -> Iterator[str]:
             f"G0 is moved from {quantity(own, 'S')}, with U0, s and C, for op-amps whose input"
             f" errors miss the limit of the steady state with the scene's resistors: {values}."
         )
-
-
-def proposed(best: Sequence[BestDesign]) -> BestDesign:
-    """Return the first design that ngspice confirms; the first if it confirms none."""
-    return next((one for one in best if one.outcome is Outcome.PASS), best[0])
 
 
 def _pair(design: ChosenDesign) -> tuple[float, float]:

@@ -273,7 +273,7 @@ def screen(verdict: Verdict, margins: Sequence[str] = ()) -> Page:
     known = () if found is None else found.follows
     pairs = zip(verdict.checks, answers.check_bars(verdict), strict=True)
     contents: tuple[Content, ...] = (
-        Bars("", tuple(bar for check, bar in pairs if check.name not in known), drawn=True),
+        Bars("", tuple(bar for check, bar in pairs if check.name not in known), brief=True),
         yield_text(verdict.answer) if verdict.outcome is Outcome.PASS else "",
         _distance(verdict, margins),
         answer_text(verdict.answer),

@@ -139,7 +139,10 @@ def test_a_page_has_every_change_and_a_terminal_the_largest() -> None:
     (table,) = (block for block in whole.made(PAGE) if isinstance(block, Table))
     assert len(table.rows) == SHOWN + 3
     shown = [b for s in sections for b in s.made(TERMINAL) if isinstance(b, Table)]
-    assert (len(shown[1].rows), shown[1].note) == (SHOWN, "and 3 more (--json has all)")
+    assert (len(shown[1].rows), shown[1].note) == (
+        SHOWN,
+        "Times: the difference over the tolerance. 3 more: --json has all.",
+    )
     assert [row[1].outcome for row in shown[0].rows[:3]] == ["pass", "fail", "fail"]
 
 

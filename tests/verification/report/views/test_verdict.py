@@ -29,8 +29,9 @@ from taction.verification.verdict.verify import Verdict, verify
 from tests.support.paths import SCENES
 from tests.support.report_pages import VERDICTS, page, verdicts
 
-PREFIXES = {"p": 1e-12, "n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
-NUMBER = re.compile(r"^(-?[\d.]+)(?: ([pnµmkMG]?)(s|V|/s|F|Ω|A|Hz)?)?(?: (%))?(?: |$)")
+PREFIXES = {"a": 1e-18, "f": 1e-15, "p": 1e-12, "n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0}
+PREFIXES |= {"k": 1e3, "M": 1e6, "G": 1e9}
+NUMBER = re.compile(r"^(-?[\d.]+)(?: ([afpnµmkMG]?)(s|V|/s|F|Ω|A|Hz)?)?(?: (%))?(?: |$)")
 COLUMNS = 80
 SHIPPED = {file.stem: file for file in sorted(SCENES.glob("*.toml"))}
 TINY = re.compile(r"± [\d.]+ [zaf](V|s|A)\b")  # uncertainties that are rounding
