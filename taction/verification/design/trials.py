@@ -26,7 +26,6 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value, find_key, own_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
-from taction.system.array_types import Floats
 from taction.system.errors import Complaint, EngineError, InputError, NoVerdictError
 from taction.system.quantities import percent
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -205,14 +204,13 @@ def rest_distance(scene: Scene, board: LinearBoard) -> float:
     """Return how far 95 % of the boards rest from the answer, in steps; 0 if nothing varies."""
     answer = ideal_answer(ideal_network(make_problem(scene), scene), scene)
     step = float(np.abs(answer.target - answer.start).max(initial=0.0))
-    ratio = board.circuit.value("U0") / answer.network.U0
     try:
         spread = InputSpread.of(board)
     except EngineError:
         return math.inf
     if spread is None or not step:
         return 0.0
-    return spread.distance(answer.target * ratio)[0] / (step * ratio)
+    return spread.distance(answer.target)[0] / step
 
 
 def accepted_parts(scene: Scene) -> AcceptedParts:
@@ -251,7 +249,7 @@ def at_small_signal(scene: Scene) -> Scene:
 AT_EDGE = 0.02  # of the logarithmic range: a value so close to an end is at its edge
 OUTWARDS, DECADES = 25, 2.0  # values of one key on each side, and how far they go
 PAIR_DECADES, PLACES = 1.2, 7  # of two keys: on both sides, and values of each
-EVALUATIONS = 40  # of one simplex
+EVALUATIONS = 40  # of one descent
 
 Values = dict[str, Value]
 Accept = Callable[[Trial], bool]
@@ -406,18 +404,17 @@ def descend(
     start: Values,
     spacings: Sequence[float],
 ) -> None:
-    """Search the least objective by a simplex; `spacings` are natural logarithms."""
-    from scipy.optimize import minimize
+    """Search the least objective along each key in turn; `spacings` are natural logarithms.
 
-    def at(point: Floats) -> float:
-        return objective(
-            {
-                one.path: one.bought(min(max(math.exp(place), one.low), one.high))
-                for one, place in zip(ranges, point.tolist(), strict=True)
-            }
-        )
-
-    begin = np.log([float(start[one.path]) for one in ranges])
-    options: Any = {"maxfev": EVALUATIONS, "xatol": 1e-3, "fatol": 1e-4}
-    options["initial_simplex"] = np.vstack([begin, begin + np.diag(spacings)])
-    minimize(at, begin.tolist(), method="Nelder-Mead", options=options)
+    Where no step is better, the next ones are half as long.
+    """
+    best, steps = start, np.asarray(spacings)
+    for _ in range(EVALUATIONS // (2 * len(ranges))):
+        moved = [
+            best | {one.path: one.bought(min(max(value, one.low), one.high))}
+            for one, step in zip(ranges, steps.tolist(), strict=True)
+            for value in (float(best[one.path]) * math.exp(way) for way in (-step, step))
+        ]
+        found = min(moved, key=objective)
+        better = objective(found) < objective(best)
+        best, steps = (found, steps) if better else (best, 0.5 * steps)

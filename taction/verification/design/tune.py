@@ -2,8 +2,8 @@
 
 The verdict of the state-space engine judges every design, by all checks of the scene and the
 limits of the search, and with values that can be bought; lambda is constant. Settling time jumps
-where a ringing peak crosses the band, so the search uses no gradient: a grid, then Nelder and
-Mead's simplex from its best points.
+where a ringing peak crosses the band, so the search uses no gradient: a grid, then steps along each
+key from its best points, which become shorter.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from taction.verification.verdict.verify import Verdict, verify
 
 GRID = {1: 25, 2: 9, 3: 5}  # points of each parameter, by the number of parameters
 OVERSHOOT = 0.05  # default limit
-STARTS = 3  # points of the grid from which a simplex starts
+STARTS = 3  # points of the grid from which a descent starts
 RESERVE = 0.99  # of the overshoot limit: the verification adds the simulator's error
 INFEASIBLE = 1e6  # added to the objective for every check that does not pass
 
@@ -178,7 +178,7 @@ def frontier(trials: Iterable[Trial]) -> tuple[Trial, ...]:
 def _search(
     trials: Trials, ranges: Sequence[SearchRange], overshoot: float, progress: Progress
 ) -> Trial:
-    """Return the best design of a grid, and of simplexes from the best of its points."""
+    """Return the best design of a grid, and of descents from the best of its points."""
     own: Values = {each.path: each.own for each in ranges}
     if trials.at(own).record.outcome == ERROR:
         trials.board_at(own)  # raises the error of the scene's own design
@@ -199,7 +199,7 @@ def _search(
         trials.at(dict(zip(own, point, strict=True)))
     spacings = [0.5 * math.log(each.high / each.low) / (points - 1) for each in ranges]
     for number, start in enumerate(sorted(trials.tried, key=objective)[:STARTS], 1):
-        progress(f"simplex {number} of {STARTS}")
+        progress(f"descent {number} of {STARTS}")
         descend(lambda values: objective(trials.at(values)), ranges, start.values, spacings)
     return min(trials.tried, key=objective)
 
