@@ -84,6 +84,11 @@ class Result:
         """
         load(f"{RENDERERS}.page:write_page")(self.page(), str(path))
 
+    def __repr__(self) -> str:
+        page = self.page()
+        said = filter(None, (repr(page.title), page.summary.removesuffix(".")))
+        return f"{type(self).__name__}({', '.join(said)})"
+
     def _repr_html_(self) -> str:
         """Return the result as a card for a notebook."""
         card: str = load(f"{RENDERERS}.terminal:card")(self.page(), self.CARD)

@@ -92,9 +92,9 @@ def test_every_result_has_a_short_repr(results: dict[str, Any]) -> None:
         corners = worst_of(prepare(scene, full_margin=True), workers)
     made = (*results.values(), corners, taction.solve(scene), taction.simulate(scene))
     assert all(is_short(repr(each)) for each in made)
-    assert repr(corners).startswith(f"CornerStudy({len(corners.corners)} corners, ")
-    assert "stable: " in repr(results["Onset"])
-    assert "yield" in repr(results["YieldReport"])
+    assert repr(corners).startswith(f"CornerStudy('{scene.name}', {len(corners.corners)} corners: ")
+    assert "Stable for C: " in repr(results["Onset"])
+    assert "Yield" in repr(results["YieldReport"])
     assert "ms, statespace" in repr(results["Waveforms"]) or "µs" in repr(results["Waveforms"])
 
 

@@ -23,7 +23,6 @@ from taction.system.array_types import Floats
 from taction.system.documents import HIDDEN
 from taction.system.errors import EngineError, StepTooSmall, TimedOut
 from taction.system.progress import Clock, Progress
-from taction.system.quantities import quantity
 from taction.system.results import Result
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -447,12 +446,6 @@ class MeasuredTransient(Result):
     def stop(self) -> float:
         """The last instant, s."""
         return float(self.waveforms.time[-1])
-
-    def __repr__(self) -> str:
-        settled, state = self.measurements.settling_time, self.measurements.reason
-        if settled is not None:
-            state = f"settled at {quantity(settled.value, 's')}"
-        return f"{type(self).__name__}({self.circuit.name!r}, {self.waveforms!r}, {state})"
 
 
 def record_transient(scene: Scene, progress: Progress = lambda stage: None) -> MeasuredTransient:

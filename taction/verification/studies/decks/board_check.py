@@ -135,10 +135,6 @@ class BoardCheck(MeasuredBoard, Result):
             rows.append(OutputRow(*known, figures))
         return tuple(rows)
 
-    def __repr__(self) -> str:
-        said = f"stable: {self.poles.stable}, {len(self.circuit.knobs)} parts"
-        return f"BoardCheck({self.name!r}, {self.outcome.value}; {said})"
-
 
 _WORSE = (Outcome.PASS, Outcome.INCONCLUSIVE, Outcome.FAIL)
 

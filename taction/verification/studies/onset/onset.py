@@ -29,7 +29,6 @@ from taction.system.errors import (
     SimulatorTooOld,
 )
 from taction.system.progress import Progress
-from taction.system.quantities import quantity
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.reference.lambda_rule import read_scene
@@ -42,7 +41,6 @@ NOT_ASKED = "transients were not requested"
 AROUND = 30.0  # the default range is from the scene's value / 30 to its value * 30
 POINTS = 61  # of the first grid of a scan: 20 per decade in the default range
 TIMEOUT = 600.0  # of one transient, s
-MOST = 4  # crossings and ranges in a `repr`
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,16 +115,6 @@ class Onset(Result):
     scan: Scan
     findings: tuple[CheckedEdge, ...]
     counts: tuple[Count, ...]
-
-    def __repr__(self) -> str:
-        unit = self.axis.key.unit
-        places = [quantity(each.crossing.value, unit) for each in self.findings]
-        crossings = f"crossings over {self.axis.name}: {', '.join(places[:MOST]) or 'none'}"
-        if len(places) > MOST:
-            crossings += f" and {len(places) - MOST} more"
-        ends = [f"{quantity(a, unit)} to {quantity(b, unit)}" for a, b in self.scan.stable_ranges]
-        stable = " and ".join(ends[:MOST]) + (" and more" if len(ends) > MOST else "")
-        return f"Onset({self.scene.name!r}, {crossings};\n      stable: {stable or 'nowhere'})"
 
     @property
     def disagreement(self) -> bool:

@@ -293,12 +293,6 @@ class SweepResult(Result):
             return "fail"
         return "pass" if outcomes["pass"] + outcomes["fail"] else "inconclusive"
 
-    def __repr__(self) -> str:
-        plan, counts = self.plan, sorted(self.count.outcomes.items())
-        outcomes = ", ".join(f"{number} {name}" for name, number in counts)
-        names = " x ".join(axis.name for axis in plan.axes)
-        return f"SweepResult({plan.scene.name!r}, {names}: {plan.points} points, {outcomes})"
-
     def records(self) -> Iterator[dict[str, Any]]:
         """Yield every point as plain data in SI base units, in the order of the grid."""
         return filter(None, all_records(self.plan, self.store))
@@ -416,7 +410,7 @@ def sweep(
     ...     jobs=1,
     ... )
     >>> result
-    SweepResult('paper-breadboard', C x opamp.base: 4 points, 4 fail)
+    SweepResult('paper-breadboard', 4 of 4 points: 4 fail)
     >>> result.to_pandas()["stable"].tolist()
     [False, True, True, True]
     """

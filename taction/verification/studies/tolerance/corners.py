@@ -35,7 +35,7 @@ from taction.verification.studies.tolerance.varied_board import (
 
 PROBE = 0.25  # of the tolerance: large against rounding errors, small against curvature
 NOTHING = 1e-9  # of the largest slope of a channel: rounding
-NAMED = 5  # components listed with each corner, and corners in a `repr`
+NAMED = 5  # components listed with each corner
 STEADY_CORNERS = 8  # corners of the steady state that are tried
 
 
@@ -68,14 +68,6 @@ class CornerStudy(Result):
         outcomes = {corner.result.outcome for corner in self.corners}
         bad = "fail" if "fail" in outcomes else "inconclusive"
         return "pass" if outcomes == {"pass"} else bad
-
-    def __repr__(self) -> str:
-        bad = [corner.name for corner in self.corners if corner.result.outcome != "pass"]
-        more = f" and {len(bad) - NAMED} more" if len(bad) > NAMED else ""
-        failed = f"; not passed: {', '.join(bad[:NAMED])}{more}" if bad else ""
-        return (
-            f"CornerStudy({len(self.corners)} corners, {len(self.corners) - len(bad)} pass{failed})"
-        )
 
 
 def corners(

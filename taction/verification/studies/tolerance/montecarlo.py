@@ -41,7 +41,6 @@ from taction.verification.studies.tolerance.varied_board import (
 CONFIDENCE = 0.95
 MIN_SAMPLES = 30  # for the test of the interval's width, and for sensitivities
 SIGNIFICANT = 4.0  # standard errors of a reported correlation; hundreds are tested at once
-MOST = 3  # failed checks in a `repr`
 QUANTILES = (0.05, 0.5, 0.95)
 CHECK_OF = {"growth_rate": "stability", "margin": "stability"}  # of a quantity of another name
 
@@ -132,14 +131,6 @@ class YieldReport(Result):
         share, low, high = percent(self.fraction, 4), percent(self.low), percent(self.high)
         counts = f"{self.passed} of {self.samples} boards pass"
         return f"yield {share}, 95 % interval {low} to {high}: {counts}"
-
-    def __repr__(self) -> str:
-        low, high = (f"{100 * share:.3g}" for share in (self.low, self.high))
-        words = [f"{number} fail {name}" for name, number in self.failures.items()][:MOST]
-        return (
-            f"YieldReport({self.passed} of {self.samples} pass, yield {percent(self.fraction, 4)},"
-            f" 95 % interval {low} to {high} %{'; ' * bool(words)}{', '.join(words)})"
-        )
 
 
 def summarise_samples(board: Varied, samples: list[BoardSample], seed: int) -> YieldReport:
