@@ -144,8 +144,7 @@ class Job:
     """A public function, and what shows its result; a result that is None shows nothing."""
 
     function: str = ""  # its name in `taction`; by default that of the command
-    # Takes the result and returns its document, or an iterator of the parts of a long one; by
-    # default the result is its own.
+    # Takes the result and returns its document; by default the result is its own.
     document: Target = lambda found: found
     # Takes the result and returns the page that is printed; by default its own.
     view: Target = lambda found: found.page()
@@ -474,12 +473,7 @@ def _show(job: Job, result: Any, call: Call) -> None:
             say(line)
             click.echo(str(getattr(result, "outcome", "")).upper())
         return
-    document = load(job.document)(result)
-    if isinstance(document, Iterator):
-        for part in document:
-            click.echo(part, nl=False)
-    else:
-        print_json(document, "" if job.schema is None else job.schema or None)
+    print_json(load(job.document)(result), "" if job.schema is None else job.schema or None)
 
 
 def _is_bad_input(error: Exception) -> bool:

@@ -39,6 +39,7 @@ from taction.system.foreign_files import visible
 if TYPE_CHECKING:
     from taction.verification.design.fresh_scene import NewScene
     from taction.verification.studies.regression.regress import RegressionReport
+    from taction.verification.studies.sweep.sweep import SweepResult
 
 JUNIT = "verification.report.junit"
 DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does not load the table
@@ -88,6 +89,13 @@ def _check_sweep(call: Call) -> None:
 
         check_axes(len(given["over"]), call.options["plot"])
     given["output"] = given["output"] or f"{given['scene'].file.stem}.sqlite"
+
+
+def _sweep_document(found: SweepResult) -> dict[str, Any]:
+    """Return the document of a sweep, with its points, which the result reads one by one."""
+    from taction.system.documents import plain
+
+    return {**plain(found), "points": [*found.records()]}
 
 
 def _regression_markdown(found: RegressionReport) -> str:
@@ -286,7 +294,7 @@ TABLE = {
     ),
     "sweep": Command(
         about="Verify a grid of scenes, here or on a cluster; resumable.",
-        document="verification.report.documents.document_catalogue:sweep_pieces",
+        document=_sweep_document,
         outputs=(
             output(
                 "export",

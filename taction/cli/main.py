@@ -39,14 +39,7 @@ WITHDRAWN = {
     "choose --topology": "A choice is of one topology: set design.topology of the scene.",
     "montecarlo --remedy": "Set a better grade in [tolerances] for parts of the table of causes.",
     "montecarlo --no-remedy": "Leave it out: no samples are drawn again.",
-    "netlist --parameters": "Change the number in the scene and write the deck again; 'taction"
-    " sweep' and 'taction yield montecarlo' run many boards.",
     "sweep --retry": "The same command computes points without a verdict again.",
-    "kicad --channel": "Leave it out: the project has a sheet for each channel.",
-    "reproduce -o": "'--report FILE' writes the claims and the pictures as a page.",
-    "reproduce --output": "'--report FILE' writes the claims and the pictures as a page.",
-    "stress --junit": "The exit status and '--json' say what is wrong.",
-    "stress --page": "'--report FILE' writes a page.",
     "sweep --keep-waveforms": "Write the waveforms of a board with 'taction export waveforms'.",
 }
 """What to do in the place of a command that is no more, or of one of its options."""

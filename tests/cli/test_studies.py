@@ -40,7 +40,6 @@ SET = ("--set", "C=20pF", "--set", "design.gain=2Mohm")
         (("sweep", *OVER, "--keep-waveforms"), "'taction export waveforms'"),
         (("montecarlo", "--remedy"), "Set a better grade in [tolerances]"),
         (("montecarlo", "--no-remedy"), "Leave it out"),
-        (("netlist", "--parameters"), "Change the number in the scene and write the deck again"),
     ],
 )
 def test_an_option_that_is_no_more_says_what_to_type(words: tuple[str, ...], remedy: str) -> None:

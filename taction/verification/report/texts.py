@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import enum
 import math
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
@@ -14,8 +13,6 @@ from taction.system.charts import Outcome
 from taction.system.documents import parts_of
 from taction.system.quantities import NONE, UNITS, banded, readable, show, spaced
 
-NUMBER = r"(?<![\w.])([(≥≤±<]?[-+−]?\d[\d.]*(?:e[-+]?\d+)?)"
-UNIT = re.compile(NUMBER + r" (?=(?:%|/s|[a-zA-Zµ]{1,5}(?:/(?:us|rtHz|s))?)[),;:.]?(?:\s|$))")
 LEAST_SHARE = 1e-6  # of the step: smaller parts have no number
 LEAST_AMOUNT = 1e-15  # of any other unit: smaller errors of 0 are rounding
 LEAST_ERROR = 1e-6  # of a value: smaller errors have no number
@@ -82,11 +79,6 @@ def is_small(error: float | None, value: float, unit: str, whole: float = 0.0) -
     """
     rounding = LEAST_SHARE if unit == "step" else 0.0 if value else LEAST_AMOUNT
     return error is not None and error <= max(LEAST_ERROR * max(abs(value), whole), rounding)
-
-
-def glued(text: str, glue: str) -> str:
-    """Return a text with `glue` in the place of the blanks between numbers and their units."""
-    return UNIT.sub(rf"\1{glue}", text)
 
 
 def titled(name: str, band: float | None = None) -> str:

@@ -89,19 +89,6 @@ def document_head(name: str) -> dict[str, Any]:
     return {"taction": documents.plain(head)}
 
 
-def sweep_pieces(found: Any) -> Iterator[str]:
-    """Yield the JSON document of a sweep in pieces, since it may be larger than the memory."""
-    head = document_head("sweep") | documents.plain(found)
-    del head["points"]
-    yield json.dumps(head, indent=2, ensure_ascii=False, allow_nan=False)[:-2]
-    yield ',\n  "points": ['
-    between = "\n    "
-    for record in found.records():
-        yield between + json.dumps(record, ensure_ascii=False, allow_nan=False)
-        between = ",\n    "
-    yield "\n  ]\n}\n"
-
-
 def schema_name(name: str) -> str:
     """Return the name of a schema with its version, and of its file without the ending."""
     return f"{name}-{VERSION}"

@@ -17,7 +17,7 @@ from taction.system.charts import Axis, Chart
 from taction.system.output_files import check_extra, replacing
 from taction.system.results import check_plot_file
 from taction.verification.report.blocks import PICTURE, Bars, Block, Notes, Page
-from taction.verification.report.texts import figure, glued
+from taction.verification.report.texts import figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -122,13 +122,10 @@ def _height(block: Block) -> float:
 
 
 def wrapped(text: str, letters: float) -> str:
-    """Return a text in lines of so many letters at most, which are about equally long.
-
-    A number and its unit stay in one line.
-    """
-    whole, most = glued(text, "\N{NO-BREAK SPACE}"), max(30, int(letters))
-    even = len(whole) // max(len(textwrap.wrap(whole, most)), 1) + WORD
-    return textwrap.fill(whole, min(most, even))
+    """Return a text in lines of so many letters at most, which are about equally long."""
+    most = max(30, int(letters))
+    even = len(text) // max(len(textwrap.wrap(text, most)), 1) + WORD
+    return textwrap.fill(text, min(most, even))
 
 
 def _notes(axes: Axes, notes: Notes) -> None:

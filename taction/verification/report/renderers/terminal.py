@@ -21,14 +21,12 @@ from taction.system.charts import OUTCOMES, Chart
 from taction.system.foreign_files import escaped, visible, visible_lines
 from taction.verification.report import blocks
 from taction.verification.report.blocks import NOTEBOOK, TERMINAL, Bars, Block, Page
-from taction.verification.report.texts import glued
 
 WIDTH = 160  # columns of a page in a file or a pipe, unless the variable COLUMNS says otherwise
 SHORT = 20  # letters of a cell that stays in one line wherever the page is wide enough
 LIMIT_AT, BEYOND = 12, 4  # letters of a drawn bar up to its limit, and beyond it
 UNMET = {"fail": "FAILS", "inconclusive": "undecided"}
 WIDE_GAP, GAP = 3, 2  # columns between two cells of a table
-GLUE = "\ue000"  # stands between a number and its unit while lines are broken
 QUOTES = "'''"  # in the place of three backticks
 SMALL = str.maketrans({"µ": "u", "Ω": "ohm"})
 
@@ -162,16 +160,15 @@ def _notes(block: blocks.Notes) -> Group:
 class FittedTable:
     """A table that fits the width of its page and loses nothing.
 
-    A cell is broken between words, never inside a word, and never between a number and its unit.
+    A cell is broken between words, never inside a word.
     Where the page is too narrow, the columns stand in several tables.
     """
 
     def __init__(self, block: blocks.Table) -> None:
         self.title, self.note, self.heads = plain(block.title), plain(block.note), block.heads
-        self.titles = [glued(plain(title), GLUE) for title in block.columns]
+        self.titles = [plain(title) for title in block.columns]
         self.rows = [
-            [outcome_text(glued(plain(cell.text), GLUE), cell.outcome) for cell in row]
-            for row in block.rows
+            [outcome_text(plain(cell.text), cell.outcome) for cell in row] for row in block.rows
         ]
         self.short = [
             all(cell.number is not None or len(cell.text) <= SHORT for cell in column)
@@ -188,7 +185,7 @@ class FittedTable:
             for line in console.render_lines(self._table(places, widths, gap), room):
                 left = len("".join(segment.text for segment in line).rstrip())
                 for text, style, control in line:
-                    yield Segment(text[: max(left, 0)].replace(GLUE, " "), style, control)
+                    yield Segment(text[: max(left, 0)], style, control)
                     left -= len(text)
                 yield Segment.line()
         if self.note:

@@ -224,7 +224,7 @@ def accuracy_view(study: WorkPrecisionStudy) -> Page:
             Section("Order of convergence", _orders(study), media="terminal page"),
             Section("Cheapest settings", _cheapest(study), media="terminal page"),
             Section("Left out", Notes("", study.omissions), media="terminal page"),
-            origin_section(study.scene, (("the study took", took),)),
+            origin_section(study.scene),
         ),
         foot=("; ".join(filter(None, (machine, f"the study took {took}"))),),
     )

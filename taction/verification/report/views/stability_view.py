@@ -53,9 +53,8 @@ def stability_blocks(circuit: Circuit, poles: Poles) -> tuple[Content, ...]:
     if not name:
         return f"{text}.".replace(",.", "."), pole_map(poles), rows
     ranges, own = knob_ranges(circuit, poles), circuit.facts[name].text
-    stated = f"Stable values of {name}: {ranges}."
-    rows |= {f"{name} of this board": own, f"stable values of {name}": ranges}
-    return f"{text} at {name} = {own}. {stated}", pole_map(poles, stated), rows
+    stated = f"{text} at {name} = {own}. Stable values of {name}: {ranges}."
+    return stated, pole_map(poles), rows
 
 
 def knob_ranges(circuit: Circuit, poles: Poles) -> str:
@@ -95,8 +94,8 @@ def ranges_words(ranges: Sequence[Range], low: float, high: float, unit: str) ->
     return "; ".join(parts) or "none"
 
 
-def pole_map(poles: Poles, ranges: str = "") -> charts.Chart:
-    """Return the upper half plane with poles and lines of equal damping; `ranges` in words."""
+def pole_map(poles: Poles) -> charts.Chart:
+    """Return the upper half plane with poles and lines of equal damping."""
     values = poles.poles[poles.poles.imag >= 0.0][:SHOWN]
     left, right, top = _window(values)
     marks: list[charts.Mark] = [*mode_marks(values.real, values.imag / math.tau, values.real)]
@@ -121,7 +120,7 @@ def pole_map(poles: Poles, ranges: str = "") -> charts.Chart:
         charts.Axis("frequency", "Hz", limits=(0.0, top / math.tau)),
         (*ground, *marks),
         "The upper half plane; in the shaded part a mode grows. Poles of the linearised board."
-        f" Circles decay, crosses grow. {ranges} On a thin line the damping ratio is {ratios},"
+        f" Circles decay, crosses grow. On a thin line the damping ratio is {ratios},"
         " from the axis to the left.",
     )
 

@@ -184,19 +184,6 @@ def test_a_terminal_of_any_width_shows_every_word(width: int) -> None:
     assert all(len(line) <= width for line in rows)
 
 
-def test_a_terminal_binds_numbers_to_their_units() -> None:
-    cells = tuple(Cell(f"{k}.5 µs after {k} pF") for k in range(1, 5))
-    page = Page(
-        "t", "c", "", "", (), (Section("", (Table("", ("a",) * 4, (cells,)),), "", EVERYWHERE),)
-    )
-    for width in range(20, 100):
-        for line in at_width(page, width).splitlines():
-            assert not re.search(
-                r"(^|\s)(us|pF)\b", line.replace("5 us", "").replace(" pF", "pF", 4)[:3]
-            )
-    assert "1.5 us" in at_width(page, 40)
-
-
 def test_a_page_has_every_block_and_loads_nothing() -> None:
     tree = html.document_fromstring(page_html(gallery()))
     blocks = gallery().sections[0].made("page")
