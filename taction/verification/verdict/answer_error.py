@@ -295,7 +295,6 @@ def difference(
     return ErrorPart(name, largest, how, bound, tuple(apart.tolist()))
 
 
-LEAST_BOUND = 1e-9  # of the largest stress: a smaller bound on an error has no number of its own
 Link = tuple[str, str, Floats | LinearBoard, float | None]
 """A solution of the chain, V, (N,), or a board that rests there: the part that it ends, how that is
 found, and its proven bound, V."""
@@ -378,6 +377,5 @@ def _links(run: Run, answer: AnswerError, end: float | None) -> Iterator[Link]:
     yield "unsettled", "end of a second transient against that equilibrium", run.exact_end, None
     how = "end of the record against that transient"
     if end is not None:
-        least = end <= LEAST_BOUND * answer.unit
-        how += f"; error at most {'1 ppb' if least else show(end, 'V', 3)}"
+        how += f"; error at most {show(end, 'V', 3)}"
     yield "simulator", how, run.u[-1], end

@@ -250,9 +250,7 @@ def amount(load: Load, value: float) -> str:
 def limited_text(load: Load) -> str:
     """Return what the limit of a simulated op-amp does, and what the op-amp would need."""
     does = {"slope": "slew rate counts", "voltage": "clips", "current": "limits its current"}
-    (number, unit), needed = amount(load, load.limit).split(" "), amount(load, load.peak)
-    limit = number if needed.endswith(f" {unit}") else f"{number} {unit}"
-    return f"{does[load.quantity]}: needs {needed} of {limit}"
+    return f"{does[load.quantity]}: needs {amount(load, load.peak)} of {amount(load, load.limit)}"
 
 
 def describe(load: Load) -> str:

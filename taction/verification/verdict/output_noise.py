@@ -59,7 +59,6 @@ UNSTATED = (
     "the voltage noise of op-amp {} is not given: set design.opamp.voltage_noise, such as"
     " '20nV/rtHz', or take a preset that has one (taction parts)"
 )
-NOISELESS = "op-amp {} is ideal and has no noise: only resistors and sensors count"
 NO_CORNER = "1/f noise of op-amp {} not known (design.opamp.voltage_noise_corner), so left out"
 UNSTABLE = "an unstable board has no noise at rest"
 MAYBE_UNSTABLE = "the board may be unstable, and an unstable board has no noise at rest"
@@ -100,12 +99,11 @@ class OutputNoise:
             simulated = _simulated(board, int(rms.argmax()), lowest) if ngspice else None
         except (EngineError, SimulationError) as problem:
             return cls(unknown=f"the noise is not known: {problem}")
-        silent = [model for model in models if model.voltage_noise == 0.0]
         named = {
-            UNSTATED: [m.name for m in silent if math.isfinite(m.gbw)],
+            UNSTATED: [m.name for m in models
+                       if m.voltage_noise == 0.0 and math.isfinite(m.gbw)],
             NO_CORNER: [m.name for m in models
                         if m.voltage_noise > 0.0 and m.voltage_noise_corner is None],
-            NOISELESS: [m.name for m in silent if math.isinf(m.gbw)],
         }  # fmt: skip
         lacking, *notes = (text.format(", ".join(n)) if n else "" for text, n in named.items())
         bounds = tuple(rms.tolist()), tuple(error.tolist())
