@@ -20,7 +20,7 @@ from typing import Literal
 
 import numpy as np
 
-from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
+from taction.system.array_types import EPS, Complexes, Floats, Ints
 from taction.system.errors import EngineError
 from taction.system.reading_definitions import FAINT, FOUND, SETTLING_BAND
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -130,7 +130,7 @@ class ExactTrace(Trace):
         weight = self.largest * np.exp(flow.rates * begin)
         live = weight > self.detail
         dead = DEAD * (np.exp(flow.rates[~live] * begin) @ self.size[~live])
-        basis = self._basis(times, live)
+        basis = flow.basis(times, live)
         values, slopes = (basis.real @ x.real - basis.imag @ x.imag for x in self.both[:, live])
         missed = _missed(width * flow.speeds[live])
         some = times[:-1:STRIDE]  # what bounds the cells there bounds those up to the next, too
@@ -140,16 +140,6 @@ class ExactTrace(Trace):
         values, slopes = values + self.ends, slopes * width
         sides = values[:-1], values[1:], slopes[:-1], slopes[1:]
         return CubicCells(times[:-1, None], np.full((count, 1), width), *sides, room, doubt)
-
-    def _basis(self, times: Floats, live: Bools | slice) -> Complexes:
-        """Return the terms with shares of 1 at `times`, whose shape comes first."""
-        flow = self.flow
-        poles, powers, scales = flow.poles[live], flow.powers[live], flow.scales[live]
-        basis: Complexes = np.exp(np.multiply.outer(times, poles))
-        for k in range(1, int(powers.max(initial=0)) + 1):
-            some = np.flatnonzero(powers >= k)
-            basis[..., some] *= np.multiply.outer(times, scales[some]) / k
-        return basis
 
     def _doubt(self, begin: Floats, end: Floats) -> Floats:
         """Bound the error of the values between instants (P,), V, (P, K)."""
@@ -185,7 +175,7 @@ class ExactTrace(Trace):
         """See `Trace`."""
         flow, part = self.flow, width / PARTS
         times = begin + np.multiply.outer(np.arange(PARTS + 1), part)
-        basis = self._basis(times.T, slice(None))
+        basis = flow.basis(times.T, slice(None))
         values, slopes = (basis @ self.both[:, :, channel].T).real.T
         values, slopes = values + self.ends[channel], slopes * part
         size = np.exp(np.outer(begin, flow.rates)) * self.size[:, channel].T

@@ -278,9 +278,8 @@ def measure(
             reached = 1 + float((errors[n] / step.sizes[n]).max())
             short = f"the channel reaches {reached:.1%} of its step: simulate longer"
         measured = channel_measure(n, float(final[n]), step, readings, found, mode, short)
-        if found.state is ChannelState.CLIPPED:
-            frequency = _limit_cycle_frequency(time, u[:, n : n + 1], ringing.period)
-            return replace(measured, frequency=frequency)
+        if found.state is ChannelState.CLIPPED and ringing.period:
+            return replace(measured, frequency=1.0 / ringing.period)
         return measured
 
     return summary(step.amplitude, band, modes, [channel(n) for n in range(target.size)])
@@ -307,12 +306,3 @@ def _check(time: Floats, u: Floats, target: Floats, band: float) -> None:
     for wrong, text in mistakes:
         if wrong:
             raise ValueError(text)
-
-
-def _limit_cycle_frequency(time: Floats, u: Floats, period: float | None) -> float | None:
-    """Return the frequency of a channel's limit cycle, Hz, from the last fifth of its record."""
-    first = int(np.searchsorted(time, time[0] + 0.8 * np.ptp(time)))
-    found = find_ringing(time[first:], u[first:])
-    if found.mode is not None:
-        return found.mode.frequency
-    return 1 / period if period else None

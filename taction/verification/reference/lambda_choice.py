@@ -26,41 +26,36 @@ PER_DECADE = 3
 _PRECISION = 1e-5  # of the exponent of lam
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LambdaTrial:
-    """The solution for one lam, with the quantities that the scores use."""
-
-    solution: Solution
-    residual: float  # ``|T u - eps|^2``
-    fitted: float  # degrees of freedom: trace of the derivative of ``T u`` with respect to eps
-
-    @classmethod
-    def of(cls, problem: Problem) -> LambdaTrial:
-        """Solve, and find the degrees of freedom by the singular values of ``T sqrt(g')``."""
-        solution, entry = solve(problem), REGULARISERS[problem.regulariser]
-        v = solution.u if solution.v is None else solution.v
-        mu = entry.weight * problem.lam
-        square = SVD(problem.T * np.sqrt(entry.slope(v)), mu).sigma ** 2
-        misfit = problem.T @ solution.u - problem.eps
-        return cls(solution, float(misfit @ misfit), float(np.sum(square / (square + mu))))
+def _residual(solution: Solution) -> float:
+    """Return ``|T u - eps|^2``."""
+    misfit = solution.problem.T @ solution.u - solution.problem.eps
+    return float(misfit @ misfit)
 
 
-def _discrepancy(trial: LambdaTrial, variance: float, _: Floats) -> float:
-    target = TAU * len(trial.solution.problem.eps) * variance
-    return abs(float(np.log(trial.residual / target))) if trial.residual > 0.0 else float("inf")
+def degrees_of_freedom(solution: Solution) -> float:
+    """Return the trace of the derivative of ``T u`` with respect to eps."""
+    problem, entry = solution.problem, REGULARISERS[solution.problem.regulariser]
+    v, mu = solution.u if solution.v is None else solution.v, entry.weight * problem.lam
+    square = SVD(problem.T * np.sqrt(entry.slope(v)), mu).sigma ** 2
+    return float(np.sum(square / (square + mu)))
 
 
-def _gcv(trial: LambdaTrial, variance: float, truth: Floats) -> float:
-    free = len(trial.solution.problem.eps) - trial.fitted
-    return trial.residual / free**2 if free > 0.0 else float("inf")
+def _discrepancy(solution: Solution, variance: float, _: Floats) -> float:
+    target, residual = TAU * len(solution.problem.eps) * variance, _residual(solution)
+    return abs(float(np.log(residual / target))) if residual > 0.0 else float("inf")
 
 
-RULES: dict[str, Callable[[LambdaTrial, float, Floats], float]] = {
+def _gcv(solution: Solution, variance: float, truth: Floats) -> float:
+    free = len(solution.problem.eps) - degrees_of_freedom(solution)
+    return _residual(solution) / free**2 if free > 0.0 else float("inf")
+
+
+RULES: dict[str, Callable[[Solution, float, Floats], float]] = {
     "discrepancy": _discrepancy,
     "gcv": _gcv,
-    "mse": lambda trial, _, truth: float(np.sum((trial.solution.u - truth) ** 2)),
+    "mse": lambda solution, _, truth: float(np.sum((solution.u - truth) ** 2)),
 }
-"""Scores by rule: functions of a trial, of the noise's variance and of the true u."""
+"""Scores by rule: functions of a solution, of the noise's variance and of the true u."""
 
 
 def missing(rule: str, variance: float, truth: Floats | None) -> str:
@@ -105,8 +100,8 @@ def choose(
     known = np.zeros(0) if truth is None else np.asarray(truth)
 
     def score(exponent: float) -> float:
-        trial = LambdaTrial.of(replace(problem, lam=float(10.0**exponent)))
-        return RULES[rule](trial, variance, known) if trial.solution.trusted else float("inf")
+        found = solve(replace(problem, lam=float(10.0**exponent)))
+        return RULES[rule](found, variance, known) if found.trusted else float("inf")
 
     from scipy.optimize import minimize_scalar
 

@@ -68,12 +68,6 @@ class Poles:
         """Number of poles on or right of the imaginary axis."""
         return int(np.sum(self.poles.real >= 0.0))
 
-    @property
-    def unstable_range(self) -> tuple[int, int]:
-        """Least and largest number of unstable poles, by the rounding of each."""
-        real = self.poles.real
-        return int(np.sum(real > self.errors)), int(np.sum(real >= -self.errors))
-
 
 def poles(circuit: Circuit | LinearBoard) -> Poles:
     """Find the poles of a board at its equilibrium with the strain applied.

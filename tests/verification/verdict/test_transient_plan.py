@@ -319,7 +319,8 @@ def test_a_record_errs_by_less_than_stated(large: bool, tolerance: float) -> Non
         truth = exact_solution(circuit).at
     record, stated = state_space_run(circuit, tolerance)
     assert np.abs(on_curve(stated.record, TIMES) - truth(TIMES)).max() <= stated.volts
-    assert stated.volts <= LOOSE * np.abs(record.values - truth(TIMES)).max()
+    error = float(np.abs(record.values - truth(TIMES)).max())
+    assert stated.volts <= LOOSE * error + record.rounding
     assert stated.record.curve is not None
     between = truth(BETWEEN)
     for column in range(between.shape[1]):
@@ -331,6 +332,6 @@ def test_an_exact_solution_errs_by_its_rounding() -> None:
     T, eps = kernel(7, 3.0), strain(7, 3.0)
     record, stated = state_space_run(board(T, eps, two_pole(790e3, 12e-12)), 1e-5)
     assert stated.record is record
-    assert 0.0 < stated.volts == record.rounding < 1e-9
+    assert 0.0 < stated.volts == record.rounding < 1e-8
     with pytest.raises(EngineError, match="not one of the integrator"):
         stepped.halved(record)

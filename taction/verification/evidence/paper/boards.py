@@ -210,15 +210,7 @@ def console(quick: bool) -> Chapter:
         settling=[settling[k] for k in shown],
         overshoot=[overshoot[k] for k in shown],
     )
-    text = "The gain alone trades settling time against overshoot (R and C as they are)."
-    charts = (
-        chart(axis.title, text, Axis("gain", "ohm"), axis, Curve(gains, each, mark="circle"))
-        for axis, each in (
-            (Axis("settling time to ±1 %", "s", "log"), settling),
-            (Axis("overshoot", "step"), overshoot),
-        )
-    )
-    return Chapter((controls,) if quick else (controls, _tuned(scene)), tuple(charts))
+    return Chapter((controls,) if quick else (controls, _tuned(scene)))
 
 
 def _by_gain(scene: Scene, gain: float, **others: float) -> tuple[float, float]:

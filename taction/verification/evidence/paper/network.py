@@ -15,10 +15,9 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from taction.netlist_gen.scene.inverse_problem import kernel
 from taction.system.array_types import Floats
-from taction.system.charts import SERIES, Axis, Curve
 from taction.system.errors import SolverError
 from taction.system.reading_definitions import RISE_LEVELS
-from taction.verification.evidence.paper.findings import Chapter, Finding, chart, finding, weigh
+from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
 from taction.verification.evidence.paper.sensing import Geometry, difference, entropy, unit_network
 from taction.verification.reference.ideal_answer import (
     TOLERANCE,
@@ -68,21 +67,7 @@ def speed(quick: bool) -> Chapter:
     operations = finding(
         "operations", weigh(rate == 62.5e6), operations_per_second=rate, millions=rate / 1e6
     )
-    text = (
-        "More channels on the same range: without weights the rise time falls, and the settling"
-        f" time up to N = {sizes[int(np.argmin(settling))]}; with weights neither does."
-    )
-    drawn = chart(
-        "analog time over channels",
-        text,
-        Axis("channels N", scale="log"),
-        Axis("time (RC)", scale="log"),
-        Curve(sizes, rise, "rise of the centre", mark="circle"),
-        Curve(sizes, settling, "1 % settling", SERIES[1], mark="square"),
-        Curve(sizes, weighted[0], "rise, T times the spacing", line="dot", mark="circle"),
-        Curve(sizes, weighted[1], "settling, T times the spacing", SERIES[1], "dot", "square"),
-    )
-    return Chapter((decreases, operations, _impossible(), _quadratic(quick)), (drawn,))
+    return Chapter((decreases, operations, _impossible(), _quadratic(quick)))
 
 
 def _times(sizes: tuple[int, ...], *, weighted: bool) -> Times:

@@ -17,7 +17,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import cylinder_stress, grid, kernel, make_problem
 from taction.netlist_gen.scene.problem_keys import CylinderLoad
 from taction.system.array_types import Floats
-from taction.system.charts import SERIES, Axis, Chart, Curve
+from taction.system.charts import Axis, Chart, Curve
 from taction.verification.evidence.paper.findings import (
     Chapter,
     Finding,
@@ -300,7 +300,7 @@ def reconstruction(quick: bool) -> Chapter:
     seeds = range(1, 21 if quick else 301)
     both = (_trials(COARSE, seeds), _trials(FINE, seeds))
     findings = (*_unregularised(*both), *_regularised(*both))
-    return Chapter(findings, (*_figures(), *(_errors(trials) for trials in both)))
+    return Chapter(findings, tuple(_figures()))
 
 
 def _trials(geometry: Geometry, seeds: range) -> _Trials:
@@ -387,18 +387,3 @@ def _figures() -> list[Chart]:
         chart(title, text, *axes, truth, Curve(FINE.y, u, "recovered"))
         for title, u in answers.items()
     ]
-
-
-def _errors(trials: _Trials) -> Chart:
-    low, middle, high = np.quantile(trials.scanned, (0.1, 0.5, 0.9), axis=0)
-    printed = np.median(trials.printed, axis=0)
-    return chart(
-        f"N = {trials.geometry.channels} over {trials.geometry.span:g} depths",
-        "Which lambda is best depends on the grid, which the paper does not give.",
-        Axis("lambda", scale="log"),
-        Axis("mean squared error, eq (20)", scale="log"),
-        Curve(LAMBDAS, middle, "median of the seeds", mark="circle"),
-        Curve(LAMBDAS, low, "10 and 90 %", line="dot"),
-        Curve(LAMBDAS, high, line="dot"),
-        Curve(PRINTED, printed, "the paper's three", SERIES[3], "", "square"),
-    )

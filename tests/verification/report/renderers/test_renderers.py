@@ -254,10 +254,6 @@ def test_a_wide_table_is_cut_into_parts_that_repeat_the_heads() -> None:
         assert sum("15 pF" in line and "15 kohm" in line for line in lines) == parts
 
 
-def small(text: str = "1") -> Page:
-    return Page("a", "b", "pass", "c", (), (Section("d", (Facts("", (("e", text),)),)),))
-
-
 @pytest.mark.parametrize("name", SAMPLE)
 def test_a_report_names_nothing_outside_itself_and_is_small(name: str) -> None:
     text = page_html(page(name))

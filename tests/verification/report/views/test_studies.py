@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -138,12 +137,6 @@ REPORT = YieldReport(
 
 def charts(report: YieldReport) -> list[Any]:
     return [*tolerance.histograms(report)]
-
-
-def histogram(spread: QuantitySpread) -> Chart:
-    (chart, *_) = charts(replace(REPORT, quantities=(spread,)))
-    assert isinstance(chart, Chart)
-    return chart
 
 
 def marks(chart: Chart, kind: type) -> list[Any]:

@@ -14,8 +14,10 @@ from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.verification.engines.statespace.linearised.modes import Modes, components
 from taction.verification.engines.statespace.linearised.reduction import ROUNDED, Reduced
 
-WANTED = 1e-9  # of the largest voltage: error of a response, above which a Newton step is tried
-ENOUGH = 1e-7  # ... above which nearly parallel modes are grouped
+# Of the largest voltage: error of a response, above which Newton's steps are tried, then groups of
+# nearly parallel modes.
+ENOUGH = 1e-7
+FINE = 1e-9  # the same before the last step of `refined_modes`
 NEWTON = 6  # largest number of steps
 FAR = 0.1  # largest turn of a vector by one step
 SEPARABLE = 1e6  # condition number of vectors up to which modes are separated
@@ -49,16 +51,16 @@ def find_modes(reduced: Reduced) -> Modes:
 
 
 def refined_modes(modes: Modes) -> Modes:
-    """Return modes one Newton step later: vectors in which A is diagonal but for rounding."""
+    """Return modes some Newton steps later: vectors in which A is diagonal but for rounding."""
     basis = modes.alone.all() and np.isfinite(modes.defect)
-    return newton_step(modes).ordered if basis else modes
+    return newton_step(_refined(modes, FINE)).ordered if basis else modes
 
 
-def _refined(modes: Modes) -> Modes:
+def _refined(modes: Modes, wanted: float = ENOUGH) -> Modes:
     """Take Newton's steps while there is something to gain; return the best modes."""
     best = modes
     for _ in range(NEWTON):
-        if best.error <= WANTED or not np.all(np.isfinite(modes.F)):
+        if best.error <= wanted or not np.all(np.isfinite(modes.F)):
             break
         if not np.any(np.abs(modes.F) > IMPROVABLE * modes.E):
             break

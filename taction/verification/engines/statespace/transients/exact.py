@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.system.array_types import EPS, Complexes, Floats
+from taction.system.array_types import EPS, Bools, Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.linear_board import (
     Initial,
@@ -86,19 +86,18 @@ class ModalFlow:
         self.errors: Floats = np.nan_to_num(most, nan=math.inf)
         self.error = float(self.errors.max(initial=0.0))
 
-    def _basis(self, times: Floats) -> Complexes:
-        """Return the terms that still matter with shares of 1, the slowest first, (P, live)."""
-        live = int(np.count_nonzero(self.rates * times.min() > FADED))
-        poles, powers = self.poles[:live], self.powers[:live]
+    def basis(self, times: Floats, live: Bools | slice) -> Complexes:
+        """Return `live` terms with shares of 1 at `times`, whose shape comes first."""
+        poles, powers, scales = self.poles[live], self.powers[live], self.scales[live]
         ring = np.flatnonzero(poles.imag)
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable board overflows
-            values = np.exp(np.outer(times, poles.real)).astype(np.complex128)
-            angle = np.outer(times, poles.imag[ring])  # quicker than a complex exponential
-            values.imag[:, ring] = values.real[:, ring] * np.sin(angle)
-            values.real[:, ring] *= np.cos(angle)
+            values: Complexes = np.exp(np.multiply.outer(times, poles.real)).astype(np.complex128)
+            angle = np.multiply.outer(times, poles.imag[ring])  # quicker than complex exponentials
+            values.imag[..., ring] = values.real[..., ring] * np.sin(angle)
+            values.real[..., ring] *= np.cos(angle)
             for k in range(1, int(powers.max(initial=0)) + 1):
                 higher = np.flatnonzero(powers >= k)
-                values[:, higher] *= np.outer(times, self.scales[higher] / k)
+                values[..., higher] *= np.multiply.outer(times, scales[higher] / k)
         return values
 
     def derived(self) -> Complexes:
@@ -121,7 +120,8 @@ class ModalFlow:
         values = np.empty((len(times), weight.shape[1]))
         for first in range(0, len(times), BLOCK):
             part = slice(first, first + BLOCK)
-            basis = self._basis(times[part])
+            live = int(np.count_nonzero(self.rates * times[part].min() > FADED))
+            basis = self.basis(times[part], slice(live))  # the slowest, which still matter
             some = weight[: basis.shape[1]]
             with np.errstate(over="ignore", invalid="ignore"):  # half of a complex product
                 values[part] = basis.real @ some.real - basis.imag @ some.imag

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -120,21 +118,6 @@ def test_a_large_capacitor_between_small_ones_keeps_its_slow_pole(ratio: float) 
     )
     assert poles[0] == pytest.approx(-1 / (R * c), rel=1e-15 * ratio + 1e-12)
     assert poles[1] == pytest.approx(-1 / (R * (c + 2 * C)), rel=1e-12)
-
-
-def recorded(
-    monkeypatch: pytest.MonkeyPatch, module: ModuleType, name: str
-) -> list[tuple[Any, ...]]:
-    """Arguments of all calls of a function of a module, from now on."""
-    calls: list[tuple[Any, ...]] = []
-    honest: Callable[..., Any] = getattr(module, name)
-
-    def wrapped(*args: Any, **named: Any) -> Any:
-        calls.append((*args, *named.values()))
-        return honest(*args, **named)
-
-    monkeypatch.setattr(module, name, wrapped)
-    return calls
 
 
 TAU = 1e-6  # s: 1 kohm and 1 nF
