@@ -63,9 +63,6 @@ def netlist(
     >>> deck = taction.netlist("scenes/paper-breadboard.toml")
     >>> deck.saved
     ('v_1', 'v_2', 'v_3', 'v_4', 'v_5', 'v_6', 'v_7')
-    >>> deck = taction.netlist("scenes/paper-breadboard.toml", dialect="hspice")
-    >>> ".probe tran v(v_1)" in deck.text
-    True
     """
     from taction.netlist_gen.deck.dialects import refuse_unable
 
@@ -303,9 +300,6 @@ def solve(
     >>> scene = taction.Scene.from_arrays([[2.0, 0.0], [0.0, 1.0]], [4.0, 3.0], lam=1.0)
     >>> taction.solve(scene).u.round(12).tolist()
     [1.6, 1.5]
-    >>> several = taction.solve(scene, strains=[[5.0, 0.0], [0.0, 2.0]])
-    >>> [solution.u.round(12).tolist() for solution in several]
-    [[2.0, 0.0], [0.0, 1.0]]
     """
     from taction.netlist_gen.scene.inverse_problem import make_problem, with_strains
     from taction.verification.reference.ideal_answer import ideal_network

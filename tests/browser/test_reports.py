@@ -100,8 +100,6 @@ def passing(opened_once: Page) -> Iterator[Page]:
     before = page.evaluate(VIEWS), page.evaluate(BACKGROUND)
     yield page
     page.emulate_media(color_scheme="light")
-    for button in page.get_by_role("button", name="whole record").all():
-        button.click()
     page.wait_for_timeout(200)
     assert page.evaluate(VIEWS) == pytest.approx(before[0])
     assert page.evaluate(BACKGROUND) == before[1]

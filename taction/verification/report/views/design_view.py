@@ -343,11 +343,8 @@ def _tradeoff(tuning: Tuned) -> Chart:
     known = [each.overshoot for each in frontier] + every[np.isfinite(every).all(1), 0].tolist()
     low, high = min(known, default=limit), max(known, default=limit)
     reach = max(high - low, 0.1 * high, LEAST_REACH)
-    near = low <= limit <= high + reach
-    high = max(high, limit) if near else high
     said = f"overshoot limit, {figure(limit, 'step', 3)}"
-    far = charts.Text(f"{said} →", None, None, ("left", "below"))
-    marks.append(charts.Limit(limit, "x", said, "ink", "dot") if near else far)
+    marks.append(charts.Limit(limit, "x", said, "ink", "dot"))
     shown = (max(0.0, low - EDGE * reach), high + EDGE * reach) if known else None
     y = Axis(banded("settling_time", tuning.scene.checks.settling_time.band), "s", "log")
     return Chart("Trade-off", Axis("overshoot", "step", limits=shown), y, tuple(marks), TRADE)

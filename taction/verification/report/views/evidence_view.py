@@ -204,8 +204,7 @@ LOWEST = 1e-15  # place of an error of exactly 0
 ERROR = Axis("largest error over time (of the step)", scale="log")
 WORK = (
     "Each mark is one setting of a method: further left is faster, further down is more accurate."
-    " The dashed line is the error of the reference; a cross at the upper edge is a run that timed"
-    " out."
+    " The dashed line is the error of the reference."
 )
 
 
@@ -265,7 +264,6 @@ def _work(study: WorkPrecisionStudy) -> Iterator[Mark]:
     """Yield the errors over the median run times."""
     if study.floor:
         yield Limit(study.floor, "y", "error of the reference", "muted")
-    top = 1.0
     for method, (colour, mark, line) in _methods(study).items():
         points = _known(study, method, "seconds")
         times = np.array([p.seconds for p in points], dtype=np.float64)
@@ -274,13 +272,7 @@ def _work(study: WorkPrecisionStudy) -> Iterator[Mark]:
             for p in points
         )
         errors = np.array([max(p.error or 0.0, LOWEST) for p in points])
-        top = float(errors.max(initial=top))
         yield Curve(times, errors, method.name, colour, line, mark, width=1.2, hover=hover)
-    for point in study.points:  # at the upper edge, since the error of this run has no bound
-        if point.status == "timeout" and point.seconds is not None:
-            look, text = _methods(study)[point.method][0], f"timed out at {point.name}"
-            place = np.array([point.seconds]), np.array([top])
-            yield Curve(*place, text, look, "", "x", size=9.0, label="", hover=(text,))
 
 
 def _runs(study: WorkPrecisionStudy) -> Iterator[Content]:

@@ -160,16 +160,16 @@ def _histogram(title: str, spread: QuantitySpread, values: Floats, text: str) ->
     return Chart(f"{title}: {message}", x, y, tuple(marks), COUNTED)
 
 
-def _no_causes(result: YieldReport) -> Notes:
-    text = "No sample fails a check: no part costs yield."
-    if result.failures:
-        text = (
-            "No part's influence on a quantity whose check costs yield stands out of the scatter of"
-            f" these {counted(result.samples, 'sample')}."
-        )
-    elif result.passed < result.samples:
-        text = "The lost samples have no verdict: no part is known to cost yield."
-    return Notes("", (text,) if result.samples else ())
+def _no_causes(result: YieldReport) -> str:
+    if not result.samples:
+        return ""
+    if not result.failures:
+        return "No sample fails a check: no part costs yield."
+    samples = counted(result.samples, "sample")
+    return (
+        "No part's influence on a quantity whose check costs yield stands out of the scatter of"
+        f" these {samples}."
+    )
 
 
 def causes(result: YieldReport) -> Content:
