@@ -340,13 +340,6 @@ def band_text(check: Check) -> str:
     return "" if check.band is None else f"to ±{100.0 * check.band:g} %"
 
 
-def boards_text(check: Check) -> str:
-    """Return which boards rest as a check of the steady state says; empty for another check."""
-    if check.name != "steady_state" or check.value is None:
-        return ""
-    return f"in {SPREAD}" if SPREAD in check.reason else "as drawn"
-
-
 def _missed(check: Check, value: float) -> str:
     """Return the limit that a value misses: the upper one, or for a small one the least."""
     limit, least = _limit(check), check.reason.rpartition("; ")[2]

@@ -16,7 +16,7 @@ from taction.system.reading_definitions import EXCURSIONS, READINGS
 from taction.verification.readings.measurements import ChannelMeasure, Measurements
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
-from taction.verification.verdict.checks import Check, Outcome, band_text, boards_text, cause
+from taction.verification.verdict.checks import Check, Outcome, band_text, cause
 from taction.verification.verdict.verify import Verdict
 
 T = TypeVar("T")
@@ -354,11 +354,11 @@ def compare(
     the difference that is allowed.
     """
     one, two = (dict(_rows(each, figures, channel_figures)) for each in (first, second))
-    bands = _of_both(band_text, first, second)
-    notes = {("values", "steady_state"): _of_both(boards_text, first, second)}
-    notes |= {(group, "settling_time"): bands for group in ("values", "figures", "channels")}
+    texts = ("".join(map(band_text, record.checks)) for record in (first, second))
+    known = [*dict.fromkeys(filter(None, texts))]
+    bands = "A {}, B {}".format(*known) if len(known) > 1 else "".join(known)
     return tuple(
-        _difference(row, one.get(row), two.get(row), tolerance, notes.get(row[:2], ""))
+        _difference(row, one.get(row), two.get(row), tolerance, bands * (row[1] == "settling_time"))
         for row in {**one, **two}
         if row[0] in groups
     )
@@ -405,13 +405,6 @@ def _rows(
         for name in channel_figures:
             if (figure := channel.figure(name)).value is not None:
                 yield ("channels", name, channel.index), figure
-
-
-def _of_both(text: Callable[[Check], str], first: Record, second: Record) -> str:
-    """Return what the checks of two records say, once where they say the same."""
-    texts = ("".join(map(text, record.checks)) for record in (first, second))
-    known = [*dict.fromkeys(filter(None, texts))]
-    return "A {}, B {}".format(*known) if len(known) > 1 else "".join(known)
 
 
 def relative(distance: float, allowed: float | None) -> float:

@@ -232,11 +232,7 @@ NEWTON = 2.5
 UNSTABLE_PERIODS = 100.0  # of ringing: the same for the state-space engine, where it needs steps
 EXACT_PERIODS = 20_000.0  # the same where it needs none: the record has `GROWING_POINTS` on each
 GROWING_POINTS = 10.0  # on a period: fewer would show ringing at another frequency
-TOO_LONG = "the record ends after {stop}, before the instability has grown"
-TOO_SLOW = (
-    "the record ends after {stop}, before the instability has grown: ngspice needs"
-    " {seconds:g} s up to there"
-)
+TOO_LONG = "the record ends after {}, before the instability has grown"
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,7 +320,9 @@ def plan_transient(
             forecast = model.cheapest(GROWTH_ERROR * GROWN)
             if forecast.steps * step_seconds > UNSTABLE_SECONDS:
                 stop *= UNSTABLE_SECONDS / (forecast.steps * step_seconds)
-                notes = (TOO_SLOW.format(stop=show(stop, "s", 3), seconds=UNSTABLE_SECONDS),)
+                notes = (
+                    f"{TOO_LONG.format(show(stop, 's', 3))}: ngspice needs {UNSTABLE_SECONDS:g} s",
+                )
                 forecast = StepModel.of(board, stop, initial).cheapest(GROWTH_ERROR)
         else:
             allowed = max(AIM * wanted if aim is None else aim, LEAST_ERROR)
@@ -337,7 +335,7 @@ def plan_transient(
         stepped = not board.circuit.is_linear or board.descriptor.is_large
         longest = (UNSTABLE_PERIODS if stepped else EXACT_PERIODS) * scales.max_step_for(1.0)
         if growing and stop > longest:
-            stop, notes = longest, (TOO_LONG.format(stop=show(longest, "s", 3)),)
+            stop, notes = longest, (TOO_LONG.format(show(longest, "s", 3)),)
         spacing = min(stop, scales.max_step_for(GROWING_POINTS)) if growing else stop
         transient = Transient(stop, spacing, initial=initial)
     grown, curved = min(scales.growth_time, stop), board.circuit.has_nonlinear_amplifiers
