@@ -338,11 +338,11 @@ def first_of_each(ranked: Iterable[ChosenDesign]) -> list[ChosenDesign]:
     return list(first.values())
 
 
-def best_designs(ranked: list[ChosenDesign], count: int = BEST) -> list[ChosenDesign]:
+def best_designs(ranked: list[ChosenDesign]) -> list[ChosenDesign]:
     """Return the best good designs, each of another op-amp while there are any."""
     good = [design for design in ranked if design.good]
-    chosen = first_of_each(good)[:count]
-    return chosen + [design for design in good if design not in chosen][: count - len(chosen)]
+    chosen = first_of_each(good)[:BEST]
+    return chosen + [design for design in good if design not in chosen][: BEST - len(chosen)]
 
 
 def choose(

@@ -111,26 +111,21 @@ class Board:
         reach = max(required, REACH) if self.full_margin else required
         return find_margin(self.linear, reach=reach, found=self.poles)
 
-    @property
-    def response(self) -> ExactResponse | None:
-        """The exact solution of a stable linear board; None of any other board."""
-        if not (self.poles.known_stable and is_exact(self.linear)):
-            return None
-        return ExactResponse(
-            self.linear,
-            self.ideal.target,
-            self.ideal.start,
-            initial=self.transient.initial,
-            band=self.scene.checks.settling_time.band,
-            target_error=self.target_error,
-            level=0.0,
-        )
-
     @cached_property
     def exact(self) -> Measurements | None:
-        """The readings of `response`; None without one, or where a mode does not decay."""
+        """The readings of the exact solution; None where it is not known, or a mode stays."""
+        if not (self.poles.known_stable and is_exact(self.linear)):
+            return None
         try:
-            return self.response.measured() if self.response else None
+            return ExactResponse(
+                self.linear,
+                self.ideal.target,
+                self.ideal.start,
+                initial=self.transient.initial,
+                band=self.scene.checks.settling_time.band,
+                target_error=self.target_error,
+                level=0.0,
+            ).measured()
         except EngineError:
             return None
 

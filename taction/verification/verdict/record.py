@@ -324,15 +324,11 @@ Tolerance = Callable[[str, Figure, Figure], float | None]
 """Of a quantity's name, its value in both records: the allowed difference; None: unknown."""
 
 
-def within_uncertainties(times: float = 1.0) -> Tolerance:
-    """Return the tolerance of `times` the sum of both uncertainties, which are bounds."""
-
-    def allowed(name: str, first: Figure, second: Figure) -> float | None:
-        if first.uncertainty is None or second.uncertainty is None:
-            return None
-        return times * (first.uncertainty + second.uncertainty)
-
-    return allowed
+def within_uncertainties(name: str, first: Figure, second: Figure) -> float | None:
+    """Return the sum of both uncertainties, which are bounds; None if one is unknown."""
+    if first.uncertainty is None or second.uncertainty is None:
+        return None
+    return first.uncertainty + second.uncertainty
 
 
 Row = tuple[Group, str, int | None]

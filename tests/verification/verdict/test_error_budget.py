@@ -331,16 +331,16 @@ COMPARED = [
 def test_what_two_records_differ_by(
     second: Record, group: str, value: Any, off: Any, allowed: Any, beyond: bool | None
 ) -> None:
-    (found,) = compare(make(), second, within_uncertainties(), groups=(group,))
+    (found,) = compare(make(), second, within_uncertainties, groups=(group,))
     assert (found.second, found.allowed, found.beyond) == (value, allowed, beyond)
     assert found.difference == (None if off is None else pytest.approx(off))
     if group == "figures" and value is not None:
-        (back,) = compare(second, make(), within_uncertainties(), groups=(group,))
+        (back,) = compare(second, make(), within_uncertainties, groups=(group,))
         assert back.first == value
 
 
 def test_what_no_record_has_is_no_difference_and_two_alternatives_are_not_compared() -> None:
-    allowed = within_uncertainties()
+    allowed = within_uncertainties
     assert compare(make(None), make(None), allowed, groups=("figures",)) == ()
     (found,) = compare(make(3.0, **FRAGILE), make(9.0, **FRAGILE), allowed, groups=("figures",))
     assert found.beyond is True

@@ -114,7 +114,7 @@ def compare_verdicts(
     readings = compare(
         one.record,
         two.record,
-        within_uncertainties(),
+        within_uncertainties,
         figures=FIGURES,
         channel_figures=CHANNEL_FIGURES,
     )
@@ -270,7 +270,7 @@ def _decks(places: tuple[Place, Place], names: tuple[str, str]) -> VerdictDiffer
     readings = compare(
         record_of(sides[0]),
         record_of(sides[1]),
-        within_uncertainties(),
+        within_uncertainties,
         groups=("states", "figures", "channels"),
         figures=FIGURES,
         channel_figures=CHANNEL_FIGURES,
@@ -313,7 +313,7 @@ def _with_record(
     readings = compare(
         records[0],
         records[1],
-        within_uncertainties(),
+        within_uncertainties,
         groups=("states", "channels"),
         channel_figures=("final", *READINGS),
     )

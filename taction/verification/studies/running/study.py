@@ -277,12 +277,9 @@ INTACT = "The stored results are intact, the same command continues"
 
 
 def study(
-    workers: Workers,
-    compute: Callable[..., R],
-    points: Iterable[tuple[K, tuple[Any, ...]]],
-    stopped: Callable[[], bool] = lambda: False,
+    workers: Workers, compute: Callable[..., R], points: Iterable[tuple[K, tuple[Any, ...]]]
 ) -> Iterator[tuple[K, R | BaseException]]:
-    """Yield the key and the row of each point as it ends, until `stopped` returns true.
+    """Yield the key and the row of each point as it ends.
 
     Points, keys with the arguments of `compute`, are read only as workers become free. `compute`
     raises only what is wrong with the worker. A call that killed its workers gives an exception in
@@ -299,7 +296,7 @@ def study(
     """
     waiting, running = iter(points), dict[Future[R], K]()
     try:
-        while not stopped():
+        while True:
             free = workers.processes + workers.spare - len(running)
             for key, arguments in islice(waiting, max(free, int(not running))):
                 future = _ask(workers.executor.submit, compute, *arguments)

@@ -158,11 +158,11 @@ def summarise_samples(board: Varied, samples: list[BoardSample], seed: int) -> Y
     )
 
 
-def interval(passed: int, samples: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+def interval(passed: int, samples: int) -> tuple[float, float]:
     """Return Clopper and Pearson's exact interval of a yield; (0, 1) without samples."""
     from scipy.special import betaincinv
 
-    tail = 0.5 * (1.0 - confidence)
+    tail = 0.5 * (1.0 - CONFIDENCE)
     low = 0.0 if passed == 0 else float(betaincinv(passed, samples - passed + 1, tail))
     high = 1.0
     if passed < samples:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -136,14 +136,11 @@ def _without_verdict(number: int, board: Varied, error: BaseException, reason: s
 
 
 def evaluate_all(
-    board: Varied,
-    requests: Iterable[tuple[int, Floats]],
-    workers: Workers,
-    stopped: Callable[[], bool] = lambda: False,
+    board: Varied, requests: Iterable[tuple[int, Floats]], workers: Workers
 ) -> Iterator[BoardSample]:
-    """Yield the samples of `requests`, (number, z) each, until `stopped` is true."""
+    """Yield the samples of `requests`, (number, z) each."""
     points = ((number, (board, number, z)) for number, z in requests)
-    for number, sample in study(workers, evaluate, points, stopped):
+    for number, sample in study(workers, evaluate, points):
         if isinstance(sample, BaseException):
             sample = _without_verdict(number, board, sample, f"its worker was killed: {sample}")
         yield sample
