@@ -47,12 +47,7 @@ def all_warnings(evidence: Evidence) -> tuple[str, ...]:
 
 
 def _of_readings(evidence: Evidence) -> Iterator[str]:
-    """Yield that a board hardly decays, and fragile readings."""
-    if evidence.poles.damping_ratio < 1e-3:
-        yield (
-            f"damping ratio {evidence.poles.damping_ratio:.2g}: the board nearly oscillates;"
-            " component tolerances can make it oscillate"
-        )
+    """Yield the fragile readings."""
     for channel in evidence.measurements.channels:
         for name, reading in channel.fragile.items():
             if reading.alternative is not None:
