@@ -93,8 +93,8 @@ class StepModel:
         C, _ = space.rows(equations.names)
         deviation = initial_unknowns(board, initial) - rest
         kept = space.modes.centres.imag >= 0.0  # one of each conjugate pair, which counts twice
-        poles, modes = space.modes.centres[kept], space.modes.shares(C, deviation).amplitudes.T
-        modes = np.where(poles.imag > 0.0, 2.0, 1.0)[:, None] * modes[kept]
+        poles, found = space.modes.centres[kept], space.modes.shares(C, deviation)
+        modes = np.where(poles.imag > 0.0, 2.0, 1.0)[:, None] * found.amplitudes.T[kept]
         if coarse and stable:
             poles = -np.abs(poles.real) + 1j * poles.imag
         farads = np.ones(equations.size)
@@ -103,8 +103,11 @@ class StepModel:
         charges = modes @ held
         charged = np.abs(charges).max(axis=0, initial=0.0) > 0.0
         outputs = [node for node in board.reported(None) if node in equations.places]
-        shares = modes[:, [equations.places[node] for node in outputs]]
-        amplitude = float(np.abs(shares.sum(axis=0).real).max(initial=0.0))
+        places = [equations.places[node] for node in outputs]
+        with np.errstate(over="ignore", invalid="ignore"):
+            shares, errors = modes[:, places], found.errors[1][places].sum(axis=1)
+        step = np.maximum(np.abs(shares.sum(axis=0).real), np.where(errors < np.inf, errors, 0.0))
+        amplitude = float(step.max(initial=0.0))  # a smaller one is rounding
         largest = float(np.abs(shares).max(initial=0.0))
         if amplitude <= UNSEEN * largest:  # the outputs return to where they were
             amplitude = largest or 1.0

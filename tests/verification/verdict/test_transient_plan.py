@@ -328,6 +328,14 @@ def test_a_record_errs_by_less_than_stated(large: bool, tolerance: float) -> Non
         assert np.abs(found - between[:, column]).max() <= stated.volts
 
 
+def test_a_step_that_is_rounding_of_its_terms_has_their_size() -> None:
+    """T^T eps is 2e-16: what the modes of the differences leave in the output is no transient."""
+    model = two_pole(790e3, 12e-12)
+    plain = board(np.ones((2, 1)), np.array([1.0, -1.0 - 2.2e-16]), model)
+    found = StepModel.of(LinearBoard(plain), 1e-4)
+    assert np.abs(found.shares).max() < 10.0
+
+
 def test_an_exact_solution_errs_by_its_rounding() -> None:
     T, eps = kernel(7, 3.0), strain(7, 3.0)
     record, stated = state_space_run(board(T, eps, two_pole(790e3, 12e-12)), 1e-5)
