@@ -7,7 +7,7 @@ import io
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,8 +21,10 @@ from taction.system.quantities import counted, percent, quantity, show
 from taction.verification.characterise.characterise import Bode, OpAmpFigures, open_loop
 from taction.verification.report.blocks import BOTH, DRAWN, EVERYWHERE, Page, Section, Table
 from taction.verification.report.texts import Cell, fields
-from taction.verification.studies.decks.vendor_model import ImportedModel
 from taction.verification.verdict.board_power import PartsList
+
+if TYPE_CHECKING:
+    from taction.verification.studies.decks.vendor_model import ImportedModel
 
 TITLES = {
     "dc_gain": ("DC gain", ""),

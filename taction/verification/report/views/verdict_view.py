@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,7 +27,6 @@ from taction.verification.report.views.answer_view import (
 )
 from taction.verification.report.views.opamp_view import counts_text, packages_text
 from taction.verification.report.views.stability_view import stability_blocks
-from taction.verification.studies.tolerance.varied_board import VerifiedSample
 from taction.verification.verdict.answer_error import ErrorPart, worst_channel
 from taction.verification.verdict.board_power import KICAD, OWN, REPORT, BuiltBoard
 from taction.verification.verdict.checks import Outcome, cause
@@ -34,6 +34,9 @@ from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.record import Channel, Record, channels_of
 from taction.verification.verdict.run import MeasuredTransient
 from taction.verification.verdict.verify import Verdict
+
+if TYPE_CHECKING:
+    from taction.verification.studies.tolerance.varied_board import VerifiedSample
 
 LOADS = 16  # of op-amps that are shown
 ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of the step: a smaller part is rounding
