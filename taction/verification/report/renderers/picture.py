@@ -164,8 +164,10 @@ def draw_chart(axes: Axes, chart: Chart) -> None:
         if axis.reverse:
             getattr(axes, f"invert_{name}axis")()
         _label(axes, axis, name)
-    if chart.legend and axes.get_legend_handles_labels()[1]:
-        axes.legend(loc="best", fontsize="small", framealpha=LEGEND)
+    handles, names = axes.get_legend_handles_labels()
+    if chart.legend and names:
+        known = dict(zip(names, handles, strict=True))  # each name once
+        axes.legend([*known.values()], [*known], loc="best", fontsize="small", framealpha=LEGEND)
     axes.set_title(wrapped(chart.title, LETTERS * _inches(axes)), fontsize="medium")
 
 
