@@ -1,6 +1,7 @@
-"""Choice of lam: discrepancy principle, generalised cross-validation, least squared error.
+"""Choice of lam: discrepancy principle, GCV, L-curve, quasi-optimality, least squared error.
 
-Every rule minimises a score over lam.
+Every rule minimises a score over lam. The sensitivity of the solution is exact:
+``(T^T T + mu / g') du = -(v + beta) dmu``, one singular value decomposition of ``T D``.
 """
 
 from __future__ import annotations
@@ -26,36 +27,76 @@ PER_DECADE = 3
 _PRECISION = 1e-5  # of the exponent of lam
 
 
-def _residual(solution: Solution) -> float:
-    """Return ``|T u - eps|^2``."""
-    misfit = solution.problem.T @ solution.u - solution.problem.eps
-    return float(misfit @ misfit)
+@dataclass(frozen=True, slots=True, eq=False)
+class LambdaTrial:
+    """The solution for one lam, with the quantities that the scores use."""
+
+    solution: Solution
+    residual: float  # ``|T u - eps|^2``
+    penalty: float  # Omega above its least value
+    sensitivity: Floats  # ``lam du/dlam`` (N,)
+    penalty_sensitivity: float  # ``lam dOmega/dlam``
+    fitted: float  # degrees of freedom: trace of the derivative of ``T u`` with respect to eps
+
+    @classmethod
+    def of(cls, problem: Problem) -> LambdaTrial:
+        """Solve and differentiate."""
+        solution = solve(problem)
+        entry = REGULARISERS[problem.regulariser]
+        v = solution.u if solution.v is None else solution.v
+        beta = float(problem.bias)
+        mu = entry.weight * problem.lam
+        D = np.sqrt(entry.slope(v))
+        svd = SVD(problem.T * D, mu)
+        sensitivity = -mu * D * svd.solve(np.zeros(len(problem.eps)), D * (v + beta))
+        misfit = problem.T @ solution.u - problem.eps
+        rest = np.full_like(v, -beta)
+        floor = entry.energy(rest) + beta * entry.g(rest)
+        penalty = 2.0 * entry.weight * np.sum(entry.energy(v) + beta * solution.u - floor)
+        square = svd.sigma**2
+        return cls(
+            solution=solution,
+            residual=float(misfit @ misfit),
+            penalty=float(penalty),
+            sensitivity=sensitivity,
+            penalty_sensitivity=float(2.0 * entry.weight * (v + beta) @ sensitivity),
+            fitted=float(np.sum(square / (square + mu))),
+        )
 
 
-def degrees_of_freedom(solution: Solution) -> float:
-    """Return the trace of the derivative of ``T u`` with respect to eps."""
-    problem, entry = solution.problem, REGULARISERS[solution.problem.regulariser]
-    v, mu = solution.u if solution.v is None else solution.v, entry.weight * problem.lam
-    square = SVD(problem.T * np.sqrt(entry.slope(v)), mu).sigma ** 2
-    return float(np.sum(square / (square + mu)))
+def _discrepancy(trial: LambdaTrial, variance: float, _: Floats) -> float:
+    target = TAU * len(trial.solution.problem.eps) * variance
+    return abs(float(np.log(trial.residual / target))) if trial.residual > 0.0 else float("inf")
 
 
-def _discrepancy(solution: Solution, variance: float, _: Floats) -> float:
-    target, residual = TAU * len(solution.problem.eps) * variance, _residual(solution)
-    return abs(float(np.log(residual / target))) if residual > 0.0 else float("inf")
+def _gcv(trial: LambdaTrial, variance: float, truth: Floats) -> float:
+    free = len(trial.solution.problem.eps) - trial.fitted
+    return trial.residual / free**2 if free > 0.0 else float("inf")
 
 
-def _gcv(solution: Solution, variance: float, truth: Floats) -> float:
-    free = len(solution.problem.eps) - degrees_of_freedom(solution)
-    return _residual(solution) / free**2 if free > 0.0 else float("inf")
+def _l_curve(trial: LambdaTrial, variance: float, truth: Floats) -> float:
+    """Return minus the curvature of (log residual, log penalty)."""
+    rho, eta, slope = trial.residual, trial.penalty, trial.penalty_sensitivity
+    lam = trial.solution.lam
+    if not (rho > 0.0 and eta > 0.0 and slope < 0.0):
+        return float("inf")
+    # Derivatives with respect to log lam; ``d residual = -lam d penalty``.
+    dx, dy = -lam * slope / rho, slope / eta
+    turn = dx * dy * (dx - dy - 1.0)
+    return -float(turn / (dx * dx + dy * dy) ** 1.5)
 
 
-RULES: dict[str, Callable[[Solution, float, Floats], float]] = {
+RULES: dict[str, Callable[[LambdaTrial, float, Floats], float]] = {
     "discrepancy": _discrepancy,
     "gcv": _gcv,
-    "mse": lambda solution, _, truth: float(np.sum((solution.u - truth) ** 2)),
+    "l-curve": _l_curve,
+    "quasi-optimality": lambda trial, *_: float(np.linalg.norm(trial.sensitivity)),
+    "mse": lambda trial, _, truth: float(np.sum((trial.solution.u - truth) ** 2)),
 }
-"""Scores by rule: functions of a solution, of the noise's variance and of the true u."""
+"""Scores by rule: functions of a trial, of the noise's variance and of the true u."""
+# Their score also falls towards both ends of the range, where it has no meaning: the lowest local
+# minimum between the ends counts.
+LOCAL_MINIMUM = {"l-curve", "quasi-optimality"}
 
 
 def missing(rule: str, variance: float, truth: Floats | None) -> str:
@@ -100,8 +141,8 @@ def choose(
     known = np.zeros(0) if truth is None else np.asarray(truth)
 
     def score(exponent: float) -> float:
-        found = solve(replace(problem, lam=float(10.0**exponent)))
-        return RULES[rule](found, variance, known) if found.trusted else float("inf")
+        trial = LambdaTrial.of(replace(problem, lam=float(10.0**exponent)))
+        return RULES[rule](trial, variance, known) if trial.solution.trusted else float("inf")
 
     from scipy.optimize import minimize_scalar
 
@@ -109,7 +150,7 @@ def choose(
     count = int((DECADES[1] - DECADES[0]) * PER_DECADE) + 1
     grid = middle + np.linspace(*DECADES, count)
     scores = np.array([score(float(exponent)) for exponent in grid])
-    best = int(np.argmin(scores))
+    best = _lowest(scores, rule in LOCAL_MINIMUM)
     at_edge = best in (0, count - 1)
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, count - 1)]
     with np.errstate(invalid="ignore"):  # scores may be infinite
@@ -123,3 +164,11 @@ def choose(
     )
     solution = solve(replace(problem, lam=float(10.0**exponent)))
     return LambdaChoice(solution, least, at_edge)
+
+
+def _lowest(scores: Floats, local_minimum: bool) -> int:
+    """Return the index of the least score; of the lowest inner minimum if one is requested."""
+    inner = scores[1:-1]
+    minima = 1 + np.flatnonzero((inner < scores[:-2]) & (inner <= scores[2:]))
+    candidates = minima if local_minimum and len(minima) else np.arange(len(scores))
+    return int(candidates[np.argmin(scores[candidates])])
