@@ -14,7 +14,6 @@ from taction.netlist_gen.board.parts import (
     CurrentSource,
     OpAmpCell,
     Resistor,
-    ResistorMatrix,
     SignalAmplifier,
     VoltageSource,
 )
@@ -81,83 +80,24 @@ def board(
     U0: float = 1.0,
     Ve: float = 1.0,
 ) -> Circuit:
-    """Integrator topology, as the design's section on the op-amp realisation has it."""
-    M, N = T.shape
-    lam = (2.0 * Ve / U0 if exponential else 1.0) / (R * s * G0**2)
-    opamps: list[OpAmpCell] = []
-    resistors: list[Resistor] = []
-    capacitors: list[Capacitor] = []
-    amplifiers: list[SignalAmplifier] = []
-
-    def inverter(name: str, source: str, output: str, ohms: float) -> None:
-        opamps.append(OpAmpCell(f"X{name}", model.name, "0", f"{name}_in", output))
-        resistors.append(Resistor(f"Ri_{name}", source, f"{name}_in", ohms))
-        resistors.append(Resistor(f"Rf_{name}", f"{name}_in", output, ohms))
-
-    columns, rows = np.any(T < 0, axis=0).tolist(), np.any(T < 0, axis=1).tolist()
-    for n in range(N):
-        opamps.append(OpAmpCell(f"Xv{n}", model.name, "0", f"x{n}", f"v{n}"))
-        resistors.append(Resistor(f"Rn{n}", f"x{n}", f"v{n}", R))
-        capacitors.append(Capacitor(f"Cn{n}", f"x{n}", f"v{n}", C))
-        if exponential:
-            amplifiers.append(SignalAmplifier(f"B{n}", "exponential", f"v{n}", f"a{n}", U0, Ve))
-            if columns[n]:
-                inverter(f"p{n}", f"a{n}", f"u{n}", 1e5)
-        else:
-            inverter(f"a{n}", f"v{n}", f"a{n}", 1e5)
-        if bias:
-            resistors.append(Resistor(f"Rb{n}", "ve", f"x{n}", R))
-    for k in range(M):
-        opamps.append(OpAmpCell(f"Xw{k}", model.name, "0", f"c{k}", f"w{k}"))
-        resistors.append(Resistor(f"Rs{k}", f"c{k}", f"w{k}", s))
-        if rows[k]:
-            inverter(f"m{k}", f"w{k}", f"m{k}", 1e5)
-    with np.errstate(divide="ignore"):
-        ohms = 1.0 / (np.abs(T) * G0)
-    positive = "u" if exponential else "v"
-    shared = (ohms, T < 0)
-    forward = ResistorMatrix(
-        "Rf",
-        *shared,
-        by_column=True,
-        plus=tuple(f"a{n}" for n in range(N)),
-        minus=tuple(f"{positive}{n}" if columns[n] else "" for n in range(N)),
-        sinks=tuple(f"c{k}" for k in range(M)),
-    )
-    backward = ResistorMatrix(
-        "Rb",
-        *shared,
-        by_column=False,
-        plus=tuple(f"w{k}" for k in range(M)),
-        minus=tuple(f"m{k}" if rows[k] else "" for k in range(M)),
-        sinks=tuple(f"x{n}" for n in range(N)),
-    )
-    return Circuit(
-        name="hand",
+    """Integrator topology, with one op-amp type and without strays; inverters have 100 kohm."""
+    scene = Scene.from_arrays(
+        T,
+        eps,
         amplifier="exponential" if exponential else "linear",
-        topology="integrator",
-        facts=common_facts(G0=G0, U0=U0, Ve=Ve, R=R, C=C, gain=s, **{"lambda": lam}),
-        models={model.name: model},
-        opamps=tuple(opamps),
-        amplifiers=tuple(amplifiers),
-        resistors=tuple(resistors),
-        matrices=(forward, backward),
-        capacitors=tuple(capacitors),
-        currents=tuple(CurrentSource(f"I{k}", f"c{k}", float(eps[k]) * G0 * U0) for k in range(M)),
-        voltages=(VoltageSource("Ve", "ve", Ve),) if bias else (),
-        signal_nodes=tuple(f"v{n}" for n in range(N)),
-        constraint_nodes=tuple(f"w{k}" for k in range(M)),
-        outputs=tuple(
-            Output(f"a{n}", -1.0) if exponential else Output(f"v{n}", 1.0) for n in range(N)
-        ),
-        roles={
-            Role.SIGNAL_CAPACITOR: frozenset(part.card for part in capacitors),
-            Role.CONSTRAINT_RESISTOR: frozenset(f"RRs{k}" for k in range(M)),
-            Role.FORWARD: frozenset(("Rf",)),
-            Role.FEEDBACK: frozenset(("Rb",)),
-        },
-        knobs=common_knobs(linear=not exponential),
+        resistance=R,
+        capacitance=C,
+        gain=s,
+        unit_conductance=G0,
+        unit_voltage=U0,
+        opamp="ideal",
+        stray_capacitance=0,
+        inverter_resistance=1e5,
+        **({"exponential_slope": Ve, "bias": bias} if exponential else {}),
     )
+    made = synthesise(scene)
+    cells = tuple(replace(cell, model=model.name) for cell in made.opamps)
+    return replace(made, models={model.name: model}, opamps=cells)
 
 
 def paper_board(C: float = 10e-12, gbw: float = 790e3, cin: float = 12.1e-12) -> Circuit:

@@ -143,7 +143,7 @@ def test_a_coarse_board_is_a_guide_to_the_whole() -> None:
     lead = near[np.argmax(near.real)]
     assert abs(lead.imag) == pytest.approx(guide.rightmost.imag, rel=1e-3)
     assert coarsen(stamp(paper_board())).names == stamp(paper_board()).names
-    assert "ve" in coarsen(stamp(exponential_board(30))).names
+    assert "bias" in coarsen(stamp(exponential_board(30))).names
     assert rightmost_poles(LinearBoard(paper_board())).poles[0] == pytest.approx(
         complex(poles(paper_board()).rightmost), rel=1e-8
     )
@@ -164,12 +164,12 @@ def test_slow_poles_that_no_coarse_board_has_are_found() -> None:
     [
         Transient(1e-3, 1e-6),
         Transient(1e-4, 1e-6, initial="rest"),
-        Transient(1e-4, 1e-6, voltages={"v2": 0.1, "x2": 1e-3}),
+        Transient(1e-4, 1e-6, voltages={"v_3": 0.1, "x_3": 1e-3}),
     ],
 )
 def test_steps_agree_with_the_exact_transient(analysis: Transient) -> None:
     circuit = paper_board()
-    found = stepped.simulate(circuit, analysis, nodes=("v3", "v0", "w3"))
+    found = stepped.simulate(circuit, analysis, nodes=("v_4", "v_1", "w_4"))
     solution = exact_solution(
         circuit, initial=analysis.initial, voltages=analysis.voltages, nodes=found.nodes
     )
@@ -198,14 +198,14 @@ def test_an_unstable_board_grows_as_its_pole_says_and_its_record_ends() -> None:
     [
         (exponential_board(5), Transient(1e-4, 1e-6)),
         (exponential_board(5), Transient(1e-4, 1e-6, initial="rest")),
-        (exponential_board(5), Transient(1e-4, 1e-6, voltages={"v2": -0.4})),
+        (exponential_board(5), Transient(1e-4, 1e-6, voltages={"v_3": -0.4})),
         (wide_board(5), Transient(1e-4, 1e-6)),
     ],
 )
 def test_a_large_exponential_board_takes_the_same_course(
     circuit: Circuit, analysis: Transient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    nodes = (*(output.node for output in circuit.outputs), "w2")
+    nodes = (*(output.node for output in circuit.outputs), "w_3")
     wanted = stepped.simulate(circuit, analysis, nodes=nodes)
     monkeypatch.setattr(descriptor, "LARGE", 0)
     found = stepped.simulate(circuit, analysis, nodes=nodes)
@@ -216,7 +216,7 @@ def test_a_large_exponential_board_beyond_all_bounds_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(descriptor, "LARGE", 0)
-    far = Transient(1e-4, 1e-6, voltages={"v1": 1e4})
+    far = Transient(1e-4, 1e-6, voltages={"v_2": 1e4})
     with pytest.raises(EngineError, match="beyond the range of floats in the initial state"):
         stepped.simulate(exponential_board(3), far)
 

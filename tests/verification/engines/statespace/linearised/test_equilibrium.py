@@ -120,7 +120,7 @@ def test_a_channel_without_strain_has_a_certificate_with_any_rounding(seed: int)
 
 
 def test_the_rounding_of_an_equilibrium_covers_what_other_roundings_give() -> None:
-    linear = LinearBoard(paper_board(7))
+    linear = LinearBoard(paper_board(7e-12))
     descriptor, rest = linear.descriptor, linear.equilibrium
     for seed in range(5):
         draw = np.random.default_rng(seed).standard_normal(len(descriptor.local.values))

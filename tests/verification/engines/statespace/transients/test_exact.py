@@ -9,7 +9,7 @@ import pytest
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Output
-from taction.netlist_gen.board.parts import Capacitor, Resistor
+from taction.netlist_gen.board.parts import Capacitor, Resistor, VoltageSource
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -75,8 +75,14 @@ def test_a_growing_mode_is_never_left_out() -> None:
 def test_from_rest_a_board_with_a_voltage_source_does_not_move_without_strain() -> None:
     T, eps = kernel(5, 2.0), strain(5, 2.0)
     model = replace(IDEAL, gbw=1e6, output_resistance=50.0, input_capacitance=1e-12)
-    circuit = replace(board(T, eps, model, bias=True), currents=())
-    assert circuit.voltages
+    circuit = board(T, eps, model)
+    bias = [Resistor(f"b_{n}", "ve", f"x_{n}", 1.786e6) for n in range(1, 6)]
+    circuit = replace(
+        circuit,
+        currents=(),
+        voltages=(VoltageSource("V", "ve", 1.0),),
+        resistors=(*circuit.resistors, *bias),
+    )
     rest = exact_solution(circuit, initial="rest")
     assert rest.start == pytest.approx(rest.final, rel=1e-9)
     zero = exact_solution(circuit, initial="zero")
