@@ -34,7 +34,6 @@ from taction.system.documents import read  # noqa: E402
 from taction.verification.evidence.stress.catalogue import TrueValues  # noqa: E402
 from taction.verification.evidence.stress.run_cases import compare  # noqa: E402
 from tests.support import designer_decks, random_circuits, random_scenes  # noqa: E402
-from tests.support.random_scenes import fine_readings  # noqa: E402
 from tests.support.true_values import true_values  # noqa: E402
 
 STORE = ROOT / "tests" / "data" / "proof.json.gz"
@@ -101,7 +100,7 @@ def of_coverage(seed: int, truth: Found | None) -> Found:
     scene = random_scenes.random_scene(seed, kind, timeout=TIMEOUT, **setting)
     if truth is None:
         try:
-            truth = asdict((true_values if kind == "linear" else fine_readings)(scene))
+            truth = asdict(true_values(scene))
         except (taction.TactionError, AssertionError, ArithmeticError, ValueError) as error:
             return {"no truth": str(error)[:100]}
     if "no truth" in truth:

@@ -258,7 +258,7 @@ def _size(values: arb_mat | list[arb]) -> float:
     return max((float(abs(x.mid())) for x in entries), default=0.0)
 
 
-class UnsettledError(Exception):
+class UnsettledError(ArithmeticError):
     """The board neither comes to rest nor oscillates evenly in `MOST_STEPS` steps."""
 
 
