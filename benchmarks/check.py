@@ -37,7 +37,7 @@ def bare(file: Path) -> Callable[[], object]:
     stop, simulator = found.scales.stop, find_simulator()
     stable = found.poles.known_stable
     model = StepModel.of(found.board, stop, found.initial, stable=stable)
-    plan = model.cheapest(ERROR).transient
+    plan, _, _ = model.cheapest(ERROR)
     cards = (
         f".options {simulator.solver_option} reltol={RELATIVE} trtol={plan.truncation / RELATIVE}",
         f".tran {plan.max_step} {stop} 0 {plan.max_step}",

@@ -317,13 +317,13 @@ def check(
     from taction.verification.studies.decks.questions import reference_values, wanted
 
     asked = wanted(_listed(checks), _listed(expect))
-    from taction.verification.studies.decks.board_sweep import SweptValue
+    from taction.verification.studies.decks.board_sweep import swept_axis
     from taction.verification.studies.decks.foreign_board import read_board
 
     progress("deck")
     board, spread = read_board(deck, _listed(outputs)), None
     asked.refuse_unknown(board.flat.nodes)
-    swept = [SweptValue.of(each, board) for each in _listed(over)]
+    swept = [swept_axis(each, board) for each in _listed(over)]
     if matrix is not None and strain is not None:
         nodes = [out.node for out in board.circuit.outputs]
         values = reference_values(nodes, matrix, strain, lam, unit, accept)

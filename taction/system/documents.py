@@ -314,12 +314,15 @@ def _read_parts(kind: Any, data: Any, place: str) -> Any:
         field, here = fields.get(part.attribute), f"{place}.{part.key}".lstrip(".")
         if field is None:
             continue
+        inside, (*places, last) = table, part.key.split(".")
+        for name in places:
+            inside = _table(inside.get(name, {}), name)
         if part.inline is not None:
             names = part.inline or table
             known = {key: table[key] for key in names if key in table}
             values[part.attribute] = _read(part.kind, known, place)
-        elif part.key in table:
-            values[part.attribute] = _read(part.kind, table[part.key], here)
+        elif last in inside:
+            values[part.attribute] = _read(part.kind, inside[last], here)
         elif field.default is field.default_factory:  # both are missing
             raise ValueError(f"{here}: missing")
     return kind(**values)

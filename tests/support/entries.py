@@ -129,10 +129,10 @@ def reading(
 
 def store_records(plan: Plan, store: Store, records: dict[int, Record]) -> None:
     """Store records by place of the grid."""
-    for point in grid_points(plan):
-        record = records.get(point.place)
+    for place, _, key in grid_points(plan):
+        record = records.get(place)
         if record is not None:
-            store.put(point.key, record)
+            store.put(key, record)
 
 
 def make_trial(

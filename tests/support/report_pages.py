@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -46,7 +47,7 @@ from taction.verification.report.views.verdict_view import view as verdict_repor
 from taction.verification.studies.regression.regress import RegressionReport, SceneResult, Status
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.running.study import HERE
-from taction.verification.studies.sweep.sweep import SweepCounts, SweepResult, grid_points
+from taction.verification.studies.sweep.sweep import SweepResult, grid_points
 from taction.verification.studies.tolerance.corners import worst_of
 from taction.verification.studies.tolerance.montecarlo import (
     YieldReport,
@@ -163,10 +164,10 @@ def swept(*over: str) -> SweepResult:
         )
         for place in range(plan.points)
     }
-    store, count = Store(":memory:"), SweepCounts(plan.points)
+    store = Store(":memory:")
     store_records(plan, store, stored)
-    count.outcomes.update(record.outcome for record in stored.values())
-    return SweepResult(plan, store, count)
+    counted = Counter(record.outcome for record in stored.values())
+    return SweepResult(plan, store, 0, counted)
 
 
 def _choice(settling: str = "1ms") -> Page:
@@ -175,13 +176,13 @@ def _choice(settling: str = "1ms") -> Page:
     asked = verdicts()["passing"].scene
     plan = choice_plan(asked, names, ranges, 3, limits)
     with Store(":memory:") as store:
-        for point in grid_points(plan):
+        for _, values, key in grid_points(plan):
             try:
-                result = Record.of(verify(with_values(plan.scene, point.values)))
+                result = Record.of(verify(with_values(plan.scene, values)))
             except InputError as error:
                 name = type(error).__name__
                 result = Record.without_verdict(name, str(error), "statespace")
-            store.put(point.key, result)
+            store.put(key, result)
         ranked = designs(plan, store)
     best = best_designs(ranked)
     said = [BestDesign(one, asked, Outcome.PASS) for one in best[:1]]

@@ -47,11 +47,14 @@ Over = str | Iterable[str] | Mapping[str, str | Iterable[Value]]
 class SweepAxis:
     """The values of one key."""
 
+    DOCUMENT = ("name", "key = key.path", "unit = key.unit", "scale", "group", "values")
+
     key: Key
     name: str  # the key as the user wrote it
     values: tuple[Value, ...]  # base units, in the order of the study
     scale: Scale  # spacing of the values
     default: bool = False  # the range follows from the scene's own value
+    group: int = 0  # of axes that change together, in the order of the study
 
     def __len__(self) -> int:
         return len(self.values)
@@ -65,10 +68,11 @@ def parse_axes(
         texts: Iterable[str] = [_as_text(name, values) for name, values in over.items()]
     else:
         texts = [over] if isinstance(over, str) else over
-    groups = []
+    groups = list[list[SweepAxis]]()
     for text in texts:
         parts = _NEXT_KEY.split(text.strip())
-        group = [parse_axis(scene, one, points=points, around=around) for one in parts]
+        read = (parse_axis(scene, one, points=points, around=around) for one in parts)
+        group = [replace(axis, group=len(groups)) for axis in read]
         if len({len(axis) for axis in group}) > 1:
             lengths = ", ".join(f"{axis.name} has {len(axis)}" for axis in group)
             raise _wrong(text, f"keys that change together need the same length; {lengths}")

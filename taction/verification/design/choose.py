@@ -308,14 +308,14 @@ def designs(plan: Plan, store: Store, accepted: AcceptedParts | None = None) -> 
     """Return the stored designs of a choice, the best first; refused are parts not `accepted`."""
     found, accepted = list[ChosenDesign](), accepted or accepted_parts(plan.scene)
     keys = topology_of(plan.scene).searched
-    for point in grid_points(plan):
-        record, refused = store.record_of(point.key, Record), ""
+    for place, values, key in grid_points(plan):
+        record, refused = store.record_of(key, Record), ""
         if record is None:
             continue
         if record.outcome == "pass":
-            board = LinearBoard(synthesise(with_values(plan.scene, point.values)))
+            board = LinearBoard(synthesise(with_values(plan.scene, values)))
             refused = accepted.refused(broken_at_rest(board))
-        found.append(ChosenDesign(dict(point.values), record, refused, point.place, keys))
+        found.append(ChosenDesign(values, record, refused, place, keys))
     return sorted(found, key=lambda design: design.rank)
 
 

@@ -127,7 +127,9 @@ class Edges:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Poles at one value."""
+    """Poles at one value; its document says why there are none."""
+
+    DOCUMENT = ("value", "reason = failure")
 
     place: float  # on the axis of interpolation: the value, or its logarithm
     value: float

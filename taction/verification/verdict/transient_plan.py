@@ -56,13 +56,9 @@ TRIES = 12
 LEAST, START, MOST = 1e-15, 1e-6, 0.5  # truncation errors
 
 
-@dataclass(frozen=True, slots=True)
-class StepForecast:
-    """A transient with its step control, and the forecast of its steps and error."""
-
-    transient: Transient
-    steps: float  # number of accepted steps
-    error: float  # largest error of any output at any time, in step amplitudes
+Forecast = tuple[Transient, float, float]
+"""A transient with its step control, the number of its accepted steps, and the largest error of any
+output at any time, in step amplitudes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +145,7 @@ class StepModel:
         allowed = np.maximum(by_charge * truncation ** (1 / 3), by_current * truncation ** (1 / 2))
         return np.asarray(np.minimum(allowed, max_step))
 
-    def forecast(self, truncation: float, max_step: float) -> StepForecast:
+    def forecast(self, truncation: float, max_step: float) -> Forecast:
         """Forecast the run of ngspice with a truncation error and a maximum step, s."""
         step = self.step_lengths(truncation, max_step)[:, None]
         drift = integral(slip(step, self.poles), self.time)
@@ -163,11 +159,9 @@ class StepModel:
             initial=self.initial,
         )
         steps = float(integral(1.0 / step[:, 0], self.time)[-1])
-        return StepForecast(
-            transient, steps, float(np.abs((off @ self.shares).real).max(initial=0.0))
-        )
+        return transient, steps, float(np.abs((off @ self.shares).real).max(initial=0.0))
 
-    def even(self, max_step: float) -> StepForecast:
+    def even(self, max_step: float) -> Forecast:
         """Forecast a run with even steps of `max_step`, s; only faster modes get shorter steps."""
         truncation = (max_step * float(np.abs(self.poles.imag).max(initial=0.0))) ** 3 / 6.0
         return self.forecast(min(max(truncation / CHARGE, LEAST), MOST), max_step)
@@ -183,14 +177,14 @@ class StepModel:
         places = np.linspace(0.0, count[-1], min(math.ceil(count[-1]) + 1, MOST_INSTANTS))
         return np.asarray(np.interp(places, count, self.time))
 
-    def cheapest(self, error: float) -> StepForecast:
+    def cheapest(self, error: float) -> Forecast:
         """Return the largest truncation error whose forecast stays within `error`, or the least."""
         truncation = START
         for _ in range(TRIES):
             forecast = self.forecast(truncation, self.stop / FEWEST_STEPS)
-            ratio = SEARCH_AIM * error / max(forecast.error, TINY)
+            ratio = SEARCH_AIM * error / max(forecast[2], TINY)
             following = min(max(truncation * min(ratio, 1e12) ** EXPONENT, LEAST), MOST)
-            if CLOSE * error <= forecast.error <= error or following == truncation:
+            if CLOSE * error <= forecast[2] <= error or following == truncation:
                 break
             truncation = following
         return forecast
@@ -318,21 +312,22 @@ def plan_transient(
         step_seconds = LINEAR_STEP * size + MATRIX_STEP * size**3
         step_seconds *= 1.0 if board.circuit.is_linear else NEWTON
         if points is not None:
-            forecast = model.even(scales.max_step_for(points))
+            transient, count, error = model.even(scales.max_step_for(points))
         elif growing:
-            forecast = model.cheapest(GROWTH_ERROR * GROWN)
-            if forecast.steps * step_seconds > UNSTABLE_SECONDS:
-                stop *= UNSTABLE_SECONDS / (forecast.steps * step_seconds)
+            transient, count, error = model.cheapest(GROWTH_ERROR * GROWN)
+            if count * step_seconds > UNSTABLE_SECONDS:
+                stop *= UNSTABLE_SECONDS / (count * step_seconds)
                 notes = (
                     f"{TOO_LONG.format(show(stop, 's', 3))}: ngspice needs {UNSTABLE_SECONDS:g} s",
                 )
-                forecast = StepModel.of(board, stop, initial).cheapest(GROWTH_ERROR)
+                model = StepModel.of(board, stop, initial)
+                transient, count, error = model.cheapest(GROWTH_ERROR)
         else:
             allowed = max(AIM * wanted if aim is None else aim, LEAST_ERROR)
             forecast = model.cheapest(allowed)
             if any(board.broken):
                 forecast = _also_from_start(board, model, forecast, allowed)
-        transient, count, error = forecast.transient, forecast.steps, forecast.error
+            transient, count, error = forecast
         seconds = count * step_seconds
     else:  # a growing run shows every period, and is kept short
         stepped = not board.circuit.is_linear or board.descriptor.is_large
@@ -346,8 +341,8 @@ def plan_transient(
 
 
 def _also_from_start(
-    board: LinearBoard, model: StepModel, rest: StepForecast, allowed: float
-) -> StepForecast:
+    board: LinearBoard, model: StepModel, rest: Forecast, allowed: float
+) -> Forecast:
     """Return a step control that also follows the board where its amplifiers start."""
     try:
         begin = board.at_start(model.initial)
@@ -357,12 +352,10 @@ def _also_from_start(
     if not start.poles.size or not np.all(begin.state_space.modes.poles.real < 0.0):
         return rest
     share = min(1.0, model.amplitude / start.amplitude)
-    other = start.cheapest(max(share * allowed, LEAST_ERROR))
+    (one, steps, error), other = rest, start.cheapest(max(share * allowed, LEAST_ERROR))
     names = ("truncation", "charge", "max_step", "first_step")
-    both = rest.transient, other.transient
-    least = {name: min(getattr(each, name) for each in both) for name in names}
-    error = max(rest.error, other.error / share)
-    return StepForecast(replace(rest.transient, **least), max(rest.steps, other.steps), error)
+    least = {name: min(getattr(one, name), getattr(other[0], name)) for name in names}
+    return replace(one, **least), max(steps, other[1]), max(error, other[2] / share)
 
 
 def _stop(scene: Scene, scales: TimeScales, resolution: float, *, growing: bool) -> float:

@@ -14,7 +14,7 @@ from taction.verification.engines.statespace.linearised.noise_covariance import 
 from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import poles
 from taction.verification.stability.shown_poles import latching
-from taction.verification.studies.decks.board_sweep import Sweep, SweptValue, sweep_deck
+from taction.verification.studies.decks.board_sweep import Sweep, sweep_deck, swept_axis
 from taction.verification.studies.decks.foreign_board import read_board
 from taction.verification.studies.decks.part_influence import influences
 from tests.support.designer_decks import DECKS
@@ -36,7 +36,7 @@ def case(name: str) -> LinearBoard:
 
 def swept(name: str, text: str) -> Sweep:
     deck = read_board(CASES / f"{name}.cir")
-    return sweep_deck(deck, LinearBoard(deck.circuit), SweptValue.of(text, deck), 0.01)
+    return sweep_deck(deck, LinearBoard(deck.circuit), swept_axis(text, deck), 0.01)
 
 
 @pytest.mark.parametrize(

@@ -278,7 +278,7 @@ def test_the_onset_is_confirmed_by_the_netlist(write: Callable[..., Scene]) -> N
     scene = write(problem={"channels": 2, "span": 1.0})
     (finding,) = onset(scene, over="C=0.3pF:4pF:3").findings
     assert finding.crossing.value == pytest.approx(1.2733e-12, rel=1e-3)
-    assert finding.confirmation.confirmed
+    assert finding.confirmed
 
 
 @pytest.mark.parametrize(

@@ -162,7 +162,7 @@ def test_the_onset_over_gf_is_confirmed_on_both_sides(ngspice: str) -> None:
     """Transients of ngspice grow below the least gf and decay above it, at the poles' rates."""
     found = taction.onset(scene("pinv"), over={"feedback_conductance": (1e-4, 1e-3, 13)})
     last = max(found.findings, key=lambda each: each.crossing.value)
-    assert last.confirmation.confirmed is True
-    sides = last.confirmation.below, last.confirmation.above
+    assert last.confirmed is True
+    sides = last.below, last.above
     assert [side.rate > 0.0 for side in sides] == [True, False]
     assert [side.agrees for side in sides] == [True, True]

@@ -132,7 +132,7 @@ def _rise(verdict: Verdict) -> tuple[Finding, Finding]:
 def _oscillation(scene: Scene, unstable: Waveforms) -> Finding:
     crossings = onset(scene, over=ONSET_RANGE).findings
     highest = max((each.crossing.value for each in crossings), default=math.nan)
-    confirmed = all(each.confirmation.confirmed for each in crossings)
+    confirmed = all(each.confirmed for each in crossings)
     u, time = unstable[f"v_{CENTRE + 1}"], unstable.time
     heights = [float(np.ptp(u[(time > t) & (time < t + WINDOW)])) for t in WINDOW_STARTS]
     grows = heights[-1] > 1.3 * heights[0]

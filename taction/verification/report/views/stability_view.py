@@ -224,15 +224,13 @@ def _crossings(onset: Onset) -> Iterator[Content]:
         "unstable poles": lambda each: unstable(each.crossing),
         "side": "direction",
         "transients": lambda each: (
-            "not run"
-            if each.confirmation.reason == NOT_ASKED
-            else outcome_cell(*STATES[each.confirmation.confirmed])
+            "not run" if each.reason == NOT_ASKED else outcome_cell(*STATES[each.confirmed])
         ),
-        "rate below": lambda each: rate(each.confirmation.below),
-        "rate above": lambda each: rate(each.confirmation.above),
+        "rate below": lambda each: rate(each.below),
+        "rate above": lambda each: rate(each.above),
     }
-    if any(each.confirmation.reason for each in onset.findings):
-        columns["remark"] = "confirmation.reason"
+    if any(each.reason for each in onset.findings):
+        columns["remark"] = "reason"
     yield Table.of("Crossings", onset.findings, columns, RATES)
     if not complete:
         yield INCOMPLETE
@@ -302,9 +300,9 @@ def _on_values(onset: Onset) -> Iterator[charts.Mark]:
     for low, high in onset.scan.stable_ranges:
         yield charts.Band(low, high, "x", once("stable"), "pass")
     for each in onset.findings:
-        state, value = each.confirmation.confirmed, each.crossing.value
+        state, value = each.confirmed, each.crossing.value
         word, outcome = STATES[state]
-        if each.confirmation.reason == NOT_ASKED:
+        if each.reason == NOT_ASKED:
             word = "transients not run"
         yield charts.Limit(value, "x", once(f"crossing, {word}"), outcome, LINES[state], 1.2)
         if each.crossing.changes_stability:

@@ -197,19 +197,19 @@ def columns_of(scene: Scene) -> tuple[str, ...]:
 
 def view(result: SweepResult) -> Page:
     """Return what a sweep shows: the stored points of its plan."""
-    plan, count, path = result.plan, result.count, result.store.path
+    plan, counts, path = result.plan, result.outcomes, result.store.path
     names = " x ".join(f"{each.name} ({len(each)})" for each in plan.axes)
-    known = [name for name in charts.OUTCOMES if count.outcomes.get(name)]
-    outcomes = ", ".join(f"{count.outcomes[name]} {name}" for name in known)
+    known = [name for name in charts.OUTCOMES if counts.get(name)]
+    outcomes = ", ".join(f"{counts[name]} {name}" for name in known)
     many = plan.points > MAPPED
     text = f"{plan.points} points are too many for this page; see --plot." * many
-    foot = [f"{count.ran} computed now, {count.done - count.ran} from {path}"]
-    if count.outcomes["error"]:
+    foot = [f"{result.ran} computed now, {result.done - result.ran} from {path}"]
+    if counts.get("error"):
         foot.append("the same command computes the points without a verdict (error) again")
     return Page(
         title=plan.scene.name,
         command="taction sweep",
-        summary=f"{count.done} of {count.total} points: {outcomes}.",
+        summary=f"{result.done} of {plan.points} points: {outcomes}.",
         lines=(f"Over {names}; engine: {ENGINES[plan.engine]}.", *map(readable, result.notes)),
         sections=(
             Section("Pictures", text),
@@ -308,7 +308,7 @@ def chosen_places(count: int) -> list[int]:
 
 def _listed(result: SweepResult) -> Iterator[Content]:
     """Yield the points of a small sweep, else those without a verdict, and their reasons."""
-    whole = result.count.total <= LINES
+    whole = result.plan.points <= LINES
     wanted = (r for r in result.records() if whole or r["outcome"] == "error")
     shown = list(itertools.islice(wanted, LINES))
     yield _table(result.plan, "", shown)
@@ -331,7 +331,7 @@ def _reasons(plan: Plan, shown: Iterable[dict[str, Any]]) -> Iterator[str]:
 def _points(result: SweepResult) -> Table:
     listed = list(itertools.islice(result.records(), LISTED))
     made = _table(result.plan, "Points", listed, why=True)
-    more = result.count.total > LISTED
+    more = result.plan.points > LISTED
     return replace(made, note=f"The first {LISTED} points; --export writes all." * more)
 
 

@@ -16,7 +16,7 @@ from taction.verification.report.blocks import Content, Notes, Page, Section, Ta
 from taction.verification.report.texts import Cell, Column, fields, figure, number_cell, titled
 from taction.verification.report.views.answer_view import origin_section
 from taction.verification.studies.tolerance.corners import Corner, CornerStudy
-from taction.verification.studies.tolerance.montecarlo import CHECK_OF, QuantitySpread, YieldReport
+from taction.verification.studies.tolerance.montecarlo import CHECK_OF, YieldReport
 from taction.verification.studies.tolerance.varied_board import Quantity
 
 BINS = 40  # of a histogram, at most
@@ -101,7 +101,7 @@ def spreads(result: YieldReport) -> Table:
     return Table.of("Quantities", shown, columns, note)
 
 
-def _values(result: YieldReport, spread: QuantitySpread) -> tuple[Floats, int, str]:
+def _values(result: YieldReport, spread: Quantity) -> tuple[Floats, int, str]:
     """Return the values of a quantity, how many samples have none, and whether these pass."""
     every = [(each, None if each.lost else each.value(spread.name)) for each in result.boards]
     known = [value for _, value in every if value is not None and math.isfinite(value)]
@@ -116,7 +116,7 @@ def _values(result: YieldReport, spread: QuantitySpread) -> tuple[Floats, int, s
 def histograms(result: YieldReport) -> Iterator[Content]:
     """Yield a histogram of each quantity, those first whose check costs most yield."""
 
-    def place(spread: QuantitySpread) -> tuple[bool, int]:
+    def place(spread: Quantity) -> tuple[bool, int]:
         unlimited = spread.at_least is None and spread.at_most is None
         return unlimited, -result.failures.get(_check(spread.name), 0)
 
@@ -132,7 +132,7 @@ def histograms(result: YieldReport) -> Iterator[Content]:
         yield Notes(title, (f"{title}: {text}.",) if text else ())
 
 
-def _histogram(title: str, spread: QuantitySpread, values: Floats, text: str) -> Chart:
+def _histogram(title: str, spread: Quantity, values: Floats, text: str) -> Chart:
     """Return the histogram of values, with the limits near them; `text`: what has none."""
     unit, both = spread.unit, (spread.at_least, spread.at_most)
     limits = [limit for limit in both if limit is not None]

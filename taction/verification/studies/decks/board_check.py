@@ -18,6 +18,7 @@ from typing import Annotated
 import numpy as np
 
 from taction.netlist_gen.deck.part_tolerances import DeckTolerances
+from taction.netlist_gen.scene.axes import SweepAxis
 from taction.system.documents import Hertz, Number, Rate, Volts
 from taction.system.quantities import show
 from taction.system.results import Result
@@ -27,7 +28,6 @@ from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.studies.decks.board_sweep import (
     Sweep,
-    SweptValue,
     VariedDeck,
     sweep_deck,
 )
@@ -145,7 +145,7 @@ def check_board(
     *,
     ngspice: bool = True,
     transient: bool = False,
-    over: Iterable[SweptValue] = (),
+    over: Iterable[SweepAxis] = (),
     tolerances: DeckTolerances | None = None,
     samples: tuple[int, int] = (300, 1),
     progress: Progress = lambda stage: None,

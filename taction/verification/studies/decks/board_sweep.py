@@ -13,10 +13,10 @@ from typing import Annotated
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit, Knob
+from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.variation import Parameter, parameters, vary
 from taction.netlist_gen.deck.part_tolerances import DeckTolerances
-from taction.netlist_gen.scene.axes import range_values
+from taction.netlist_gen.scene.axes import SweepAxis, range_values
 from taction.netlist_gen.scene.keys import Key
 from taction.system.array_types import Floats
 from taction.system.documents import Hertz, Number, Rate
@@ -135,40 +135,32 @@ LISTED = 40  # names in a message
 SAME = 1e-9  # relative distance of a point from an edge at which it counts as the edge
 
 
-@dataclass(frozen=True, slots=True)
-class SweptValue:
-    """A value to sweep."""
+def swept_axis(text: str, deck: ForeignBoard) -> SweepAxis:
+    """Read ``NAME``, ``NAME=LOW:HIGH`` or ``NAME=LOW:HIGH:POINTS`` of a part or a ``.param``."""
+    name, _, body = (part.strip() for part in text.partition("="))
+    lower, known = name.lower(), deck.deck.parameters
+    parts = {knob.name.lower(): knob.name for knob in deck.circuit.knobs if knob.role}
+    if lower not in parts and lower not in known:
+        listed = ", ".join([*known, *parts.values()][:LISTED])
+        raise InputError("--over", Complaint("name", repr(name), f"expected one of {listed}"))
+    found = parts.get(lower, lower)
+    unit = deck.circuit.facts[found].unit if lower in parts else ""
+    key = Key(found, "real", unit)
+    if body:
+        read = replace(key, unit=unit if unit in UNITS else "ohm")
+        values, scale = range_values(read, text, body, POINTS)
+        return SweepAxis(key, found, values, scale)
+    own = own_value(found, deck)
+    if own is None or not own > 0.0:
+        raise InputError("--over", Complaint(name, "", f"expected {name}=LOW:HIGH:POINTS"))
+    values = np.geomspace(own / AROUND, own * AROUND, POINTS).tolist()
+    return SweepAxis(key, found, tuple(values), "log", default=True)
 
-    name: str  # of the part, as the deck writes it, or of the ``.param``
-    knob: Knob | None  # of the part
-    unit: str  # empty for a plain number
-    own: float | None  # what the part has
-    values: Sequence[float]  # SI base unit
-    logarithmic: bool  # whether they are spaced by factors
 
-    @classmethod
-    def of(cls, text: str, deck: ForeignBoard) -> SweptValue:
-        """Read ``NAME``, ``NAME=LOW:HIGH`` or ``NAME=LOW:HIGH:POINTS``."""
-        name, _, body = (part.strip() for part in text.partition("="))
-        circuit, lower = deck.circuit, name.lower()
-        parts = {knob.name.lower(): knob for knob in circuit.knobs if knob.role}
-        knob, known = parts.get(lower), deck.deck.parameters
-        if knob is None and lower not in known:
-            listed = ", ".join([*known, *(each.name for each in parts.values())][:LISTED])
-            raise InputError("--over", Complaint("name", repr(name), f"expected one of {listed}"))
-        own = circuit.value(knob.name) if knob else deck.value_of(lower)
-        unit = circuit.facts[knob.name].unit if knob else ""
-        found = knob.name if knob else lower
-        if body:
-            key = Key(name, "real", unit if unit in UNITS else "ohm")
-            read, scale = range_values(key, text, body, POINTS)
-            values = [float(value) for value in read]
-            spread = scale != "lin" and min(values) > 0.0
-            return cls(found, knob, unit, own, values, spread)
-        if own is None or not own > 0.0:
-            raise InputError("--over", Complaint(name, "", f"expected {name}=LOW:HIGH:POINTS"))
-        values = np.geomspace(own / AROUND, own * AROUND, POINTS).tolist()
-        return cls(found, knob, unit, own, values, logarithmic=True)
+def own_value(name: str, deck: ForeignBoard) -> float | None:
+    """Return the value of a part, or of a ``.param``, in its deck."""
+    known = any(knob.name == name and knob.role for knob in deck.circuit.knobs)
+    return deck.circuit.value(name) if known else deck.value_of(name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,10 +236,12 @@ class Sweep:
         return tuple(v for v in values if not any(abs(v - e) <= SAME * abs(v) for e in crossings))
 
 
-def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweptValue, band: float) -> Sweep:
+def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweepAxis, band: float) -> Sweep:
     """Find every crossing over one value, and the readings at each of the values."""
-    values = swept.values
-    family = Family.of(board, swept.knob) if swept.knob else Family.over(_over(deck, swept))
+    values = [float(value) for value in swept.values]
+    logarithmic = swept.scale != "lin" and min(values) > 0.0
+    knob = next((k for k in deck.circuit.knobs if k.role and k.name == swept.name), None)
+    family = Family.of(board, knob) if knob else Family.over(_over(deck, swept.name, values))
     at = cache(family.board)  # a scan and the readings share boards
     family = replace(family, board=at)
 
@@ -263,24 +257,25 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweptValue, band: 
         edges = scan(
             values,
             lambda value: told_apart(at(value), poles(at(value)))[0],
-            logarithmic=swept.logarithmic,
+            logarithmic=logarithmic,
         )
-    elif family.ports is not None and swept.logarithmic:
+    elif family.ports is not None and logarithmic:
         edges = find_edges(family, min(values), max(values), values=values)
     else:
-        edges = family.scan(values, logarithmic=swept.logarithmic)
+        edges = family.scan(values, logarithmic=logarithmic)
     boards = tuple(map(measured, values))
     points = tuple(map(PointRow.of, values, boards))
-    return Sweep(swept.name, swept.unit, swept.own, edges, points, boards)
+    own = own_value(swept.name, deck)
+    return Sweep(swept.name, swept.key.unit, own, edges, points, boards)
 
 
-def _over(deck: ForeignBoard, swept: SweptValue) -> Callable[[float], Circuit]:
+def _over(deck: ForeignBoard, name: str, values: Sequence[float]) -> Callable[[float], Circuit]:
     """Return the circuit as a function of a ``.param``; those at `values` are built at once."""
-    made = deck.at([{swept.name: value} for value in swept.values])
-    known = dict(zip(swept.values, made, strict=True))
+    made = deck.at([{name: value} for value in values])
+    known = dict(zip(values, made, strict=True))
 
     def at(value: float) -> Circuit:
-        found = known[value] if value in known else deck.at([{swept.name: value}])[0]
+        found = known[value] if value in known else deck.at([{name: value}])[0]
         if isinstance(found, InputError):
             raise found
         return found

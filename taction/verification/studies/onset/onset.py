@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,7 +19,6 @@ from taction.netlist_gen.scene.axes import Over, SweepAxis, parse_axes, with_val
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import own_value
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.documents import Number
 from taction.system.errors import (
     Complaint,
     EngineError,
@@ -32,50 +30,15 @@ from taction.system.progress import Progress
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.stability.edges import Edge, Scan
+from taction.verification.stability.edges import Sample, Scan
 from taction.verification.stability.families import Family, unrounded
 from taction.verification.stability.poles import count_unstable, poles
-from taction.verification.studies.onset.transient_trial import TransientTest, confirm
+from taction.verification.studies.onset.transient_trial import CheckedEdge, confirm
 
 NOT_ASKED = "transients were not requested"
 AROUND = 30.0  # the default range is from the scene's value / 30 to its value * 30
 POINTS = 61  # of the first grid of a scan: 20 per decade in the default range
 TIMEOUT = 600.0  # of one transient, s
-
-
-@dataclass(frozen=True, slots=True)
-class UnstablePoles:
-    """Poles right of the imaginary axis on both sides of a crossing."""
-
-    below: int
-    above: int
-
-
-@dataclass(frozen=True, slots=True)
-class CheckedEdge:
-    """A crossing of the imaginary axis, and the result of the transients on both sides."""
-
-    DOCUMENT = (
-        *("value = crossing.value", "frequency [Hz] = crossing.frequency", "direction"),
-        *("changes_stability = crossing.changes_stability", "unstable_poles"),
-        *("confirmed = confirmation.confirmed", "reason = confirmation.reason"),
-        *("below = confirmation.below", "above = confirmation.above"),
-    )
-
-    crossing: Edge
-    confirmation: TransientTest
-    complete: bool = True  # whether the numbers of poles are known
-
-    @property
-    def direction(self) -> str:
-        """The side of the crossing on which the mode grows."""
-        return "unstable above" if self.crossing.unstable_above else "unstable below"
-
-    @property
-    def unstable_poles(self) -> UnstablePoles | None:
-        """The numbers of unstable poles on both sides, where they are known."""
-        edge = self.crossing
-        return UnstablePoles(edge.below, edge.above) if self.complete else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,14 +49,6 @@ class Count:
     poles: int  # eigenvalues on or right of the imaginary axis
     winding: int | None  # winding number of the loop's determinant; None with a `reason`
     reason: str = ""  # why the winding number could not be computed
-
-
-@dataclass(frozen=True, slots=True)
-class WithoutPoles:
-    """A value whose poles could not be computed."""
-
-    value: Number
-    reason: str
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -119,7 +74,7 @@ class Onset(Result):
     @property
     def disagreement(self) -> bool:
         """Whether a transient contradicts a pole, or the two counts of unstable poles differ."""
-        trials = any(each.confirmation.confirmed is False for each in self.findings)
+        trials = any(each.confirmed is False for each in self.findings)
         return trials or any(c.winding is not None and c.winding != c.poles for c in self.counts)
 
     @property
@@ -128,9 +83,9 @@ class Onset(Result):
         return own_value(self.scene, self.axis.key)
 
     @property
-    def failures(self) -> tuple[WithoutPoles, ...]:
+    def failures(self) -> tuple[Sample, ...]:
         """The values whose poles could not be computed."""
-        return tuple(WithoutPoles(s.value, s.failure) for s in self.scan.samples if s.failure)
+        return tuple(sample for sample in self.scan.samples if sample.failure)
 
     @property
     def outcome(self) -> str:
@@ -255,17 +210,18 @@ def confirmations(
     progress: Progress = lambda stage: None,
 ) -> tuple[CheckedEdge, ...]:
     """Check every crossing by transients of `timeout`, s; without ngspice they stay unconfirmed."""
-    unknown = TransientTest(None, NOT_ASKED)
-    find: Callable[..., TransientTest] = partial(confirm, boards.board)
+    reason = NOT_ASKED
     if timeout is not None and scanned.edges:
         try:
-            find = partial(find, simulator=find_simulator(), logarithmic=scanned.logarithmic)
+            simulator = find_simulator()
         except (SimulatorNotFound, SimulatorTooOld) as error:
-            reason = f"ngspice is needed to confirm a crossing: {error}"
-            unknown, timeout = TransientTest(None, reason), None
+            reason, timeout = f"ngspice is needed to confirm a crossing: {error}", None
     findings = []
     for number, edge in enumerate(scanned.edges, start=1):
         progress(f"transients beside crossing {number} of {len(scanned.edges)}")
-        found = unknown if timeout is None else find(edge, timeout=timeout)
-        findings.append(CheckedEdge(edge, found, scanned.complete))
+        found = CheckedEdge(edge, None, reason)
+        if timeout is not None:
+            way = scanned.logarithmic
+            found = confirm(boards.board, edge, simulator, logarithmic=way, timeout=timeout)
+        findings.append(replace(found, complete=scanned.complete))
     return tuple(findings)

@@ -75,29 +75,57 @@ class Side:
 
 
 @dataclass(frozen=True, slots=True)
-class TransientTest:
-    """Both sides of a crossing; `confirmed` is None if the transients are inconclusive."""
+class UnstablePoles:
+    """Poles right of the imaginary axis on both sides of a crossing."""
 
-    confirmed: bool | None
+    below: int
+    above: int
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedEdge:
+    """A crossing of the imaginary axis, and the result of the transients on both sides."""
+
+    DOCUMENT = (
+        *("value = crossing.value", "frequency [Hz] = crossing.frequency", "direction"),
+        *("changes_stability = crossing.changes_stability", "unstable_poles"),
+        *("confirmed", "reason", "below", "above"),
+    )
+
+    crossing: Edge
+    confirmed: bool | None  # None if the transients are inconclusive
     reason: str
     below: Side | None = None
     above: Side | None = None
+    complete: bool = True  # whether the numbers of poles are known
+
+    @property
+    def direction(self) -> str:
+        """The side of the crossing on which the mode grows."""
+        return "unstable above" if self.crossing.unstable_above else "unstable below"
+
+    @property
+    def unstable_poles(self) -> UnstablePoles | None:
+        """The numbers of unstable poles on both sides, where they are known."""
+        edge = self.crossing
+        return UnstablePoles(edge.below, edge.above) if self.complete else None
 
 
 def confirm(
     boards: Boards, crossing: Edge, simulator: Simulator, *, logarithmic: bool, timeout: float
-) -> TransientTest:
+) -> CheckedEdge:
     """Run transients of `timeout`, s, on both sides of `crossing`; compare with the poles."""
     try:
         trials = [_prepare(boards, crossing, side, logarithmic, simulator) for side in (-1, 1)]
     except (EngineError, InputError) as error:
-        return TransientTest(None, f"the board beside the crossing could not be prepared: {error}")
+        reason = f"the board beside the crossing could not be prepared: {error}"
+        return CheckedEdge(crossing, None, reason)
     runs = (partial(simulate, deck, simulator, timeout=timeout) for _, _, deck in trials)
     below, above = (_compare(*trial[:2], run) for trial, run in zip(trials, runs, strict=True))
     reasons = "; ".join(f"at {s.value!r}: {s.reason}" for s in (below, above) if s.reason)
     verdicts = (below.agrees, above.agrees)
     confirmed = False if False in verdicts else None if None in verdicts else True
-    return TransientTest(confirmed, reasons, below, above)
+    return CheckedEdge(crossing, confirmed, reasons, below, above)
 
 
 def _prepare(

@@ -11,7 +11,7 @@ import json
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -131,20 +131,21 @@ class StoredKey:
 
 
 @dataclass(frozen=True, slots=True)
-class _StoredStability:
-    rightmost_pole: tuple[float, float]
-    rightmost_pole_uncertainty: float | None
-
-
-@dataclass(frozen=True, slots=True)
 class _StoredVerdict:
     """What is compared of the document of a verdict."""
+
+    DOCUMENT = (
+        *("outcome", "checks", "channels", "step_amplitude", "engine", "keys"),
+        *("step_amplitude_uncertainty", "stability.rightmost_pole = pole"),
+        "stability.rightmost_pole_uncertainty = pole_uncertainty",
+    )
 
     outcome: str
     checks: tuple[Check, ...]
     channels: tuple[Channel, ...]
     step_amplitude: float | None
-    stability: _StoredStability
+    pole: tuple[float, float]
+    pole_uncertainty: float | None
     engine: str
     step_amplitude_uncertainty: float | None
     keys: dict[str, StoredKey]
@@ -152,7 +153,7 @@ class _StoredVerdict:
     @property
     def record(self) -> Record:
         """What is compared."""
-        (rate, speed), bound = astuple(self.stability)
+        (rate, speed), bound = self.pole, self.pole_uncertainty
         values = rate, speed / math.tau, self.step_amplitude
         bounds = bound, None if bound is None else bound / math.tau, self.step_amplitude_uncertainty
         return Record(

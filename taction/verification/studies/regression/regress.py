@@ -105,14 +105,6 @@ def fingerprint(scene: Scene) -> str:
     return digest.hexdigest()
 
 
-@dataclass(frozen=True, slots=True)
-class BaselineFile:
-    """What is in the file of a baseline."""
-
-    taction_baseline: int  # the format
-    scenes: dict[str, Entry]
-
-
 def load_baseline(path: str | Path) -> dict[str, Entry]:
     """Read the entries of a baseline, or refuse a file that is none, or that is damaged."""
 
@@ -133,13 +125,14 @@ def load_baseline(path: str | Path) -> dict[str, Entry]:
         reason = f"another format; this taction reads {FORMAT}. Use the taction that wrote it, or "
         raise unusable(MARK, repr(data[MARK]), reason + MOVE_AWAY)
     try:
-        found = read(BaselineFile, data)
-        if json.loads(baseline_text(found.scenes)) != data:
+        entries = {"scenes": data.get("scenes")}
+        found = read(dict[str, dict[str, Entry]], entries)["scenes"]
+        if json.loads(baseline_text(found)) != data:
             raise ValueError("scenes: has a key that no baseline has, or lacks one")
     except ValueError as error:
         place, _, what = str(error).rpartition(": ")
         raise unusable(place or "scenes", "", f"damaged: {what}{damaged}") from None
-    return found.scenes
+    return found
 
 
 def baseline_text(entries: Baseline) -> str:

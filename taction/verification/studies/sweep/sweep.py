@@ -11,9 +11,9 @@ import hashlib
 import math
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -86,17 +86,15 @@ class Plan:
         return {axis.key.path: axis.values[k] for group, k in at for axis in group}
 
 
-@dataclass(frozen=True, slots=True)
-class GridPoint:
-    """One point of the grid."""
-
-    place: int  # in the order of the grid, from 0
-    values: dict[str, Value]
-    key: bytes  # digest of the scene at the point, and of all else that its result depends on
+GridPoint = tuple[int, dict[str, Value], bytes]
+"""Place in the order of the grid, from 0, values by their paths, and key in a store."""
 
 
 def grid_points(plan: Plan, places: Iterable[int] | None = None) -> Iterator[GridPoint]:
-    """Yield points of a plan, by default all, in the order of the grid."""
+    """Yield points of a plan, by default all, in the order of the grid.
+
+    The key is a digest of the scene at the point, and of all else that its result depends on.
+    """
     scene = plan.scene.model_dump(by_alias=True, exclude={"name", "regression", "analysis"})
     analysis = plan.scene.analysis.model_dump(exclude={"engine", "timeout"})
     base = digest(own_code(), scene, analysis, simulator_name(plan.engine), plan.engine)
@@ -112,65 +110,53 @@ def grid_points(plan: Plan, places: Iterable[int] | None = None) -> Iterator[Gri
         values = plan.values_at(place)
         names = [values.get(path, name) for path, name in named.items()]
         files = [content(name) if isinstance(name, str) else b"" for name in names]
-        yield GridPoint(place, values, digest(base, values, files))
-
-
-@dataclass(slots=True)
-class SweepCounts:
-    """How many points a sweep has, and how they ended."""
-
-    total: int
-    ran: int = 0  # computed now
-    outcomes: Counter[str] = field(default_factory=Counter)  # of the points that are done
-
-    @property
-    def done(self) -> int:
-        """Number of points that were computed now, or stored before."""
-        return self.outcomes.total()
+        yield place, values, digest(base, values, files)
 
 
 def sweep_points(
     plan: Plan, store: Store, workers: Workers, *, progress: Progress = lambda line: None
-) -> SweepCounts:
-    """Compute every point of `plan` that `store` does not have, or has without a verdict."""
-    count, missing = SweepCounts(plan.points), []
-    for point in grid_points(plan):
-        outcome = store.outcome_of(point.key)
+) -> tuple[int, Counter[str]]:
+    """Compute every point of `plan` that `store` does not have, or has without a verdict.
+
+    Return how many were computed now, and how many of all have each outcome.
+    """
+    outcomes, missing = Counter[str](), []
+    for place, _, key in grid_points(plan):
+        outcome = store.outcome_of(key)
         if outcome in (None, ERROR):
-            missing.append(point.place)
+            missing.append(place)
         else:
-            count.outcomes[outcome] += 1
+            outcomes[outcome] += 1
     if not missing:
-        return count
-    progress(Notice(f"computing {len(missing)} of {count.total} points"))
+        return 0, outcomes
+    progress(Notice(f"computing {len(missing)} of {plan.points} points"))
 
     def finish(key: bytes, record: Record) -> None:
         store.put(key, record)
-        count.ran += 1
-        count.outcomes[record.outcome] += 1
-        outcomes = ", ".join(f"{number} {name}" for name, number in sorted(count.outcomes.items()))
-        progress(f"{count.done} of {count.total} points; {outcomes}")
+        outcomes[record.outcome] += 1
+        every = ", ".join(f"{number} {name}" for name, number in sorted(outcomes.items()))
+        progress(f"{outcomes.total()} of {plan.points} points; {every}")
 
     def requests() -> Iterator[tuple[bytes, tuple[Scene, InverseProblem]]]:
         """Yield key, scene and problem of each point; one whose scene cannot be made ends here."""
         last = problem = None
-        for point in grid_points(plan, missing):
+        for _, values, key in grid_points(plan, missing):
             try:
-                scene = with_values(plan.scene, point.values | {ENGINE: plan.engine})
+                scene = with_values(plan.scene, values | {ENGINE: plan.engine})
                 if last is None or problem is None or last != scene.problem:
                     last, problem = scene.problem, make_problem(scene)  # neighbours often share it
-                yield point.key, (scene, problem)
+                yield key, (scene, problem)
             except MACHINE_FAILURES:  # ngspice was removed: no result of a point
                 raise
             except TactionError as error:
-                finish(point.key, _failed(error, str(error), plan.engine))
+                finish(key, _failed(error, str(error), plan.engine))
 
     for key, record in study(workers, compute_point, requests()):
         if isinstance(record, BaseException):
             text = f"the worker was killed several times (out of memory?): {record}"
             record = _failed(record, text, plan.engine)
         finish(key, record)
-    return count
+    return len(missing), outcomes
 
 
 def _failed(error: BaseException, reason: str, engine: str) -> Record:
@@ -192,7 +178,7 @@ def computed(
     jobs: int | None = None,
     cluster: str | None = None,
     progress: Progress = lambda stage: None,
-) -> SweepCounts:
+) -> tuple[int, Counter[str]]:
     """Compute what `store` lacks, by processes here or a cluster."""
     try:
         with workers_at(cluster, jobs, progress) as workers:
@@ -211,14 +197,14 @@ UNITS = {"step": "1", "": "1"}  # the unit of a plain number in the conventions 
 def all_records(plan: Plan, store: Store) -> Iterator[dict[str, Any] | None]:
     """Yield each point in the order of the grid, its values by names; None if not stored."""
     names = {axis.key.path: axis.name for axis in plan.axes}
-    for point in grid_points(plan):
-        record = store.record_of(point.key, dict[str, Any])
+    for _, at, key in grid_points(plan):
+        record = store.record_of(key, dict[str, Any])
         if record is None:
             yield None
             continue
         rate, frequency = record["growth_rate"], record["frequency"]
         pole = None if rate is None else [rate, 2.0 * math.pi * frequency]
-        values = {names[path]: value for path, value in point.values.items()}
+        values = {names[path]: value for path, value in at.items()}
         yield {"values": values, **record, "rightmost_pole": pole}
 
 
@@ -231,19 +217,6 @@ class SweepPoint:
     rightmost_pole: Annotated[tuple[float, ...] | None, "1/s"]
 
 
-@dataclass(frozen=True, slots=True)
-class GridAxis:
-    """An axis of a grid; axes of one `group` change together."""
-
-    DOCUMENT = (
-        *("name = axis.name", "key = axis.key.path", "unit = axis.key.unit"),
-        *("scale = axis.scale", "group", "values = axis.values"),
-    )
-
-    axis: SweepAxis
-    group: int
-
-
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SweepResult(Result):
     """Every point of a sweep."""
@@ -251,34 +224,31 @@ class SweepResult(Result):
     VIEW = "taction.verification.report.views.sweep_view:view"
     CARD = "Sweep"
     DOCUMENT = (
-        *("scene = plan.scene.name", "file = plan.scene.file", "database = store.path", "axes"),
-        *("engine = plan.engine", "total = count.total", "done = count.done"),
-        *("ran = count.ran", "outcomes", "seconds [s]"),
+        *("scene = plan.scene.name", "file = plan.scene.file", "database = store.path"),
+        "axes = plan.axes",
+        *("engine = plan.engine", "total = plan.points", "done", "ran", "outcomes"),
+        "seconds [s]",
         "notes # what may be a slip in the scene, and the figures that every op-amp keeps",
         "points",
     )
 
     plan: Plan  # the grid: the axes, their values, the engine
     store: Store  # a database in a file or in memory, open as long as the result exists
-    count: SweepCounts  # of all points, of the points computed now, and of each outcome
+    ran: int  # points computed now
+    outcomes: Mapping[str, int]  # how many points have each outcome
     seconds: float = 0.0  # wall time
     strict: bool = False  # whether a point that fails makes the outcome fail
 
     @property
-    def axes(self) -> tuple[GridAxis, ...]:
-        """The axes, with the groups that change together."""
-        return tuple(GridAxis(a, k) for k, group in enumerate(self.plan.groups) for a in group)
+    def done(self) -> int:
+        """Number of points that were computed now, or stored before."""
+        return sum(self.outcomes.values())
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What may be a slip in the scene, and which of its figures every op-amp keeps."""
         scene, paths = self.plan.scene, [axis.key.path for axis in self.plan.axes]
         return (*scene.written_questions, *kept_figures(scene, paths))
-
-    @property
-    def outcomes(self) -> dict[str, int]:
-        """How many points have each outcome."""
-        return dict(self.count.outcomes)
 
     @property
     def points(self) -> tuple[SweepPoint, ...]:
@@ -288,10 +258,10 @@ class SweepResult(Result):
     @property
     def outcome(self) -> str:
         """``fail`` if `strict` and a point fails; ``inconclusive`` if no point has a verdict."""
-        outcomes = self.count.outcomes
-        if self.strict and outcomes["fail"]:
+        if self.strict and self.outcomes.get("fail"):
             return "fail"
-        return "pass" if outcomes["pass"] + outcomes["fail"] else "inconclusive"
+        known = self.outcomes.get("pass") or self.outcomes.get("fail")
+        return "pass" if known else "inconclusive"
 
     def records(self) -> Iterator[dict[str, Any]]:
         """Yield every point as plain data in SI base units, in the order of the grid."""
@@ -422,8 +392,8 @@ def sweep(
     plan = Plan(scene, axes, choose_engine(scene if engine is None else scene.with_engine(engine)))
     ask(kept_figures(plan.scene, [axis.key.path for axis in plan.axes]), progress)
     store, start = Store(":memory:" if output is None else str(output)), time.perf_counter()
-    count = computed(plan, store, jobs=jobs, cluster=cluster, progress=progress)
-    return SweepResult(plan, store, count, time.perf_counter() - start, strict)
+    counts = computed(plan, store, jobs=jobs, cluster=cluster, progress=progress)
+    return SweepResult(plan, store, *counts, time.perf_counter() - start, strict)
 
 
 def _columns(plan: Plan) -> dict[str, tuple[str, str]]:

@@ -19,7 +19,6 @@ import numpy as np
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.documents import taken
 from taction.system.errors import Complaint, InputError, Interrupted
 from taction.system.progress import Progress
 from taction.system.quantities import fraction, percent
@@ -43,16 +42,6 @@ MIN_SAMPLES = 30  # for the test of the interval's width, and for sensitivities
 SIGNIFICANT = 4.0  # standard errors of a reported correlation; hundreds are tested at once
 QUANTILES = (0.05, 0.5, 0.95)
 CHECK_OF = {"growth_rate": "stability", "margin": "stability"}  # of a quantity of another name
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class QuantitySpread(Quantity):
-    """Distribution of a quantity over the samples."""
-
-    low: float  # of `QUANTILES`, each the value of one sample: infinite for one that never settles
-    median: float
-    high: float
-    missing: int  # samples without the quantity
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +99,7 @@ class YieldReport(Result):
     high: float
     failures: dict[str, int]
     reasons: dict[str, int]
-    quantities: tuple[QuantitySpread, ...]
+    quantities: tuple[Quantity, ...]
     sensitivities: tuple[Sensitivity, ...]
     min_yield: float | None = None
     complete: bool = True
@@ -170,7 +159,8 @@ def interval(passed: int, samples: int) -> tuple[float, float]:
     return low, high
 
 
-def _spread(quantity: Quantity, samples: list[BoardSample]) -> QuantitySpread:
+def _spread(quantity: Quantity, samples: list[BoardSample]) -> Quantity:
+    """Return a quantity with its distribution over the samples."""
     values = [sample.value(quantity.name) for sample in samples if not sample.lost]
     missing = sum(value is None for value in values)
     never = math.inf if quantity.unit == "s" else math.nan
@@ -179,7 +169,7 @@ def _spread(quantity: Quantity, samples: list[BoardSample]) -> QuantitySpread:
     low = median = high = math.nan
     if len(known):
         low, median, high = np.quantile(known, QUANTILES, method="inverted_cdf").tolist()
-    return taken(QuantitySpread, quantity, low=low, median=median, high=high, missing=missing)
+    return replace(quantity, low=low, median=median, high=high, missing=missing)
 
 
 def _sensitivities(board: Varied, samples: list[BoardSample], seed: int) -> Iterator[Sensitivity]:

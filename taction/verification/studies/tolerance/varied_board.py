@@ -76,7 +76,11 @@ class BoardSample:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A reported quantity, its unit, the direction that is worse, and what its check accepts."""
+    """A reported quantity, its unit, the direction that is worse, and what its check accepts.
+
+    `low`, `median` and `high` are its quantiles at 5 %, 50 % and 95 % over samples, each the value
+    of one sample: infinite for one that never settles.
+    """
 
     name: str
     unit: str  # "s", "step" (fraction of the step amplitude), "1/s", "V" or "ratio"
@@ -84,6 +88,10 @@ class Quantity:
     at_least: float | None = None
     at_most: float | None = None
     band: float | None = None  # of a settling time, fraction of the step amplitude
+    low: float = math.nan
+    median: float = math.nan
+    high: float = math.nan
+    missing: int = 0  # samples without the quantity
 
     @property
     def title(self) -> str:

@@ -32,7 +32,7 @@ from taction.system.foreign_files import read_ends
 from taction.system.progress import Notice, Progress
 from taction.system.quantities import show
 from taction.system.results import Result
-from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
+from taction.system.waveforms import PHYSICAL_BOUND, Cost, Waveforms
 from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.evidence import (
     Ending,
@@ -57,27 +57,16 @@ STEPS = re.compile(r"^Accepted timepoints = (\d+)", re.MULTILINE)
 ITERATIONS = re.compile(r"^Total iterations = (\d+)", re.MULTILINE)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MethodRun:
-    """One run of one method."""
-
-    time: Floats  # (P,), s
-    u: Floats  # (P, N), V
-    seconds: float  # wall time of the ngspice process, or of the computation with its output
-    steps: int  # accepted steps; 0 for a method without steps
-    factorisations: int | None  # (ngspice: one per Newton iteration); None: unknown
-
-    @property
-    def thinned(self) -> MethodRun:
-        """The run with about `COMPARED` of its instants, equally spaced."""
-        count = len(self.time)
-        kept = np.unique(np.append(np.arange(0, count, -(-count // COMPARED)), count - 1))
-        return replace(self, time=self.time[kept], u=self.u[kept])
+def thinned(run: Waveforms) -> Waveforms:
+    """Return a run with about `COMPARED` of its instants, equally spaced."""
+    count = len(run.time)
+    kept = np.unique(np.append(np.arange(0, count, -(-count // COMPARED)), count - 1))
+    return replace(run, time=run.time[kept], values=run.values[kept])
 
 
 def ngspice(
     circuit: Circuit, transient: Transient, points: float, method: Literal["trapezoidal", "gear"]
-) -> MethodRun:
+) -> Waveforms:
     """Run ngspice with `points` points on a ringing period."""
     simulator = find_simulator()
     step = transient.max_step * BASE_POINTS / points
@@ -94,35 +83,35 @@ def ngspice(
 
     with process.Simulation(deck, simulator, timeout=LONGEST, bound=bound) as run:
         waveforms, log = run.accept(accept)
-    steps, iterations = STEPS.search(log), ITERATIONS.search(log)
-    return replace(
-        _of_record(circuit, waveforms),
-        steps=int(steps[1]) if steps else waveforms.cost.points,
-        factorisations=int(iterations[1]) if iterations else None,
-    )
+    cost = waveforms.cost
+    if steps := STEPS.search(log):
+        cost = replace(cost, points=int(steps[1]))
+    iterations = ITERATIONS.search(log)
+    cost = replace(cost, factorisations=int(iterations[1]) if iterations else 0)
+    return _run(circuit, waveforms.time, outputs(circuit, waveforms), cost)
 
 
 def exact(
     circuit: Circuit, transient: Transient, setting: float = 0.0, *, times: Floats | None = None
-) -> MethodRun:
+) -> Waveforms:
     """Run the exact engine; without `times` with `BASE_POINTS` points on a ringing period."""
     started, solution = clock.perf_counter(), exact_solution(circuit, initial=transient.initial)
     time = record_times(transient, transient.stop) if times is None else times
     u = np.array([output.sign for output in circuit.outputs]) * solution.at(time)
-    return MethodRun(time, u, clock.perf_counter() - started, 0, 1)
+    return _run(circuit, time, u, Cost(clock.perf_counter() - started, 0, 1))
 
 
 def implicit(
     circuit: Circuit, transient: Transient, tolerance: float, *, times: Floats | None = None
-) -> MethodRun:
+) -> Waveforms:
     """Run the adaptive implicit engine, also on a linear board."""
     found = stepped.simulate(circuit, transient, times=times, tolerance=tolerance)
-    return _of_record(circuit, found)
+    return _run(circuit, found.time, outputs(circuit, found), found.cost)
 
 
-def _of_record(circuit: Circuit, waveforms: Waveforms) -> MethodRun:
-    cost, u = waveforms.cost, outputs(circuit, waveforms)
-    return MethodRun(waveforms.time, u, cost.seconds, cost.points, cost.factorisations)
+def _run(circuit: Circuit, time: Floats, u: Floats, cost: Cost) -> Waveforms:
+    """Return the outputs u (P, N), V, of one run of one method, with its cost."""
+    return Waveforms(time, tuple(out.node for out in circuit.outputs), u, "", cost)
 
 
 TOLERANCES = tuple(10.0**-k for k in range(2, 11))
@@ -137,7 +126,7 @@ class Method:
     engine: Literal["ngspice", "statespace"]
     setting: str  # name of the ladder's quantity; empty for a method without a step
     ladder: tuple[float, ...]  # coarse to fine
-    run: Callable[..., MethodRun]  # of circuit, transient (with `BASE_POINTS`) and setting
+    run: Callable[..., Waveforms]  # of circuit, transient (with `BASE_POINTS`) and setting
     order: float | None  # in theory; None for a method without a step
     theory: str  # the order in words
 
@@ -161,11 +150,11 @@ METHODS: tuple[Method, ...] = (
 )  # fmt: skip
 
 
-def solutions(board: LinearBoard) -> dict[str, Callable[..., MethodRun]]:
+def solutions(board: LinearBoard) -> dict[str, Callable[..., Waveforms]]:
     """Return two solutions of the board by their names, the better first."""
     # Of a large board a smaller tolerance gains nothing over rounding errors.
     tight = 1e-9 if board.descriptor.is_large else 1e-12
-    found: dict[str, Callable[..., MethodRun]] = {EXACT: exact} if is_exact(board) else {}
+    found: dict[str, Callable[..., Waveforms]] = {EXACT: exact} if is_exact(board) else {}
     for each in (tight, 100.0 * tight)[: 2 - len(found)]:
         found[f"state space, implicit at {each:g}"] = partial(implicit, tolerance=each)
     return found
@@ -344,7 +333,7 @@ def accuracy(
     step, initial = scales.max_step_for(BASE_POINTS), scene.analysis.initial
     transient = Transient(stop, step, truncation_for(BASE_POINTS), initial=initial)
     board, left_out, end = LinearBoard(circuit), list[str](), started + budget
-    runs, solved = list[tuple[SettingResult, MethodRun | None]](), dict[str, Floats]()
+    runs, solved = list[tuple[SettingResult, Waveforms | None]](), dict[str, Floats]()
     usable, task = list(_applicable(board, left_out)), (circuit, transient)
     with Worker() as worker:
         for k, method in enumerate(usable):
@@ -356,7 +345,7 @@ def accuracy(
         time = np.unique(np.concatenate([[0.0], *(run.time for _, run in runs if run)]))
         for name, solve in solutions(board).items() if len(time) > 1 else ():
             try:
-                solved[name] = worker.call(limit, solve, *task, times=time).u
+                solved[name] = worker.call(limit, solve, *task, times=time).values
             except (TimeoutError, *FAILURES) as error:
                 left_out.append(f"reference, {name}: {error}")
     floor, amplitude = None, math.nan
@@ -367,13 +356,13 @@ def accuracy(
             raise EngineError("the step moves no output of this board: nothing to study")
         floor = float(np.abs(others[0] - first).max() / amplitude) if others else None
 
-    def compared(point: SettingResult, run: MethodRun | None) -> SettingResult:
+    def compared(point: SettingResult, run: Waveforms | None) -> SettingResult:
         """Return a setting with its error beside the first solution of another method."""
         name = next((name for name in solved if name != point.method.name), None)
         if run is None or name is None:
             return point
         u = solved[name][np.searchsorted(time, run.time)]
-        return replace(point, error=float(np.abs(run.u - u).max() / amplitude), reference=name)
+        return replace(point, error=float(np.abs(run.values - u).max() / amplitude), reference=name)
 
     made = WorkPrecisionStudy(
         scene,
@@ -416,7 +405,7 @@ def _ladder(
     method: Method,
     seconds: float,
     left_out: list[str],
-) -> Iterator[tuple[SettingResult, MethodRun | None]]:
+) -> Iterator[tuple[SettingResult, Waveforms | None]]:
     """Yield the settings of a method and their last runs, coarse to fine, for some `seconds`."""
     end, stop = clock.perf_counter() + seconds, task[1].stop
     for place, setting in enumerate(method.ladder):
@@ -428,7 +417,7 @@ def _ladder(
         try:
             while len(times) < REPEATS and (not times or clock.perf_counter() + times[0] < end):
                 run = worker.call(limit, method.run, *task, setting)
-                times.append(run.seconds)
+                times.append(run.cost.seconds)
         except TimeoutError as error:
             if run is None:
                 yield replace(point, status="timeout", seconds=limit, note=str(error)), None
@@ -441,11 +430,11 @@ def _ladder(
         point = replace(
             point,
             seconds=statistics.median(times),
-            steps=run.steps,
-            factorisations=run.factorisations,
-            mean_step=stop / run.steps if run.steps else None,
+            steps=run.cost.points,
+            factorisations=run.cost.factorisations or None,
+            mean_step=stop / run.cost.points if run.cost.points else None,
         )
-        yield point, run.thinned
+        yield point, thinned(run)
 
 
 def _words(error: BaseException) -> str:

@@ -17,11 +17,8 @@ from taction.verification.report.blocks import PAGE, Bars, Block, Page, Table
 from taction.verification.report.renderers.plotly import plotly_spec
 from taction.verification.report.views import tolerance_view as tolerance
 from taction.verification.report.views.sweep_view import Plane
-from taction.verification.studies.tolerance.montecarlo import (
-    QuantitySpread,
-    Sensitivity,
-    YieldReport,
-)
+from taction.verification.studies.tolerance.montecarlo import Sensitivity, YieldReport
+from taction.verification.studies.tolerance.varied_board import Quantity
 from tests.support.entries import grid_plan, make_sample
 from tests.support.report_pages import STUDIES, VERDICTS, page
 
@@ -111,12 +108,10 @@ SAMPLES = [
     )
     for k in range(40)
 ]
-TIME = QuantitySpread(
+TIME = Quantity(
     "settling_time", "s", at_most=1.76e-5, low=1e-5, median=1.5e-5, high=2e-5, missing=0
 )
-RATE = QuantitySpread(
-    "growth_rate", "1/s", at_most=0.0, low=-5.0, median=-5.0, high=-5.0, missing=0
-)
+RATE = Quantity("growth_rate", "1/s", at_most=0.0, low=-5.0, median=-5.0, high=-5.0, missing=0)
 REPORT = YieldReport(
     name="three",
     engine="statespace",

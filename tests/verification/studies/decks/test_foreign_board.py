@@ -19,7 +19,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.poles import poles
 from taction.verification.studies.decks.board_check import BoardCheck, check_board
-from taction.verification.studies.decks.board_sweep import SweptValue
+from taction.verification.studies.decks.board_sweep import swept_axis
 from taction.verification.studies.decks.foreign_board import ForeignBoard, read_board
 from taction.verification.studies.decks.questions import wanted
 from tests.support.designer_decks import DECKS, deck
@@ -47,7 +47,7 @@ def read(tmp_path_factory: pytest.TempPathFactory) -> Read:
 
 
 def checked(board: ForeignBoard, *over: str, checks: tuple[str, ...] = ()) -> BoardCheck:
-    swept = [SweptValue.of(each, board) for each in over]
+    swept = [swept_axis(each, board) for each in over]
     return check_board(board, wanted(checks), ngspice=False, over=swept)
 
 

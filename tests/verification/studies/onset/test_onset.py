@@ -26,7 +26,7 @@ from taction.verification.stability.families import Family
 from taction.verification.stability.poles import poles
 from taction.verification.studies.onset import transient_trial as confirm_module
 from taction.verification.studies.onset.onset import board_over, confirmations, onset
-from taction.verification.studies.onset.transient_trial import TransientTest, along
+from taction.verification.studies.onset.transient_trial import CheckedEdge, along
 from tests.support.boards import bare, single_mode, window
 from tests.support.paths import SCENES
 
@@ -63,7 +63,7 @@ def latch(ohms: float) -> Circuit:
     )
 
 
-def check_sides(trial: TransientTest, share: float = 0.03) -> None:
+def check_sides(trial: CheckedEdge, share: float = 0.03) -> None:
     """Both sides within `share` of the pole, and with opposite signs."""
     assert trial.confirmed is True, trial.reason
     for side in (trial.below, trial.above):
@@ -86,7 +86,7 @@ def test_both_ends_of_the_window_of_the_single_mode(ngspice: str) -> None:
     low, high = found.stable_ranges
     assert (low[1], high[0]) == tuple(c.value for c in found.edges)
     for each in confirmations(boards, found):
-        check_sides(each.confirmation)
+        check_sides(each)
 
 
 def test_a_real_pole_that_crosses_at_zero_is_confirmed_too(ngspice: str) -> None:
@@ -96,10 +96,8 @@ def test_a_real_pole_that_crosses_at_zero_is_confirmed_too(ngspice: str) -> None
     assert crossing.value == pytest.approx(R, rel=1e-6)
     assert (crossing.frequency, crossing.unstable_above) == (0.0, False)
     (finding,) = confirmations(boards, found)
-    check_sides(finding.confirmation)
-    assert finding.confirmation.above.predicted.real == pytest.approx(
-        (1 / 1.03 - 1) / 1e-6, rel=1e-4
-    )
+    check_sides(finding)
+    assert finding.above.predicted.real == pytest.approx((1 / 1.03 - 1) / 1e-6, rel=1e-4)
 
 
 def test_an_antisymmetric_mode_that_the_load_never_excites_is_confirmed(ngspice: str) -> None:
@@ -109,7 +107,7 @@ def test_an_antisymmetric_mode_that_the_load_never_excites_is_confirmed(ngspice:
     assert edge.value == pytest.approx(4.134e-12, rel=1e-4)
     assert (edge.below, edge.above, edge.changes_stability) == (2, 0, True)
     assert low.crossing.changes_stability is False
-    check_sides(high.confirmation)
+    check_sides(high)
     (stable,) = found.scan.stable_ranges
     assert stable == (edge.value, 3e-11)
     # At 3.8 pF the pole stands at +2.7e4 /s, and its mode is antisymmetric.
@@ -128,7 +126,7 @@ def test_an_exponential_board_is_taken_at_the_equilibrium_of_each_value(ngspice:
     (finding,) = found.findings
     assert finding.crossing.unstable_above
     assert finding.crossing.value == pytest.approx(6.829e6, rel=1e-3)
-    check_sides(finding.confirmation)
+    check_sides(finding)
     assert not found.disagreement
 
 
@@ -137,8 +135,8 @@ def test_a_mode_hidden_by_a_faster_instability_is_left_undecided(ngspice: str) -
     found = onset(scene, over="gain=10M:20M:7")
     (finding,) = found.findings
     assert finding.crossing.below == 2
-    assert finding.confirmation.confirmed is None
-    assert "the fit is uncertain" in finding.confirmation.reason
+    assert finding.confirmed is None
+    assert "the fit is uncertain" in finding.reason
 
 
 @pytest.fixture
@@ -156,7 +154,7 @@ def damping(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_integration_that_damps_is_reported_as_a_disagreement() -> None:
     found = taction.onset(TUNED, over="C=4pF:5pF:3")
     (finding,) = found.findings
-    trial = finding.confirmation
+    trial = finding
     assert (found.outcome, trial.confirmed) == ("inconclusive", False)
     assert "the transient grows with -" in trial.reason
     assert trial.below.predicted.real > 0.0 > trial.below.growth_rate
@@ -169,8 +167,8 @@ def test_without_ngspice_crossings_are_found_and_stay_undecided(
     boards = Family.over(lagging)
     found = boards.scan(np.geomspace(1e-10, 1e-8, 21).tolist())
     (finding,) = confirmations(boards, found)
-    assert finding.confirmation.confirmed is None
-    assert "ngspice is needed" in finding.confirmation.reason
+    assert finding.confirmed is None
+    assert "ngspice is needed" in finding.reason
 
 
 def test_winding_numbers_count_what_the_poles_say() -> None:

@@ -55,7 +55,7 @@ WRONG = {
     "[1, 2]": "no baseline of taction",
     '{"scenes": {}}': "no baseline of taction",
     '{"taction_baseline": 1, "scenes": {}}': "taction_baseline = 1: another format",
-    '{"taction_baseline": 5}': "scenes: damaged",
+    '{"taction_baseline": 5}': "scenes = null: damaged",
     broken({"step_amplitude": "much"}): r"scenes\.a\.toml\.step_amplitude = 'much': damaged",
     broken({"step_amplitude": float("nan")}): r"scenes\.a\.toml\.step_amplitude = nan: damaged",
     broken({"growth_rate": None}): "growth_rate",

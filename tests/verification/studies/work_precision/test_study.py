@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from taction.system.errors import EngineError
+from taction.system.waveforms import Waveforms
 from taction.verification.studies.work_precision import study as study_module
 from taction.verification.studies.work_precision.study import (
     METHODS,
     Method,
-    MethodRun,
     SettingResult,
     WorkPrecisionStudy,
     accuracy,
@@ -87,16 +87,16 @@ def test_the_cheapest_setting_reaches_the_error_and_is_the_cheapest(
     assert (found.outcome, replace(found, points=()).outcome) == ("pass", "inconclusive")
 
 
-def sleeps(*task: object) -> MethodRun:
+def sleeps(*task: object) -> Waveforms:
     time.sleep(60.0)
     raise AssertionError
 
 
-def refuses(*task: object) -> MethodRun:
+def refuses(*task: object) -> Waveforms:
     raise EngineError("no answer")
 
 
-def ladder_of(run: Callable[..., MethodRun]) -> Method:
+def ladder_of(run: Callable[..., Waveforms]) -> Method:
     return named("state space, implicit", run=run, ladder=(1e-3, 1e-5))
 
 
