@@ -78,8 +78,3 @@ def load_pairs() -> dict[str, Transistor]:
     with (Path(__file__).parent / "transistors.toml").open("rb") as file:
         tables = tomllib.load(file)
     return {name: Transistor(name=name, **table) for name, table in tables.items()}
-
-
-def pair_names() -> tuple[str, ...]:
-    """Return the names of the presets in the order of the data file."""
-    return tuple(load_pairs())

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from taction.netlist_gen.board.wires import Wires
-from taction.netlist_gen.scene.axes import with_value
+from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import ModeShares
@@ -99,7 +99,7 @@ def stale_target(answer: IdealAnswer, scene: Scene) -> IdealAnswer:
 
 def other_start(answer: IdealAnswer, scene: Scene) -> IdealAnswer:
     """Return the answer for a start from v = 0."""
-    return ideal_answer(answer.network, with_value(scene, "analysis.initial", "zero"))
+    return ideal_answer(answer.network, with_values(scene, {"analysis.initial": "zero"}))
 
 
 HALF_R, HALF_LAMBDA = {"R": 0.5}, {"lambda": 0.5}
@@ -200,7 +200,7 @@ SECOND_WITNESS = (
 READINGS = (
     of_keys(
         "settling band twice as wide",
-        lambda s: with_value(s, "checks.settling_time.band", 0.02), MATRIX, SETTLES,
+        lambda s: with_values(s, {"checks.settling_time.band": 0.02}), MATRIX, SETTLES,
     ),
     of_step("step amplitude A twice as large", lambda A: 2.0 * A, MATRIX, SETTLES),
     of_bounds(
@@ -208,7 +208,7 @@ READINGS = (
     ),
     of_baseline(
         "a stale baseline: made before C changed by 1 %",
-        lambda s: with_value(s, "design.capacitance", "101pF"), MATRIX, "regression",
+        lambda s: with_values(s, {"design.capacitance": "101pF"}), MATRIX, "regression",
     ),
 )  # fmt: skip
 MUTATIONS = (*SYNTHESIS, *CIRCUIT, *THIRD_WITNESS, *FIRST_WITNESS, *SECOND_WITNESS, *READINGS)

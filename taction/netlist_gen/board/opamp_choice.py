@@ -23,7 +23,6 @@ from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
 
 FORMAT = 3
-OLDER = "a file of an older version; import the netlist again"
 LEAST, MOST = 1e-30, 1e30  # SI base units: beyond is no op-amp, and no arithmetic
 FIGURES_LEAST = {
     "dc_gain": LEAST, "unity_gain_bandwidth": LEAST, "output_resistance": 0.0,
@@ -61,11 +60,9 @@ def to_document(name: str, opamp: ImportedOpAmp) -> dict[str, Any]:
 def from_document(data: Any) -> tuple[str, ImportedOpAmp]:
     """Return the name and the op-amp of JSON data, or raise ValueError; its netlist is checked."""
     known = data.get("taction_opamp") if isinstance(data, dict) else FORMAT
-    if known in (1, 2):
-        raise ValueError(f"taction_opamp = {known}: {OLDER}")
+    if known != FORMAT:
+        raise ValueError(f"taction_opamp = {known!r}: expected {FORMAT}; import the netlist again")
     stored = read(StoredOpAmp, data)
-    if stored.taction_opamp != FORMAT:
-        raise ValueError(f"taction_opamp = {stored.taction_opamp}: expected {FORMAT}")
     if not (stored.name.isidentifier() and stored.name.isascii()):
         raise ValueError(f"name = {stored.name!r}: expected letters, digits and '_'")
     _check_range("supply", stored.supply, least=LEAST)

@@ -202,14 +202,9 @@ def _default_axis(scene: Scene, key: Key, name: str, around: float, points: int)
     values = []
     for each in np.geomspace(value / around, value * around, points).tolist():
         with suppress(InputError):  # what the key does not accept
-            with_value(scene, key.path, each)
+            with_values(scene, {key.path: each})
             values.append(each)
     return SweepAxis(key, name, tuple(values), "log", default=True)
-
-
-def with_value(scene: Scene, path: str, value: Value) -> Scene:
-    """Return `scene` with another value at the dotted `path`; see `with_values`."""
-    return with_values(scene, {path: value})
 
 
 def with_values(scene: Scene, changes: Point) -> Scene:

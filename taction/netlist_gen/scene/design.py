@@ -11,7 +11,7 @@ from taction.netlist_gen.scene import fields
 from taction.netlist_gen.scene.fields import entry, optional
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS, NAMES
 from taction.spice_models.input_errors import ROOM, Surroundings
-from taction.spice_models.transistor import NOMINAL, pair_names
+from taction.spice_models.transistor import NOMINAL, load_pairs
 from taction.system.errors import listed
 from taction.system.plugins import names
 
@@ -76,8 +76,8 @@ class AntilogChoice(fields.Shortened):
 
     @model_validator(mode="after")
     def _known_pair(self) -> AntilogChoice:
-        if self.transistors not in pair_names():
-            known = ", ".join(map(repr, pair_names()))
+        if self.transistors not in load_pairs():
+            known = ", ".join(map(repr, load_pairs()))
             raise ValueError(f"transistors = {self.transistors!r}: unknown pair; one of {known}")
         return self
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
-    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
     GetJsonSchemaHandler,
     PlainValidator,
     WithJsonSchema,
+    field_validator,
     model_validator,
 )
 from pydantic_core import CoreSchema, core_schema
@@ -111,13 +111,6 @@ def _lambda(value: object) -> float | str:
     raise ValueError(f"expected {numbers}, or one of the rules {known}")
 
 
-def in_range(value: float) -> float:
-    """Return a number without a unit; ValueError for one whose products may leave the floats."""
-    if value and not SMALL <= abs(value) <= LARGE:
-        raise ValueError(f"out of range; expected 0, or a size between {SMALL:g} and {LARGE:g}")
-    return value
-
-
 MOST_CHANNELS = 5000  # T has 0.2 GB, and the analysis of the board takes many times that
 
 Farads = Annotated[float, Unit("F")]
@@ -156,7 +149,7 @@ TwoTemperatures = Annotated[
 
 
 # Strict: "7" and true are mistakes, not numbers.
-Real = Annotated[float, Field(strict=True, allow_inf_nan=False), AfterValidator(in_range)]
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Real, Field(gt=0)]
 NonNegative = Annotated[Real, Field(ge=0)]
 Count = Annotated[int, Field(strict=True, ge=1, le=MOST_CHANNELS)]
@@ -179,11 +172,14 @@ class Model(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
+    @field_validator("*")
     @classmethod
-    def model_json_schema(cls, *args: Any, **options: Any) -> dict[str, Any]:
-        """Return the schema with the limits of numbers by the names that JSON Schema knows."""
-        found: dict[str, Any] = _with_limits(super().model_json_schema(*args, **options))
-        return found
+    def _in_range(cls, value: Any) -> Any:
+        """Refuse a number whose products may leave the floats; a quantity has its own limits."""
+        if isinstance(value, float) and value and not SMALL <= abs(value) <= LARGE:
+            text = f"out of range; expected 0, or a size between {SMALL:g} and {LARGE:g}"
+            raise ValueError(text)
+        return value
 
 
 class Shortened(Model):
@@ -205,15 +201,3 @@ class Shortened(Model):
         plain = handler.resolve_ref_schema(table)["properties"][cls.PLAIN]
         own = {key: value for key, value in plain.items() if key not in ("title", "default")}
         return {"anyOf": [own, table]}
-
-
-# Behind a check of its own a limit keeps pydantic's name in the schema, which no editor knows.
-LIMITS = {"ge": "minimum", "gt": "exclusiveMinimum", "le": "maximum", "lt": "exclusiveMaximum"}
-
-
-def _with_limits(schema: Any) -> Any:
-    if isinstance(schema, list):
-        return [_with_limits(each) for each in schema]
-    if not isinstance(schema, dict):
-        return schema
-    return {LIMITS.get(name, name): _with_limits(value) for name, value in schema.items()}

@@ -200,7 +200,7 @@ def _complaints(
             yield Complaint(key, "", f"required; {beside[keys[-1]].description}")
         elif kind == "extra_forbidden":
             hint = nearest_question(keys[-1], list(beside))
-            text = WITHDRAWN.get(key, f"unknown key; {hint}known here: {listed(beside)}")
+            text = f"unknown key; {hint}known here: {listed(beside)}"
             yield Complaint(key, quoted_value(item["input"]), text)
         elif kind == "union_tag_invalid":
             tag = str(context["tag"])
@@ -302,13 +302,6 @@ def percentage(value: object) -> float | None:
     text = value.strip() if isinstance(value, str) else ""
     number = text.removesuffix("%").strip()
     return float(number) / 100.0 if text.endswith("%") and PLAIN.fullmatch(number) else None
-
-
-WITHDRAWN = {
-    f"{table}.file": "withdrawn: give the numbers of the file; docs/closed-loop.md names the keys"
-    for table in ("devices", "wires")
-}
-"""What to do in the place of a key that is no more, by its path."""
 
 
 def quoted_value(value: object) -> str:

@@ -27,15 +27,15 @@ class Integrator(Planes):
 
     def signal_node(self, board: PlanesBoard, n: int) -> str:
         """Place op-amp, R, C and the bias of channel `n`; return its summing node."""
-        parts, x, v, scene = board.parts, f"x_{n}", f"v_{n}", board.scene
+        x, v, scene = f"x_{n}", f"v_{n}", board.scene
         ohms = board.facts["R"].value
-        parts.opamp(f"v_{n}", x, v)
-        parts.resistor(Role.SIGNAL_RESISTOR, f"r_{n}", (v, x), ohms)
-        parts.capacitor(Role.SIGNAL_CAPACITOR, f"c_{n}", (v, x), board.facts["C"].value)
+        board.opamp(f"v_{n}", x, v)
+        board.resistor(Role.SIGNAL_RESISTOR, f"r_{n}", (v, x), ohms)
+        board.capacitor(Role.SIGNAL_CAPACITOR, f"c_{n}", (v, x), board.facts["C"].value)
         if scene.design.biased:
             if n == 1:
-                parts.place(VoltageSource(BIAS, BIAS, slope_of(scene)))
-            parts.resistor(Role.BIAS_RESISTOR, f"bias_{n}", (BIAS, x), ohms)
+                board.place(VoltageSource(BIAS, BIAS, slope_of(scene)))
+            board.resistor(Role.BIAS_RESISTOR, f"bias_{n}", (BIAS, x), ohms)
         return x
 
 

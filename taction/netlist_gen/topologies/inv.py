@@ -47,7 +47,7 @@ class Inverse(Loop):
         """Place op-amps, strains and the array."""
         stages = {n: board.inputs(f"x_{n}", f"xp_{n}", board.T[n - 1]) for n in board.channels}
         for n, stage in stages.items():
-            board.parts.opamp(f"v_{n}", stage.first, f"v_{n}", stage.other)
+            board.opamp(f"v_{n}", stage.first, f"v_{n}", stage.other)
             board.place_strain(n, stage.first)
         board.array(Role.FORWARD, {n: f"v_{n}" for n in board.channels}, stages)
 

@@ -29,7 +29,7 @@ class Passive(Planes):
 
     def signal_node(self, board: PlanesBoard, n: int) -> str:
         """Place R and C of channel `n`; return the signal node itself."""
-        parts, v, scene, resistance = board.parts, f"v_{n}", board.scene, board.facts["R"].value
+        v, scene, resistance = f"v_{n}", board.scene, board.facts["R"].value
         ohms, _ = matrix_resistors(board.T[:, n - 1], scene)
         load = float(np.sum(1.0 / ohms)) + 1.0 / board.ridge_ohms
         left = 1.0 / resistance - load
@@ -40,9 +40,9 @@ class Passive(Planes):
             )
             value = f"{resistance:.6g} ohm"
             raise InputError(scene.file, Complaint("design.resistance", value, text))
-        parts.resistor(Role.SIGNAL_RESISTOR, f"r_{n}", (v, GROUND), 1.0 / left)
-        parts.capacitor(Role.SIGNAL_CAPACITOR, f"c_{n}", (v, GROUND), board.facts["C"].value)
-        parts.stray_at(v)
+        board.resistor(Role.SIGNAL_RESISTOR, f"r_{n}", (v, GROUND), 1.0 / left)
+        board.capacitor(Role.SIGNAL_CAPACITOR, f"c_{n}", (v, GROUND), board.facts["C"].value)
+        board.stray_at(v)
         if scene.design.biased:
             text = "topology 'passive' has no virtual ground for a bias current; set bias = false"
             raise InputError(scene.file, Complaint("design.bias", "true", text))
@@ -50,7 +50,7 @@ class Passive(Planes):
 
     def linear_output(self, board: PlanesBoard, n: int) -> str:
         """Place a buffer, since the matrix must not load the node; return its output."""
-        board.parts.follower(f"u_{n}", f"v_{n}", f"u_{n}")
+        board.follower(f"u_{n}", f"v_{n}", f"u_{n}")
         return f"u_{n}"
 
 

@@ -48,7 +48,7 @@ class PseudoInverse(Loop):
             board.first_stage(f"c_{k}", stage, f"w_{k}")
             board.place_strain(k, stage.first)
         for n, stage in columns.items():
-            board.parts.opamp(f"v_{n}", stage.other, f"v_{n}", stage.first)
+            board.opamp(f"v_{n}", stage.other, f"v_{n}", stage.first)
         self.more_rows(board, columns)
         board.array(Role.FORWARD, {n: f"v_{n}" for n in board.channels}, rows)
         board.array(Role.FEEDBACK, {k: f"w_{k}" for k in board.sensors}, columns)

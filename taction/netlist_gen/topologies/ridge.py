@@ -30,7 +30,7 @@ class Ridge(PseudoInverse):
         for n, stage in columns.items():
             board.first_stage(f"l_{n}", Inputs(f"l_{n}", GROUND), f"y_{n}")
             for end, nodes in (("in", (f"v_{n}", f"l_{n}")), ("out", (f"y_{n}", stage.first))):
-                board.parts.resistor(Role.REGULARISING, f"l_{n}_{end}", nodes, ohms)
+                board.resistor(Role.REGULARISING, f"l_{n}_{end}", nodes, ohms)
 
 
 TOPOLOGY = Ridge()

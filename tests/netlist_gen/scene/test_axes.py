@@ -15,7 +15,6 @@ from taction.netlist_gen.scene.axes import (
     parse_axis,
     questions,
     with_settings,
-    with_value,
     with_values,
 )
 from taction.netlist_gen.scene.keys import find_key, own_value
@@ -93,18 +92,18 @@ def test_groups_span_a_grid_and_zipped_keys_change_together(scene: Scene) -> Non
 
 
 def test_another_value_is_proved_and_leaves_everything_else(scene: Scene) -> None:
-    changed = with_value(scene, "design.opamp.gbw", 1e6)
+    changed = with_values(scene, {"design.opamp.gbw": 1e6})
     assert changed.design.opamp.gbw == 1e6
     assert changed.file == scene.file
-    assert with_value(changed, "design.opamp.gbw", 1.38e6) == scene
+    assert with_values(changed, {"design.opamp.gbw": 1.38e6}) == scene
     with pytest.raises(InputError, match=r"design\.capacitance = -1\.0: must be above zero"):
-        with_value(scene, "design.capacitance", -1.0)
+        with_values(scene, {"design.capacitance": -1.0})
 
 
 def test_lambda_replaces_a_resistance_and_back(scene: Scene) -> None:
-    changed = with_value(scene, "design.lambda", 0.5)
+    changed = with_values(scene, {"design.lambda": 0.5})
     assert (changed.design.lam, changed.design.resistance) == (0.5, None)
-    changed = with_value(changed, "design.resistance", 1e6)
+    changed = with_values(changed, {"design.resistance": 1e6})
     assert (changed.design.lam, changed.design.resistance) == (None, 1e6)
     with pytest.raises(InputError, match="exclude"):
         with_values(scene, {"design.lambda": 0.5, "design.resistance": 1e6})
@@ -237,7 +236,7 @@ def test_opamp_is_the_key_of_its_preset(design: dict[str, Any]) -> None:
     scene = parse_scene({"problem": {"kind": "tactile"}, "design": design}, "a.toml")
     ((axis,),) = parse_axes(scene, "opamp=ua741,op27")
     assert axis.values == ("ua741", "op27")
-    changed = with_value(scene, axis.key.path, "op27")
+    changed = with_values(scene, {axis.key.path: "op27"})
     said = "\n".join((*questions(changed), *kept_figures(scene, [axis.key.path])))
     own = "gbw" in scene.design.opamp.model_fields_set
     assert said.count("another base of the op-amp: it keeps the scene's own gbw;") == 2 * own

@@ -35,8 +35,6 @@ def run(scene: Path, *options: str) -> Result:
         (TACTILE + "[desing]\nx = 1", "desing", "{'x': 1}", "mean 'design'?"),
         (TACTILE + "[checks]\novershot = {max = 1}", "checks.overshot", "", "mean 'overshoot'?"),
         (TACTILE + "[design]\nlam = 1.0", "design.lam", "1.0", "mean 'lambda'?"),
-        (TACTILE + '[devices]\nfile = "p.json"', "devices.file", "'p.json'", "docs/closed-loop.md"),
-        (TACTILE + '[wires]\nfile = "p.json"', "wires.file", "'p.json'", "docs/closed-loop.md"),
         (TACTILE + "channels = 0", "problem.channels", "0", "must be 1 or more"),
         (TACTILE + "channels = 2.5", "problem.channels", "2.5", "whole number"),
         (TACTILE + 'channels = "7"', "problem.channels", "'7'", "without quotes"),

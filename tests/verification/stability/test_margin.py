@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from taction.cli.main import main
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import with_value
+from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import EngineError
@@ -39,7 +39,7 @@ SCENE = load_scene(FILE)
 
 
 def board(path: str = "name", value: float | str = "tuned") -> Circuit:
-    scene = with_value(SCENE, path, value)
+    scene = with_values(SCENE, {path: value})
     return synthesise(scene, make_problem(scene))
 
 

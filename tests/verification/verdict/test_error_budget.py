@@ -12,7 +12,7 @@ import pytest
 
 import taction
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.scene.axes import with_value
+from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system import progress
@@ -284,7 +284,7 @@ def test_plain_data_are_json_and_lead_back(record: Record) -> None:
 
 
 def test_a_failed_verdict_says_why() -> None:
-    scene = with_value(small_scene(), "checks.settling_time.max", 1e-9)
+    scene = with_values(small_scene(), {"checks.settling_time.max": 1e-9})
     verdict = verify(scene)
     record = Record.of(verdict)
     assert verdict.outcome is Outcome.FAIL

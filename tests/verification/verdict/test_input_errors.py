@@ -291,7 +291,7 @@ def test_the_onset_is_confirmed_by_the_netlist(write: Callable[..., Scene]) -> N
         ({"netlist": [".subckt m_fet100 a", ".options", ".ends"]}, {}, "card '.options'"),
         ({"pins": ["inp", "inn"]}, {}, "one role for each of the 5 ports"),
         ({"taction_opamp": 4}, {}, "taction_opamp = 4: expected 3"),
-        ({"taction_opamp": 1, "linear": None}, {}, "of an older version; import the netlist again"),
+        ({"taction_opamp": 1, "linear": None}, {}, "= 1: expected 3; import the netlist again"),
         ({"figures": {}}, {}, "figures.dc_gain: missing; expected a file that `taction"),
         ({"supply": "15"}, {}, "supply = '15': expected a finite number"),
         ({"supply": 10**400}, {}, "supply = an integer of over 300 digits: expected"),

@@ -85,11 +85,11 @@ class LoopBoard(GrowingBoard):
 
     def first_stage(self, name: str, stage: Inputs, output: str) -> None:
         """Place an op-amp that turns the current into its input into ``-current / gf``."""
-        self.parts.opamp(name, stage.first, output, stage.other)
+        self.opamp(name, stage.first, output, stage.other)
         role, ohms = Role.OUTPUT_CONDUCTANCE, 1.0 / self.facts["gf"].value
-        self.parts.resistor(role, f"g_{output}", (output, stage.first), ohms)
+        self.resistor(role, f"g_{output}", (output, stage.first), ohms)
         if stage.other != GROUND:
-            self.parts.resistor(role, f"go_{output}", (stage.other, GROUND), ohms)
+            self.resistor(role, f"go_{output}", (stage.other, GROUND), ohms)
 
     def array(self, role: str, drives: Mapping[int, str], stages: Mapping[int, Inputs]) -> None:
         """Place the matrix of a role between `drives` and the inputs of `stages`.
@@ -110,10 +110,10 @@ class LoopBoard(GrowingBoard):
         if self.way == "differential":
             ohms, negative = np.where(negative, np.inf, ohms), np.zeros_like(negative)
         fixed = by_column, sources, inverted
-        self.parts.place(ResistorMatrix(name, ohms, negative, *fixed, sinks), role)
+        self.place(ResistorMatrix(name, ohms, negative, *fixed, sinks), role)
         if self.way == "differential" and np.isfinite(minus).any():
             below_zero = ResistorMatrix(f"{name}n", minus, negative, *fixed, others, opposite=True)
-            self.parts.place(below_zero, role)
+            self.place(below_zero, role)
         if below:
             self._offset_column([*filter(None, sources)], [*filter(None, stages.values())], below)
 
@@ -123,20 +123,20 @@ class LoopBoard(GrowingBoard):
             return ""
         head, _, number = source.partition("_")
         node = f"{INVERSE[head]}_{number}"
-        self.parts.inverting(node, source, node)
+        self.inverting(node, source, node)
         return node
 
     def _offset_column(self, sources: list[str], stages: list[Inputs], below: float) -> None:
         """Place an inverter of the sum of all drivers, and the column that it drives."""
         output = f"sum_{sources[0].partition('_')[0]}"
         summing, inverter = f"j{output}", self.scene.design.inverter_resistance
-        self.parts.opamp(output, summing, output)
+        self.opamp(output, summing, output)
         for source in sources:
-            self.parts.resistor(Role.SUM, f"{output}_{source}", (source, summing), inverter)
-        self.parts.resistor(Role.SUM, f"{output}_fb", (output, summing), inverter)
+            self.resistor(Role.SUM, f"{output}_{source}", (source, summing), inverter)
+        self.resistor(Role.SUM, f"{output}_fb", (output, summing), inverter)
         ohms = 1.0 / (below * self.scene.design.unit_conductance)
         for stage in stages:
-            self.parts.resistor(Role.OFFSET, f"off_{stage.first}", (output, stage.first), ohms)
+            self.resistor(Role.OFFSET, f"off_{stage.first}", (output, stage.first), ohms)
 
     def pad(self) -> None:
         """Load both inputs of every op-amp alike, by a resistor to ground at the lighter one.
@@ -146,10 +146,10 @@ class LoopBoard(GrowingBoard):
         """
         device = device_of(self.scene)
         loads: defaultdict[str, float] = defaultdict(float)
-        for part in self.parts.of(Resistor):
+        for part in self.of(Resistor):
             for node in (part.a, part.b):
                 loads[node] += 1.0 / part.ohms
-        for matrix in self.parts.of(ResistorMatrix):
+        for matrix in self.of(ResistorMatrix):
             ohms = as_programmed(matrix.ohms, device)
             siemens = np.sum(1.0 / ohms, axis=1 if matrix.by_column else 0)
             for node, load in zip(matrix.sinks, siemens.tolist(), strict=True):
@@ -161,7 +161,7 @@ class LoopBoard(GrowingBoard):
             missing = loads[heavy] - loads[light]
             if missing > SAME_LOAD * loads[heavy]:
                 ends = (light, GROUND)
-                self.parts.resistor(Role.PADDING, f"pad_{light}", ends, 1.0 / missing)
+                self.resistor(Role.PADDING, f"pad_{light}", ends, 1.0 / missing)
 
 
 class Loop(Topology):
@@ -215,12 +215,11 @@ class Loop(Topology):
         self.check(scene, board.T)
         self.place(board)
         board.pad()
-        parts = board.parts
-        for cell in parts.of(OpAmpCell):  # it drives a whole line of an array
-            parts.stray_at(cell.output)
-        others = parts.roles[Role.INVERTER_RESISTOR] | parts.roles[Role.SUM]
-        resistors = {part.card for part in parts.of(Resistor)} - others
-        parts.roles[Role.UNIT] = resistors | {matrix.name for matrix in parts.of(ResistorMatrix)}
+        for cell in board.of(OpAmpCell):  # it drives a whole line of an array
+            board.stray_at(cell.output)
+        others = board.roles[Role.INVERTER_RESISTOR] | board.roles[Role.SUM]
+        resistors = {part.card for part in board.of(Resistor)} - others
+        board.roles[Role.UNIT] = resistors | {matrix.name for matrix in board.of(ResistorMatrix)}
         if board.offset:
             title, key = "offset of every entry of T", "design.negative_entries"
             facts["offset"] = Fact("offset", board.offset, "", "b", title, key)

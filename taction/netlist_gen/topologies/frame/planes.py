@@ -28,7 +28,7 @@ from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame import topology as frame
-from taction.netlist_gen.topologies.frame.topology import GrowingBoard, Parts, Topology
+from taction.netlist_gen.topologies.frame.topology import GrowingBoard, Topology
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.transistor import Transistor, load_pairs, thermal_voltage
 from taction.system.array_types import Floats
@@ -84,7 +84,7 @@ class AntilogStage:
             output_capacitor=second,
         )
 
-    def place(self, parts: Parts, n: int) -> str:
+    def place(self, board: GrowingBoard, n: int) -> str:
         """Place the stage of channel `n`; return its output: -u of a PNP pair, +u of an NPN pair.
 
         The divider is at the base at which the output current rises with v.
@@ -95,20 +95,20 @@ class AntilogStage:
         role, name = Role.STAGE, self.pair.name
         if n == 1:
             volts = self.pair.sign * REFERENCE_VOLTS
-            parts.place(boards.VoltageSource(REFERENCE, REFERENCE, volts), role)
-        parts.opamp(drive, collector, drive, role=role)
-        parts.opamp(output, current, output, role=role)
-        parts.place(boards.Resistor(f"div_{n}", source, base, self.divider), role)
-        parts.place(boards.Resistor(f"base_{n}", base, GROUND, self.base), role)
-        parts.place(boards.Resistor(f"ref_{n}", REFERENCE, collector, self.reference), role)
-        parts.place(boards.Resistor(f"em_{n}", drive, emitters, self.emitter), role)
-        parts.place(boards.Resistor(f"out_{n}", output, current, self.output), role)
+            board.place(boards.VoltageSource(REFERENCE, REFERENCE, volts), role)
+        board.opamp(drive, collector, drive, role=role)
+        board.opamp(output, current, output, role=role)
+        board.place(boards.Resistor(f"div_{n}", source, base, self.divider), role)
+        board.place(boards.Resistor(f"base_{n}", base, GROUND, self.base), role)
+        board.place(boards.Resistor(f"ref_{n}", REFERENCE, collector, self.reference), role)
+        board.place(boards.Resistor(f"em_{n}", drive, emitters, self.emitter), role)
+        board.place(boards.Resistor(f"out_{n}", output, current, self.output), role)
         if self.reference_capacitor > 0.0:
-            parts.capacitor(role, f"ref_{n}", (drive, collector), self.reference_capacitor)
-            parts.capacitor(role, f"out_{n}", (output, current), self.output_capacitor)
+            board.capacitor(role, f"ref_{n}", (drive, collector), self.reference_capacitor)
+            board.capacitor(role, f"out_{n}", (output, current), self.output_capacitor)
         first, second = (GROUND, base) if npn else (base, GROUND)
-        parts.place(boards.TransistorCell(f"ref_{n}", name, collector, first, emitters), role)
-        parts.place(boards.TransistorCell(f"out_{n}", name, current, second, emitters), role)
+        board.place(boards.TransistorCell(f"ref_{n}", name, collector, first, emitters), role)
+        board.place(boards.TransistorCell(f"out_{n}", name, current, second, emitters), role)
         return output
 
 
@@ -210,39 +210,39 @@ class Planes(Topology):
             self._amplifier(board, n, minus=bool((column > 0.0).any()), plus=plus)
             if ridge < math.inf:  # a share of ``u Ve/(R U0)`` in the current of the channel
                 source = f"a_{n}" if self.feedback_inverts else board.plus_u[n]
-                board.parts.resistor(Role.RIDGE_RESISTOR, f"ridge_{n}", (source, sinks[-1]), ridge)
+                board.resistor(Role.RIDGE_RESISTOR, f"ridge_{n}", (source, sinks[-1]), ridge)
         return tuple(sinks)
 
     def _amplifier(self, board: PlanesBoard, n: int, *, minus: bool, plus: bool) -> None:
         """Place the signal amplifier of channel `n`, with an inverter where both signs are used."""
-        design, parts = board.scene.design, board.parts
+        design = board.scene.design
         if design.amplifier == "linear":
             output, inverts = self.linear_output(board, n), False
         elif board.stage is None:
             output, inverts = f"a_{n}", True
             scales = design.unit_voltage, frame.slope_of(board.scene)
-            parts.place(boards.SignalAmplifier(output, design.amplifier, f"v_{n}", output, *scales))
+            board.place(boards.SignalAmplifier(output, design.amplifier, f"v_{n}", output, *scales))
         else:
-            output, inverts = board.stage.place(parts, n), board.stage.pair.polarity != "npn"
+            output, inverts = board.stage.place(board, n), board.stage.pair.polarity != "npn"
         board.outputs.append(Output(output, -1.0 if inverts else 1.0))
         if not inverts:
             board.plus_u[n] = output
         if plus if inverts else minus:
             other = f"u_{n}" if inverts else f"a_{n}"
-            parts.inverting(other, output, other)
+            board.inverting(other, output, other)
             if inverts:
                 board.plus_u[n] = other
 
     def _constraint_plane(self, board: PlanesBoard) -> None:
         """Place constraint nodes, the sources of the strain and inverters of w."""
-        parts, gain = board.parts, board.scene.design.gain
+        gain = board.scene.design.gain
         for k in board.sensors:
-            parts.opamp(f"c_{k}", f"c_{k}", f"w_{k}")
-            parts.resistor(Role.CONSTRAINT_RESISTOR, f"s_{k}", (f"w_{k}", f"c_{k}"), gain)
+            board.opamp(f"c_{k}", f"c_{k}", f"w_{k}")
+            board.resistor(Role.CONSTRAINT_RESISTOR, f"s_{k}", (f"w_{k}", f"c_{k}"), gain)
             board.place_strain(k, f"c_{k}")
             row = board.T[k - 1] if self.feedback_inverts else -board.T[k - 1]
             if (row < 0.0).any():
-                parts.inverting(f"z_{k}", f"w_{k}", f"z_{k}")
+                board.inverting(f"z_{k}", f"w_{k}", f"z_{k}")
 
     def _connect(self, board: PlanesBoard, sinks: tuple[str, ...]) -> None:
         """Place both resistor matrices; the feedback ends at `sinks`, one node a channel."""
@@ -254,8 +254,8 @@ class Planes(Topology):
         entries = frame.matrix_resistors(board.T, board.scene)
         forward = boards.ResistorMatrix("Rf", *entries, True, minus_u, plus_u, sums)
         feedback = boards.ResistorMatrix("Rb", *entries, False, plus, minus, sinks)
-        board.parts.place(forward, Role.FORWARD)
-        board.parts.place(feedback, Role.FEEDBACK)
+        board.place(forward, Role.FORWARD)
+        board.place(feedback, Role.FEEDBACK)
 
     def _omissions(self, board: PlanesBoard) -> Iterator[Omission]:
         """Yield the inverters and stages that are omitted."""

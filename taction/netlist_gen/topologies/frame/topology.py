@@ -140,15 +140,30 @@ P = TypeVar("P")
 
 
 @dataclass(slots=True)
-class Parts:
-    """Parts in the order in which they were placed, with their roles."""
+class GrowingBoard:
+    """A board while its topology places its parts; channels and sensors count from 1."""
 
-    model: str  # op-amp type of every cell
-    stray: float  # capacitance at every summing node, F
-    inverter: float  # both resistors of every inverter, ohm
-    series: str  # of the resistors
-    placed: list[Any] = field(default_factory=list)
-    roles: defaultdict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
+    scene: Scene
+    problem: InverseProblem
+    facts: Mapping[str, Fact]
+    model: OpAmp
+    T: Floats = field(init=False)  # (M, N), after pruning
+    # parts in the order in which they were placed, and their names by role
+    placed: list[Any] = field(default_factory=list, init=False)
+    roles: defaultdict[str, set[str]] = field(default_factory=lambda: defaultdict(set), init=False)
+
+    def __post_init__(self) -> None:
+        self.T = pruned(self.problem.matrix, self.scene.design.prune)
+
+    @property
+    def channels(self) -> range:
+        """The channels."""
+        return range(1, self.T.shape[1] + 1)
+
+    @property
+    def sensors(self) -> list[int]:
+        """The sensors whose rows of T have an entry."""
+        return (1 + np.flatnonzero(self.T.any(axis=1))).tolist()
 
     def of(self, kind: type[P]) -> tuple[P, ...]:
         """Return the parts of a class."""
@@ -162,7 +177,9 @@ class Parts:
 
     def resistor(self, role: str, name: str, ends: tuple[str, str], ohms: float) -> None:
         """Place a resistor of the nearest value of the series."""
-        self.place(boards.Resistor(name, *ends, preferred(ohms, self.series)), role)
+        self.place(
+            boards.Resistor(name, *ends, preferred(ohms, self.scene.design.resistor_series)), role
+        )
 
     def capacitor(self, role: str, name: str, ends: tuple[str, str], farads: float) -> None:
         """Place a capacitor of this value."""
@@ -172,78 +189,51 @@ class Parts:
         self, name: str, inverting: str, output: str, noninverting: str = GROUND, role: str = ""
     ) -> None:
         """Place an op-amp whose inputs are summing nodes or ground, and their strays."""
-        self.place(boards.OpAmpCell(name, self.model, noninverting, inverting, output), role)
+        self.place(boards.OpAmpCell(name, self.model.name, noninverting, inverting, output), role)
         for node in (noninverting, inverting):
             if node != GROUND:
                 self.stray_at(node, role)
 
     def follower(self, name: str, source: str, output: str) -> None:
         """Place a unity-gain buffer from `source` to `output`."""
-        self.place(boards.OpAmpCell(name, self.model, source, output, output))
+        self.place(boards.OpAmpCell(name, self.model.name, source, output, output))
 
     def stray_at(self, node: str, role: str = "") -> None:
         """Place the stray capacitance of a summing node."""
-        if self.stray > 0:
-            stray = boards.Capacitor(f"stray_{node}", node, GROUND, self.stray)
+        farads = self.scene.design.stray_capacitance
+        if farads > 0:
+            stray = boards.Capacitor(f"stray_{node}", node, GROUND, farads)
             self.place(stray, Role.STRAY, role)
 
     def inverting(self, name: str, source: str, output: str) -> None:
         """Place a unity-gain inverter from `source` to `output` with the summing node j`output`."""
-        summing = f"j{output}"
+        summing, ohms = f"j{output}", self.scene.design.inverter_resistance
         self.opamp(name, summing, output)
         for end, node in (("in", source), ("fb", output)):
-            self.resistor(Role.INVERTER_RESISTOR, f"{name}_{end}", (node, summing), self.inverter)
-
-
-@dataclass(slots=True)
-class GrowingBoard:
-    """A board while its topology places its parts; channels and sensors count from 1."""
-
-    scene: Scene
-    problem: InverseProblem
-    facts: Mapping[str, Fact]
-    model: OpAmp
-    T: Floats = field(init=False)  # (M, N), after pruning
-    parts: Parts = field(init=False)
-
-    def __post_init__(self) -> None:
-        design = self.scene.design
-        self.T = pruned(self.problem.matrix, design.prune)
-        own = design.stray_capacitance, design.inverter_resistance, design.resistor_series
-        self.parts = Parts(self.model.name, *own)
-
-    @property
-    def channels(self) -> range:
-        """The channels."""
-        return range(1, self.T.shape[1] + 1)
-
-    @property
-    def sensors(self) -> list[int]:
-        """The sensors whose rows of T have an entry."""
-        return (1 + np.flatnonzero(self.T.any(axis=1))).tolist()
+            self.resistor(Role.INVERTER_RESISTOR, f"{name}_{end}", (node, summing), ohms)
 
     def place_strain(self, k: int, sink: str) -> None:
         """Place the source of the strain of sensor `k`, in volts with a resistor 1/G0, and noise.
 
         Without strain the resistor ends at ground, so that the noise gain is that of the others.
         """
-        parts, design, name = self.parts, self.scene.design, f"eps_{k}"
+        design, name = self.scene.design, f"eps_{k}"
         strain, conductance = float(self.problem.strain[k - 1]), self.facts["G0"].value
         volts = strain * self.facts["U0"].value
         if design.strain_input == "voltage":
             node = f"e_{k}" if strain else GROUND
-            parts.resistor(Role.STRAIN_RESISTOR, f"e_{k}", (node, sink), 1.0 / conductance)
+            self.resistor(Role.STRAIN_RESISTOR, f"e_{k}", (node, sink), 1.0 / conductance)
             if strain:
-                parts.place(boards.VoltageSource(name, node, volts, switched=True))
+                self.place(boards.VoltageSource(name, node, volts, switched=True))
         elif strain:
             amps = strain * conductance * self.facts["U0"].value
-            parts.place(boards.CurrentSource(name, sink, amps))
+            self.place(boards.CurrentSource(name, sink, amps))
         if design.sensor_noise > 0.0:
-            parts.place(boards.NoiseCurrent(name, sink, design.sensor_noise))
+            self.place(boards.NoiseCurrent(name, sink, design.sensor_noise))
 
     def circuit(self, rows: str, own: Iterable[Omission], **stated: Any) -> Circuit:
         """Return the board; `rows`: letter of the sensors' outputs, `own`: what is left out."""
-        kinds: dict[str, Any] = {field: self.parts.of(kind) for kind, field in KINDS.items()}
+        kinds: dict[str, Any] = {field: self.of(kind) for kind, field in KINDS.items()}
         sensors = self.channels if rows == "v" else self.sensors
         return Circuit(
             name=self.scene.name,
@@ -251,7 +241,7 @@ class GrowingBoard:
             topology=self.scene.design.topology,
             models={self.model.name: self.model},
             supply=self.scene.design.supply,
-            roles={role: frozenset(names) for role, names in self.parts.roles.items()},
+            roles={role: frozenset(names) for role, names in self.roles.items()},
             signal_nodes=tuple(f"v_{n}" for n in self.channels),
             constraint_nodes=tuple(f"{rows}_{k}" for k in sensors),
             omissions=(*self._entries_left_out(), *own, *self._simplest_parts()),
