@@ -1,28 +1,62 @@
-"""KiCad projects and lists of wires, without KiCad; ``tests/kicad`` lets KiCad read them."""
+"""KiCad projects and lists of wires beside the circuit; ``tests/kicad`` lets KiCad read them."""
 
 from __future__ import annotations
 
 import csv
 import json
 import re
-from collections import Counter, defaultdict
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+import taction
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.kicad.board import KicadProject, kicad_project
 from taction.netlist_gen.kicad.part_symbols import BoardParts, reference, wiring
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, parse_scene
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
 
 OPEN, CLOSE = "()"
 TOKEN = re.compile(r'[()]|"(?:\\.|[^"\\])*"|[^\s()"]+')
-QUAD = {"opamp": "tl074", "strain_input": "voltage"}
+DEVICES = {"amplifier": "exponential", "exponential_slope": "100mV", "antilog": "device"}
+NPN = {**DEVICES, "antilog": {"stage": "device", "transistors": "ssm2212"}}
+PASSIVE = {"topology": "passive", "lambda": 100.0}
+BENT = {"amplifier": "exponential", "exponential_slope": "1V", "bias": False, **PASSIVE}
+ONE = {"matrix": np.array([[-0.7]]), "strain": np.array([0.3])}
+MATRIX = {"matrix": [[1.0, 0.0], [0.5, 0.0]], "strain": [1.0, 0.0]}
+THREE = {"channels": 3}
+MADE: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "quad": (THREE, {"opamp": "tl074", "strain_input": "voltage"}),
+    "npn": (THREE, {"opamp": "tl072", **NPN}),
+    "pnp": (THREE, {"opamp": "ua741", **DEVICES}),
+    "passive": (THREE, {"opamp": "tl072", **PASSIVE}),
+    "passive exponential": (THREE, BENT),
+    "wide": ({"channels": 70, "span": 40.0}, {"opamp": "tl084"}),
+    # A column and a row without entries have sheets, too.
+    "empty column": ({"kind": "matrix", **MATRIX}, {}),
+}
+NAMES = (
+    *("new", "one by one", *MADE, "paper-breadboard.toml", "custom-matrix.toml"),
+    "least-squares.toml",  # its columns have no op-amp at their nodes
+    *("paper-exponential.toml", "paper-exponential-devices.toml", "tangential-exponential.toml"),
+)
+# Pins -, +, output of the op-amps A, B ... as the data sheets of the TL084 and the TL072 draw them.
+SHEETS = {
+    "TL084": (("2", "3", "1"), ("6", "5", "7"), ("9", "10", "8"), ("13", "12", "14")),
+    "TL072": (("2", "3", "1"), ("6", "5", "7")),
+    "UA741": (("2", "3", "6"),),
+}
+SHEETS |= {"TL074": SHEETS["TL084"], "OPA2134": SHEETS["TL072"], "OPA189": SHEETS["UA741"]}
+RAILS = {"TL084": ("4", "11"), "TL072": ("8", "4"), "UA741": ("7", "4")}
+RAILS |= {"TL074": RAILS["TL084"], "OPA2134": RAILS["TL072"], "OPA189": RAILS["UA741"]}
 
 
 def parsed(text: str) -> Any:
@@ -107,48 +141,56 @@ def test_every_package_has_as_many_pins_as_its_op_amps_need(name: str) -> None:
         assert max(map(int, pins)) <= {1: 8, 2: 8, 4: 14}[count]
 
 
-def quad() -> Scene:
-    return make_scene({"channels": 3, "span": 2.0}, design=QUAD)
+def scene_of(name: str, folder: Path) -> Scene:
+    """Return a scene of `NAMES`."""
+    if name == "new":
+        taction.new(file=folder / "new.toml")
+        return load_scene(folder / "new.toml")
+    if name.endswith(".toml"):
+        return load_scene(SCENES / name)
+    rest = {"initial": "rest"}
+    if name == "one by one":
+        tables: dict[str, Any] = {
+            "problem": {"kind": "matrix", **ONE},
+            "design": {"opamp": "tl084", "bias": True, **NPN},
+            "analysis": rest,
+            "tolerances": {"resistor": 0.01},
+        }
+        return parse_scene(tables, "scene.toml")
+    problem, design = MADE[name]
+    return make_scene(problem, design=design, analysis=rest)
 
 
-SCENE_OF = {
-    "quad": quad,
-    "custom": lambda: load_scene(SCENES / "custom-matrix.toml"),
-    "devices": lambda: load_scene(SCENES / "paper-exponential-devices.toml"),
-    "passive": lambda: make_scene(
-        {"channels": 3}, design={"topology": "passive", "opamp": "tl072", "lambda": 100.0}
-    ),
-    # Its columns have no op-amp at their nodes.
-    "least squares": lambda: load_scene(SCENES / "least-squares.toml"),
-    # A column and a row without entries have sheets, too.
-    "empty column": lambda: make_scene(
-        {"kind": "matrix", "matrix": [[1.0, 0.0], [0.5, 0.0]], "strain": [1.0, 0.0]}
-    ),
-}
-
-
-@pytest.fixture(scope="module", params=SCENE_OF)
-def scene(request: pytest.FixtureRequest) -> Scene:
-    return SCENE_OF[request.param]()
+@pytest.fixture(scope="module", params=NAMES)
+def scene(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    return scene_of(request.param, tmp_path_factory.mktemp("project"))
 
 
 def sheets(files: dict[str, str]) -> dict[str, Any]:
     return {name: parsed(text) for name, text in files.items() if name.endswith(".kicad_sch")}
 
 
-def rows_of(circuit: Circuit, scene: Scene) -> list[dict[str, str]]:
-    return list(csv.DictReader(wiring(BoardParts(circuit, scene)).splitlines()))
-
-
-def two_ended(circuit: Circuit) -> dict[str, tuple[str, str]]:
-    """The nodes of every resistor and capacitor by its name in the deck, from the circuit."""
-    ends = {f"R{part.name}": (part.a, part.b) for part in circuit.resistors}
+def two_ended(circuit: Circuit) -> Iterator[tuple[str, tuple[str, str]]]:
+    """Every part with pins 1 and 2: its name in the deck, and their nodes."""
+    for resistor in circuit.resistors:
+        yield f"R{resistor.name}", (resistor.a, resistor.b)
     for matrix in circuit.matrices:
-        for k, n, source, sink, _ in matrix.elements():
-            ends[f"{matrix.name}_{k + 1}_{n + 1}"] = source, sink
-    strays = "stray_"
-    parts = (each for each in circuit.capacitors if not each.name.startswith(strays))
-    return ends | {f"C{part.name}": (part.a, part.b) for part in parts}
+        for row, column, source, sink, _ in matrix.elements():
+            yield f"{matrix.name}_{row + 1}_{column + 1}", (source, sink)
+    for capacitor in circuit.capacitors:
+        if not capacitor.name.startswith("stray_"):
+            yield f"C{capacitor.name}", (capacitor.a, capacitor.b)
+    for current in circuit.currents:
+        yield f"I{current.name}", ("0", current.node)
+    for amplifier in circuit.amplifiers:
+        yield f"B{amplifier.name}", (amplifier.input, amplifier.output)
+    for source in circuit.voltages:
+        yield source.card, (source.node, "0")
+
+
+def packing(circuit: Circuit) -> tuple[int, int]:
+    size = next(iter(circuit.models.values())).channels_per_package
+    return size, len(circuit.opamps)
 
 
 def test_every_part_is_drawn_once(scene: Scene) -> None:
@@ -160,24 +202,52 @@ def test_every_part_is_drawn_once(scene: Scene) -> None:
     )
     assert set(drawn.values()) == {1}  # also symbols of supplies, whose numbers are of the project
     references = {name for name, _ in drawn}
-    assert {reference(name) for name in two_ended(circuit)} <= references
-    size = next(iter(circuit.models.values())).channels_per_package
-    for number in range(1, 1 + -(-len(circuit.opamps) // size)):
+    assert {reference(name) for name, _ in two_ended(circuit) if name[0] in "RC"} <= references
+    size, count = packing(circuit)
+    for number in range(1, 1 + -(-count // size)):
         units = {int(unit) for name, unit in drawn if name == f"U{number}"}
         assert units == set(range(1, size + 2))  # used or not, and the supply
 
 
 def test_the_wires_are_those_of_the_circuit(scene: Scene) -> None:
+    """Every pin is on the net of its node; the number of a pin is that of the data sheet."""
     circuit = synthesise(scene)
-    nets: dict[str, list[str]] = defaultdict(list)
-    for row in rows_of(circuit, scene):
-        nets[row["Deck"]].append("0" if row["Net"] == "GND" else row["Net"])
-    for name, ends in two_ended(circuit).items():
-        assert sorted(nets[name]) == sorted(ends)
-    for cell in circuit.opamps:
-        nodes = (cell.inverting, cell.noninverting, cell.output)
-        assert sorted(nets[f"X{cell.name}"]) == sorted(nodes)
-    for cell in circuit.transistors:
-        assert sorted(nets[cell.card]) == sorted((cell.base, cell.collector, cell.emitter))
-    for source in circuit.voltages:
-        assert sorted(nets[source.card]) == sorted((source.node, "0"))
+    rows = list(csv.DictReader(wiring(BoardParts(circuit, scene)).splitlines()))
+    rest = {(row["Part"], row["Pin"]): row["Net"] for row in rows}
+    part_of = {row["Deck"]: row["Part"] for row in rows if row["Deck"]}
+    values = {row["Part"]: row["Value"] for row in rows}
+    size, count = packing(circuit)
+
+    def take(part: str, pins: tuple[str, ...]) -> list[str]:
+        return ["0" if net == "GND" else net for net in (rest.pop((part, pin)) for pin in pins)]
+
+    def opamp(place: int) -> list[str]:
+        part = f"U{place // size + 1}"
+        return take(part, SHEETS.get(values[part], (("-", "+", "out"),))[place % size])
+
+    for name, ends in two_ended(circuit):
+        found = take(part_of[name], ("1", "2"))
+        # Resistors and capacitors may be drawn either way round.
+        assert found == list(ends) or (name[0] not in "IBV" and found[::-1] == list(ends))
+    for place, cell in enumerate(circuit.opamps):
+        assert opamp(place) == [cell.inverting, cell.noninverting, cell.output]
+    for place, cell in enumerate(circuit.transistors):
+        pins = tuple(f"{letter}{place % 2 + 1}" for letter in "CBE")
+        assert take(f"Q{place // 2 + 1}", pins) == [cell.collector, cell.base, cell.emitter]
+    used = [row["Net"] for row in rows]
+    for place in range(count, size * -(-count // size)):
+        minus, plus, out = opamp(place)
+        assert (plus, minus) == ("0", out)  # a follower at ground, with nothing else
+        assert used.count(out) == 2
+    # All else is supply: packages, and capacitors from each rail to ground.
+    rail = f"{circuit.supply:g}V"
+    for (part, pin), net in rest.items():
+        assert re.fullmatch(r"U\d+|CU\d+_[12]", part), (part, pin, net)
+        plus, minus = RAILS.get(values[part], ("V+", "V-"))
+        wanted = {plus: f"+{rail}", minus: f"-{rail}"}
+        if part.startswith("C"):
+            wanted = {"1": f"+{rail}", "2": "GND"}
+            if part.endswith("_2"):
+                wanted = {"1": "GND", "2": f"-{rail}"}
+        assert net == wanted[pin]
+    assert len(rest) == 6 * -(-count // size)
