@@ -14,7 +14,7 @@ from unittest import mock
 from benchmarks.measuring import SCENES, Figure, in_turns, processor, ratios
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.transients import simulate

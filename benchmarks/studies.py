@@ -28,7 +28,7 @@ from benchmarks.measuring import (
 )
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.design.remedies import find_remedies
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.verdict.verify import verify

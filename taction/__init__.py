@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from taction.netlist_gen.board.circuit import Circuit as Circuit
     from taction.netlist_gen.board.synthesis import synthesise as synthesise
     from taction.netlist_gen.deck.deck import write_deck as write_deck
-    from taction.netlist_gen.scene.loading import load_scene as load_scene
     from taction.netlist_gen.scene.scene import Scene as Scene
+    from taction.netlist_gen.scene.scene import load_scene as load_scene
     from taction.system.errors import InputError as InputError
     from taction.system.errors import Interrupted as Interrupted
     from taction.system.errors import NoVerdictError as NoVerdictError

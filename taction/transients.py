@@ -141,7 +141,7 @@ def verify(
     >>> [each.outcome.value for each in taction.verify(scene, engine="statespace", strains=strains)]
     ['pass', 'fail']
     """
-    from taction.netlist_gen.scene.loading import load_scene
+    from taction.netlist_gen.scene.scene import load_scene
 
     if isinstance(scene, str | Path):
         scene = load_scene(scene)  # first: to refuse a scene takes neither numpy nor the engines
@@ -405,7 +405,7 @@ def explore(
     """
     from contextlib import suppress
 
-    from taction.netlist_gen.scene.loading import load_scene
+    from taction.netlist_gen.scene.scene import load_scene
     from taction.verification.report.explorer.server import explore as serve
 
     scene = load_scene(scene) if isinstance(scene, str | Path) else scene

@@ -406,7 +406,7 @@ def _check(command: Command, job: Job, given: dict[str, Any]) -> None:
                     text = f"No such file or directory; expected {expected}"
                     raise InputError(name, Complaint("file", "", text))
     if given.get("scene") is not None:
-        from taction.netlist_gen.scene.loading import load_scene
+        from taction.netlist_gen.scene.scene import load_scene
 
         given |= {"scene": load_scene(given["scene"])}
     asked = {each: given[each.name] for each in parameters if each.writes and given[each.name]}

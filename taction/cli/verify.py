@@ -152,7 +152,7 @@ def _several(options: Mapping[str, Any]) -> Job | None:
 
 def _of_the_scene(call: Call) -> None:
     from taction.netlist_gen.scene.axes import with_settings
-    from taction.netlist_gen.scene.loading import load_scene
+    from taction.netlist_gen.scene.scene import load_scene
 
     scene, settings = call.options["scenes"][0], call.options["settings"]
     call.arguments["scene"] = with_settings(load_scene(scene), settings) if settings else scene

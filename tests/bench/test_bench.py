@@ -17,7 +17,7 @@ import pytest
 
 import taction
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from tests.bench import judge
 from tests.bench.judge import Board, Limits, fault, judged, sheet_of
 from tests.support.paths import ROOT

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 
-from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from tests.support.entries import write_fast
 from tests.support.paths import SCENES
 from tests.support.running import document, taction

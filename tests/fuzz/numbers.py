@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
-from taction.netlist_gen.scene.array_files import read_array
 from taction.netlist_gen.scene.axes import parse_axes
+from taction.netlist_gen.scene.inverse_problem import read_array
 from taction.system.raw_file import write_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.evidence import Ending, accepted_waveforms

@@ -18,8 +18,7 @@ import taction
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.documents import plain
 from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.report.documents.verdict import verdict_document

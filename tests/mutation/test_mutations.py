@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import Verdict
 from tests.mutation.catalogue import KNOWN, MATRIX, MUTATIONS, STATE_SPACE, Mutation

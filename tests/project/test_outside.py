@@ -17,8 +17,8 @@ import pytest
 
 import taction as door
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS
+from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS
 from taction.verification.reference.regularisers import REGULARISERS
 from taction.verification.report.documents.document_catalogue import schema

@@ -7,8 +7,7 @@ import pytest
 
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.check_keys import Tolerances
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.verification.design.tune import tune
 from taction.verification.evidence.stress.catalogue import load_catalogue, select
 from taction.verification.evidence.stress.run_cases import CaseJudgement, run_case

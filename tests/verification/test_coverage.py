@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.scene.axes import with_settings
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.verification.engines.statespace.equations import descriptor, stamps
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.transients import exact, stepped

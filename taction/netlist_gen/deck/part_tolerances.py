@@ -19,8 +19,8 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.variation import varying_parts
 from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.netlist_gen.scene.fields import Model
-from taction.netlist_gen.scene.loading import read_toml
 from taction.netlist_gen.scene.mistakes import validated
+from taction.netlist_gen.scene.scene import read_toml
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import fraction
 

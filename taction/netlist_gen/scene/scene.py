@@ -1,8 +1,10 @@
-"""`Scene`: problem, design, analysis and checks as frozen, validated values."""
+"""`Scene`: problem, design, analysis and checks as frozen, validated values; `load_scene`."""
 
 from __future__ import annotations
 
 import functools
+import re
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
@@ -12,7 +14,12 @@ from pydantic import Field, PrivateAttr, model_validator
 from taction.netlist_gen.scene.check_keys import Checks, Regression, Tolerances, unitless_times
 from taction.netlist_gen.scene.design import Design, DevicesTable, OpAmpChoice, WiresTable
 from taction.netlist_gen.scene.fields import Model, Positive, Real, Seconds, SecondsOrAuto, entry
-from taction.netlist_gen.scene.mistakes import placed, validated
+from taction.netlist_gen.scene.mistakes import (
+    placed,
+    toml_complaint,
+    validated,
+    with_places,
+)
 from taction.netlist_gen.scene.open_tables import NAMES, plugged, with_tables
 from taction.netlist_gen.scene.problem_keys import (
     MatrixProblem,
@@ -21,7 +28,8 @@ from taction.netlist_gen.scene.problem_keys import (
     in_memory,
 )
 from taction.system.errors import Complaint, InputError, listed
-from taction.system.quantities import quantity, sizes
+from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_text
+from taction.system.quantities import number, quantity, sizes
 from taction.system.results import card, plot
 
 if TYPE_CHECKING:
@@ -31,6 +39,10 @@ if TYPE_CHECKING:
 DEFAULT_RESISTANCE = 1.786e6
 ENGINES = NAMES["engine"]
 IN_MEMORY = "Scene.from_arrays"  # instead of the name of a file
+MAX_BYTES = MEGABYTE
+DEEPEST = 50  # parts of a dotted key
+_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+_DEEP = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{{DEEPEST}}}")
 
 
 class AnalysisChoice(Model):
@@ -219,6 +231,46 @@ def parse_scene(
     scene._file = Path(file)
     scene._questions = tuple(unitless_times(data)) if asked is None else asked
     return scene
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read and validate the scene at `path`.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is not TOML, or is not a scene; `complaints` lists all mistakes.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
+    >>> scene.design.capacitance, scene.problem.channels
+    (1e-11, 7)
+    """
+    path = Path(path)
+    data, text = read_toml(path, "a scene file in TOML; `taction new` writes one")
+    try:
+        return parse_scene(data, path)
+    except InputError as error:
+        raise with_places(error, text) from None
+
+
+def read_toml(path: Path, accepted: str) -> tuple[dict[str, Any], str]:
+    """Return the data of a file, and its text, or refuse it with what would be `accepted`."""
+    try:
+        text = read_text(path, MAX_BYTES)
+        if _DEEP.search(text):  # tomllib takes quadratic time
+            raise ValueError(f"a key of over {DEEPEST} parts")
+        data = tomllib.loads(text, parse_float=lambda part: number(part.replace("_", "")))
+        return data, text
+    except UnusableFileError as error:
+        raise InputError(path, Complaint("file", "", f"{error}; expected {accepted}")) from None
+    except ValueError as error:  # no TOML, or an integer of over 4300 digits
+        raise InputError(path, toml_complaint(text, error, accepted)) from None
+    except RecursionError:
+        text = f"nested too deeply; expected {accepted}"
+        raise InputError(path, Complaint("TOML", "", text)) from None
 
 
 def size_words(problem: TactileProblem | MatrixProblem) -> str:

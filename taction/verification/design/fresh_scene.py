@@ -17,12 +17,11 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.board.part_warnings import ANY_PART, LEAST_OHMS, MOST_OHMS, AcceptedParts
-from taction.netlist_gen.scene.array_files import read_problem
 from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.inverse_problem import read_problem
 from taction.netlist_gen.scene.keys import scene_text
-from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
-from taction.netlist_gen.scene.scene import Scene, parse_scene
+from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from taction.netlist_gen.topologies.frame.topology import pruned
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError

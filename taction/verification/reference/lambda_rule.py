@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import Complaint, InputError, SolverError
 
 
@@ -44,7 +43,7 @@ def read_scene(scene: str | Path | Scene, engine: str | None = None) -> Scene:
 
     `engine` replaces the engine of the scene.
 
-    InputError, SolverError: see `taction.netlist_gen.scene.loading.load_scene` and
+    InputError, SolverError: see `taction.netlist_gen.scene.scene.load_scene` and
       `resolve_lambda`.
     """
     resolved = resolve_lambda(scene if isinstance(scene, Scene) else load_scene(scene))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taction.netlist_gen.scene.keys import files_of
-from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from taction.system.errors import Complaint, InputError
 from taction.system.output_files import check_file as check_file
 from taction.system.output_files import check_folder as check_folder

@@ -22,8 +22,7 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import Deck, write_deck
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from tests.support.making import make_scene
 from tests.support.other_simulators import Record, distance, gnucap_record, ngspice_record
 from tests.support.paths import SCENES

@@ -18,9 +18,8 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.kicad.board import KicadProject, kicad_project
 from taction.netlist_gen.kicad.part_symbols import BoardParts, reference, wiring
-from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS
-from taction.netlist_gen.scene.scene import Scene, parse_scene
+from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
 

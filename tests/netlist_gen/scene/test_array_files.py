@@ -11,11 +11,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from taction.netlist_gen.scene.array_files import read_array
-from taction.netlist_gen.scene.inverse_problem import cylinder_stress, grid, kernel, make_problem
-from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.inverse_problem import (
+    cylinder_stress,
+    grid,
+    kernel,
+    make_problem,
+    read_array,
+)
 from taction.netlist_gen.scene.problem_keys import CylinderLoad
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import InputError
 from tests.support.making import make_scene, write_matrix_scene
 

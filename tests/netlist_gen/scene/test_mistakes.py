@@ -12,8 +12,7 @@ from click.testing import Result
 
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Key, all_keys
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import parse_scene
+from taction.netlist_gen.scene.scene import load_scene, parse_scene
 from taction.system.errors import InputError
 from tests.support.making import write_matrix_scene
 from tests.support.paths import SCENES

@@ -14,8 +14,7 @@ import pytest
 
 from taction.netlist_gen.scene.axes import parse_axes, with_settings
 from taction.netlist_gen.scene.keys import scene_text
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene, parse_scene
+from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from taction.system.errors import InputError
 from taction.verification.studies.running.versions import digest
 from tests.support.making import make_scene

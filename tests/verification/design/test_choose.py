@@ -15,8 +15,7 @@ from taction.netlist_gen.board.part_warnings import ANY_PART, broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.keys import scene_text
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import InputError
 from taction.verification.design.choose import (
     CAPACITANCE,

@@ -13,8 +13,7 @@ import pytest
 import taction
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import Point, with_settings, with_values
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene, parse_scene
+from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from taction.system.errors import InputError
 from taction.verification.design import trials
 from taction.verification.design.exploration import (

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from taction.netlist_gen.board.part_warnings import broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import InputError
 from taction.verification.design import fresh_scene as module
 from taction.verification.design.fresh_scene import (

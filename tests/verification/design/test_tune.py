@@ -19,8 +19,7 @@ from taction.netlist_gen.board.bill_of_materials import buyable
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.keys import Value
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import EngineError, InputError
 from taction.system.quantities import parse
 from taction.verification.design import tune as tune_module

@@ -12,8 +12,7 @@ import pytest
 from taction.netlist_gen.board.circuit import Circuit, Role
 from taction.netlist_gen.board.parts import Resistor
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.spice_models.opamp import OpAmp
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard

@@ -15,7 +15,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability import families as module

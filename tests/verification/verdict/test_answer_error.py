@@ -14,7 +14,7 @@ import taction
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.variation import draw, parameters, vary
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
-from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from taction.system.array_types import Floats
 from taction.system.errors import SolverError
 from taction.verification.reference.ideal_answer import IdealNetwork

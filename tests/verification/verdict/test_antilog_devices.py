@@ -14,8 +14,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.variation import DEVICE, draw, parameters, vary
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.check_keys import NoiseCheck, Tolerances
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene, parse_scene
+from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from taction.spice_models.transistor import load_pairs
 from taction.system.array_types import Floats
 from taction.system.errors import InputError

@@ -15,8 +15,7 @@ import pytest
 
 import taction
 from taction.netlist_gen.deck.deck import Deck
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import parse_scene
+from taction.netlist_gen.scene.scene import load_scene, parse_scene
 from taction.system.errors import InputError
 from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.readings.readings import Reading

@@ -13,8 +13,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.verification.engines.ngspice.process import find_simulator, simulate
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard

@@ -19,9 +19,8 @@ from taction.netlist_gen.board.parts import OpAmpCell, Resistor
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.design import OpAmpChoice
-from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS
-from taction.netlist_gen.scene.scene import Scene, parse_scene
+from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import opamp_subcircuit
 from taction.system.errors import InputError

@@ -15,8 +15,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.verification.engines.ngspice.process import Simulation, find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise

@@ -16,8 +16,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.array_types import Floats
 from taction.system.errors import DivergesError, EngineError
 from taction.system.waveforms import Cost, Waveforms

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene, parse_scene
+from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from taction.system.errors import EngineError, StepTooSmall, TimedOut
 from taction.system.progress import Clock
 from taction.verification.engines.ngspice.executable import find_simulator

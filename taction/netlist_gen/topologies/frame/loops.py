@@ -29,7 +29,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from taction.netlist_gen.board.built_arrays import as_programmed, device_of
 from taction.netlist_gen.board.circuit import (
     GROUND,
     Circuit,
@@ -42,6 +41,7 @@ from taction.netlist_gen.board.circuit import (
 )
 from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.board.parts import OpAmpCell, Resistor, ResistorMatrix
+from taction.netlist_gen.board.synthesis import as_programmed, device_of
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import GrowingBoard, Topology, matrix_resistors

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.charts import Axis, Chart, Mark
 from taction.system.quantities import UNITS, show
 from taction.verification.readings.readings import Reading

@@ -290,7 +290,7 @@ def reference_values(
     The arguments are those of `taction.check`. InputError: a file or a value cannot be used, the
     numbers of channels and of nodes differ, or the problem has no certain solution.
     """
-    from taction.netlist_gen.scene.array_files import read_problem
+    from taction.netlist_gen.scene.inverse_problem import read_problem
     from taction.verification.reference.problem import Problem
     from taction.verification.reference.solve import solve
 

@@ -20,8 +20,7 @@ import numpy as np
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.elements import shown
-from taction.netlist_gen.scene.loading import read_toml
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, read_toml
 from taction.system.array_types import Floats
 from taction.system.documents import OPTIONAL, read
 from taction.system.errors import Complaint, InputError

@@ -14,7 +14,7 @@ from scipy.linalg import toeplitz
 import taction
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.evidence import demonstration
 from taction.verification.evidence.demonstration import Demonstration

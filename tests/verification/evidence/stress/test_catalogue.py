@@ -12,7 +12,7 @@ import pytest
 
 from taction.netlist_gen.scene.check_keys import ExcursionCheck
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from taction.system import errors
 from taction.system.errors import InputError
 from taction.verification.evidence.stress import run_cases as running

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import taction
-from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from taction.system.errors import InputError
 from taction.verification.design.exploration import Start
 from taction.verification.report.explorer import server

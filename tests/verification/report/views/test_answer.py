@@ -14,7 +14,7 @@ import pytest
 from taction.netlist_gen.board.circuit import Output
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.keys import scene_text
-from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from taction.system.documents import plain
 from taction.system.raw_file import read_raw
 from taction.system.waveforms import Cost, Waveforms

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.charts import Chart, Curve, Limit, Text
 from taction.system.quantities import quantity, readable, show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard

@@ -19,7 +19,7 @@ from taction.netlist_gen.board.parts import (
     ResistorMatrix,
 )
 from taction.netlist_gen.deck.deck import write_deck
-from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from taction.spice_models.opamp import OpAmp
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.families import Family

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from taction.netlist_gen.scene.check_keys import Regression
-from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from taction.system.errors import InputError, Interrupted
 from taction.verification.studies.regression import regress as module
 from taction.verification.studies.regression.regress import (

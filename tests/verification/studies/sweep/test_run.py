@@ -15,8 +15,7 @@ import pytest
 from click.testing import Result
 
 from taction.netlist_gen.scene.axes import parse_axes, with_values
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.documents import plain
 from taction.system.errors import OutOfDisk, SimulationError, SimulatorNotFound
 from taction.verification.stability import margin

@@ -20,8 +20,7 @@ from taction.netlist_gen.board.parts import (
 )
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
-from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
 from taction.system.errors import DivergesError, EngineError
