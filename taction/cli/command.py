@@ -140,8 +140,8 @@ class Call:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Job:
-    """A public function, and what shows its result; a result that is None shows nothing."""
+class Command:
+    """A public function with its options, and what shows its result; None shows nothing."""
 
     function: str = ""  # its name in `taction`; by default that of the command
     # Takes the result and returns its document; by default the result is its own.
@@ -161,19 +161,13 @@ class Job:
     # Takes the result and the `Call`, and returns the names of the files that are written.
     files: Callable[[Any, Call], Iterable[str]] = lambda found, call: ()
     lacks: str = ""  # why an output of the command's other job is refused
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Command(Job):
-    """An entry of the table of commands: a job with its options."""
-
     about: str = ""  # its line in the list of commands
     # Those that are not as the function's signature and `OPTIONS` have them, or not of it.
     parameters: tuple[CommandParameter, ...] = ()
     python_only: tuple[str, ...] = ()  # parameters of the function that are no options
     ends: str = ""  # what the exit status means, where it is not as usual
     # Takes the options and returns another job for some of them.
-    other: Callable[[Mapping[str, Any]], Job | None] = lambda options: None
+    other: Callable[[Mapping[str, Any]], Command | None] = lambda options: None
     commands: Mapping[str, Command] = field(default_factory=dict)  # below it
 
     @property
@@ -370,7 +364,7 @@ def status_of(result: Any) -> int:
     return int(status)
 
 
-def _result(job: Job, call: Call) -> tuple[Any, str]:
+def _result(job: Command, call: Call) -> tuple[Any, str]:
     """Run the function; return its result, and after Ctrl-C what is kept."""
     function: Callable[..., Any] = getattr(taction, job.function)
     if job.work is None and "progress" not in signature(job.function):
@@ -386,7 +380,7 @@ def _result(job: Job, call: Call) -> tuple[Any, str]:
         return end.result, str(end)
 
 
-def _check(command: Command, job: Job, given: dict[str, Any]) -> None:
+def _check(command: Command, job: Command, given: dict[str, Any]) -> None:
     """Refuse, before any work, a scene with mistakes and an output that cannot be written.
 
     Neither may an output be an input, or another output. A scene that is read takes the place of
@@ -436,7 +430,7 @@ def _each(value: Any) -> Iterator[Any]:
     yield from value if isinstance(value, tuple) else [value] if value is not None else []
 
 
-def _write(job: Job, result: Any, given: Mapping[str, Any]) -> bool:
+def _write(job: Command, result: Any, given: Mapping[str, Any]) -> bool:
     """Write the files that show the result, also after an error; return whether all are written."""
     complete = True
     for output in job.outputs:
@@ -455,7 +449,7 @@ def _write_one(output: CommandParameter, result: Any, path: str) -> None:
     tell([f"wrote {visible(path)}"])
 
 
-def _show(job: Job, result: Any, call: Call) -> None:
+def _show(job: Command, result: Any, call: Call) -> None:
     """Print the result, or its document; a text that fails ends with the outcome."""
 
     def show() -> None:

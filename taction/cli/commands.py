@@ -20,7 +20,6 @@ from taction.cli.command import (
     Call,
     Command,
     CommandParameter,
-    Job,
     NumberRange,
     argument,
     folder,
@@ -143,7 +142,7 @@ def _rescaled(call: Call) -> None:
         del call.arguments["opamp"]
 
 
-def _new_job(options: Mapping[str, Any]) -> Job | None:
+def _new_job(options: Mapping[str, Any]) -> Command | None:
     if options["schema"]:
         return NEW_SCHEMA
     if options["scene"] is not None:
@@ -156,15 +155,15 @@ def _new_job(options: Mapping[str, Any]) -> Job | None:
     return None if options["matrix"] is None else NEW_MATRIX
 
 
-NEW_MATRIX = Job(function="new", schema="new-matrix", before=_new_file, files=_new_files)
-NEW_SCALED = Job(
+NEW_MATRIX = Command(function="new", schema="new-matrix", before=_new_file, files=_new_files)
+NEW_SCALED = Command(
     function="scale",
     schema="scale",
     before=_rescaled,
     files=lambda found, call: [call.arguments["output"]],
 )
-NEW_SCHEMA = Job(function="scene_schema", text=lambda found: print_json(found, ""), schema=None)
-SAMPLE = Job(
+NEW_SCHEMA = Command(function="scene_schema", text=lambda found: print_json(found, ""), schema=None)
+SAMPLE = Command(
     function="verify_sample",
     outputs=(REPORT,),
     schema="montecarlo-sample",

@@ -18,7 +18,6 @@ from taction.cli.command import (
     REPORT,
     Call,
     Command,
-    Job,
     NumberRange,
     argument,
     is_given,
@@ -133,7 +132,7 @@ def _annotate(documents: Iterable[Mapping[str, Any]], call: Call) -> None:
         tell(annotation_lines(documents))
 
 
-def _several(options: Mapping[str, Any]) -> Job | None:
+def _several(options: Mapping[str, Any]) -> Command | None:
     """Return the job of several scenes, or that of --solve; None for one scene."""
     scenes = options["scenes"]
     alone = len(scenes) == 1 and not Path(scenes[0]).is_dir() and not options["exclude"]
@@ -159,7 +158,7 @@ def _of_the_scene(call: Call) -> None:
 
 
 JUNIT = text_file("junit", "Write a JUnit XML report.", "verification.report.junit:files_junit")
-VERIFY_FILES = Job(
+VERIFY_FILES = Command(
     function="verify_files",
     document=f"{DOCUMENTS}.plain:VerifyFilesDocument",
     outputs=(JUNIT,),
@@ -167,7 +166,7 @@ VERIFY_FILES = Job(
     after=lambda found, call: _annotate(found.documents, call),
     lacks="shows one board; give one scene file, without --exclude and --junit",
 )
-SOLUTION = Job(
+SOLUTION = Command(
     function="solve",
     schema="solve",
     before=_of_the_scene,

@@ -13,7 +13,7 @@ import taction
 from taction.cli import command as cli
 from taction.cli import commands as table
 from taction.cli import verify
-from taction.cli.command import Command, CommandParameter, Job, load, sentences, signature
+from taction.cli.command import Command, CommandParameter, load, sentences, signature
 from taction.cli.commands import COMMANDS
 from taction.system.errors import Complaint
 from tests.support.command_lines import LINES
@@ -52,9 +52,9 @@ def entry(name: str) -> Command:
     return COMMANDS[first].commands[rest[0]] if rest else COMMANDS[first]
 
 
-def jobs() -> Iterator[tuple[str, Job]]:
+def jobs() -> Iterator[tuple[str, Command]]:
     for module in (table, verify):
-        yield from ((n, job) for n, job in vars(module).items() if isinstance(job, Job))
+        yield from ((n, job) for n, job in vars(module).items() if isinstance(job, Command))
     for name in CALLS:
         yield name, entry(name)
 
@@ -109,7 +109,7 @@ def test_every_option_has_the_sentence_of_the_docstring(name: str) -> None:
 
 
 @pytest.mark.parametrize(("name", "job"), list(jobs()))
-def test_everything_that_shows_a_result_is_there(name: str, job: Job) -> None:
+def test_everything_that_shows_a_result_is_there(name: str, job: Command) -> None:
     shown = (job.view,) if job.text is None else (job.text,)
     for target in (job.document, *shown, *(output.write for output in job.outputs)):
         assert callable(load(target))

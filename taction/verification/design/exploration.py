@@ -118,23 +118,20 @@ def _control(scene: Scene, path: str, symbol: str, name: str, around: float) -> 
     return Control(path, key.unit, symbol, name, own / around, own * around, own)
 
 
-@dataclass(frozen=True, eq=False)
-class Start:
-    """The scene at the beginning of an exploration, lambda a number, and the keys that change."""
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Values of controls that differ from those of the scene, by their paths, and a preset."""
 
-    scene: Scene
-    controls: tuple[Control, ...]
+    original: Scene = field(compare=False)  # lambda is a number
+    controls: tuple[Control, ...] = field(compare=False)
+    values: Mapping[str, float] = field(default_factory=dict)
+    opamp: str = ""  # empty: the scene's op-amp
 
     @classmethod
-    def of(cls, scene: Scene) -> Start:
+    def of(cls, scene: Scene) -> Settings:
         """Begin with a scene."""
         scene = resolve_lambda(scene)
         return cls(scene, controls(scene))
-
-    @property
-    def lam(self) -> float:
-        """Lambda of the scene."""
-        return float(own_value(self.scene, find_key(self.scene, LAMBDA)) or 0.0)
 
     def control(self, path: str) -> Control:
         """Return the control of a key; raises `InputError` for a key without one."""
@@ -144,43 +141,35 @@ class Start:
             raise InputError("explore", Complaint("key", repr(path), text))
         return known[path]
 
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """Values that differ from those of the scene, by the paths of controls, and a preset."""
-
-    values: Mapping[str, float] = field(default_factory=dict)
-    opamp: str = ""  # empty: the scene's op-amp
-
-    @classmethod
-    def of(cls, start: Start, values: Mapping[str, float], opamp: str = "") -> Settings:
-        """Keep the values that differ from those of the scene."""
-        own = {control.path: control.own for control in start.controls}
+    def moved(self, values: Mapping[str, float], opamp: str = "") -> Settings:
+        """Return other settings: of `values` those that differ from the scene's."""
+        own = {control.path: control.own for control in self.controls}
         changed = {path: float(v) for path, v in values.items() if float(v) != own[path]}
-        return cls(changed, opamp)
+        return replace(self, values=changed, opamp=opamp)
 
-    def changes(self, start: Start) -> dict[str, Value]:
+    def changes(self) -> dict[str, Value]:
         """Return what to change in the scene; no rule chooses another lambda."""
-        changed: dict[str, Value] = {**self.values}
+        scene, changed = self.original, dict[str, Value](self.values)
         if self.opamp:
             changed[OPAMP] = self.opamp
-        if changed and start.scene.lambda_rule:
-            return {LAMBDA: start.lam, **changed}
-        return with_lambda_held(start.scene, changed, start.lam)
+        lam = float(own_value(scene, find_key(scene, LAMBDA)) or 0.0)
+        if changed and scene.lambda_rule:
+            return {LAMBDA: lam, **changed}
+        return with_lambda_held(scene, changed, lam)
 
-    def scene(self, start: Start) -> Scene:
+    def scene(self) -> Scene:
         """Return the scene with these values; raises `InputError` for one that its key refuses."""
-        changed = self.changes(start)
-        return with_values(start.scene, changed) if changed else start.scene
+        changed = self.changes()
+        return with_values(self.original, changed) if changed else self.original
 
-    def command(self, start: Start) -> str:
+    def command(self) -> str:
         """Return the command line that verifies these values."""
-        words = ["taction", "verify", str(start.scene.file)]
-        for path, value in self.changes(start).items():
+        words = ["taction", "verify", str(self.original.file)]
+        for path, value in self.changes().items():
             words += ["--set", f"{path}={value if isinstance(value, str) else repr(value)}"]
         return shlex.join(words)
 
-    def save(self, start: Start, name: str) -> Path:
+    def save(self, name: str) -> Path:
         """Write the scene with these values as a new file beside the scene's own; return it."""
 
         def refused(reason: str) -> InputError:
@@ -193,10 +182,10 @@ class Settings:
                 f"expected the name of a new file that ends with {SUFFIX!r}, without a folder, as"
                 f" scenes have it: letters, digits, '.', '_' and '-', {MOST_NAME} at most"
             )
-        file = start.scene.folder / name
+        file = self.original.folder / name
         try:
             with file.open("x", encoding="utf-8") as stream:
-                stream.write(scene_text(self.scene(start), start.scene.folder))
+                stream.write(scene_text(self.scene(), self.original.folder))
         except FileExistsError:
             text = "the file exists, and stays as it is; expected the name of a new file"
             raise refused(text) from None

@@ -132,22 +132,12 @@ SHOWN = 4  # op-amps that are proposed
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A change with what the state-space verdict says about it."""
+    """A change with which the state-space verdict is a pass."""
 
-    DOCUMENT = (
-        *("values", "mends", "left # checks that do not pass with the change"),
-        *("resistance [ohm]", "verified", "engine = 'statespace'"),
-    )
+    DOCUMENT = ("values", "resistance [ohm]", "engine = 'statespace'")
 
     values: dict[str, Value]  # new values by dotted paths, with a lambda where it is held
-    mends: tuple[str, ...]  # the failed checks that pass with the change
-    left: tuple[str, ...]  # the checks that do not pass; empty where the verdict is a pass
     resistance: float | None = None  # R of the changed board where it differs from the scene's, ohm
-
-    @property
-    def verified(self) -> bool:
-        """Whether the verdict is a pass."""
-        return not self.left
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +151,7 @@ class Remedies:
     stability : tuple of StableRange
         The nearest stable ranges of an unstable board.
     changes : tuple of Change
-        Those that mend everything, else those of them that mend most, with a verdict.
+        Those with which every check passes.
     without : tuple of Search
         The searches over keys that mend nothing.
     searched : tuple of str
@@ -176,15 +166,12 @@ class Remedies:
         Number of changes that were judged.
     undecided : tuple of str
         Why some of them have no verdict, a reason for each.
-    work, limit : float
-        The work done, and the most that is allowed, in designs (`Trials.spend`).
     """
 
     DOCUMENT = (
         *("failed", "stable_ranges = by_path", "stable_opamps = opamps", "changes", "without"),
         "not_searched = cut # these searches ended when the work was used up",
         *("searched", "unmendable", "trials", "undecided # why changes have no verdict"),
-        *("work # in designs", "work_limit = limit"),
     )
 
     failed: tuple[str, ...]
@@ -197,8 +184,6 @@ class Remedies:
     opamps: tuple[str, ...]
     trials: int
     undecided: tuple[str, ...]
-    work: float
-    limit: float
 
     @property
     def by_path(self) -> dict[str, StableRange]:
@@ -250,12 +235,11 @@ def find_remedies(
     transient = not unmendable and {*causes} <= {"stability", *READINGS}
     if transient and len(knobs) > 1 and not any(s.found for s in searches if s.paths[0] in knobs):
         searches += filter(None, [search_pair(trials, (knobs[0], knobs[1]))])
-    passing = [trial for one in searches for trial in one.found[:SHOWN]]
     stable = (t for t in trials.tried if t.passed("stability") and {OPAMP} == {*t.values})
     return Remedies(
         failed=failed,
         stability=ranges,
-        changes=tuple(_change(trials, failed, trial) for trial in passing or _best(trials, failed)),
+        changes=tuple(_change(trials, trial) for one in searches for trial in one.found[:SHOWN]),
         without=tuple(one for one in searches if one.complete and not one.found),
         searched=tuple(dict.fromkeys(path for one in searches for path in one.paths)),
         cut=tuple(one.paths for one in searches if not one.complete),
@@ -263,34 +247,16 @@ def find_remedies(
         opamps=tuple(str(trial.values[OPAMP]) for trial in stable) if ranges else (),
         trials=len(trials.tried),
         undecided=tuple(t.record.reason for t in trials.tried if t.record.outcome == ERROR),
-        work=trials.spent,
-        limit=trials.limit,
     )
 
 
-def _mended(failed: Sequence[str], trial: Trial) -> tuple[str, ...]:
-    """Return the failed checks that pass."""
-    return tuple(name for name in failed if trial.passed(name))
-
-
-def _best(trials: Trials, failed: Sequence[str]) -> list[Trial]:
-    """Return the first trial with a transient that mends most checks, for each set of keys."""
-    best: dict[frozenset[str], Trial] = {}
-    judged = [trial for trial in trials.tried if trial.record.simulator and not trial.refused]
-    most = max((len(_mended(failed, trial)) for trial in judged), default=0)
-    for trial in judged:
-        if most and len(_mended(failed, trial)) == most:
-            best.setdefault(frozenset(trial.values), trial)
-    return list(best.values())
-
-
-def _change(trials: Trials, failed: Sequence[str], trial: Trial) -> Change:
+def _change(trials: Trials, trial: Trial) -> Change:
     values, resistance = trials.completed(trial.values), None
     if "design.lambda" in values:
         scene = trials.scene_at(trial.values)
         fact = topology_of(scene).facts(scene).get("R")
         resistance = None if fact is None else fact.value
-    return Change(values, _mended(failed, trial), trial.record.failed, resistance)
+    return Change(values, resistance)
 
 
 def _search(trials: Trials, path: str, begin: float | None) -> Search | None:

@@ -20,7 +20,6 @@ from taction.verification.design.exploration import (
     ExplorerCurves,
     Judgement,
     Settings,
-    Start,
 )
 from taction.verification.report.blocks import Bars
 from taction.verification.report.renderers.plotly import plotly_spec
@@ -44,10 +43,10 @@ def chart_part(chart: charts.Chart) -> Part:
     return {**plotly_spec(chart), "note": chart.summary}
 
 
-def start_part(start: Start) -> Part:
+def start_part(settings: Settings) -> Part:
     """Return what the page shows before any value moves, and what its template asks for."""
     finite = [name for name, opamp in OPAMPS.items() if math.isfinite(opamp.gbw)]
-    return {"start": start, "steps": STEPS, "opamps": finite, "place": place_part,
+    return {"settings": settings, "steps": STEPS, "opamps": finite, "place": place_part,
             "typed": typed_value}  # fmt: skip
 
 
@@ -64,13 +63,13 @@ def typed_value(value: float, unit: str, digits: int = VALUE_DIGITS) -> str:
     return quantity(value, unit, digits) if unit else f"{value:.{digits}g}"
 
 
-def settings_part(start: Start, settings: Settings) -> Part:
+def settings_part(settings: Settings) -> Part:
     """Return the values that the page shows, and the command line that has them."""
     values = {
         control.path: place_part(control, settings.values.get(control.path, control.own))
-        for control in start.controls
+        for control in settings.controls
     }
-    return {"values": values, "opamp": settings.opamp, "command": settings.command(start)}
+    return {"values": values, "opamp": settings.opamp, "command": settings.command()}
 
 
 def rest_part(view: BoardView) -> Part:
@@ -208,8 +207,8 @@ class SliderLook:
         return {"outputs": chart_part(outputs_chart(curves, self.view, window))}
 
 
-def look_at(start: Start, settings: Settings, window: str) -> tuple[SliderLook, Part]:
+def look_at(settings: Settings, window: str) -> tuple[SliderLook, Part]:
     """Return what is fast: the board at rest and, of a small one, poles and curves."""
-    look = SliderLook(settings, BoardView(settings.scene(start)))
+    look = SliderLook(settings, BoardView(settings.scene()))
     # The poles of a large board take longer than a movement of the hand.
     return look, rest_part(look.view) | ({} if look.view.is_large else look.find_poles(window))

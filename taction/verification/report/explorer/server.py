@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError
 from taction.system.output_files import check_extra
-from taction.verification.design.exploration import Start
+from taction.verification.design.exploration import Settings
 from taction.verification.report.explorer.page_parts import Part, start_part
 from taction.verification.report.explorer.session import ExplorerJob, Session
 from taction.verification.report.renderers.page import FILES as PAGE_FILES
@@ -130,7 +130,7 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
     a package is missing, or the port is taken.
     """
     check_extra("explore", "explore")
-    start = Start.of(scene)
+    settings = Settings.of(scene)
     listening, token = bound(port), secrets.token_urlsafe(32)
     port = listening.getsockname()[1]
     address = f"http://{HOST}:{port}/?token={token}"
@@ -143,7 +143,7 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
     judging = ExplorerJob()
 
     async def page(request: object) -> HTMLResponse:
-        return HTMLResponse(_templates().get_template("explorer.html").render(start_part(start)))
+        return HTMLResponse(_templates().get_template("explorer.html").render(start_part(settings)))
 
     async def open_to_all() -> None:
         announce(address)  # a browser that is faster than the server waits
@@ -161,7 +161,7 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
 
     places = {"/taction": PAGE, "/plotly": files("plotly") / "package_data", "/report": PAGE_FILES}
     mounts = (Mount(path, StaticFiles(directory=str(place))) for path, place in places.items())
-    talk = WebSocketRoute("/talk", lambda socket: _talk(socket, start, judging))
+    talk = WebSocketRoute("/talk", lambda socket: _talk(socket, settings, judging))
     routes = [Route("/", page), talk, *mounts]
     app = Guard(Starlette(routes=routes, lifespan=serving), token, port)
     hangup = getattr(signal, "SIGHUP", None)  # unknown on some systems
@@ -173,10 +173,10 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
         server.run(sockets=[listening])
 
 
-async def _talk(socket: Any, start: Start, judging: ExplorerJob) -> None:
+async def _talk(socket: Any, settings: Settings, judging: ExplorerJob) -> None:
     """Answer the page of one browser tab until it is closed."""
     told = asyncio.Queue[Part]()
-    session = Session(start, told.put_nowait, judging)
+    session = Session(settings, told.put_nowait, judging)
 
     async def tell() -> None:
         while True:

@@ -16,7 +16,7 @@ from taction.system.documents import read
 from taction.system.errors import EngineError, InputError, TactionError
 from taction.system.quantities import readable
 from taction.verification.design import exploration
-from taction.verification.design.exploration import STEPS, Judgement, Settings, Start
+from taction.verification.design.exploration import STEPS, Judgement, Settings
 from taction.verification.report.explorer import page_parts as parts
 from taction.verification.report.explorer.page_parts import Part, SliderLook
 from taction.verification.stability.edges import Edges
@@ -73,10 +73,9 @@ class ExplorerJob:
 class Session:
     """The explorer of one page; `send` takes a part of it to the browser, in the event loop."""
 
-    start: Start
+    settings: Settings
     send: Callable[[Part], None]
     judging: ExplorerJob  # the process of the verdict
-    settings: Settings = field(default_factory=Settings)
     window: str = "rise"
     work: asyncio.Task[None] | None = None  # what is found for the newest values
     _number: int = 0  # of the newest values
@@ -90,7 +89,7 @@ class Session:
         except (InputError, ValueError) as error:
             typed = wanted.get("texts") if isinstance(wanted, Mapping) else None
             wrong = list(typed) if isinstance(typed, dict) else []
-            shown = parts.settings_part(self.start, self.settings)
+            shown = parts.settings_part(self.settings)
             self._tell(mistake=readable(str(error)), wrong=wrong, **shown)
             return
         self._number += 1
@@ -104,11 +103,11 @@ class Session:
         if move.reset:
             values, opamp = {}, ""
         for path, place in move.places.items():
-            values[path] = self.start.control(path).chosen(place / STEPS)
+            values[path] = self.settings.control(path).chosen(place / STEPS)
         for path, text in move.texts.items():
-            values[path] = exploration.read_value(self.start.control(path), text)
-        settings = Settings.of(self.start, values, opamp if move.opamp is None else move.opamp)
-        settings.scene(self.start)  # a value that its key does not accept changes nothing
+            values[path] = exploration.read_value(self.settings.control(path), text)
+        settings = self.settings.moved(values, opamp if move.opamp is None else move.opamp)
+        settings.scene()  # a value that its key does not accept changes nothing
         return settings
 
     def _tell(self, **part: Any) -> None:
@@ -116,9 +115,9 @@ class Session:
 
     async def _follow(self, settings: Settings) -> None:
         """Answer with what is fast, then find what is slower than a hand, once the hand rests."""
-        shown = parts.settings_part(self.start, settings)
+        shown = parts.settings_part(settings)
         try:
-            look, part = await asyncio.to_thread(parts.look_at, self.start, settings, self.window)
+            look, part = await asyncio.to_thread(parts.look_at, settings, self.window)
         except TactionError as error:
             self._look = None
             self._tell(**shown, refused=readable(str(error)))
@@ -149,7 +148,7 @@ class Session:
 
     def _boundary_of(self, look: SliderLook) -> Part:
         """Find the stable values of the first knob, which do not depend on its own value."""
-        control = self.start.controls[0]
+        control = self.settings.controls[0]
         key = exploration.others(control, look.settings)
         if self._boundary is None or self._boundary[0] != key:
             name = look.view.board.circuit.knob(control.path).name
@@ -175,6 +174,6 @@ class Session:
     def save(self, name: str) -> None:
         """Write the present values to a new file."""
         try:
-            self._tell(saved=f"wrote {self.settings.save(self.start, name.strip())}")
+            self._tell(saved=f"wrote {self.settings.save(name.strip())}")
         except InputError as error:
             self._tell(saved=readable(str(error)))

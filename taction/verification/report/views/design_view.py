@@ -454,9 +454,6 @@ def _change(scene: Scene, change: Change) -> str:
     text = " and ".join(key_with_value(scene, path, value) for path, value in pairs)
     if change.resistance is not None:
         text += f" with R = {show(change.resistance, 'ohm')}"
-    if change.left:
-        mended, left = (", ".join(map(spaced, each)) for each in (change.mends, change.left))
-        return f"{text}: mends {mended}, but not {left}"
     return f"{text} (verified)"
 
 

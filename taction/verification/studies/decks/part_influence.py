@@ -107,12 +107,12 @@ def influences(
     large = not every and board.descriptor.size > MOST_UNKNOWNS
     if large or not found.certain or board.state_space.lost:
         most = 0
-    nearest, rows = dict[str, _Nearest](), list[PartRow]()
+    nearest, rows = dict[str, Nearest](), list[PartRow]()
     for k, name in enumerate(order):
-        near = _nearest(families[name], found) if k < most else _Nearest(doubt=UNKNOWN, sure=1.0)
+        near = _nearest(families[name], found) if k < most else (None, None, UNKNOWN, 1.0)
         rate, own, unit, nearest[name] = rates[name], c.value(name), c.facts[name].unit, near
         rate_of = rate.real, rate.imag / math.tau
-        rows.append(PartRow(name, own, unit, *rate_of, *near.values(own), near.doubt))
+        rows.append(PartRow(name, own, unit, *rate_of, *values_at(near, own), near[2]))
     margin = None
     if every and not found.known_stable:
         margin = Margin(0.0, 0.0, "the board is not stable")
@@ -126,43 +126,38 @@ def influences(
     return margin, tuple(rows)
 
 
-@dataclass(frozen=True, slots=True)
-class _Nearest:
-    """The nearest edges over a value's factor; a doubt, and the factor up to which is none."""
-
-    below: Edge | None = None
-    above: Edge | None = None
-    doubt: str = ""
-    sure: float = math.inf
-
-    @property
-    def least(self) -> tuple[float, float, float]:
-        """The least factor above 1 to an edge, the bound on it, and the edge; infinite without."""
-        found = [(math.inf, 0.0, math.inf)]
-        for edge in filter(None, (self.below, self.above)):
-            factor = max(edge.value, 1.0 / edge.value)
-            found.append((factor, edge.bound * (factor / edge.value), edge.value))
-        return min(found)
-
-    def values(self, own: float) -> tuple[float | None, float | None]:
-        """Return the value at the edge below `own`, and at that above."""
-        low, high = (None if e is None else own * e.value for e in (self.below, self.above))
-        return (low, high) if own > 0.0 else (high, low)
+Nearest = tuple[Edge | None, Edge | None, str, float]
+"""The edges below and above over a value's factor; a doubt, and the factor up to which is none."""
 
 
-def _nearest(family: Family, found: Poles) -> _Nearest:
+def least_factor(nearest: Nearest) -> tuple[float, float, float]:
+    """Return the least factor above 1 to an edge, its bound, and the edge; infinite without."""
+    found = [(math.inf, 0.0, math.inf)]
+    for edge in filter(None, nearest[:2]):
+        factor = max(edge.value, 1.0 / edge.value)
+        found.append((factor, edge.bound * (factor / edge.value), edge.value))
+    return min(found)
+
+
+def values_at(nearest: Nearest, own: float) -> tuple[float | None, float | None]:
+    """Return the value at the edge below `own`, and at that above."""
+    low, high = (None if edge is None else own * edge.value for edge in nearest[:2])
+    return (low, high) if own > 0.0 else (high, low)
+
+
+def _nearest(family: Family, found: Poles) -> Nearest:
     """Return the nearest edges of a value, which keeps its sign; of 0 none.
 
     Of a board that is not stable they are the nearest ends of ranges in which it is.
     """
     reach, stable = REACH * MORE, found.known_stable
     if not family.own:
-        return _Nearest()
+        return None, None, "", math.inf
     over = replace(family, board=lambda factor: family.board(family.own * factor), own=1.0)
     try:
         edges = find_edges(over, 1.0 / reach, reach, found)
     except EngineError as error:
-        return _Nearest(doubt=str(error), sure=1.0)
+        return None, None, str(error), 1.0
     seen = [edge for edge in edges.edges if edge.frequency <= BAND]  # no pole of a model beyond
     every = [edge for edge in seen if stable or edge.changes_stability]
     below = max((e for e in every if e.value < 1.0), key=lambda e: e.value, default=None)
@@ -170,15 +165,15 @@ def _nearest(family: Family, found: Poles) -> _Nearest:
     low, high = below.value if below else 0.0, above.value if above else math.inf
     near = [max(factor, 1.0 / factor) for factor in edges.near if low <= factor <= high]
     doubt = "a pole comes close to the axis" if near else ""
-    return _Nearest(below, above, doubt, min(near, default=math.inf))
+    return below, above, doubt, min(near, default=math.inf)
 
 
-def _least(circuit: Circuit, nearest: Mapping[str, _Nearest]) -> Margin:
+def _least(circuit: Circuit, nearest: Mapping[str, Nearest]) -> Margin:
     """Return the least margin of all parts."""
     if not nearest:
         return Margin(1.0, 0.0, "no margin is known", "the board is too large")
-    name = min(nearest, key=lambda each: nearest[each].least)
-    factor, bound, at = nearest[name].least
+    name = min(nearest, key=lambda each: least_factor(nearest[each]))
+    factor, bound, at = least_factor(nearest[name])
     text = f"no crossing up to a factor of {REACH:g} of any part"
     if factor < math.inf:
         moves = "grow" if at > 1.0 else "shrink"
@@ -187,8 +182,8 @@ def _least(circuit: Circuit, nearest: Mapping[str, _Nearest]) -> Margin:
     else:
         factor = REACH
     doubts = (
-        f"{part}: {edges.doubt}"
-        for part, edges in nearest.items()
-        if edges.doubt and edges.sure <= factor
+        f"{part}: {doubt}"
+        for part, (_, _, doubt, sure) in nearest.items()
+        if doubt and sure <= factor
     )
     return Margin(factor, bound, text, next(doubts, ""))

@@ -14,7 +14,7 @@ import pytest
 import taction
 from taction.netlist_gen.scene.scene import load_scene
 from taction.system.errors import InputError
-from taction.verification.design.exploration import Start
+from taction.verification.design.exploration import Settings
 from taction.verification.report.explorer import server
 from taction.verification.report.explorer.server import Guard
 from taction.verification.report.explorer.session import Session
@@ -50,8 +50,8 @@ def told(*moves: dict[str, Any], job: Any = None) -> list[Any]:
     parts: list[Any] = []
 
     async def run() -> None:
-        start = Start.of(load_scene(SCENES / "paper-breadboard.toml"))
-        page = Session(start, parts.append, job or Here())  # type: ignore[arg-type]
+        settings = Settings.of(load_scene(SCENES / "paper-breadboard.toml"))
+        page = Session(settings, parts.append, job or Here())  # type: ignore[arg-type]
         for move in moves:
             page.move(move)
         if page.work is not None:
