@@ -199,11 +199,7 @@ def not_known(models: Collection[OpAmp]) -> tuple[str, ...]:
     """Return a sentence for each op-amp whose sheet lacks figures of its input errors."""
     found = list[str]()
     for model in {each.name: each for each in models}.values():
-        lacking, name = model.not_known, opamp_name(model.name)
-        if lacking[: len(NONE)] == tuple(NONE):
-            text = "input errors not known, so offset, bias current and CMRR are left out"
-            found.append(f"op-amp {name}: {text}")
-            lacking = lacking[len(NONE) :]
-        listed = ", ".join(figure.replace("_", " ") for figure in lacking)
-        found += [f"op-amp {name}: {listed} not known, so left out"] if lacking else []
+        listed = ", ".join(figure.replace("_", " ") for figure in model.not_known)
+        if listed:
+            found.append(f"op-amp {opamp_name(model.name)}: {listed} not known, so left out")
     return tuple(found)

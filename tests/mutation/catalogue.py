@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from taction.netlist_gen.board.wires import Wires
+from taction.netlist_gen.board.arrays import Wires
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard

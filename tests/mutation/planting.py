@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taction.netlist_gen.board.arrays import PortConductances
 from taction.netlist_gen.board.circuit import Circuit, Fact, without_wires
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.board.wires import PortConductances
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.open_tables import OPAMPS

@@ -14,7 +14,6 @@ import numpy as np
 
 from taction.netlist_gen.board import parts as boards
 from taction.spice_models.branches import CONTROLS, Branch
-from taction.spice_models.imported import LinearModel
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.transistor import NOMINAL, Transistor
 from taction.system.array_types import Floats
@@ -62,16 +61,6 @@ class Fact:
     key: str = field(metadata=FOLLOWS)  # the key of the scene that sets it, dotted
     sentence: str = field(default="", metadata=FOLLOWS)  # its definition, beyond the title
     role: str = field(default="", metadata=FOLLOWS)  # the parts with this value; empty: a scale
-
-    @property
-    def label(self) -> str:
-        """Title and symbol, for a table."""
-        return f"{self.title} {self.symbol}"
-
-    @property
-    def words(self) -> str:
-        """Name, and symbol where it is another: ``"gain s"``."""
-        return self.name if self.name == self.symbol else f"{self.name} {self.symbol}"
 
     @property
     def text(self) -> str:
@@ -337,11 +326,6 @@ class Circuit(Result):
         """Whether op-amps are a vendor's macromodel."""
         return any(model.imported is not None for model in self.models.values())
 
-    def linear_model(self, cell: boards.OpAmpCell) -> LinearModel | None:
-        """Return the linear model of an imported op-amp; None for others, or where it has none."""
-        imported = self.models[cell.model].imported
-        return None if imported is None else imported.linear
-
     @property
     def has_constant_sources(self) -> bool:
         """Whether the board without strain may rest at other voltages than zero."""
@@ -398,11 +382,11 @@ def with_linear_models(circuit: Circuit) -> Circuit:
     """Return a circuit with linear parts in the place of imported op-amps that have them."""
     parts, own = list[Branch](), list[boards.OpAmpCell]()
     for cell in circuit.opamps:
-        model = circuit.linear_model(cell)
-        if model is None:
+        imported = circuit.models[cell.model].imported
+        if imported is None or imported.linear is None:
             own.append(cell)
         else:
-            parts += [_placed(part, cell) for part in model.parts]
+            parts += [_placed(part, cell) for part in imported.linear.parts]
     return replace(with_parts(circuit, parts), opamps=tuple(own))
 
 

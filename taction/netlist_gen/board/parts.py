@@ -12,8 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from taction.netlist_gen.board.devices import Device
-from taction.netlist_gen.board.wires import Crossbar, Wires
+from taction.netlist_gen.board.arrays import Crossbar, Device, Wires
 from taction.spice_models.branches import label_of
 from taction.system.array_types import Bools, Floats
 
@@ -158,6 +157,20 @@ class ResistorMatrix:
         """Yield every resistor by rows, from its driving node to its summing node."""
         for k, n, source, sink, ohms in self.elements():
             yield Resistor(f"{self.name[1:]}_{k + 1}_{n + 1}", source, sink, ohms)
+
+
+PLACES: Mapping[type, str] = {
+    OpAmpCell: "opamps",
+    SignalAmplifier: "amplifiers",
+    TransistorCell: "transistors",
+    Resistor: "resistors",
+    ResistorMatrix: "matrices",
+    Capacitor: "capacitors",
+    CurrentSource: "currents",
+    NoiseCurrent: "noises",
+    VoltageSource: "voltages",
+}
+"""Where a `Circuit` has the parts of a class."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

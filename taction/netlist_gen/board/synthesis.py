@@ -8,11 +8,17 @@ from typing import Any
 
 import numpy as np
 
+from taction.netlist_gen.board.arrays import (
+    LOGARITHMIC,
+    Device,
+    Logarithmic,
+    Wires,
+    compensated,
+    load_devices,
+)
 from taction.netlist_gen.board.bill_of_materials import nearest
 from taction.netlist_gen.board.circuit import NEEDED, Circuit
-from taction.netlist_gen.board.devices import LOGARITHMIC, Device, Logarithmic, load_devices
 from taction.netlist_gen.board.parts import ResistorMatrix, as_ohms
-from taction.netlist_gen.board.wires import Wires, compensated
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of

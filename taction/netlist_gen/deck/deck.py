@@ -25,6 +25,7 @@ from taction.netlist_gen.analysis import (
 )
 from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.netlist_gen.board.parts import (
+    PLACES,
     ResistorMatrix,
     SignalAmplifier,
     VoltageSource,
@@ -285,13 +286,6 @@ SCENE_NAME = re.compile(r"[A-Za-z0-9_.-]*")
 VENDORS_GMIN, VENDORS_AMPS = 1e-12, 1e-15
 FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
-KINDS = (
-    *("resistors", "capacitors", "opamps", "amplifiers", "transistors"),
-    *("currents", "noises", "voltages"),
-)
-SIGNED = ("currents", "voltages")
-"""Fields of a circuit that hold parts: their texts are names, and their numbers values."""
-
 
 def check_circuit(circuit: Circuit) -> None:
     """Raise ValueError for a name or a value that must not reach a simulator.
@@ -305,8 +299,8 @@ def check_circuit(circuit: Circuit) -> None:
         if not (item.what + item.why).isprintable():
             raise ValueError(f"{item!r} has characters that a comment line cannot hold")
     names = [circuit.amplifier, circuit.topology]
-    for kind in KINDS:
-        parts = getattr(circuit, kind)
+    for kind in PLACES.values():
+        parts = () if kind == "matrices" else getattr(circuit, kind)
         own = [part.name for part in parts]
         for each in fields(parts[0]) if parts else ():
             values = [getattr(part, each.name) for part in parts]
@@ -314,7 +308,7 @@ def check_circuit(circuit: Circuit) -> None:
                 names += values
             elif isinstance(values[0], float):
                 for name, value in zip(own, values, strict=True):
-                    _check_value(name, abs(value) if kind in SIGNED else value)
+                    _check_value(name, abs(value) if kind in ("currents", "voltages") else value)
         if len(set(own)) != len(own):
             twice = next(name for name in own if own.count(name) > 1)
             raise ValueError(f"two {kind} have the name {twice!r}")

@@ -18,7 +18,7 @@ from typing import Literal
 
 from taction.netlist_gen.board.circuit import GROUND, Circuit, Role
 from taction.netlist_gen.kicad import symbols
-from taction.netlist_gen.kicad.part_symbols import BoardParts, PartUnit, printed_value
+from taction.netlist_gen.kicad.part_symbols import BoardParts, PartUnit
 from taction.netlist_gen.kicad.sheet import TITLE, Label, Placed, SchematicSheet, library
 from taction.netlist_gen.kicad.symbols import FLAG, Point, Symbol, SymbolPart
 from taction.netlist_gen.scene.scene import Scene
@@ -221,6 +221,7 @@ class BranchDrawing:
 
 
 ACROSS, CELL = 8, (30, 22)  # places of a row of the first sheet, and their size on the grid
+COMMENTS = ("Field Deck: the name in the deck; packages U as in taction export bom",)
 TABLE = """(sym_lib_table
   (version 7)
   (lib (name "taction")(type "KiCad")(uri "${{KIPRJMOD}}/{}.kicad_sym")(options "")(descr ""))
@@ -252,13 +253,9 @@ def kicad_project(circuit: Circuit, scene: Scene) -> KicadProject:
     drawn = {name: first.sheet} | sheets
     named = Counter(net for sheet in drawn.values() for net in sheet.nets)
     shared = {net for net, sheets in named.items() if sheets > 1}
-    comments = (
-        _knob_values(circuit),
-        "Field Deck: the name in the deck; packages U as in taction export bom",
-    )
     titles = {sheet: f"{scene.name}: {sheet}" for sheet in sheets} | {name: scene.name}
     files = {
-        f"{title}.kicad_sch": sheet.schematic(titles[title], comments, shared)
+        f"{title}.kicad_sch": sheet.schematic(titles[title], COMMENTS, shared)
         for title, sheet in drawn.items()
     }
     symbols = {unit.part.symbol.name: unit.part.symbol for unit in (*parts.supply, *parts.signal)}
@@ -271,13 +268,6 @@ def kicad_project(circuit: Circuit, scene: Scene) -> KicadProject:
         "sym-lib-table": TABLE.format(scene.name),
     }
     return KicadProject(scene, files, tuple(_not_drawn(circuit)))
-
-
-def _knob_values(circuit: Circuit) -> str:
-    """Return the values of the knobs with a margin, and lambda, as a schematic has them."""
-    facts = (circuit.facts[knob.name] for knob in circuit.knobs if knob.margin)
-    values = [f"{fact.words} = {printed_value(fact.value)}{fact.unit}" for fact in facts]
-    return ", ".join([*values, f"lambda = {circuit.value('lambda'):.4g}"])
 
 
 def _not_drawn(circuit: Circuit) -> Iterator[str]:

@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from taction.netlist_gen.board.arrays import KINDS
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.devices import KINDS
 from taction.netlist_gen.board.variation import (
     DEVICE,
     DYNAMIC,

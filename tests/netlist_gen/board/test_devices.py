@@ -9,8 +9,8 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
+from taction.netlist_gen.board.arrays import Device, load_devices
 from taction.netlist_gen.board.circuit import Circuit, Role, common_facts
-from taction.netlist_gen.board.devices import Device, load_devices
 from taction.netlist_gen.board.part_warnings import broken_limits, part_warnings
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import taction
+from taction.netlist_gen.board.arrays import CORNERS, Wires, compensated
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import ResistorMatrix, at_ports, entry_voltages, wire_branches
-from taction.netlist_gen.board.wires import CORNERS, Wires, compensated
 from taction.netlist_gen.deck.deck import matrix_lines
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats

@@ -124,18 +124,6 @@ def topology_of(scene: Scene) -> Topology:
     return TOPOLOGIES[scene.design.topology]
 
 
-KINDS: Mapping[type, str] = {
-    boards.OpAmpCell: "opamps",
-    boards.SignalAmplifier: "amplifiers",
-    boards.TransistorCell: "transistors",
-    boards.Resistor: "resistors",
-    boards.ResistorMatrix: "matrices",
-    boards.Capacitor: "capacitors",
-    boards.CurrentSource: "currents",
-    boards.NoiseCurrent: "noises",
-    boards.VoltageSource: "voltages",
-}
-"""Where a `Circuit` has the parts of a class."""
 P = TypeVar("P")
 
 
@@ -233,7 +221,7 @@ class GrowingBoard:
 
     def circuit(self, rows: str, own: Iterable[Omission], **stated: Any) -> Circuit:
         """Return the board; `rows`: letter of the sensors' outputs, `own`: what is left out."""
-        kinds: dict[str, Any] = {field: self.of(kind) for kind, field in KINDS.items()}
+        kinds: dict[str, Any] = {field: self.of(kind) for kind, field in boards.PLACES.items()}
         sensors = self.channels if rows == "v" else self.sensors
         return Circuit(
             name=self.scene.name,

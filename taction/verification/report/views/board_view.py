@@ -205,7 +205,7 @@ def view(circuit: Circuit) -> Page:
         "size": sizes(len(circuit.outputs), len(circuit.constraint_nodes)),
         "board": f"{circuit.topology}, {circuit.amplifier} amplifiers",
         "op-amps": f"{', '.join(circuit.models)}, supply ±{quantity(circuit.supply, 'V')}",
-        **{fact.label: fact.text for fact in circuit.facts.values()},
+        **{f"{fact.title} {fact.symbol}": fact.text for fact in circuit.facts.values()},
         "parts": ", ".join(parts),
         "left out": f"{counted(len(circuit.omissions), 'kind')} of parts that it does not need",
     }
