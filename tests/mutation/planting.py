@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.board.arrays import PortConductances
 from taction.netlist_gen.board.circuit import Circuit, Fact, without_wires
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import Deck, write_deck
@@ -18,29 +17,21 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import Topology, topology_of
-from taction.system.array_types import Complexes, Floats
+from taction.system.array_types import Floats
 from taction.system.reading_definitions import TIMES
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.readings.measurements import ChannelMeasure, Measurements, summary
-from taction.verification.reference.ideal_answer import (
-    IdealAnswer,
-    IdealNetwork,
-    ideal_answer,
-    ideal_network,
-)
+from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.studies.regression.regress import compare_entry, observe
-from taction.verification.verdict import run, simulation
+from taction.verification.verdict import simulation
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.run import measure_with_bounds
 from taction.verification.verdict.simulation import Engine
 from taction.verification.verdict.verify import Verdict, verify
 
 CircuitChange = Callable[[Circuit], Circuit]
-ProblemChange = Callable[[InverseProblem], InverseProblem]
-WaveformsChange = Callable[[Waveforms], Waveforms]
 Plant = Callable[[Scene, pytest.MonkeyPatch], Verdict]
 
 
@@ -81,12 +72,11 @@ def other_model(cell: str, preset: str) -> CircuitChange:
 
 def swapped_inputs(cell: str) -> CircuitChange:
     """Swap the two inputs of one cell."""
-    return lambda circuit: _each(
-        circuit,
-        "opamps",
-        cell,
-        lambda part: replace(part, noninverting=part.inverting, inverting=part.noninverting),
-    )
+
+    def swapped(part: Any) -> Any:
+        return replace(part, noninverting=part.inverting, inverting=part.noninverting)
+
+    return lambda circuit: _each(circuit, "opamps", cell, swapped)
 
 
 def without_inverters(circuit: Circuit) -> Circuit:
@@ -106,81 +96,20 @@ def without_bias(circuit: Circuit) -> Circuit:
 def without_feedback_resistor(circuit: Circuit) -> Circuit:
     """Leave the first resistor of the feedback plane out."""
     forward, feedback = circuit.matrices
-    ohms = feedback.ohms.copy()
-    assert np.isfinite(ohms[0, 0])
-    ohms[0, 0] = np.inf
+    ohms = scaled_entry(feedback.ohms, (0, 0), np.inf)
     return replace(circuit, matrices=(forward, replace(feedback, ohms=ohms)))
 
 
-def swapped_outputs(circuit: Circuit) -> Circuit:
-    """Swap the first two outputs."""
-    first, second, *rest = circuit.outputs
-    return replace(circuit, outputs=(second, first, *rest))
+def scaled_entry(values: Floats, place: Any, factor: float) -> Floats:
+    """Multiply entries of an array, of which the first is neither 0 nor infinite."""
+    found = np.array(values)
+    assert np.isfinite(found[place]).all()
+    assert (found[place] != 0.0).all()
+    found[place] *= factor
+    return found
 
 
-def negated_output(circuit: Circuit) -> Circuit:
-    """Read the first output with the wrong sign."""
-    first, *rest = circuit.outputs
-    return replace(circuit, outputs=(replace(first, sign=-first.sign), *rest))
-
-
-def matrix_entry(row: int, column: int, factor: float) -> ProblemChange:
-    """Multiply one entry of T."""
-
-    def change(problem: InverseProblem) -> InverseProblem:
-        T = problem.matrix.copy()
-        assert T[row, column] != 0.0
-        T[row, column] *= factor
-        return replace(problem, matrix=T)
-
-    return change
-
-
-def strain_entry(row: int, factor: float) -> ProblemChange:
-    """Multiply one strain."""
-
-    def change(problem: InverseProblem) -> InverseProblem:
-        eps = problem.strain.copy()
-        eps[row] *= factor
-        return replace(problem, strain=eps)
-
-    return change
-
-
-def transposed(problem: InverseProblem) -> InverseProblem:
-    """Take T for its transpose."""
-    assert not np.array_equal(problem.matrix, problem.matrix.T)
-    return replace(problem, matrix=problem.matrix.T.copy())
-
-
-def columns(order: Sequence[int]) -> WaveformsChange:
-    """Return the values of other columns under the names of the first ones."""
-
-    def change(waveforms: Waveforms) -> Waveforms:
-        values = np.array(waveforms.values)
-        values[:, : len(order)] = waveforms.values[:, list(order)]
-        return replace(waveforms, values=values)
-
-    return change
-
-
-def stretched_time(factor: float) -> WaveformsChange:
-    """Multiply the instants."""
-    return lambda waveforms: replace(waveforms, time=waveforms.time * factor)
-
-
-def stale_column(factor: float) -> WaveformsChange:
-    """Take the first column from a run with a strain of `factor` times (the board is linear)."""
-
-    def change(waveforms: Waveforms) -> Waveforms:
-        values = np.array(waveforms.values)
-        values[:, 0] *= factor
-        return replace(waveforms, values=values)
-
-    return change
-
-
-def without_uncertainties(measured: Measurements) -> Measurements:
+def without_uncertainties(measured: tuple[Measurements, bool]) -> tuple[Measurements, bool]:
     """Drop the uncertainties of all times."""
 
     def certain(channel: ChannelMeasure) -> ChannelMeasure:
@@ -188,14 +117,9 @@ def without_uncertainties(measured: Measurements) -> Measurements:
         times = {name: found and replace(found, uncertainty=0.0) for name, found in known.items()}
         return replace(channel, readings={**channel.readings, **times})
 
-    channels = [certain(channel) for channel in measured.channels]
-    return summary(measured.amplitude, measured.band, measured.modes, channels)
-
-
-def without_strongest(shares: Complexes) -> Complexes:
-    """Leave the strongest mode (a conjugate pair has two columns) out of the shares (K, n)."""
-    size: Floats = np.abs(shares).max(axis=0)
-    return np.where(size < 0.999 * size.max(), shares, 0.0)
+    found, forever = measured
+    channels = [certain(channel) for channel in found.channels]
+    return summary(found.amplitude, found.band, found.modes, channels), forever
 
 
 def nothing(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
@@ -238,23 +162,11 @@ def in_the_facts(changes: Mapping[str, float]) -> Plant:
 
 def in_the_deck(change: Callable[[Circuit], Circuit]) -> Plant:
     """The deck is written from the changed circuit; the state-space engine has the right one."""
-    return _writing(lambda circuit, *rest, **given: write_deck(change(circuit), *rest, **given))
 
-
-def in_the_text_of_the_deck(change: Callable[[str], str]) -> Plant:
-    """The text of the deck is changed."""
-
-    def write(*given: Any, **options: Any) -> Deck:
-        deck = write_deck(*given, **options)
-        text = change(deck.text)
-        assert text != deck.text
-        return replace(deck, text=text)
-
-    return _writing(write)
-
-
-def _writing(write: Callable[..., Deck]) -> Plant:
     def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
+        def write(circuit: Circuit, *rest: Any, **given: Any) -> Deck:
+            return write_deck(change(circuit), *rest, **given)
+
         patch.setattr(simulation, "write_deck", write)
         return verify(scene)
 
@@ -297,11 +209,6 @@ def in_the_record(change: Callable[[Waveforms], Waveforms]) -> Plant:
     return _running(begin)
 
 
-def in_the_reference(change: Callable[[IdealNetwork], IdealNetwork]) -> Plant:
-    """The reference solves the changed problem."""
-    return in_the_answer(lambda answer, scene: ideal_answer(change(answer.network), scene))
-
-
 def in_the_answer(change: Callable[[IdealAnswer, Scene], IdealAnswer]) -> Plant:
     """The answer of the reference is changed."""
 
@@ -322,19 +229,14 @@ def in_the_equations(change: Callable[[Circuit], Circuit]) -> Plant:
     return plant
 
 
-def in_the_linearisation(change: Callable[[LinearBoard], LinearBoard]) -> Plant:
-    """The state-space engine has a changed linearisation."""
-    return lambda scene, patch: verify(scene, circuit=change(LinearBoard(synthesise(scene))))
-
-
-def method(owner: Any, name: str) -> Callable[[Callable[[Any], Any]], Plant]:
-    """A method or property, cached or not, of a class is changed."""
+def result(owner: Any, name: str) -> Callable[[Callable[[Any], Any]], Plant]:
+    """What a function of a module, or a method or property of a class, returns is changed."""
     original = getattr(owner, name)
     get = {property: "fget", cached_property: "func"}.get(type(original))
 
     def wrap(change: Callable[[Any], Any]) -> Plant:
-        def changed(self: Any, *given: Any, **named: Any) -> Any:
-            return change((getattr(original, get) if get else original)(self, *given, **named))
+        def changed(*given: Any, **named: Any) -> Any:
+            return change((getattr(original, get) if get else original)(*given, **named))
 
         def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
             patch.setattr(owner, name, property(changed) if get else changed)
@@ -367,25 +269,6 @@ def uncompensated(circuit: Circuit) -> Circuit:
     return replace(circuit, matrices=tuple(replace(a, ohms=b.ohms) for a, b in pairs))
 
 
-def without_detours(ports: PortConductances) -> PortConductances:
-    """Leave out the conductances among the lines of one kind."""
-    return replace(ports, words=0.0 * ports.words, bits=0.0 * ports.bits)
-
-
-def in_the_measures(change: Callable[[Measurements], Measurements]) -> Plant:
-    """The measurements of the record are changed, with their uncertainties."""
-
-    def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
-        def measured(*given: Any, **options: Any) -> tuple[Measurements, bool]:
-            measurements, forever = measure_with_bounds(*given, **options)
-            return change(measurements), forever
-
-        patch.setattr(run, "measure_with_bounds", measured)
-        return verify(scene)
-
-    return plant
-
-
 def in_the_baseline(change: Callable[[Scene], Scene]) -> Plant:
     """The baseline is that of the changed scene; the check `regression` compares with it."""
 
@@ -398,8 +281,3 @@ def in_the_baseline(change: Callable[[Scene], Scene]) -> Plant:
         return replace(verdict, checks=checks)
 
     return plant
-
-
-def in_the_scene(change: Callable[[Scene], Scene]) -> Plant:
-    """The measures read a changed key of the scene; the limits are those of the right scene."""
-    return lambda scene, patch: verify(change(scene))
