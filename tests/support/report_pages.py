@@ -109,10 +109,6 @@ def varied() -> YieldReport:
     return summarise_samples(board, [*run_samples(board, 60, 5, HERE)], 5)
 
 
-def _yield() -> Page:
-    return tolerance.yield_view(varied())
-
-
 def _corners() -> Page:
     scene = small_scene(tolerances=WORN | {"distribution": "uniform"})
     with one_thread() as workers:
@@ -137,10 +133,6 @@ def tuned() -> Tuned:
         SearchRange("design.capacitance", "F", 1e-10, 1e-11, 1e-9, "E24"),
     )
     return Tuned(before, curve[2], verdict.scene, tuple(curve), 57, 0.1, 1.2, ranges, verdict)
-
-
-def _tuning() -> Page:
-    return design.tuning_view(tuned())
 
 
 def _sweep(*over: str) -> Page:
@@ -215,10 +207,6 @@ def work_precision() -> WorkPrecisionStudy:
     )
 
 
-def _accuracy() -> Page:
-    return evidence.accuracy_view(work_precision())
-
-
 def _regression() -> Page:
     check = Check("settling_time", Outcome.FAIL, 2e-3, 1e-6, 1e-3, None, "s", HOSTILE)
     change = Difference("channels", "final", 1, 1.0, 1.5, "V", 0.5, 0.01, 50.0, HOSTILE)
@@ -248,10 +236,10 @@ def hostile() -> Page:
 
 
 STUDIES: dict[str, Callable[[], Page]] = {
-    "montecarlo": _yield,
+    "montecarlo": lambda: tolerance.yield_view(varied()),
     "corners": _corners,
     "onset": _onset,
-    "tune": _tuning,
+    "tune": lambda: design.tuning_view(tuned()),
     "sweep, a map": lambda: _sweep("C=10pF:100pF:4", "gain=10k:100k:3"),
     "sweep, a curve": lambda: _sweep("C=10pF:100pF:8"),
     "sweep, three axes": lambda: _sweep(
@@ -259,7 +247,7 @@ STUDIES: dict[str, Callable[[], Page]] = {
     ),
     "sweep, only op-amps": lambda: _sweep("opamp.base=ua741,op27,tl084"),
     "sweep, op-amps": lambda: _sweep("opamp.base=ua741,op27", "C=10pF:100pF:3"),
-    "accuracy": _accuracy,
+    "accuracy": lambda: evidence.accuracy_view(work_precision()),
     "regress": _regression,
     "choose": _choice,
     "choose, none passes": lambda: _choice("1ns"),

@@ -67,7 +67,6 @@ MADE: dict[str, dict[str, Any]] = {
 }
 STEPS = 1000
 RUN = Transient(5e-6, 2.5e-8)
-LARGE = {"opamp": {"base": "ua741", "input_errors": True}}
 
 
 def boards(names: tuple[str, ...]) -> list[Any]:
@@ -194,14 +193,8 @@ def test_a_source_that_begins_after_the_rest_is_a_wave_in_spectre() -> None:
     assert wave == f"Ieps_2 (0 c_2) isource type=pwl wave=[{points[1]}]"
 
 
-def scene(name: str) -> Scene:
-    if name == "errors":
-        return make_scene({"channels": 3, "span": 2.0}, design=LARGE)
-    return load_scene(SCENES / f"{name}.toml")
-
-
 def deck_of(name: str, **options: Any) -> Deck:
-    read = scene(name)
+    read = scene_of(name)
     run = replace(RUN, initial=read.analysis.initial)
     return write_deck(synthesise(read), run, **options)
 
@@ -215,7 +208,7 @@ def with_analysis(circuit: Any, deck: Deck) -> Deck:
 
 @pytest.mark.parametrize(
     ("name", "matrix_file"),
-    [("paper-breadboard", "m.inc"), ("paper-exponential-devices", None), ("errors", None)],
+    [("paper-breadboard", "m.inc"), ("paper-exponential-devices", None), ("input-errors", None)],
 )
 def test_its_text_is_the_same_board(
     name: str, matrix_file: str | None, ngspice: str, tmp_path: Path
@@ -244,7 +237,7 @@ def test_a_changed_capacitor_is_the_override(ngspice: str, tmp_path: Path) -> No
 
 def test_elements_subcircuits_and_models_have_names() -> None:
     name = "paper-exponential-devices"
-    circuit = synthesise(scene(name))
+    circuit = synthesise(scene_of(name))
     made = deck_of(name).to_pyspice()
     assert made.Rf_1_1.resistance == float(circuit.forward.ohms[0, 0])
     assert [cell.name for cell in made.subcircuits] == ["ideal_changed"]
