@@ -11,9 +11,14 @@ import pytest
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.transients.dense import Dense
-from taction.verification.engines.statespace.transients.modal_steps import ModalBoard, StateBoard
+from taction.verification.engines.statespace.transients.modal_steps import (
+    ModalBoard,
+    StateBoard,
+    is_basis,
+)
 from taction.verification.engines.statespace.transients.radau import STAGES, tableau
 from taction.verification.engines.statespace.transients.radau_integrator import Integration
+from tests.support.boards import decompose
 
 
 @pytest.mark.parametrize("stages", [3, 5, 9])
@@ -181,3 +186,17 @@ def test_a_mode_that_is_too_fast_for_both_runs_is_covered_by_its_last_coefficien
     assert 1.5 * apart < errors[0]
     assert errors[1] <= second.doubt(dense) <= 6.0 * errors[1]
     assert errors[0] <= apart + second.doubt(dense)
+
+
+def test_without_a_basis_of_modes_steps_work_in_the_states() -> None:
+    """``x' = A x`` with a Jordan block, beside a mode that is alone: ``(1 + t) exp(-t)``."""
+    A = np.array([[-1.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -30.0]])
+    modes = decompose(A)
+    assert not is_basis(modes)
+    assert np.count_nonzero(modes.alone) == 1
+    space: Any = Space(A, np.zeros((0, 3)), np.zeros((3, 0)))
+    reported = Everything(Functions(0, np.exp, np.exp), 3)
+    one = OneBoard(StateBoard(space, ("all",), np.zeros(0)), None, reported, np.ones(3), base=1.0)
+    t = np.linspace(0.0, 3.0, 60)
+    wanted = [(1.0 + t) * np.exp(-t), np.exp(-t), np.exp(-30.0 * t)]
+    assert one.run(3.0).at(t) == pytest.approx(np.array(wanted).T, abs=1e-7)

@@ -33,11 +33,9 @@ from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     initial_unknowns,
 )
+from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.simulate import simulate
-from taction.verification.engines.statespace.transients.stepped import (
-    SteppedCurve,
-    Task,
-)
+from taction.verification.engines.statespace.transients.stepped import SteppedCurve, Task, halved
 from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
 from taction.verification.verdict.simulation import large_signal, on_curve, state_space_error
 from tests.support.boards import bare, board, kernel, lone_amplifier, strain, two_pole
@@ -89,6 +87,17 @@ def test_seven_channels_against_scipy(initial: str) -> None:
     wanted = scipy_reference(LinearBoard(circuit), initial, times)
     assert np.abs(found.values / wanted - 1.0).max() < 1e-8
     assert found.cost.factorisations > 0
+
+
+def test_steps_by_modes_are_those_by_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, analysis = LinearBoard(breadboard(C=47e-12)), Transient(2e-4, 1e-6)
+    modal = simulate(one, analysis, tolerance=1e-6)
+    assert modal.cost.factorisations == 1
+    monkeypatch.setattr(stepped, "is_basis", lambda modes: False)
+    solved = simulate(one, analysis, tolerance=1e-10)
+    amplitude = np.abs(solved.values - solved.values[0]).max()
+    assert np.abs(modal.values - solved.values).max() < 1e-6 * amplitude
+    assert np.abs(halved(modal).values - solved.values).max() < 1e-8 * amplitude
 
 
 def test_an_amplifier_fed_through_resistors_alone() -> None:
