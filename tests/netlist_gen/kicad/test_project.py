@@ -160,7 +160,10 @@ def scene_of(name: str, folder: Path) -> Scene:
     return make_scene(problem, design=design, analysis=rest)
 
 
-@pytest.fixture(scope="module", params=NAMES)
+SLOW = pytest.param("wide", marks=pytest.mark.nightly)  # its 140 sheets take seconds to read
+
+
+@pytest.fixture(scope="module", params=[SLOW if name == "wide" else name for name in NAMES])
 def scene(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Scene:
     return scene_of(request.param, tmp_path_factory.mktemp("project"))
 
