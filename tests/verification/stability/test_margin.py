@@ -120,6 +120,7 @@ def test_poles_and_winding_numbers_that_differ_leave_a_doubt(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Where poles refute the loci, or there are none, a scan and winding numbers must agree."""
+    monkeypatch.setattr(margin_module, "_SHARED", {})
     monkeypatch.setattr(Edges, "unstable_at", lambda *_: 7)
     assert find_margin(board()).doubt == ""
     monkeypatch.setattr(margin_module, "count_unstable", lambda _: 0)
