@@ -223,7 +223,7 @@ def test_facts_have_their_number_and_their_text() -> None:
     assert list(circuit.facts) == ["G0", "U0", "R", "C", "gain", "lambda"]
     assert circuit.value("R") == 2e6
     assert circuit.facts["gain"].text == "1 MΩ"
-    assert circuit.facts["gain"].label.endswith(" s")
+    assert circuit.facts["gain"].symbol == "s"
     exponential = board(amplifier="exponential", exponential_slope="70mV")
     assert exponential.value("Ve") == 0.07
     assert common_facts(C=1e-12)["C"].key == "design.capacitance"
