@@ -105,6 +105,8 @@ def test_a_named_op_amp_passes_on_the_tuned_board_and_the_page_says_that_g0_move
     best = synthesise(choice.best[0].scene)
     assert broken_limits(best) == {}
     assert best.value("G0") > 10e-6
+    contradicted = [replace(each, outcome=Outcome.FAIL) for each in choice.best]
+    assert choice_view(replace(choice, best=contradicted)).outcome == "fail"
 
 
 @pytest.mark.parametrize(
