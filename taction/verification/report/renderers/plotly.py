@@ -23,6 +23,7 @@ HATCH = {"fgcolor": "rgba(255,255,255,0.75)", "fillmode": "overlay", "size": 6}
 PATTERNS = {"////": "/", "\\\\\\\\": "\\", "xxxx": "x", "....": ".", "++++": "+", "": ""}
 MAP = [[0, "--map-low"], [1, "--map-high"]]
 SIGNED = [[0, "--positive"], [0.5, "--neutral"], [1, "--negative"]]
+CROWDED = (0.9, 2.5)  # decades over which Plotly would label every digit; here 1, 2 and 5
 FEW = 8  # values of an axis of whole numbers up to which Plotly would label halves, too
 
 
@@ -90,6 +91,14 @@ def _range(axis: charts.Axis, limits: tuple[float, float]) -> list[float]:
     return [high, low] if axis.reverse else [low, high]
 
 
+def _decades(chart: charts.Chart, name: str) -> float:
+    """Return over how many decades the curves and maps of a chart extend along an axis."""
+    drawn = (mark for mark in chart.marks if isinstance(mark, charts.Curve | charts.Grid))
+    known = np.concatenate([np.zeros(0), *(np.ravel(getattr(mark, name)) for mark in drawn)])
+    known = known[np.isfinite(known) & (known > 0.0)]
+    return float(np.log10(known.max() / known.min())) if len(known) else 0.0
+
+
 def _axis(chart: charts.Chart, name: str, axis: charts.Axis) -> dict[str, Any]:
     unit = axis.sign.strip("%")
     made: dict[str, Any] = {"title": {"text": words(axis.caption)}}
@@ -98,6 +107,8 @@ def _axis(chart: charts.Chart, name: str, axis: charts.Axis) -> dict[str, Any]:
                  "ticktext": [words(each) for each in axis.names]}  # fmt: skip
     elif axis.scale == "log":
         made |= {"type": "log", "nticks": 4, "tickformat": "~s" if unit else "~g"}
+        if CROWDED[0] <= _decades(chart, name) < CROWDED[1]:
+            made["dtick"] = "D2"
         if unit:  # Plotly leaves a suffix out within a decade
             made["title"] = {"text": words(f"{axis.caption} ({unit})")}
     elif unit:
