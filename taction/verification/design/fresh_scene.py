@@ -30,7 +30,7 @@ from taction.system.progress import Progress
 from taction.system.quantities import fraction
 from taction.system.results import Result
 from taction.verification.design.scaling import Scaled, find_scaling
-from taction.verification.reference.lambda_choice import choose
+from taction.verification.reference.lambda_choice import TAU, choose
 from taction.verification.reference.problem import Problem
 from taction.verification.verdict.simulation import build
 from taction.verification.verdict.verify import verify
@@ -184,11 +184,12 @@ def noise_of(noise: str | float, eps: Floats) -> float:
 def _unexplained(T: Floats, eps: Floats, noise: float) -> Complaint:
     """Return why a noise does not explain the strain, and between which values one does."""
     rest = eps - T @ np.linalg.lstsq(T, eps, rcond=None)[0]
-    least, largest = (float(np.sqrt(np.mean(part**2))) for part in (rest, eps))
-    text = f"every answer leaves at least {least:.2g} rms of the strain unexplained"
+    least, largest = (float(np.sqrt(np.mean(part**2) / TAU)) for part in (rest, eps))
+    text = "every answer leaves more of the strain unexplained"
     if noise >= largest:
-        text = f"the whole strain is {largest:.2g} rms, which this noise hides"
-    return Complaint("SIGMA", f"{noise:g}", f"{text}; expected from {least:.2g} to {largest:.2g}")
+        text = "this noise hides the whole strain"
+    text += f"; expected a number between {least:.2g} and {largest:.2g}"
+    return Complaint("SIGMA", f"{noise:g}", text)
 
 
 def _lambda(

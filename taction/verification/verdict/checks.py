@@ -167,7 +167,8 @@ class Evidence:
         if volts <= self.static:
             return alike
         alone = f"{percent(self.static)} with all errors of one sign"
-        text = f"{SPREAD} are within, since their parts differ; {alone}"
+        differ = "op-amp input errors" if self.run is None else self.run.board.varies[1]
+        text = f"{SPREAD} are within: {differ} differ from board to board; {alone}"
         return volts, error + self.static_error, text
 
     @property

@@ -18,6 +18,7 @@ from taction.system.reading_definitions import READINGS
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.checks import Evidence
 
+FAINTLY = 1e-3  # damping ratio below which a board nearly oscillates
 IMPORTED = (
     "op-amp {} is imported: the state-space engine has its cards, linear about their rest, within"
     " {:.2g} % of ngspice's small signal up to {}"
@@ -47,7 +48,12 @@ def all_warnings(evidence: Evidence) -> tuple[str, ...]:
 
 
 def _of_readings(evidence: Evidence) -> Iterator[str]:
-    """Yield the fragile readings."""
+    """Yield that a board nearly oscillates, and the fragile readings."""
+    if evidence.poles.damping_ratio < FAINTLY:
+        yield (
+            f"damping ratio {evidence.poles.damping_ratio:.2g}: the board nearly oscillates;"
+            " component tolerances can make it oscillate"
+        )
     for channel in evidence.measurements.channels:
         for name, reading in channel.fragile.items():
             if reading.alternative is not None:

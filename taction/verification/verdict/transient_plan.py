@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -56,9 +56,12 @@ TRIES = 12
 LEAST, START, MOST = 1e-15, 1e-6, 0.5  # truncation errors
 
 
-Forecast = tuple[Transient, float, float]
-"""A transient with its step control, the number of its accepted steps, and the largest error of any
-output at any time, in step amplitudes."""
+class Forecast(NamedTuple):
+    """A transient with its step control, and the forecast of its steps and error."""
+
+    transient: Transient
+    steps: float  # number of accepted steps
+    error: float  # largest error of any output at any time, in step amplitudes
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +162,8 @@ class StepModel:
             initial=self.initial,
         )
         steps = float(integral(1.0 / step[:, 0], self.time)[-1])
-        return transient, steps, float(np.abs((off @ self.shares).real).max(initial=0.0))
+        error = float(np.abs((off @ self.shares).real).max(initial=0.0))
+        return Forecast(transient, steps, error)
 
     def even(self, max_step: float) -> Forecast:
         """Forecast a run with even steps of `max_step`, s; only faster modes get shorter steps."""
@@ -182,9 +186,9 @@ class StepModel:
         truncation = START
         for _ in range(TRIES):
             forecast = self.forecast(truncation, self.stop / FEWEST_STEPS)
-            ratio = SEARCH_AIM * error / max(forecast[2], TINY)
+            ratio = SEARCH_AIM * error / max(forecast.error, TINY)
             following = min(max(truncation * min(ratio, 1e12) ** EXPONENT, LEAST), MOST)
-            if CLOSE * error <= forecast[2] <= error or following == truncation:
+            if CLOSE * error <= forecast.error <= error or following == truncation:
                 break
             truncation = following
         return forecast
@@ -352,10 +356,12 @@ def _also_from_start(
     if not start.poles.size or not np.all(begin.state_space.modes.poles.real < 0.0):
         return rest
     share = min(1.0, model.amplitude / start.amplitude)
-    (one, steps, error), other = rest, start.cheapest(max(share * allowed, LEAST_ERROR))
+    other = start.cheapest(max(share * allowed, LEAST_ERROR))
     names = ("truncation", "charge", "max_step", "first_step")
-    least = {name: min(getattr(one, name), getattr(other[0], name)) for name in names}
-    return replace(one, **least), max(steps, other[1]), max(error, other[2] / share)
+    both = rest.transient, other.transient
+    least = {name: min(getattr(each, name) for each in both) for name in names}
+    error = max(rest.error, other.error / share)
+    return Forecast(replace(rest.transient, **least), max(rest.steps, other.steps), error)
 
 
 def _stop(scene: Scene, scales: TimeScales, resolution: float, *, growing: bool) -> float:

@@ -157,6 +157,7 @@ def swept_axis(text: str, deck: ForeignBoard) -> SweepAxis:
     return SweepAxis(key, found, tuple(values), "log", default=True)
 
 
+@cache
 def own_value(name: str, deck: ForeignBoard) -> float | None:
     """Return the value of a part, or of a ``.param``, in its deck."""
     known = any(knob.name == name and knob.role for knob in deck.circuit.knobs)

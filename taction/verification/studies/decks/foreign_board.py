@@ -192,7 +192,8 @@ def _notes(deck: ForeignDeck, flat: Flat, immediate: bool) -> Iterator[str]:
     kinds = {found.kind for found in flat.stimuli.values()}
     yield from (text for kind, text in REMARKS.items() if kind in kinds)
     if flat.absent:
-        names = dict.fromkeys(shown(f"c{part.name}") for part in flat.absent if part.letter == "C")
+        devices = (part.name.partition("#") for part in flat.absent)  # D1#cj is of D1
+        names = dict.fromkeys(shown(of if mark else f"c{of}") for of, mark, _ in devices)
         yield f"less than {ABSENT:g} F, so left out: {', '.join(names)}"
     if flat.charged or any(card.word == ".ic" for card in deck.left):
         yield "initial charges (ic=, .ic) do not count"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -109,10 +110,10 @@ def influences(
         most = 0
     nearest, rows = dict[str, Nearest](), list[PartRow]()
     for k, name in enumerate(order):
-        near = _nearest(families[name], found) if k < most else (None, None, UNKNOWN, 1.0)
+        near = _nearest(families[name], found) if k < most else Nearest(doubt=UNKNOWN, sure=1.0)
         rate, own, unit, nearest[name] = rates[name], c.value(name), c.facts[name].unit, near
         rate_of = rate.real, rate.imag / math.tau
-        rows.append(PartRow(name, own, unit, *rate_of, *values_at(near, own), near[2]))
+        rows.append(PartRow(name, own, unit, *rate_of, *near.values(own), near.doubt))
     margin = None
     if every and not found.known_stable:
         margin = Margin(0.0, 0.0, "the board is not stable")
@@ -126,23 +127,27 @@ def influences(
     return margin, tuple(rows)
 
 
-Nearest = tuple[Edge | None, Edge | None, str, float]
-"""The edges below and above over a value's factor; a doubt, and the factor up to which is none."""
+class Nearest(NamedTuple):
+    """The nearest edges over a value's factor; a doubt, and the factor up to which is none."""
 
+    below: Edge | None = None
+    above: Edge | None = None
+    doubt: str = ""
+    sure: float = math.inf
 
-def least_factor(nearest: Nearest) -> tuple[float, float, float]:
-    """Return the least factor above 1 to an edge, its bound, and the edge; infinite without."""
-    found = [(math.inf, 0.0, math.inf)]
-    for edge in filter(None, nearest[:2]):
-        factor = max(edge.value, 1.0 / edge.value)
-        found.append((factor, edge.bound * (factor / edge.value), edge.value))
-    return min(found)
+    @property
+    def least(self) -> tuple[float, float, float]:
+        """The least factor above 1 to an edge, the bound on it, and the edge; infinite without."""
+        found = [(math.inf, 0.0, math.inf)]
+        for edge in filter(None, (self.below, self.above)):
+            factor = max(edge.value, 1.0 / edge.value)
+            found.append((factor, edge.bound * (factor / edge.value), edge.value))
+        return min(found)
 
-
-def values_at(nearest: Nearest, own: float) -> tuple[float | None, float | None]:
-    """Return the value at the edge below `own`, and at that above."""
-    low, high = (None if edge is None else own * edge.value for edge in nearest[:2])
-    return (low, high) if own > 0.0 else (high, low)
+    def values(self, own: float) -> tuple[float | None, float | None]:
+        """Return the value at the edge below `own`, and at that above."""
+        low, high = (None if e is None else own * e.value for e in (self.below, self.above))
+        return (low, high) if own > 0.0 else (high, low)
 
 
 def _nearest(family: Family, found: Poles) -> Nearest:
@@ -152,12 +157,12 @@ def _nearest(family: Family, found: Poles) -> Nearest:
     """
     reach, stable = REACH * MORE, found.known_stable
     if not family.own:
-        return None, None, "", math.inf
+        return Nearest()
     over = replace(family, board=lambda factor: family.board(family.own * factor), own=1.0)
     try:
         edges = find_edges(over, 1.0 / reach, reach, found)
     except EngineError as error:
-        return None, None, str(error), 1.0
+        return Nearest(doubt=str(error), sure=1.0)
     seen = [edge for edge in edges.edges if edge.frequency <= BAND]  # no pole of a model beyond
     every = [edge for edge in seen if stable or edge.changes_stability]
     below = max((e for e in every if e.value < 1.0), key=lambda e: e.value, default=None)
@@ -165,15 +170,15 @@ def _nearest(family: Family, found: Poles) -> Nearest:
     low, high = below.value if below else 0.0, above.value if above else math.inf
     near = [max(factor, 1.0 / factor) for factor in edges.near if low <= factor <= high]
     doubt = "a pole comes close to the axis" if near else ""
-    return below, above, doubt, min(near, default=math.inf)
+    return Nearest(below, above, doubt, min(near, default=math.inf))
 
 
 def _least(circuit: Circuit, nearest: Mapping[str, Nearest]) -> Margin:
     """Return the least margin of all parts."""
     if not nearest:
         return Margin(1.0, 0.0, "no margin is known", "the board is too large")
-    name = min(nearest, key=lambda each: least_factor(nearest[each]))
-    factor, bound, at = least_factor(nearest[name])
+    name = min(nearest, key=lambda each: nearest[each].least)
+    factor, bound, at = nearest[name].least
     text = f"no crossing up to a factor of {REACH:g} of any part"
     if factor < math.inf:
         moves = "grow" if at > 1.0 else "shrink"
@@ -182,8 +187,8 @@ def _least(circuit: Circuit, nearest: Mapping[str, Nearest]) -> Margin:
     else:
         factor = REACH
     doubts = (
-        f"{part}: {doubt}"
-        for part, (_, _, doubt, sure) in nearest.items()
-        if doubt and sure <= factor
+        f"{part}: {edges.doubt}"
+        for part, edges in nearest.items()
+        if edges.doubt and edges.sure <= factor
     )
     return Margin(factor, bound, text, next(doubts, ""))

@@ -37,8 +37,8 @@ def compare_ac(
 ) -> Check:
     """Return the check ``ac_agrees``: the largest relative difference from ngspice's ``.ac``.
 
-    It is compared at frequencies about the `poles`. The board is without the `absent` capacitances;
-    with them it is compared, and they may move no output by more than `MISFIT` of its largest.
+    The frequencies are about the `poles`. The board is compared with the `absent` capacitances in
+    it, and it is inconclusive where these move an output by more than `MISFIT` of its largest.
     """
     known = board.descriptor.names[: board.descriptor.node_count]
     nodes = [name for name in point.weights if name in known]

@@ -22,6 +22,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
 from taction.system.progress import Progress
 from taction.system.results import Result
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.cluster import workers_at
 from taction.verification.studies.running.study import HERE, Workers
@@ -32,6 +33,7 @@ from taction.verification.studies.tolerance.varied_board import (
     evaluate_all,
     prepare,
 )
+from taction.verification.verdict.input_spread import outputs_at_rest
 
 PROBE = 0.25  # of the tolerance: large against rounding errors, small against curvature
 NOTHING = 1e-9  # of the largest slope of a channel: rounding
@@ -143,7 +145,7 @@ def worst_of(
         quantity.name: np.array([_worse(quantity, each.result, centre.result) for each in moved])
         for quantity in reported
     }
-    steady = steady_slopes(centre.result, [each.result for each in moved])
+    steady = steady_slopes(board, centre.result, [each.result for each in moved])
     gradient["steady_state"] = steady[0] if steady else np.zeros(count)
     ends = [
         ("nominal", np.zeros(count)),
@@ -164,16 +166,20 @@ def worst_of(
     return CornerStudy(board.name, reported, (nominal, *named))
 
 
-def steady_slopes(centre: BoardSample, moved: Sequence[BoardSample]) -> list[Floats]:
+def steady_slopes(board: Varied, centre: BoardSample, moved: Sequence[BoardSample]) -> list[Floats]:
     """Return what each part moves a channel away from the reference at rest, worst channels first.
 
     Each is the slope of an error in step amplitudes, (components,), times the sign of one side.
     `moved` are the boards with each component in its turn off by `PROBE`. There are no slopes where
     no output has to move: errors are fractions of the largest step.
     """
-    rest = np.array(centre.errors)
-    slopes = [(np.array(each.errors or centre.errors) - rest) / PROBE for each in moved]
-    S = np.array(slopes).reshape(len(moved), len(rest))
+    if math.isnan(board.step_amplitude):
+        return []
+    count = len(board.varied)
+    rest = np.array(centre.errors or _errors(board, np.zeros(count)))
+    probes = zip(moved, PROBE * np.eye(count), strict=True)
+    slopes = [(np.array(each.errors or _errors(board, z)) - rest) / PROBE for each, z in probes]
+    S = np.array(slopes).reshape(count, len(rest))
     S = np.where(np.abs(S) > NOTHING * np.abs(S).max(axis=0, initial=0.0), S, 0.0)
     sides = [
         (sign * error + float(np.abs(column).sum()), sign * column)
@@ -191,6 +197,12 @@ def largest_parts(
     order = np.argsort(-np.abs(slopes), kind="stable")[:NAMED].tolist()
     moved = [(board.varied[k].name, deviations.get(board.varied[k].name, 0.0)) for k in order]
     return tuple(f"{'+' if z > 0 else '-'}{name}" for name, z in moved if z)
+
+
+def _errors(board: Varied, z: Floats) -> tuple[float, ...]:
+    """Return the errors at rest of a board without a verdict, in step amplitudes."""
+    outputs = outputs_at_rest(LinearBoard(board.at(z)))
+    return tuple(((outputs - board.target) / board.step_amplitude).tolist())
 
 
 def _deviations(board: Varied, z: Floats) -> dict[str, float]:

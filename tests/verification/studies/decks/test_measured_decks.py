@@ -404,6 +404,7 @@ C1 out 0 6n"""  # 2 aF at the source, and so a pole of 1e17 times that of C1
 def test_a_capacitance_of_nothing_of_a_device_is_left_out(tmp_path: Path) -> None:
     found = checked(tmp_path, f"{AREA}\nD2 0 out m 400e-12")
     assert agrees(found)
+    assert any("left out: D1, D2" in note for note in found.notes)
     assert found.poles.poles == pytest.approx([-1.0 / (1e3 * 6e-9)], rel=1e-6)
 
 

@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,13 @@ from taction.verification.report.views.sweep_view import columns_of
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.running.study import HERE, WorkerDiedError, Workers, local
 from taction.verification.studies.tolerance import montecarlo
-from taction.verification.studies.tolerance.corners import Corner, named_corners, worst_of
+from taction.verification.studies.tolerance.corners import (
+    PROBE,
+    Corner,
+    named_corners,
+    steady_slopes,
+    worst_of,
+)
 from taction.verification.studies.tolerance.montecarlo import (
     interval,
     run_samples,
@@ -231,6 +238,17 @@ def test_a_corner_of_one_s_own_by_kind_and_by_name() -> None:
     assert "v_1.dc_gain" not in corner.deviations
     z = np.array([corner.deviations.get(p.name, 0.0) for p in study.varied])
     assert corner.result == evaluate(study, 0, z)
+
+
+def test_slopes_at_rest_are_those_of_the_equilibria_where_a_board_has_no_verdict() -> None:
+    study = prepare(small_scene(tolerances=WORN, checks=CHECKS))
+    count = len(study.varied)
+    centre = evaluate(study, 0, np.zeros(count))
+    moved = [evaluate(study, 0, z) for z in PROBE * np.eye(count)]
+    assert centre.errors
+    lost = steady_slopes(study, replace(centre, errors=()), moved)
+    for found, expected in zip(lost, steady_slopes(study, centre, moved), strict=True):
+        assert found == pytest.approx(expected, rel=1e-3, abs=1e-3 * np.abs(expected).max())
 
 
 def test_no_corner_of_resistors_and_gains_rests_farther_off_than_the_worst() -> None:
