@@ -48,8 +48,8 @@ def all_warnings(evidence: Evidence) -> tuple[str, ...]:
 
 
 def _of_readings(evidence: Evidence) -> Iterator[str]:
-    """Yield that a board nearly oscillates, and the fragile readings."""
-    if evidence.poles.damping_ratio < FAINTLY:
+    """Yield that a stable board nearly oscillates, and the fragile readings."""
+    if evidence.poles.known_stable and evidence.poles.damping_ratio < FAINTLY:
         yield (
             f"damping ratio {evidence.poles.damping_ratio:.2g}: the board nearly oscillates;"
             " component tolerances can make it oscillate"

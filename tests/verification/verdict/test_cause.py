@@ -20,7 +20,7 @@ from taction.verification.verdict.details import all_warnings, find_contradictio
 from taction.verification.verdict.run import bounded
 from taction.verification.verdict.run_checks import run_checks
 from tests.support.making import make_scene, matrix_problem
-from tests.support.measured import UNSTABLE, channel, evidence, measured
+from tests.support.measured import STABLE, UNSTABLE, channel, evidence, measured, rounded_poles
 
 FAIL, UNDECIDED = Outcome.FAIL, Outcome.INCONCLUSIVE
 SLOW = Check("settling_time", FAIL, 3e-3, 1e-9, 2e-3, None, "s", "to ±1 %", 0.01)
@@ -149,6 +149,13 @@ def test_a_fragile_reading_comes_with_both_values() -> None:
     assert found == (
         "channel 4: rise time 10.4 us is fragile: 4.3 us with the level shifted by 0.5% of the step"
     )
+
+
+def test_a_faint_damping_is_a_warning_for_a_stable_board_only() -> None:
+    (found,) = all_warnings(evidence(poles=rounded_poles(np.array([-50.0 + 1e5j, -50.0 - 1e5j]))))
+    assert found.startswith("damping ratio 0.0005: the board nearly oscillates")
+    for others in (STABLE, UNSTABLE):
+        assert not all_warnings(evidence(poles=others))
 
 
 def made(**design: Any) -> tuple[Circuit, IdealAnswer]:

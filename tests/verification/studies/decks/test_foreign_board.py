@@ -285,3 +285,23 @@ def test_a_negative_capacitance_of_a_model_does_not_decide(
     assert found.apart.far.tolist() == [pytest.approx((1.0 + 1e-6) / (1e-6 * 1e-9), rel=1e-6)]
     assert any("the model itself has a pole at +1e15 /s" in note for note in found.notes)
     assert 1e6 < abs(found.poles.rightmost.real) < 1e10
+
+
+def test_the_ground_of_a_subcircuit_is_ground(tmp_path: Path) -> None:
+    """``gnd`` that is no port, with 1 kohm in parallel to 1 kohm at 1 nF; as a port it is one."""
+    text = """V1 in gnd pwl 0 1 1u 1 2u 2 r=1u
+.subckt low x
+R1 x gnd 1k
+C1 x gnd '{1n}'
+.ends
+.subckt high gnd x
+R1 x gnd 1k
+.ends
+X1 out low
+X2 in out high"""
+    place = tmp_path / "deck.cir"
+    place.write_text(f"title\n{text}\n.end\n")
+    found = taction.check(place, outputs="out")
+    assert "ac_agrees" in {check.name for check in found.checks if check.outcome.value == "pass"}
+    assert found.poles.rightmost.real == pytest.approx(-2e6, rel=1e-9)
+    assert any("a pwl that repeats" in note for note in found.notes)

@@ -458,24 +458,6 @@ def test_every_sweep_of_ngspice_is_about_the_same_point(tmp_path: Path) -> None:
     assert found.poles.stable
 
 
-def test_the_ground_of_a_subcircuit_is_ground(tmp_path: Path) -> None:
-    """``gnd`` that is no port, with 1 kohm in parallel to 1 kohm at 1 nF; as a port it is one."""
-    text = """V1 in gnd pwl 0 1 1u 1 2u 2 r=1u
-.subckt low x
-R1 x gnd 1k
-C1 x gnd '{1n}'
-.ends
-.subckt high gnd x
-R1 x gnd 1k
-.ends
-X1 out low
-X2 in out high"""
-    found = checked(tmp_path, text, outputs="out")
-    assert agrees(found)
-    assert found.poles.rightmost.real == pytest.approx(-2e6, rel=1e-9)
-    assert any("a pwl that repeats" in note for note in found.notes)
-
-
 def test_a_point_that_ngspice_does_not_find_again_is_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
