@@ -30,11 +30,7 @@ from taction.verification.engines.statespace.linearised.equilibrium import Equil
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.edges import Edges, Sample, Scan, sampled, scan
 from taction.verification.stability.loci import LociSearch
-from taction.verification.stability.poles import (
-    Poles,
-    count_unstable,
-    poles,
-)
+from taction.verification.stability.poles import Poles, poles
 from taction.verification.stability.port_response import PortResponse
 
 Parts = tuple[Capacitor | Resistor, ...]
@@ -162,13 +158,14 @@ def find_edges(
     `values`: the edges agree with the poles at these, too.
     `nearest`: the board at `own`, one of the two ends, is stable, and only the edge next to it need
       be found and confirmed.
-    InputError, EngineError: no board, no equilibrium, no state-space form, or a pole at `own` is on
-      the axis.
+    InputError, EngineError: no board, no equilibrium, no state-space form, a pole at `own` is on
+      the axis, or a large board is not stable there.
     """
     if (ports := family.ports) is not None:
         own = found or poles(ports.board)
-        known = own.complete or own.stable  # else the poles are too few to be counted
-        count = own.unstable_count if known else count_unstable(ports.board)
+        if not (own.complete or own.stable):
+            raise EngineError("a large board that is not stable has poles that are not counted")
+        count = own.unstable_count
         traced = LociSearch(ports, low, high, count, family.own, family.power).edges()
         if ports.board.descriptor.is_large and not nearest:
             return traced  # the poles of a large board cost seconds

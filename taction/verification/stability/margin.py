@@ -15,9 +15,9 @@ from taction.netlist_gen.board.circuit import Circuit, Knob
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.stability.edges import Edge, Edges, Scan
+from taction.verification.stability.edges import Edges, Scan
 from taction.verification.stability.families import Family, all_but_a_knob, find_edges
-from taction.verification.stability.poles import Poles, count_unstable, poles
+from taction.verification.stability.poles import Poles, poles
 
 REACH = 100.0  # the largest factor
 KEPT = 8  # kinds of boards whose edges are kept
@@ -166,9 +166,7 @@ class _Way:
         first = ahead[factor]
         bound = max(first.bound / first.value, 10.0 ** (1 - DIGITS))
         factor = float(f"{factor:.{DIGITS}g}")  # the same whichever board found the edges
-        return Margin(
-            factor, bound * factor, self._words(factor), doubt or self._contradicted(first, edges)
-        )
+        return Margin(factor, bound * factor, self._words(factor), doubt)
 
     def _unknown(self, by: float) -> str:
         """Return why a board does not tell whether it is stable."""
@@ -177,23 +175,6 @@ class _Way:
         except EngineError as error:
             return f"there are no poles: {error}"
         return "a pole is on the imaginary axis to within rounding"
-
-    def _contradicted(self, edge: Edge, edges: Edges) -> str:
-        """Return where winding numbers contradict an edge that only poles show; empty if nowhere.
-
-        Loci are such a number themselves.
-        """
-        if not isinstance(edges, Scan):
-            return ""
-        for side, counted in ((1.0 - CLOSE, edge.below), (1.0 + CLOSE, edge.above)):
-            where = f"at the factor {self.factor(edge.value * side):.6g}"
-            try:
-                wound = count_unstable(self.board.circuit.turned(self.knob.name, edge.value * side))
-            except EngineError as error:
-                return f"{where} there is no winding number: {error}"
-            if wound != counted and (edges.complete or bool(wound) != bool(counted)):
-                return f"{where} {counted} poles are unstable and the winding number is {wound}"
-        return ""
 
     def _words(self, factor: float) -> str:
         moves = "grow" if self.upwards else "shrink"

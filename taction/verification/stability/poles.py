@@ -11,10 +11,7 @@ import numpy as np
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.linearised.rightmost_poles import (
-    count_right,
-    rightmost_poles,
-)
+from taction.verification.engines.statespace.linearised.rightmost_poles import rightmost_poles
 
 LOST = "some poles are so far away that rounding hides them, and on which side of the axis they are"
 
@@ -83,16 +80,6 @@ def poles(circuit: Circuit | LinearBoard) -> Poles:
     space = board.state_space
     small = summarise(space.modes.poles, complete=True, errors=space.modes.pole_errors)
     return replace(small, doubt=LOST) if space.lost else small
-
-
-def count_unstable(circuit: Circuit | LinearBoard) -> int:
-    """Count the poles right of the imaginary axis by a winding number, without computing poles.
-
-    A cross-check of `poles`: the two share only the equations of the board.
-
-    EngineError: a pole lies on the axis to working precision, or the board has no equilibrium.
-    """
-    return count_right(LinearBoard.of(circuit).structure)
 
 
 def summarise(values: Complexes, *, complete: bool, errors: Floats) -> Poles:

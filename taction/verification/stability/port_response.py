@@ -104,7 +104,7 @@ class PortResponse:
         EngineError: the board has a pole at s.
         """
         if self.board.descriptor.is_large:
-            solved = self.board.structure.factor(s).solve(self.rows.astype(np.complex128))
+            solved = self.board.structure.factor(s)(self.rows.astype(np.complex128))
         else:
             M, K = self._matrices
             X = (s if s.imag else s.real) * M - K

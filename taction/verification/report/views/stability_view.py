@@ -203,7 +203,7 @@ def _ranges(onset: Onset, ranges: Sequence[tuple[float, float]]) -> str:
 
 
 def _crossings(onset: Onset) -> Iterator[Content]:
-    """Yield the crossings, and whether two counts of the unstable poles agree beside them."""
+    """Yield the crossings, and what is not resolved or not known."""
     unit, complete = onset.axis.key.unit, onset.scan.complete
     if not onset.findings:
         yield "No pole crosses the imaginary axis in this range."
@@ -234,12 +234,6 @@ def _crossings(onset: Onset) -> Iterator[Content]:
     yield Table.of("Crossings", onset.findings, columns, RATES)
     if not complete:
         yield INCOMPLETE
-    known = [count for count in onset.counts if count.winding is not None]
-    if wrong := [count for count in known if count.winding != count.poles]:
-        parts = (f"{c.winding} not {c.poles} at {_value(onset, c.value)}" for c in wrong)
-        yield f"Winding numbers contradict the poles: {', '.join(parts)}."
-    elif onset.counts:
-        yield f"Winding numbers agree with the poles in {len(known)} of {len(onset.counts)} ranges."
     if unresolved := _ranges(onset, onset.scan.unresolved):
         yield f"Not resolved, a pole is on the axis to within rounding: {unresolved}."
     if failures := [sample for sample in onset.scan.samples if sample.failure]:

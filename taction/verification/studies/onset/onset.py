@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 
 from taction.netlist_gen.board.circuit import Circuit
@@ -21,7 +20,6 @@ from taction.netlist_gen.scene.keys import own_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import (
     Complaint,
-    EngineError,
     InputError,
     SimulatorNotFound,
     SimulatorTooOld,
@@ -32,23 +30,12 @@ from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.stability.edges import Sample, Scan
 from taction.verification.stability.families import Family, unrounded
-from taction.verification.stability.poles import count_unstable, poles
 from taction.verification.studies.onset.transient_trial import CheckedEdge, confirm
 
 NOT_ASKED = "transients were not requested"
 AROUND = 30.0  # the default range is from the scene's value / 30 to its value * 30
 POINTS = 61  # of the first grid of a scan: 20 per decade in the default range
 TIMEOUT = 600.0  # of one transient, s
-
-
-@dataclass(frozen=True, slots=True)
-class Count:
-    """Number of unstable poles at one value between two crossings, by two methods."""
-
-    value: float
-    poles: int  # eigenvalues on or right of the imaginary axis
-    winding: int | None  # winding number of the loop's determinant; None with a `reason`
-    reason: str = ""  # why the winding number could not be computed
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -61,21 +48,19 @@ class Onset(Result):
         *("unit = axis.key.unit", "own_value", "scanned.from = scan.low", "scanned.to = scan.high"),
         *("scanned.points = scan.points", "scanned.scale = scan.scale"),
         *("scanned.default = axis.default", "complete = scan.complete"),
-        *("crossings = findings", "unstable_counts = counts"),
-        *("stable_ranges = scan.stable_ranges", "unresolved = scan.unresolved", "failures"),
+        *("crossings = findings", "stable_ranges = scan.stable_ranges"),
+        *("unresolved = scan.unresolved", "failures"),
     )
 
     scene: Scene
     axis: SweepAxis
     scan: Scan
     findings: tuple[CheckedEdge, ...]
-    counts: tuple[Count, ...]
 
     @property
     def disagreement(self) -> bool:
-        """Whether a transient contradicts a pole, or the two counts of unstable poles differ."""
-        trials = any(each.confirmed is False for each in self.findings)
-        return trials or any(c.winding is not None and c.winding != c.poles for c in self.counts)
+        """Whether a transient contradicts a pole."""
+        return any(each.confirmed is False for each in self.findings)
 
     @property
     def own_value(self) -> float | None:
@@ -180,26 +165,7 @@ def onset(
     scanned = boards.scan(values, logarithmic=logarithmic)
     timeout = scene.analysis.timeout if transients else None
     findings = confirmations(boards, scanned, timeout=timeout, progress=progress)
-    return Onset(scene, axis, scanned, findings, counts(boards, scanned, progress=progress))
-
-
-def counts(
-    boards: Family, scanned: Scan, *, progress: Progress = lambda stage: None
-) -> tuple[Count, ...]:
-    """Count the unstable poles between crossings by eigenvalues and by winding number, if few."""
-    if not scanned.complete:
-        return ()
-    ends, found = [scanned.low, *(edge.value for edge in scanned.edges), scanned.high], []
-    for low, high in (pair for pair in pairwise(ends) if pair[1] > pair[0]):
-        value = math.sqrt(low * high) if scanned.logarithmic else 0.5 * (low + high)
-        progress(f"winding number at {value:.4g}")
-        board = boards.board(value)
-        eigenvalues = poles(board).unstable_count
-        try:
-            found.append(Count(value, eigenvalues, count_unstable(board)))
-        except EngineError as error:
-            found.append(Count(value, eigenvalues, None, str(error)))
-    return tuple(found)
+    return Onset(scene, axis, scanned, findings)
 
 
 def confirmations(

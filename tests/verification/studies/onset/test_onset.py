@@ -169,12 +169,3 @@ def test_without_ngspice_crossings_are_found_and_stay_undecided(
     (finding,) = confirmations(boards, found)
     assert finding.confirmed is None
     assert "ngspice is needed" in finding.reason
-
-
-def test_winding_numbers_count_what_the_poles_say() -> None:
-    found = taction.onset(TUNED, over="C=2pF:20pF:13", transients=False)
-    assert len(found.counts) == len(found.findings) + 1
-    assert found.counts[-1].poles == 0
-    assert found.counts[0].poles > 0
-    assert all(c.winding == c.poles for c in found.counts)
-    assert not found.disagreement

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.system.array_types import Bools, Complexes, Floats, Ints
+from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.descriptor import (
     Coupling,
@@ -134,12 +134,7 @@ class _Group:
     stiffness: Floats
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Factor:
-    """One factorised shift: the Schur complement on the summing nodes, and ``r -> x``."""
-
-    schur: Complexes
-    solve: Callable[[Any], Any]  # of a vector, or of the columns of an array
+Solver = Callable[[Any], Any]  # ``r -> x``, of a vector, or of the columns of an array
 
 
 class Structure:
@@ -167,7 +162,7 @@ class Structure:
         inner = np.ones(size, dtype=np.bool_)
         inner[self.outer] = False
         self.inner: Ints = np.flatnonzero(inner)
-        self._solvers: dict[complex, Callable[[Any], Any]] = {}
+        self._solvers: dict[complex, Solver] = {}
         self._split()
         self.groups = self._cells()
 
@@ -234,20 +229,20 @@ class Structure:
         other._solvers = {}
         return other
 
-    def solver(self, shift: complex) -> Callable[[Any], Any]:
+    def solver(self, shift: complex) -> Solver:
         """Return ``r -> x`` at a shift; a second transient of the board finds it ready.
 
         Solvers are kept up to `KEPT` bytes together: they are dense on the summing nodes.
         """
         if shift in self._solvers:
             return self._solvers[shift]
-        solve = self.factor(shift).solve
+        solve = self.factor(shift)
         if (len(self._solvers) + 1) * len(self.outer) ** 2 * COMPLEX <= KEPT:
             self._solvers[shift] = solve
         return solve
 
-    def factor(self, shift: complex, *, solver: bool = True) -> Factor:
-        """Factorise ``shift M - K``; without `solver`, stop at the Schur complement.
+    def factor(self, shift: complex) -> Solver:
+        """Factorise ``shift M - K``, and return the solver.
 
         EngineError: the shift is an eigenvalue to working precision.
         """
@@ -267,7 +262,7 @@ class Structure:
                 between = Z[drivers][:, drivers2]
                 if between.nnz:
                     schur[np.ix_(sinks, sinks2)] -= _real_times(G, between @ load.T)
-        return Factor(schur, self._solver(Z, schur, oi, io) if solver else _refuse)
+        return self._solver(Z, schur, oi, io)
 
     def _inner_inverse(self, c: Any) -> Any:
         """Return the inverse of the cells at shift c, as a sparse matrix."""
@@ -286,7 +281,7 @@ class Structure:
         where = (np.concatenate(rows), np.concatenate(columns))
         return sparse.csr_array((np.concatenate(values), where), shape=(n, n))
 
-    def _solver(self, Z: Any, schur: Any, oi: Any, io: Any) -> Callable[[Any], Any]:
+    def _solver(self, Z: Any, schur: Any, oi: Any, io: Any) -> Solver:
         from scipy.linalg import get_lapack_funcs
 
         o, i, couplings = self.outer, self.inner, self.couplings
@@ -320,10 +315,6 @@ class Structure:
             return x
 
         return solve
-
-
-def _refuse(_: Any) -> Any:
-    raise EngineError("this factorisation was computed without a solver")
 
 
 def _real_times(real: Floats, x: Any) -> Any:
@@ -379,7 +370,7 @@ def dense_response(descriptor: Descriptor) -> Response:
 
 def structured_response(structure: Structure) -> Response:
     """Prepare the same by structured solves."""
-    solve, times = structure.factor(0.0).solve, structure.descriptor.stiffness_times
+    solve, times = structure.factor(0.0), structure.descriptor.stiffness_times
 
     def product(z: Floats) -> Floats:
         return times(z) if z.ndim == 1 else np.stack([times(each) for each in z.T], axis=1)

@@ -283,7 +283,7 @@ def _solved(
 ) -> Floats:
     """Solve ``(K + slopes - rate M) dz = -F``, F (size, Q), unknowns counted in their `size`."""
     if descriptor.is_large:
-        return np.asarray(Structure(descriptor, slopes).factor(rate).solve(F))
+        return np.asarray(Structure(descriptor, slopes).factor(rate)(F))
     J, row, column = scaled_jacobian(descriptor, slopes, size, rate)
     return np.asarray(column * np.linalg.solve(J, -F / row))
 

@@ -46,7 +46,7 @@ class RestSensitivity:
         places = [descriptor.place(output.node) for output in outputs]
         wanted[places, np.arange(len(outputs))] = [output.sign for output in outputs]
         if descriptor.is_large:
-            return cls(board, -board.structure.transposed.factor(0.0).solve(wanted).T)
+            return cls(board, -board.structure.transposed.factor(0.0)(wanted).T)
         return cls(board, _dense_adjoint(board, wanted))
 
     def towards(self, circuit: Circuit) -> Floats:

@@ -1,20 +1,9 @@
-"""Poles without modes: the rightmost ones of large boards, and the number of any.
+"""The rightmost poles of large boards.
 
 Arnoldi's method on ``(sigma M - K)^-1 M`` finds the poles nearest to a shift; one iteration costs
 one structured solve (see `structured_solve`). A shift at the origin finds the slowest poles; the
 rightmost poles of the coarse board and the ringing ones select the others. From each, further
 shifts follow until no pole is farther right. The residual of a vector gives its pole's error.
-
-A winding number (`count_right`) proves that none is missing, for 50 to 100 factorisations with an
-eigenproblem of the size of the summing nodes each: more than the whole verdict costs. The number of
-poles right of a vertical line is the winding of the determinant: ``det(s M - K)`` is
-a polynomial of degree n whose roots are the poles. Along a vertical line from the real axis upwards
-its argument turns by ``pi/2 (left - right)``. The determinant is the product of two: that of the
-cells, whose poles are known one by one, and that of the Schur complement S on the summing nodes
-(see `structured_solve`), which is followed from point to point. There the change of the argument is
-the sum over the eigenvalues of ``S(s1)^-1 S(s2)``. Each of these starts at 1 and moves little in a
-short step, so none is lost, even if many modes have one frequency. The count is independent of any
-search for poles.
 """
 
 from __future__ import annotations
@@ -25,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.system.array_types import EPS, Complexes, Floats
+from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.structured_solve import Structure
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -132,7 +121,7 @@ def nearest_poles(structure: Structure, shift: complex, count: int, tolerance: f
     from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
     size = structure.descriptor.size
-    solve, mass = structure.factor(shift).solve, structure.mass
+    solve, mass = structure.factor(shift), structure.mass
     # A real shift has a real operator; complex vectors cost three times as much.
     kind = np.float64 if complex(shift).imag == 0.0 else np.complex128
 
@@ -175,97 +164,3 @@ def _distinct(poles: Complexes) -> list[complex]:
         if all(abs(pole - other) > 0.3 * abs(pole) for other in kept):
             kept.append(pole)
     return kept
-
-
-TOP = 1e5  # of the line, in units of the board's fastest rate
-FREQUENCY_RATIO = 4.0  # largest ratio of neighbouring frequencies
-INFINITE = 1e-13  # fastest rate over a pole: a smaller ratio is a pole at infinity
-LARGEST_TURN = 1.0  # of one eigenvalue in a step, rad
-ROUNDING = 16.0 * EPS
-"""Distance of a pole from the line, in units of the fastest rate, at which rounding may decide its
-side. The steps beside a pole are about as long as its distance. Measured on boards of 7 to 20
-channels: with lines up to a quarter of this distance from a pole, some counts are wrong."""
-
-
-def count_right(structure: Structure, abscissa: float = 0.0) -> int:
-    """Count the poles with a real part above `abscissa`, 1/s.
-
-    The vertical line must not pass through a pole.
-
-    EngineError: a pole lies on the line to within rounding, or the count is not a whole number.
-    """
-    rates, cells = cell_poles(structure)
-    fastest = float(rates.max(initial=1.0))
-    top = TOP * fastest
-    sizes = [_schur(structure, abscissa + 1j * turns * top)[2] for turns in (1.0, 2.0)]
-    degree = (sizes[1] - sizes[0]) / math.log(2.0)
-    turn = _schur_turn(structure, abscissa, fastest, top)
-    offset = abscissa - cells.real
-    if np.any(np.abs(offset) <= ROUNDING * fastest):
-        raise EngineError(f"a pole of a single cell lies on the line at {abscissa!r} /s")
-    upper, lower = (np.arctan((omega - cells.imag) / np.abs(offset)) for omega in (top, 0.0))
-    turn += float(np.sum(np.sign(offset) * (upper - lower)))
-    right = float(0.5 * (len(cells) + degree - turn / (0.5 * math.pi)))
-    if abs(right - round(right)) > 0.05:
-        raise EngineError(f"the winding number gives {right!r} poles, which is not a whole number")
-    return round(right)
-
-
-def _schur(structure: Structure, s: complex) -> tuple[complex, Complexes, float]:
-    """Return s, the Schur complement there, and the logarithm of its determinant's size."""
-    schur = structure.factor(s, solver=False).schur
-    sign, log_size = np.linalg.slogdet(schur)
-    if sign == 0.0:
-        raise EngineError(f"a pole lies at {s!r} /s")
-    return s, schur, float(log_size)
-
-
-def _schur_turn(structure: Structure, abscissa: float, fastest: float, top: float) -> float:
-    """Return the total turn of the Schur complement's determinant along the line, rad."""
-    start = 1e-6 * fastest
-    count = max(math.ceil(math.log(top / start) / math.log(FREQUENCY_RATIO)), 1)
-    total, (s, schur, _) = 0.0, _schur(structure, complex(abscissa))
-    for omega in np.geomspace(start, top, count + 1).tolist():
-        ahead = [_schur(structure, abscissa + 1j * omega)]
-        while ahead:
-            turns = np.angle(np.linalg.eigvals(np.linalg.solve(schur, ahead[-1][1])))
-            if np.abs(turns).max(initial=0.0) <= LARGEST_TURN:
-                total += float(turns.sum())
-                s, schur, _ = ahead.pop()
-                continue
-            if abs(ahead[-1][0] - s) <= ROUNDING * fastest:
-                raise EngineError(f"a pole lies on the line near {s!r} /s")
-            ahead.append(_schur(structure, 0.5 * (s + ahead[-1][0])))
-    return total
-
-
-def cell_poles(structure: Structure) -> tuple[Floats, Complexes]:
-    """Return the board's rates (1/s), and the poles of each separate cell."""
-    poles, rates = [], []
-    for group in structure.groups:
-        M, K = group.mass, group.stiffness
-        weight = np.abs(M).max(axis=2)
-        rate = np.abs(K).max(axis=2)[weight > 0.0] / weight[weight > 0.0]
-        if not len(rate):
-            continue
-        rates.append(rate)
-        poles += [_finite_poles(*cell, float(rate.max())) for cell in zip(M, K, strict=True)]
-    if len(structure.outer):
-        M, K = (abs(part).max(axis=1).toarray().ravel() for part in structure.parts["oo"])
-        rates.append(K[M > 0.0] / M[M > 0.0])
-    all_poles = np.concatenate([*poles, np.zeros(0)]).astype(np.complex128)
-    return np.concatenate([*rates, np.zeros(0)]), all_poles
-
-
-def _finite_poles(M: Floats, K: Floats, fastest: float) -> Complexes:
-    """Return the finite s with ``det(s M - K) = 0``, 1/s, slow ones as accurately as fast ones.
-
-    The QZ method needs no inverse; a shift to the fastest rate would round the slow poles to
-    ``eps fastest``, and even their sign where a cell is nearly defective.
-    """
-    from scipy.linalg import eig
-
-    rows = np.abs(K).max(axis=1, keepdims=True)
-    alpha, beta = eig(K / rows, fastest * M / rows, right=False, homogeneous_eigvals=True)
-    finite = np.abs(beta) > INFINITE * np.abs(alpha)
-    return np.asarray(fastest * alpha[finite] / beta[finite], dtype=np.complex128)

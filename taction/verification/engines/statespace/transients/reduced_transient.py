@@ -158,7 +158,7 @@ class Reduction:
         span = max(math.log10(shown * stop), 1.0)
         self.rates: Floats = np.geomspace(1.0 / stop, shown, math.ceil(PER_DECADE * span) + 1)
         rate, charge = SETTLED * fastest, board.structure.mass @ deviation
-        start = rate * board.structure.factor(rate).solve(charge)
+        start = rate * board.structure.factor(rate)(charge)
         self.ends, self.vectors = [start] * len(self.rates), [start]
         self.found: list[Patterns | None] = []
 
