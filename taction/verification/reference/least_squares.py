@@ -7,7 +7,7 @@ objective falls with each step, so no set comes back.
 
 It minimises ``1/2 |T u - eps|^2 + mu sum(size |u| + ridge u^2 / 2 + beta u)`` within bounds of u;
 of a linear amplifier only the ridge term is there, and mu may be 0. The entries between two breaks
-are free, and solve a linear problem by the SVD of T, refined with residuals that are rounded once.
+are free, and solve a linear problem by the SVD of T, refined with residuals of more digits.
 The unknowns are u and the residual ``r = eps - T u`` together (Bjorck, BIT 7, 1967), so refinement
 contracts with the condition number and not with its square.
 
@@ -23,7 +23,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from math import hypot
 
 import numpy as np
 
@@ -33,17 +32,13 @@ from taction.verification.reference.problem import (
     ENOUGH,
     RELATIVE_ERROR,
     SMALLEST_SCALE,
+    Extended,
     Problem,
     ScaledProblem,
     Solution,
+    norm,
 )
-from taction.verification.reference.stacked_least_squares import (
-    PRODUCT_ERROR,
-    SVD,
-    Pair,
-    exact_sums,
-    products,
-)
+from taction.verification.reference.stacked_least_squares import SVD
 
 STEPS_PER_ENTRY = 20  # of the search, before it gives up
 VIOLATED = 64.0 * EPS  # of the terms of a condition: a smaller violation is rounding
@@ -182,8 +177,8 @@ ATTEMPTS = 4  # searches: refinement may show that an entry belongs to a break
 class _Answer:
     """u and r with a bound on the error of each entry, infinite where u is not unique."""
 
-    u: Pair
-    r: Pair
+    u: Extended
+    r: Extended
     error: float
     least: float
     condition: float
@@ -197,35 +192,22 @@ def _floor(s: ScaledProblem) -> float:
     return SMALLEST_SCALE * float(np.linalg.norm(s.eps)) / s.norm if s.norm > 0.0 else 0.0
 
 
-def _misfit(s: ScaledProblem, u: Pair, r: Pair) -> Floats:
-    """Return ``eps - T u - r``, rounded once."""
-    return -exact_sums(s.T, u, -s.eps, r.hi, r.lo)
-
-
-def _gradient(s: ScaledProblem, mu: float, u: Pair, r: Pair, load: Floats) -> tuple[Floats, float]:
-    """Return ``T^T r - mu u - load``, and a bound on what rounding adds to its norm."""
-    terms = *products(-mu, u.hi), -mu * u.lo, -load
-    rounding = PRODUCT_ERROR * (s.norm * hypot(*r.hi) + mu * hypot(*u.hi))
-    return exact_sums(s.T.T, r, *terms), rounding
-
-
 def _refine(s: ScaledProblem, mu: float, state: ActiveSet, factor: SVD) -> _Answer:
     """Solve for the free entries; refine until the error is small, or stops shrinking."""
     free, load, least = state.free, np.zeros(len(s.h)), factor.least
     load[free] = s.mu * (state.slope + s.beta)
     start = np.where(free, 0.0, state.u)
     start[free] = factor.solve(s.eps - s.T @ start, -load[free])
-    u, r = Pair.of(start), Pair.of(s.eps - s.T @ start)
+    u, r = start.astype(np.longdouble), (s.eps - s.T @ start).astype(np.longdouble)
     before, floor = np.inf, _floor(s)
     for step in range(REFINEMENTS):
-        f1 = _misfit(s, u, r)
-        f2, rounding = _gradient(s, mu, u, r, load)
-        rounding += PRODUCT_ERROR * s.norm * hypot(*u.hi) * (least or s.norm)
-        left = hypot(*f1) * (least or s.norm) + hypot(*f2[free])
+        f1, f2, off1, off2 = s.residuals(u, r, mu * u, load)
+        rounding = off1 * (least or s.norm) + norm(off2)
+        left = norm(f1) * (least or s.norm) + norm(f2[free])
         error = (left * (1.0 + 4.0 * EPS) + rounding) / least / least if least > 0.0 else np.inf
         if left < before or step == 0:
             best = _Answer(u, r, error, least, factor.condition, step)
-        enough = error <= ENOUGH * max(float(np.abs(u.hi).max()), floor) or left <= rounding
+        enough = error <= ENOUGH * max(float(np.abs(u).max()), floor) or left <= rounding
         if enough or not left <= 0.5 * before:
             break
         du = np.zeros(len(s.h))
@@ -237,10 +219,8 @@ def _refine(s: ScaledProblem, mu: float, state: ActiveSet, factor: SVD) -> _Answ
 
 def _held(s: ScaledProblem, state: ActiveSet) -> _Answer:
     """Return u where no entry is free."""
-    u, r = Pair.of(state.u.copy()), Pair.of(np.zeros(len(s.eps)))
-    for _ in range(2):
-        r = r + _misfit(s, u, r)
-    return _Answer(u, r, 0.0, np.inf, 1.0, 0)
+    u = state.u.astype(np.longdouble)
+    return _Answer(u, s.eps - s.T.astype(np.longdouble) @ u, 0.0, np.inf, 1.0, 0)
 
 
 def _of_pieces(s: ScaledProblem, mu: float) -> _Answer:
@@ -253,7 +233,7 @@ def _of_pieces(s: ScaledProblem, mu: float) -> _Answer:
             break
         found = _refine(s, mu, state, SVD(s.T[:, state.free], mu))
         low, high = state.limits()
-        new = found.u.hi[state.free]
+        new = found.u[state.free].astype(np.float64)
         outside = (new <= low) | (new >= high)
         if not outside.any():
             break
@@ -266,7 +246,8 @@ def _of_pieces(s: ScaledProblem, mu: float) -> _Answer:
 def _certified(s: ScaledProblem, mu: float, state: ActiveSet, found: _Answer) -> _Answer:
     """Bound the error where entries are held; those near their limits count as free."""
     gradient = found.error * found.least**2 if state.free.any() else 0.0
-    force, rounding = _gradient(s, mu, found.u, found.r, np.full(len(s.h), s.mu * s.beta))
+    loads = mu * found.u, np.full(len(s.h), s.mu * s.beta)
+    _, force, _, rounding = s.residuals(found.u, found.r, *loads)
     excess, _ = state.excess(force, s.mu)
     loose, least, condition, E = state.free.copy(), found.least, found.condition, gradient
     doubt = 4.0 * EPS * (np.abs(force) + s.mu * (1.0 + abs(s.beta))) + rounding
@@ -306,7 +287,8 @@ def solve_least_squares(problem: Problem, strains: Iterable[Floats]) -> list[Sol
 
 def _solution(problem: Problem, s: ScaledProblem, found: _Answer, start: float) -> Solution:
     """Return the answer with its certificate, and the reason where it is not trusted."""
-    u, residual, pieces = found.u.hi, found.r.hi, s.regulariser.pieces
+    u, residual = found.u.astype(np.float64), found.r.astype(np.float64)
+    pieces = s.regulariser.pieces
     peak, size = float(np.max(np.abs(u))), float(np.linalg.norm(s.eps))
     rounding = EPS / 2.0 * peak  # of u, and of mu times the share of the ridge term
     if problem.ridge_share not in {0.0, 1.0}:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -181,6 +182,13 @@ def solution_difference(one: Solution, other: Solution) -> tuple[float, float]:
 
 LARGEST = 1e150
 """Numbers above this are refused: their products overflow."""
+Extended = Any
+"""An array of longdouble: 64 bits, or 53 where the processor has no more. Bounds follow."""
+
+
+def norm(x: Extended) -> float:
+    """Return the 2-norm of a vector."""
+    return math.hypot(*x.tolist())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -217,6 +225,22 @@ class ScaledProblem:
         beta, norm = float(problem.bias), float(np.sqrt(square))
         scaled = cls(T, problem.eps, mu, beta, scale, norm, h, regulariser)
         return scaled.with_strain(problem.eps)
+
+    def residuals(
+        self, u: Extended, r: Extended, *loads: Extended
+    ) -> tuple[Floats, Floats, float, Floats]:
+        """Return ``eps - T u - r`` and ``T^T r - sum of loads``, and bounds on their rounding.
+
+        The bound of the first is one of its norm, that of the second one of each element: that of
+        sums of n products in the precision of u and r.
+        """
+        T = self.T.astype(np.longdouble)
+        f1 = np.asarray(self.eps - T @ u - r, dtype=np.float64)
+        f2 = np.asarray(T.T @ r - sum(loads), dtype=np.float64)
+        unit = (max(T.shape) + 4) * float(np.finfo(T.dtype).eps) / 2.0
+        off1 = unit * (self.norm * norm(u) + norm(r) + norm(self.eps))
+        off2 = unit * (np.sqrt(self.h) * norm(r) + sum(map(np.abs, loads)))
+        return f1, f2, off1, np.asarray(off2, dtype=np.float64)
 
     def with_strain(self, eps: Floats) -> ScaledProblem:
         """Return the problem with the unscaled strain `eps`; SolverError if it overflows."""

@@ -4,12 +4,11 @@ Minimises ``1/2 |T u - eps|^2 + mu sum(phi(u) + beta u)``, ``u = g(v)``, ``phi' 
 method in ``q = mu v + h g(v)`` neither overflows nor stalls as mu goes to 0, where it becomes an
 active-set method; a homotopy in mu starts where one step nearly suffices.
 
-The refinement has a dual vector r beside v, both of twice the digits of double precision. The
-duality gap ``1/2 |f1|^2 + mu sum(divergence of f2/mu)`` of ``f1 = eps - T u - r`` and
-``f2 = T^T r - mu (v + beta)`` is then free of cancellation. So is v, and ``u = g(v) + g'(v) dv``
-for its last digits dv. What double precision adds to g counts as a shift of v, or as a part of f1
-where g is so flat that v would move far. The gap is at least mu times the Bregman divergence of u
-from the minimiser, which bounds the error of u.
+The refinement has a dual vector r beside v, both of more digits than double precision. The duality
+gap ``1/2 |f1|^2 + mu sum(divergence of f2/mu)`` of ``f1 = eps - T u - r`` and
+``f2 = T^T r - mu (v + beta)`` has no cancellation beyond their rounding, which counts as a part of
+them, as the rounding of g does. The gap is at least mu times the Bregman divergence of u from the
+minimiser, which bounds the error of u.
 """
 
 from __future__ import annotations
@@ -26,27 +25,21 @@ from taction.verification.reference.problem import (
     LARGEST,
     RELATIVE_ERROR,
     SMALLEST_SCALE,
+    Extended,
     Problem,
     ScaledProblem,
     Solution,
+    norm,
 )
-from taction.verification.reference.stacked_least_squares import (
-    PRODUCT_ERROR,
-    Pair,
-    exact_sums,
-    factorise,
-    products,
-)
+from taction.verification.reference.stacked_least_squares import factorise
 
 STAGE, CONVERGED = 1.0, 1e-10  # squared relative errors of u that end a stage, and the last one
 MAX_STEPS, MAX_REFINEMENTS = 100, 60
 OBJECTIVE_ROUNDING = 1e-14  # relative rounding error of the objective: the line search ignores it
 SHORTEST_STEP = 1e-10
 FACTOR = 0.03  # between two values of mu in the homotopy
-FUNCTION_ERROR = 4.0 * EPS
-"""Relative error of g in double precision."""
-LARGEST_SHIFT = 1e-3  # of v that stands for the error of g: its slope falls by at most 1.25 over it
-NEAR = 1e-8  # largest `lo` of v at which a step leaves `hi` as it is
+FUNCTION_ERROR = 4.0
+"""Relative error of g in units of its rounding."""
 # Refinement ends if the gap shrinks by less than `STALLED` in so many steps in turn. A step that
 # increases the gap can lead to where Newton's method converges; the best point is kept.
 STALLED, PATIENCE = 0.5, 6
@@ -58,7 +51,7 @@ def _objective(s: ScaledProblem, v: Floats, mu: float) -> float:
     return float(0.5 * residual @ residual + mu * np.sum(s.regulariser.energy(v) + s.beta * u))
 
 
-def _divergence(s: ScaledProblem, v: Floats, size: Floats) -> float:
+def _divergence(s: ScaledProblem, v: Extended, size: Floats) -> float:
     """Bound ``sum Psi(v + d) - Psi(v) - g(v) d`` for ``|d| <= size``, free of cancellation."""
     return float(np.sum(0.5 * size * size * s.regulariser.largest_slope(v, size)))
 
@@ -115,8 +108,8 @@ def _homotopy(s: ScaledProblem) -> tuple[Floats, Floats, int]:
 class _DualPair:
     """A primal-dual pair with its residuals, its gap, and the bound on the error of u."""
 
-    v: Pair
-    r: Pair
+    v: Extended
+    r: Extended
     u: Floats
     f1: Floats
     f2: Floats
@@ -124,65 +117,52 @@ class _DualPair:
     error: float
 
     @classmethod
-    def at(cls, s: ScaledProblem, v: Pair, r: Pair) -> _DualPair:
+    def at(cls, s: ScaledProblem, v: Extended, r: Extended) -> _DualPair:
         """Evaluate the gap of a pair, with bounds on the rounding of its residuals.
 
         The error d of u follows from ``d^2 / 2`` over the largest slope between u and the
         minimiser, which is at most the slope bound at u plus d.
         """
-        u, slope = s.regulariser.g(v.hi), s.regulariser.slope(v.hi)
-        if not np.max(np.abs(np.concatenate([u, r.hi, v.hi]))) < LARGEST:
-            return cls(v, r, u, s.eps, v.hi, np.inf, np.inf)
-        f1 = -exact_sums(s.T, Pair(u, slope * v.lo), -s.eps, r.hi, r.lo)
-        terms = *products(-s.mu, v.hi), -s.mu * v.lo, np.full(len(u), -s.mu * s.beta)
-        f2 = exact_sums(s.T.T, r, *terms)
-        off = FUNCTION_ERROR * np.abs(u) + slope * v.lo**2  # |g''| <= 2 g'
-        shift = np.divide(1.25 * off, slope, out=np.full(len(u), np.inf), where=slope > 0.0)
-        steep = (shift <= LARGEST_SHIFT) & (slope * s.h >= s.mu)
-        misfit = float(np.linalg.norm(np.abs(f1) + np.abs(s.T) @ np.where(steep, 0.0, off)))
-        misfit = (1.0 + 4.0 * EPS) * misfit + PRODUCT_ERROR * s.norm * float(np.linalg.norm(u))
-        rounding = PRODUCT_ERROR * (s.norm * float(np.linalg.norm(r.hi)) + s.mu * np.abs(v.hi))
-        dv = (np.abs(f2) * (1.0 + 4.0 * EPS) + rounding) / s.mu + np.where(steep, shift, 0.0)
-        gap = 0.5 * misfit * misfit + s.mu * _divergence(s, v.hi, dv)
+        g = s.regulariser.g(v)
+        u, off = g.astype(np.float64), FUNCTION_ERROR * float(np.finfo(g.dtype).eps)
+        if not np.max(np.abs(np.concatenate([u, r, v]))) < LARGEST:
+            return cls(v, r, u, s.eps, u, np.inf, np.inf)
+        f1, f2, off1, off2 = s.residuals(g, r, s.mu * v, np.full(len(u), s.mu * s.beta))
+        misfit = norm(f1) * (1.0 + 4.0 * EPS) + off1 + off * s.norm * norm(u)
+        force = (np.abs(f2) * (1.0 + 4.0 * EPS) + off2) / s.mu
+        gap = 0.5 * misfit * misfit + s.mu * _divergence(s, v, force)
         if not np.isfinite(gap):
             return cls(v, r, u, f1, f2, np.inf, np.inf)
-        u = u + slope * v.lo
         ratio = gap / s.mu + float(np.finfo(float).tiny)  # the squares of tiny outputs underflow
         largest = float(np.max(s.regulariser.slope_bound(u)))
         error = ratio + math.sqrt(ratio) * math.sqrt(ratio + 2.0 * largest)
-        return cls(v, r, u, f1, f2, gap, error + FUNCTION_ERROR * float(np.max(np.abs(u))))
+        return cls(v, r, u, f1, f2, gap, error + (off + EPS) * float(np.max(np.abs(u))))
 
     @property
     def peak(self) -> float:
         """What errors of u are compared with."""
         return max(float(np.max(np.abs(self.u))), SMALLEST_SCALE)
 
-
-def _corrected(s: ScaledProblem, p: _DualPair) -> _DualPair:
-    """Take one Newton step for v and r together.
-
-    A small step leaves the `hi` of v, and so the rounding of ``g(hi)``.
-    """
-    slope = s.regulariser.slope(p.v.hi)
-    D = np.sqrt(slope)
-    y = factorise(s.T * D, s.mu)(p.f1, D * p.f2)
-    dr = p.f1 - s.T @ (D * y)
-    dv = (p.f2 + dr @ s.T + s.h * D * y) / (s.mu + s.h * slope)  # from ``q = mu v + h g(v)``
-    lo, far = p.v.lo + dv, p.v + dv
-    near = np.abs(lo) <= NEAR
-    v = Pair(np.where(near, p.v.hi, far.hi), np.where(near, lo, far.lo))
-    return _DualPair.at(s, v, p.r + dr)
+    def corrected(self, s: ScaledProblem) -> _DualPair:
+        """Take one Newton step for v and r together."""
+        slope = s.regulariser.slope(self.v.astype(np.float64))
+        D = np.sqrt(slope)
+        y = factorise(s.T * D, s.mu)(self.f1, D * self.f2)
+        dr = self.f1 - s.T @ (D * y)
+        # From ``q = mu v + h g(v)``.
+        dv = (self.f2 + dr @ s.T + s.h * D * y) / (s.mu + s.h * slope)
+        return _DualPair.at(s, self.v + dv, self.r + dr)
 
 
 def _refine(s: ScaledProblem, v: Floats, r: Floats) -> tuple[_DualPair, int]:
     """Improve until the error is small, or the gap stops shrinking."""
-    best = point = _DualPair.at(s, Pair.of(v), Pair.of(r))
+    best = point = _DualPair.at(s, v.astype(np.longdouble), r.astype(np.longdouble))
     idle = 0  # steps without progress
     for step in range(MAX_REFINEMENTS):
         patience = 1 if best.error <= RELATIVE_ERROR * best.peak else PATIENCE
         if best.error <= ENOUGH * best.peak or idle >= patience:
             return best, step
-        point = _corrected(s, point)
+        point = point.corrected(s)
         if not np.isfinite(point.gap):
             return best, step + 1
         idle = idle + 1 if point.gap > STALLED * best.gap else 0
@@ -200,14 +180,13 @@ def solve_smooth(problem: Problem) -> Solution:
     with np.errstate(all="ignore"):  # a step that overflows has no finite gap
         v, r, steps = _homotopy(s)
         point, refinements = _refine(s, v, r)
-    slope = float(np.max(s.regulariser.slope_bound(point.u)))
+    v, slope = point.v.astype(np.float64), float(np.max(s.regulariser.slope_bound(point.u)))
     most = RELATIVE_ERROR * point.peak
-    allowed = most - FUNCTION_ERROR * float(np.max(np.abs(point.u)))
+    allowed = most - FUNCTION_ERROR * EPS * float(np.max(np.abs(point.u)))
     unscale = 2.0 * s.scale * s.scale
     certificate = unscale * point.gap
     bound = unscale * s.mu * allowed * allowed / (2.0 * (slope + allowed))
     trusted = bool(point.error <= most)
-    slopes = s.regulariser.slope(point.v.hi)
     reason = (
         f"the duality gap {certificate:.3g} is above {bound:.3g}: double precision is not"
         " enough; use a larger lambda or a better conditioned matrix"
@@ -215,14 +194,14 @@ def solve_smooth(problem: Problem) -> Solution:
     return Solution(
         problem=problem,
         u=point.u,
-        v=point.v.hi + point.v.lo,
-        objective=unscale * _objective(s, point.v.hi, s.mu),
+        v=v,
+        objective=unscale * _objective(s, v, s.mu),
         certificate_kind="duality gap",
         certificate=certificate,
         bound=bound,
         error_bound=point.error,
         trusted=trusted,
-        condition=float(np.sqrt(1.0 + s.h @ slopes / s.mu)),
+        condition=float(np.sqrt(1.0 + s.h @ s.regulariser.slope(v) / s.mu)),
         iterations=steps + refinements,
         seconds=time.perf_counter() - start,
         reason="" if trusted else reason,

@@ -1,4 +1,4 @@
-"""Solvers of ``(A^T A + mu I) y = A^T f1 + f2``, and sums of products that are rounded once.
+"""Solvers of ``(A^T A + mu I) y = A^T f1 + f2``.
 
 QR and the singular values work on A itself (or on the stacked ``[A; sqrt(mu) I]``), so the error of
 f1 is not multiplied by the square of the condition number.
@@ -7,73 +7,11 @@ f1 is not multiplied by the square of the condition number.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import SolverError
-
-PRODUCT_ERROR = 2.0**-100
-"""Error of `exact_sums` over the norms of the factors, beside the rounding of the result."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Pair:
-    """A vector ``hi + lo`` of about 106 bits."""
-
-    hi: Floats
-    lo: Floats
-
-    @classmethod
-    def of(cls, x: Floats) -> Pair:
-        """Convert doubles."""
-        return cls(x, np.zeros_like(x))
-
-    def __add__(self, x: Floats) -> Pair:
-        s = self.hi + x
-        t = s - self.hi
-        error = (self.hi - (s - t)) + (x - t) + self.lo
-        hi = s + error
-        return Pair(hi, error - (hi - s))
-
-
-def products(a: Floats | float, b: Floats) -> tuple[Floats, Floats]:
-    """Return products and their rounding errors, by halves of both factors (Dekker 1971)."""
-    (ah, al), (bh, bl) = _halves(a), _halves(b)
-    p = np.asarray(a * b)
-    return p, np.asarray(((ah * bh - p) + ah * bl + al * bh) + al * bl)
-
-
-def _halves(a: Floats | float) -> tuple[Floats, Floats]:
-    c = (2.0**27 + 1.0) * np.asarray(a)
-    high = c - (c - a)
-    return high, a - high
-
-
-def exact_sums(A: Floats, x: Pair, *terms: Floats) -> Floats:
-    """Return ``A x`` plus `terms`, all added with twice the digits before the result is rounded.
-
-    The entries of A and of x are below 1e150.
-
-    Examples
-    --------
-    >>> A = np.array([[1e16, 1.0]])
-    >>> exact_sums(A, Pair.of(np.array([1.0, 1.0])), np.array([-1e16])).tolist()
-    [1.0]
-    """
-    sums, errors = products(A, x.hi)
-    sums = np.concatenate([sums, *(term[:, None] for term in terms)], axis=1)
-    errors = np.concatenate([errors + A * x.lo, np.zeros((len(A), len(terms)))], axis=1)
-    while (half := sums.shape[1] // 2) > 0:  # halves of the columns are added, with their errors
-        a, b = sums[:, :half], sums[:, half : 2 * half]
-        s = a + b
-        t = s - a
-        rounding = (a - (s - t)) + (b - t) + errors[:, :half] + errors[:, half : 2 * half]
-        sums = np.concatenate([s, sums[:, 2 * half :]], axis=1)
-        errors = np.concatenate([rounding, errors[:, 2 * half :]], axis=1)
-    return np.asarray((sums + errors)[:, 0])
-
 
 Solver = Callable[[Floats, Floats], Floats]
 """Return y (N,) for f1 (M,) and f2 (N,)."""

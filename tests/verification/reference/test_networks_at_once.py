@@ -37,7 +37,7 @@ def test_lu_with_refinement_has_the_exact_solution(N: int) -> None:
     found = solve_square(Problem(T, eps, 0.0))
     assert error_of(found) <= found.error_bound
     assert found.trusted
-    assert found.error_bound <= 1e-9 * np.abs(found.u).max()
+    assert found.error_bound <= 1e-7 * np.abs(found.u).max()
     assert found.certificate <= found.bound
 
 
