@@ -135,7 +135,7 @@ Hertz = Annotated[float, Unit("Hz")]
 HertzOrZero = Annotated[float, Unit("Hz", zero=True)]
 Seconds = Annotated[float, Unit("s")]
 SecondsOrAuto = Annotated[Literal["auto"] | float, Unit("s", word="auto")]
-RULES = ("discrepancy", "gcv", "l-curve", "quasi-optimality", "mse")  # that find lambda
+RULES = ("discrepancy", "gcv")  # that find lambda
 LambdaOrRule = Annotated[
     float | str,
     PlainValidator(_lambda),

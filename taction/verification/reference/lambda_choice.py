@@ -1,7 +1,6 @@
-"""Choice of lam: discrepancy principle, GCV, L-curve, quasi-optimality, least squared error.
+"""Choice of lam: the discrepancy principle where the noise is known, else GCV.
 
-Every rule minimises a score over lam. The sensitivity of the solution is exact:
-``(T^T T + mu / g') du = -(v + beta) dmu``, one singular value decomposition of ``T D``.
+Either rule minimises a score over lam.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ from operator import itemgetter
 
 import numpy as np
 
-from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
 from taction.verification.reference.problem import Problem, Solution
 from taction.verification.reference.regularisers import REGULARISERS
@@ -27,86 +25,40 @@ PER_DECADE = 3
 _PRECISION = 1e-5  # of the exponent of lam
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LambdaTrial:
-    """The solution for one lam, with the quantities that the scores use."""
-
-    solution: Solution
-    residual: float  # ``|T u - eps|^2``
-    penalty: float  # Omega above its least value
-    sensitivity: Floats  # ``lam du/dlam`` (N,)
-    penalty_sensitivity: float  # ``lam dOmega/dlam``
-    fitted: float  # degrees of freedom: trace of the derivative of ``T u`` with respect to eps
-
-    @classmethod
-    def of(cls, problem: Problem) -> LambdaTrial:
-        """Solve and differentiate."""
-        solution = solve(problem)
-        entry = REGULARISERS[problem.regulariser]
-        v = solution.u if solution.v is None else solution.v
-        beta = float(problem.bias)
-        mu = entry.weight * problem.lam
-        D = np.sqrt(entry.slope(v))
-        svd = SVD(problem.T * D, mu)
-        sensitivity = -mu * D * svd.solve(np.zeros(len(problem.eps)), D * (v + beta))
-        misfit = problem.T @ solution.u - problem.eps
-        rest = np.full_like(v, -beta)
-        floor = entry.energy(rest) + beta * entry.g(rest)
-        penalty = 2.0 * entry.weight * np.sum(entry.energy(v) + beta * solution.u - floor)
-        square = svd.sigma**2
-        return cls(
-            solution=solution,
-            residual=float(misfit @ misfit),
-            penalty=float(penalty),
-            sensitivity=sensitivity,
-            penalty_sensitivity=float(2.0 * entry.weight * (v + beta) @ sensitivity),
-            fitted=float(np.sum(square / (square + mu))),
-        )
+def _residual(solution: Solution) -> float:
+    """Return ``|T u - eps|^2``."""
+    misfit = solution.problem.T @ solution.u - solution.problem.eps
+    return float(misfit @ misfit)
 
 
-def _discrepancy(trial: LambdaTrial, variance: float, _: Floats) -> float:
-    target = TAU * len(trial.solution.problem.eps) * variance
-    return abs(float(np.log(trial.residual / target))) if trial.residual > 0.0 else float("inf")
+def _discrepancy(solution: Solution, variance: float) -> float:
+    target, residual = TAU * len(solution.problem.eps) * variance, _residual(solution)
+    return abs(float(np.log(residual / target))) if residual > 0.0 else float("inf")
 
 
-def _gcv(trial: LambdaTrial, variance: float, truth: Floats) -> float:
-    free = len(trial.solution.problem.eps) - trial.fitted
-    return trial.residual / free**2 if free > 0.0 else float("inf")
+def fitted(solution: Solution) -> float:
+    """Return the degrees of freedom: the trace of the derivative of ``T u`` with respect to eps."""
+    problem, entry = solution.problem, REGULARISERS[solution.problem.regulariser]
+    mu, v = entry.weight * problem.lam, solution.u if solution.v is None else solution.v
+    square = SVD(problem.T * np.sqrt(entry.slope(v)), mu).sigma ** 2
+    return float(np.sum(square / (square + mu)))
 
 
-def _l_curve(trial: LambdaTrial, variance: float, truth: Floats) -> float:
-    """Return minus the curvature of (log residual, log penalty)."""
-    rho, eta, slope = trial.residual, trial.penalty, trial.penalty_sensitivity
-    lam = trial.solution.lam
-    if not (rho > 0.0 and eta > 0.0 and slope < 0.0):
-        return float("inf")
-    # Derivatives with respect to log lam; ``d residual = -lam d penalty``.
-    dx, dy = -lam * slope / rho, slope / eta
-    turn = dx * dy * (dx - dy - 1.0)
-    return -float(turn / (dx * dx + dy * dy) ** 1.5)
+def _gcv(solution: Solution, _: float) -> float:
+    free = len(solution.problem.eps) - fitted(solution)
+    return _residual(solution) / free**2 if free > 0.0 else float("inf")
 
 
-RULES: dict[str, Callable[[LambdaTrial, float, Floats], float]] = {
-    "discrepancy": _discrepancy,
-    "gcv": _gcv,
-    "l-curve": _l_curve,
-    "quasi-optimality": lambda trial, *_: float(np.linalg.norm(trial.sensitivity)),
-    "mse": lambda trial, _, truth: float(np.sum((trial.solution.u - truth) ** 2)),
-}
-"""Scores by rule: functions of a trial, of the noise's variance and of the true u."""
-# Their score also falls towards both ends of the range, where it has no meaning: the lowest local
-# minimum between the ends counts.
-LOCAL_MINIMUM = {"l-curve", "quasi-optimality"}
+RULES: dict[str, Callable[[Solution, float], float]] = {"discrepancy": _discrepancy, "gcv": _gcv}
+"""Scores by rule: functions of the solution for a lam, and of the noise's variance."""
 
 
-def missing(rule: str, variance: float, truth: Floats | None) -> str:
+def missing(rule: str, variance: float) -> str:
     """Return what a rule needs and does not have, or empty."""
     if rule not in RULES:
         return f"one of {', '.join(RULES)}"
     if rule == "discrepancy" and not variance > 0.0:
         return "the rule needs problem.noise.variance above zero"
-    if rule == "mse" and truth is None:
-        return "the rule needs the true stress: problem.stress"
     return ""
 
 
@@ -119,30 +71,23 @@ class LambdaChoice:
     at_edge: bool  # the best score is at an end of the range: the rule finds no optimum
 
 
-def choose(
-    problem: Problem,
-    rule: str = "discrepancy",
-    *,
-    variance: float = 0.0,
-    truth: Floats | None = None,
-) -> LambdaChoice:
+def choose(problem: Problem, rule: str = "discrepancy", *, variance: float = 0.0) -> LambdaChoice:
     """Choose the lam of least score on a grid of three values a decade, refined by Brent's method.
 
     `problem`: its lam is ignored.
     `variance`: of the noise in one entry of eps, for ``discrepancy``.
-    `truth` (N,): the u that belongs to eps, for ``mse``.
     InputError: an unknown rule, an input that the rule needs is missing, or T is zero.
     """
-    if text := missing(rule, variance, truth):
+    if text := missing(rule, variance):
         raise InputError("choice of lambda", Complaint("rule", rule, text))
     if not np.any(problem.T):
         text = "for a matrix of zeros lambda has no effect"
         raise InputError("choice of lambda", Complaint("T", "0", text))
-    known = np.zeros(0) if truth is None else np.asarray(truth)
 
     def score(exponent: float) -> float:
-        trial = LambdaTrial.of(replace(problem, lam=float(10.0**exponent)))
-        return RULES[rule](trial, variance, known) if trial.solution.trusted else float("inf")
+        """Return the score of a power of ten."""
+        solution = solve(replace(problem, lam=float(10.0**exponent)))
+        return RULES[rule](solution, variance) if solution.trusted else float("inf")
 
     from scipy.optimize import minimize_scalar
 
@@ -150,7 +95,7 @@ def choose(
     count = int((DECADES[1] - DECADES[0]) * PER_DECADE) + 1
     grid = middle + np.linspace(*DECADES, count)
     scores = np.array([score(float(exponent)) for exponent in grid])
-    best = _lowest(scores, rule in LOCAL_MINIMUM)
+    best = int(np.argmin(scores))
     at_edge = best in (0, count - 1)
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, count - 1)]
     with np.errstate(invalid="ignore"):  # scores may be infinite
@@ -164,11 +109,3 @@ def choose(
     )
     solution = solve(replace(problem, lam=float(10.0**exponent)))
     return LambdaChoice(solution, least, at_edge)
-
-
-def _lowest(scores: Floats, local_minimum: bool) -> int:
-    """Return the index of the least score; of the lowest inner minimum if one is requested."""
-    inner = scores[1:-1]
-    minima = 1 + np.flatnonzero((inner < scores[:-2]) & (inner <= scores[2:]))
-    candidates = minima if local_minimum and len(minima) else np.arange(len(scores))
-    return int(candidates[np.argmin(scores[candidates])])

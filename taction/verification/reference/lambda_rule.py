@@ -12,8 +12,7 @@ from taction.system.errors import Complaint, InputError, SolverError
 def resolve_lambda(scene: Scene) -> Scene:
     """Return `scene` with a number for lambda; unchanged where it has one.
 
-    InputError: the scene lacks what the rule needs: the variance of the noise (``discrepancy``), or
-      the true stress (``mse``).
+    InputError: the scene lacks the variance of the noise, which the rule ``discrepancy`` needs.
     SolverError: the rule finds no optimum: its score is best at an end of the range.
     """
     rule = scene.design.lam
@@ -24,11 +23,11 @@ def resolve_lambda(scene: Scene) -> Scene:
     from taction.verification.reference.problem import Problem
 
     inverse, variance = make_problem(scene), scene.problem.noise.variance
-    if text := missing(rule, variance, inverse.stress):
+    if text := missing(rule, variance):
         raise InputError(scene.file, Complaint("design.lambda", repr(rule), text))
     kind = scene.design.amplifier, is_biased(scene), scene.design.ridge_share
     problem = Problem(inverse.matrix, inverse.strain, 1.0, *kind)
-    choice = choose(problem, rule, variance=variance, truth=inverse.stress)
+    choice = choose(problem, rule, variance=variance)
     if choice.at_edge:
         raise SolverError(
             f"lambda = {rule!r} finds no optimum from {DECADES[0]:g} to {DECADES[1]:g} decades of"

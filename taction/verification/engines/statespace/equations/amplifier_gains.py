@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taction.spice_models.opamp import KNEE
-from taction.system.array_types import Floats
+from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError
 from taction.system.plugins import OpenTable
 
@@ -31,14 +31,13 @@ LARGEST_EXPONENT = 690.0  # exp(690) is near 1e300: a gain still fits without ov
 class Gain:
     """An increasing function g of the dimensionless input ``y = v / v_scale``.
 
-    `value` and `slope` are g and g' of an array; `from_coordinate` maps ``(q, h)`` to the y with
-    ``y + h g(y) = q``; `upper` is the largest y at which g is representable. `breaks` are where the
-    straight pieces of a piecewise linear g meet, increasing, and None for any other g.
+    `value` and `slope` are g and g' of an array; `upper` is the largest y at which g is
+    representable. `breaks` are where the straight pieces of a piecewise linear g meet, increasing,
+    and None for any other g; there the slope is that of the piece to the right.
     """
 
     value: Callable[[Floats], Floats]
     slope: Callable[[Floats], Floats]
-    from_coordinate: Callable[[Floats, Floats], Floats]
     upper: float
     breaks: tuple[float, ...] | None = None
 
@@ -47,6 +46,31 @@ class Gain:
         with np.errstate(over="ignore"):
             return self.value(np.where(y > self.upper, np.inf, y))
 
+    def from_coordinate(self, q: Floats, h: Floats) -> Floats:
+        """Return the y with ``y + h g(y) = q``, by Newton's method inside a bracket of the root.
+
+        The left side increases with a slope of at least 1, so the root lies between 0 and
+        ``q - h g(0)``. A step that leaves the bracket, or that follows a step that reduced the
+        residual to no less than a tenth, is replaced by the middle of the bracket.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            far = q - h * self.value(np.zeros_like(q))
+            low, high = np.minimum(far, 0.0), np.maximum(far, 0.0)
+            y, before = np.zeros_like(q), np.full_like(q, np.inf)
+            for _ in range(NEWTON_STEPS):
+                curved = h * self.value(y)
+                excess = y + curved - q
+                done = np.abs(excess) <= EPS * (np.abs(y) + np.abs(curved) + np.abs(q))
+                if np.all(done):
+                    break
+                low, high = np.where(excess <= 0, y, low), np.where(excess >= 0, y, high)
+                step = y - excess / (1.0 + h * self.slope(y))
+                # On a steep exponential, Newton's step is 1 at any distance from the root.
+                good = (step >= low) & (step <= high) & (np.abs(excess) <= 0.1 * before)
+                before = np.abs(excess)
+                y = np.where(good | done, step, 0.5 * (low + high))
+        return y
+
     @property
     def rises(self) -> Floats:
         """Slopes of the straight pieces from left to right; none of a g that has none."""
@@ -54,76 +78,6 @@ class Gain:
             return np.zeros(0)
         ends = np.array([self.breaks[0] - 2.0, *self.breaks, self.breaks[-1] + 2.0])
         return self.slope(0.5 * (ends[1:] + ends[:-1]))
-
-
-def _exponential_from_coordinate(q: Floats, h: Floats) -> Floats:
-    """Solve ``y + h exp(y) = q`` by the Wright omega function, without cancellation."""
-    from scipy.special import wrightomega
-
-    log_h = np.log(h)
-    omega = wrightomega(q + log_h)
-    large = omega > 1.0
-    return np.where(large, np.log(np.where(large, omega, 1.0)) - log_h, q - omega)
-
-
-def by_newton(
-    value: Callable[[Floats], Floats], slope: Callable[[Floats], Floats]
-) -> Callable[[Floats, Floats], Floats]:
-    """Return ``(q, h) -> y`` by Newton's method inside a bracket of the root.
-
-    ``y + h g(y)`` increases with a slope of at least 1, so the root lies between 0 and
-    ``q - h g(0)``. A step that leaves the bracket, or that follows a step that reduced the residual
-    to no less than a tenth, is replaced by the middle of the bracket.
-    """
-
-    def solve(q: Floats, h: Floats) -> Floats:
-        with np.errstate(over="ignore", invalid="ignore"):
-            far = q - h * value(np.zeros_like(q))
-            low, high = np.minimum(far, 0.0), np.maximum(far, 0.0)
-            y = np.zeros_like(q)
-            previous = np.full_like(q, np.inf)
-            for _ in range(NEWTON_STEPS):
-                excess = y + h * value(y) - q
-                low, high = np.where(excess <= 0, y, low), np.where(excess >= 0, y, high)
-                step = y - excess / (1.0 + h * slope(y))
-                # On a steep exponential, Newton's step is 1 at any distance from the root.
-                good = (step >= low) & (step <= high) & (np.abs(excess) <= 0.1 * previous)
-                previous = np.abs(excess)
-                following = np.where(good | (excess == 0), step, 0.5 * (low + high))
-                if np.all(np.abs(following - y) <= 4e-16 * np.abs(following)):
-                    return following
-                y = following
-        return y
-
-    return solve
-
-
-def straight(breaks: tuple[float, ...], slopes: tuple[float, ...]) -> Gain:
-    """Return the continuous g of straight pieces with ``g(0) = 0``.
-
-    `breaks`: where pieces meet, increasing; at a break the slope is that of the piece to the right.
-    `slopes`: slopes of the pieces from left to right, at least 0.
-    """
-    at, rise = np.array(breaks), np.array(slopes)
-    heights = np.concatenate([[0.0], np.cumsum(rise[1:-1] * np.diff(at))])
-    piece = int(np.searchsorted(at, 0.0, side="right"))  # the one through the origin
-    near = max(piece - 1, 0)
-    heights += rise[piece] * at[near] - heights[near]
-    knots, levels = (np.concatenate([x[:1], x]) for x in (at, heights))  # a point of each piece
-    offset = levels - rise * knots  # 0 on the piece through the origin
-
-    def value(y: Floats) -> Floats:
-        k = np.searchsorted(at, y, side="right")
-        return np.asarray(rise[k] * np.where(rise[k] == 0.0, 0.0, y) + offset[k])
-
-    def slope(y: Floats) -> Floats:
-        return np.asarray(rise[np.searchsorted(at, y, side="right")])
-
-    def from_coordinate(q: Floats, h: Floats) -> Floats:
-        k = (np.expand_dims(q, -1) >= at + np.expand_dims(h, -1) * heights).sum(axis=-1)
-        return np.asarray((q - h * offset[k]) / (1.0 + h * rise[k]))
-
-    return Gain(value, slope, from_coordinate, HUGE, breaks)
 
 
 def _softplus(y: Floats) -> Floats:
@@ -162,19 +116,30 @@ def _beyond_slope(y: Floats) -> Floats:
     return _sigmoid(K * (y - 1.0)) + _sigmoid(-K * (y + 1.0))
 
 
+def _within_one(y: Floats) -> Floats:
+    return np.where((y >= -1.0) & (y < 1.0), 1.0, 0.0)
+
+
 GAINS: Mapping[str, Gain] = OpenTable(
     "taction.amplifiers",
     {
-        "exponential": Gain(np.exp, np.exp, _exponential_from_coordinate, LARGEST_EXPONENT),
-        "sinh": Gain(np.sinh, np.cosh, by_newton(np.sinh, np.cosh), LARGEST_EXPONENT),
-        "softplus": Gain(_softplus, _sigmoid, by_newton(_softplus, _sigmoid), HUGE),
-        "tanh": Gain(np.tanh, _sech2, by_newton(np.tanh, _sech2), HUGE),
-        "stage": Gain(np.tanh, _sech2, by_newton(np.tanh, _sech2), HUGE),
-        "clamp": Gain(_clamped, _clamp_slope, by_newton(_clamped, _clamp_slope), HUGE),
-        "deadzone": straight((-1.0, 1.0), (1.0, 0.0, 1.0)),
-        "rectifier": straight((0.0,), (0.0, 1.0)),
-        "saturation": straight((-1.0, 1.0), (0.0, 1.0, 0.0)),
-        "limiter": Gain(_beyond, _beyond_slope, by_newton(_beyond, _beyond_slope), HUGE),
+        "exponential": Gain(np.exp, np.exp, LARGEST_EXPONENT),
+        "sinh": Gain(np.sinh, np.cosh, LARGEST_EXPONENT),
+        "softplus": Gain(_softplus, _sigmoid, HUGE),
+        "tanh": Gain(np.tanh, _sech2, HUGE),
+        "stage": Gain(np.tanh, _sech2, HUGE),
+        "clamp": Gain(_clamped, _clamp_slope, HUGE),
+        "deadzone": Gain(
+            lambda y: y - np.clip(y, -1.0, 1.0),
+            lambda y: np.asarray(1.0 - _within_one(y)),
+            HUGE,
+            (-1.0, 1.0),
+        ),
+        "rectifier": Gain(
+            lambda y: np.maximum(y, 0.0), lambda y: np.where(y >= 0.0, 1.0, 0.0), HUGE, (0.0,)
+        ),
+        "saturation": Gain(lambda y: np.clip(y, -1.0, 1.0), _within_one, HUGE, (-1.0, 1.0)),
+        "limiter": Gain(_beyond, _beyond_slope, HUGE),
     },
     Gain,
     part="gain",
@@ -200,14 +165,14 @@ def gain_of(kinds: tuple[str, ...]) -> Gain:
         return GAINS[several[0] if several else "tanh"]
     rows = [(GAINS[kind], np.flatnonzero(np.array(kinds) == kind)) for kind in several]
 
-    def joined(name: str) -> Callable[..., Floats]:
-        def function(*arguments: Floats) -> Floats:
-            values = np.empty(arguments[0].shape)
+    def joined(name: str) -> Callable[[Floats], Floats]:
+        def function(y: Floats) -> Floats:
+            values = np.empty(y.shape)
             for gain, row in rows:
-                values[row] = getattr(gain, name)(*(argument[row] for argument in arguments))
+                values[row] = getattr(gain, name)(y[row])
             return values
 
         return function
 
     upper = min(gain.upper for gain, _ in rows)
-    return Gain(joined("value"), joined("slope"), joined("from_coordinate"), upper)
+    return Gain(joined("value"), joined("slope"), upper)

@@ -50,11 +50,6 @@ class Triplets:
         np.maximum.at(found, self.rows, np.abs(self.values))
         return found
 
-    def dense(self, size: int) -> Floats:
-        """Return the matrix, shape (size, size)."""
-        sums = np.bincount(self.rows * size + self.columns, self.values, minlength=size**2)
-        return sums.astype(np.float64, copy=False).reshape(size, size)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coupling:
@@ -170,19 +165,9 @@ class Descriptor:
     @functools.cached_property
     def dense(self) -> DenseMatrix:
         """M and K as full matrices, without the amplifiers' slopes; shape (size, size) each."""
-        M, K = self.mass.dense(self.size), self._dense_stiffness()
+        M, K = self.summed(np.asarray, np.zeros(self.devices.count))
         M.flags.writeable = K.flags.writeable = False
         return DenseMatrix(M, K)
-
-    def _dense_stiffness(self) -> Floats:
-        flat, values = [self.local.rows * self.size + self.local.columns], [self.local.values]
-        for part in self.couplings:
-            drivers = part.drivers[part.loaded]
-            flat.append((part.sinks[:, None] * self.size + part.drivers).ravel())
-            flat.append((part.sinks[:, None] + drivers * self.size).ravel())
-            values += [part.conductance.ravel(), part.conductance[:, part.loaded].ravel()]
-        sums = np.bincount(np.concatenate(flat), np.concatenate(values), minlength=self.size**2)
-        return sums.astype(np.float64, copy=False).reshape(self.size, self.size)
 
     def summed(
         self, number: Callable[[Floats], NDArray[Any]], slopes: Floats
