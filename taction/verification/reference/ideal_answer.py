@@ -18,7 +18,7 @@ from taction.netlist_gen.scene.fields import LARGE, SMALL
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from taction.system import plugins
-from taction.system.array_types import Floats
+from taction.system.array_types import Bools, Floats
 from taction.system.errors import Complaint, InputError
 from taction.system.reading_definitions import SETTLING_BAND
 from taction.verification.reference.problem import Problem, Solution
@@ -94,7 +94,7 @@ def lambda_times_resistance(
     return volts / REGULARISERS[amplifier].weight / G0 / G0 / s
 
 
-PIECES, ROUNDS = 64, 10  # of an interval in each round of a search: 60 halvings
+HALVINGS = 50  # of an interval in the search for an instant
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,20 +119,18 @@ class Response:
         """
         limit = band * self.amplitude
 
-        def last_outside(time: Floats) -> int:
-            away = np.max(np.abs(self.outputs(time) - self.target), axis=1)
-            return int(np.flatnonzero(away > limit)[-1]) if np.any(away > limit) else -1
+        def outside(time: Floats) -> Bools:
+            return np.asarray(np.max(np.abs(self.outputs(time) - self.target), axis=1) > limit)
 
-        last = last_outside(self.time)
-        if limit == 0.0 or last < 0:
+        places = np.flatnonzero(outside(self.time))
+        if limit == 0.0 or not places.size:
             return 0.0
-        if last == len(self.time) - 1:
+        if places[-1] == len(self.time) - 1:
             return float("inf")
-        begin, end = self.time[last], self.time[last + 1]
-        for _ in range(ROUNDS):  # the ends are known; anew they may round to the other side
-            time = np.linspace(begin, end, PIECES + 1)
-            last = last_outside(time[1:-1]) + 1
-            begin, end = time[last], time[last + 1]
+        begin, end = self.time[places[-1] : places[-1] + 2].tolist()
+        for _ in range(HALVINGS):
+            middle = 0.5 * (begin + end)
+            begin, end = (middle, end) if outside(np.array([middle]))[0] else (begin, middle)
         return float(end)
 
 

@@ -5,7 +5,6 @@ See `modes` for what the residual says. Nothing that is stated depends on how ve
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,8 +32,7 @@ def find_modes(reduced: Reduced) -> Modes:
 
     LinAlgError: A is not finite.
     """
-    first = _refined(eigenmodes(reduced))
-    best = first
+    first = best = _refined(eigenmodes(reduced))
     if first.error > ENOUGH:
         ill = conditions(first)
         for limit, width in GROUPS:
@@ -47,7 +45,7 @@ def find_modes(reduced: Reduced) -> Modes:
                     best = grouped
             if best.error <= ENOUGH:
                 break
-    return (best if best is first else replace(best, other=first)).ordered
+    return best.ordered
 
 
 def refined_modes(modes: Modes) -> Modes:
