@@ -182,8 +182,7 @@ def verify_files(
     engine : {"auto", "ngspice", "statespace"}, optional
         Engine in the place of the scene's own.
     margins : bool
-        Show by what factor C may shrink and the gain may grow until the board oscillates; of an
-        unstable board, how far it is from stability in C, gain, stray capacitance and bandwidth.
+        Show by what factor C may shrink and the gain may grow until the board oscillates.
     jobs : int, optional
         Number of processes; by default one per core.
     progress : callable, optional

@@ -300,7 +300,7 @@ def _with_capacitance(
         return scene
     rest = own.record.check_value("steady_state") or 0.0
     off = accept is is_good and rest > scene.checks.steady_state.tolerance  # no C moves the rest
-    search = None if off else search_key(trials, path, accept=accept)
+    search = None if off else search_key(trials, path, accept)
     if search is None or not search.found:
         notes.append(f"{NO_C}: {own.refused or own.record.reason}")
         return None

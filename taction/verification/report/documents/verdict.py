@@ -16,7 +16,7 @@ from taction.system.documents import plain
 from taction.system.errors import TactionError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.output_files import printable
-from taction.verification.design.remedies import Remedies, StableRange, stable_ranges
+from taction.verification.design.remedies import Remedies
 from taction.verification.stability.margin import Margin
 from taction.verification.studies.regression.difference import StoredKey
 from taction.verification.verdict.answer_error import ErrorBudget, ErrorPart, difference
@@ -107,8 +107,7 @@ class VerdictBody:
         "stability.damping_ratio = record.figures.damping_ratio # of the rightmost pole",
         "stability.frequency [Hz] = verdict.poles.frequency # of the rightmost pole",
         *("stability.states = states", "stability.margin = record.figures.margin"),
-        "stability.margins? = margins # with --margins: of C and of the gain; of an unstable board"
-        " the nearest stable ranges",
+        "stability.margins? = margins # with --margins: of C and of the gain",
         "answer = verdict.answer",
         "error_budget = verification.report.documents.verdict:budget_parts(verdict.budget)",
         *("opamp_level", "headroom", "noise = verdict.noise"),
@@ -136,7 +135,7 @@ class VerdictBody:
 
     verdict: Verdict
     record: Record
-    margins: dict[str, Margin | StableRange] | None = None
+    margins: dict[str, Margin] | None = None
     remedies: Remedies | None = None
 
     @classmethod
@@ -162,17 +161,11 @@ class VerdictBody:
 
     def with_margins(self) -> VerdictBody:
         """Return the document with the stability margins, which cost a search of their own."""
-        from taction.verification.design.trials import Trials
         from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
         from taction.verification.stability.margin import margins
 
         verdict = self.verdict
-        found: dict[str, Margin | StableRange] = {
-            **margins(LinearBoard(verdict.circuit), verdict.poles)
-        }
-        if verdict.poles.known_unstable:
-            found |= {each.path: each for each in stable_ranges(Trials(verdict.scene))}
-        return replace(self, margins=found)
+        return replace(self, margins=margins(LinearBoard(verdict.circuit), verdict.poles))
 
 
 def verdict_document(verdict: Verdict) -> dict[str, Any]:

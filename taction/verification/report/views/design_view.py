@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -39,7 +39,7 @@ from taction.verification.design.choose import (
     first_of_each,
 )
 from taction.verification.design.fresh_scene import NewScene
-from taction.verification.design.remedies import Change, Remedies, StableRange
+from taction.verification.design.remedies import Change, Remedies
 from taction.verification.design.scaling import Scaled
 from taction.verification.design.trials import Trial
 from taction.verification.design.tune import Tuned
@@ -401,51 +401,21 @@ def _change_lines(scene: Scene, remedies: Remedies) -> Iterator[str]:
         names = ", ".join(map(spaced, remedies.unmendable))
         yield f"  no change of the design mends: {names}"
         return
-    edges = [text for each in remedies.stability if (text := edge_text(each))]
-    if edges:
-        yield f"  stable {', or '.join(edges)}"
-    if remedies.opamps:
-        yield f"  {'or' if edges else 'stable'} with {' or '.join(remedies.opamps)}"
     yield from (f"  {_change(scene, change)}" for change in remedies.changes)
-    for searched in remedies.without:
-        where, ends = "", (searched.least, searched.most)
-        if None not in ends:
-            unit = find_key(scene, searched.paths[0]).unit
-            where = " from {} to {}".format(*(show(end or 0.0, unit, 3) for end in ends))
-        yield f"  no tried value of {_names(searched.paths)}{where} makes the board pass"
-    keys = ", ".join(map(name_of, remedies.searched)) or "no key"
-    cut = ", ".join(map(_names, remedies.cut))
+    for searched in remedies.searches:
+        if searched.complete and not searched.found:
+            where, ends = "", (searched.least, searched.most)
+            if None not in ends:
+                unit = find_key(scene, searched.path).unit
+                where = " from {} to {}".format(*(show(end or 0.0, unit, 3) for end in ends))
+            yield f"  no tried value of {name_of(searched.path)}{where} makes the board pass"
+    keys = ", ".join(name_of(each.path) for each in remedies.searches) or "no key"
+    cut = ", ".join(name_of(each.path) for each in remedies.searches if not each.complete)
     rest = f"; not to the end: {cut} (--changes)" if cut else ""
     yield f"  searched {remedies.trials} changes of {keys}{rest}"
     if remedies.undecided:
         count = len(remedies.undecided)
         yield f"  {count} of them without a verdict, such as: {remedies.undecided[0]}"
-
-
-def _names(paths: Iterable[str]) -> str:
-    return " and ".join(map(name_of, paths))
-
-
-def edge_text(found: StableRange) -> str:
-    """Return the nearest edge of a stable range: ``"from C = 9.023 pF"``; empty without one."""
-    if found.edge is None:
-        return ""
-    side, word, other = "up to", "from", found.low
-    if found.edge == found.low:
-        side, word, other = "from", "to", found.high
-    text = f"{side} {name_of(found.path)} = {show(found.edge, found.unit)}"
-    return text if other is None else f"{text} ({word} {show(other, found.unit)})"
-
-
-def distance_text(found: StableRange) -> str:
-    """Return how far a board is from stability on one key."""
-    name, own = name_of(found.path), show(found.own, found.unit)
-    if found.reason:
-        return f"{name} = {own}: not known, {found.reason}"
-    if found.edge is None or found.factor is None:
-        ends = f"{show(found.least, found.unit)} to {show(found.most, found.unit)}"
-        return f"{name} = {own}: no value from {ends} makes the board stable"
-    return f"{name} = {own}: stable {edge_text(found)}, {found.factor:.4g} times the scene's value"
 
 
 def _change(scene: Scene, change: Change) -> str:
