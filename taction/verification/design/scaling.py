@@ -265,15 +265,6 @@ def find_scaling(
     return scaled, tuple(dict.fromkeys((*notes, *part_warnings(circuit))))
 
 
-def rescaled(scene: Scene) -> Scene:
-    """Return the scene with G0, U0 and s as `scale` has them, and a C with the same R C."""
-    before = topology_of(scene).facts(scene)["R"].value
-    scaled = with_resistors(scene, 1.0, [])
-    ratio = before / topology_of(scaled).facts(scaled)["R"].value
-    scaled = with_values(scaled, {"design.capacitance": scene.design.capacitance * ratio})
-    return _with_loads(scaled, SHARE, [])[0]
-
-
 def _at_voltage(scene: Scene, volts: float) -> Scene:
     """Return the scene with U0 of two digits, rounded down; G0 keeps R and lambda if it must."""
     digit = 10.0 ** (math.floor(math.log10(volts)) - 1)

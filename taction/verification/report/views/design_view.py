@@ -32,7 +32,6 @@ from taction.verification.design.choose import (
     G0,
     GAIN,
     NAMES,
-    U0,
     BestDesign,
     Choice,
     ChosenDesign,
@@ -68,12 +67,12 @@ WORST = (
     "Worst: the largest value over its limit; below 1 every check passes; -: a check that does not"
     " pass has no value."
 )
-UNITS = {CAPACITANCE: "F", GAIN: "ohm", G0: "S", U0: "V", FEEDBACK: "S"}
+UNITS = {CAPACITANCE: "F", GAIN: "ohm", G0: "S", FEEDBACK: "S"}
 
 
 def choice_view(choice: Choice) -> Page:
     """Return the page of a choice."""
-    scene, designs, best = choice.scene, choice.designs, choice.best
+    designs, best = choice.designs, choice.best
     passing = sum(design.good for design in designs)
     summary = f"{passing} of {len(designs)} designs pass with parts that can be bought."
     own = (
@@ -82,34 +81,15 @@ def choice_view(choice: Choice) -> Page:
         Section("Maps", lambda: _maps(designs, best), MAP, "page picture", ACROSS),
         Section("All designs", lambda: _table(designs)),
     )
-    lines = tuple(_moved(scene, designs))
-    if not best:
-        none = "No design passes; the table of op-amps has the nearest of each with its reason."
-        lines = (none, *lines)
+    none = "No design passes; the table of op-amps has the nearest of each with its reason."
     return Page(
-        title=scene.name,
+        title=choice.scene.name,
         command="taction design choose",
         outcome=choice.outcome,
         summary=summary,
-        lines=lines,
+        lines=() if best else (none,),
         sections=own,
     )
-
-
-def _moved(scene: Scene, designs: Sequence[ChosenDesign]) -> Iterator[str]:
-    """Yield which op-amps have another G0 than the scene, and why."""
-    own = scene.design.unit_conductance
-    moved = {
-        one.opamp: float(one.values[G0])
-        for one in designs
-        if G0 not in one.keys and one.values.get(G0, own) != own
-    }
-    if moved:
-        values = ", ".join(f"{name} {quantity(G0, 'S')}" for name, G0 in moved.items())
-        yield (
-            f"G0 is moved from {quantity(own, 'S')}, with U0, s and C, for op-amps whose input"
-            f" errors miss the limit of the steady state with the scene's resistors: {values}."
-        )
 
 
 def _pair(design: ChosenDesign) -> tuple[float, float]:
@@ -130,31 +110,18 @@ def _best(best: Sequence[BestDesign]) -> Iterator[Content]:
         outcome = said[design.place].outcome
         return Cell("not run") if outcome is None else Cell(outcome.value, None, outcome.value)
 
-    def built(design: ChosenDesign) -> Cell:
-        verdict = said[design.place].verdict
-        boards = None if verdict is None else verdict.answer.built
-        if boards is None or not boards.known:
-            return Cell("-" if boards is None else "not known")
-        if texts.rounded_up(boards.most, 2) < 1.0:
-            return Cell(f"at most {percent(boards.most)} pass", boards.most)
-        return Cell(f"{percent(boards.least)} or more rest within the limits", boards.most)
-
     designs = [one.design for one in best]
-    columns = {**_columns(designs), "built boards": built, "ngspice": ngspice}
-    answers = (one.verdict.answer.built for one in best if one.verdict is not None)
-    covers = next((each.covers for each in answers if each is not None), "")
-    note = f"Built boards vary in what stands here: {covers}." if covers else ""
-    yield Table.of("Best designs", designs, columns, note)
+    columns = {**_columns(designs), "ngspice": ngspice}
+    yield Table.of("Best designs", designs, columns)
     reasons = (f"{one.design.opamp}: {readable(one.reason)}" for one in best if one.reason)
     yield Notes("What ngspice says", tuple(reasons))
 
 
 def _opamps(designs: Sequence[ChosenDesign]) -> Table:
-    """Return the best design of each op-amp, and why it does not pass; `_table` has its G0, U0."""
+    """Return the best design of each op-amp, and why it does not pass."""
     passing = Counter(design.opamp for design in designs if design.good)
     more = {"passing": lambda each: passing[each.opamp], "outcome": _outcome}
-    left_out = NAMES[G0], NAMES[U0]
-    columns = {k: v for k, v in (_columns(designs) | more).items() if k not in left_out}
+    columns = _columns(designs) | more
     title, most = "The best design of each op-amp", {"terminal": SHOWN}
     return Table.of(title, first_of_each(designs), columns, "", most, "{} more: --json.")
 
@@ -179,9 +146,7 @@ def _outcome(design: ChosenDesign) -> Cell:
 def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Column]:
     bands = (band_text(check) for each in designs for check in each.record.checks)
     settling = f"settling {next(filter(None, bands), '')}".rstrip()
-    # Those that are searched, and G0 and U0 where they move: every design of a choice has them.
-    found = {**dict.fromkeys(designs[0].keys), G0: None, U0: None} if designs else {}
-    moved = [path for path in found if path in designs[0].values]
+    moved = designs[0].keys if designs else ()
     columns: dict[str, Column] = {
         "op-amp": "opamp",
         **{NAMES[path]: partial(_value, path=path, unit=UNITS[path], digits=3) for path in moved},
