@@ -255,7 +255,7 @@ TABLE = {
     ),
     "tune": Command(
         about="Find the gain with the least settling time.",
-        outputs=(picture("settling time against overshoot"), REPORT),
+        outputs=(picture("outputs and settling band of the design"), REPORT),
         files=own_file,
         parameters=(
             option("reach", type=NumberRange(1, 1000, min_open=True)),

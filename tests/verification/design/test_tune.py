@@ -32,7 +32,7 @@ from taction.verification.design.trials import (
     search,
     search_key,
 )
-from taction.verification.design.tune import Tuned, frontier
+from taction.verification.design.tune import Tuned
 from taction.verification.verdict.verify import verify
 from tests.support.entries import make_trial
 from tests.support.making import make_scene, write_matrix_scene
@@ -71,10 +71,6 @@ def test_the_board_becomes_faster_within_the_limits() -> None:
     assert found.after.overshoot <= 0.02
     assert found.after.good
     assert found.after.values["design.gain"] > 1e5
-    # No point of a fine grid that keeps the limits is much better.
-    assert len(found.frontier) >= 3  # gains of three digits
-    good = [c for c in found.frontier if c.overshoot <= 0.0198]
-    assert found.after.settling_time == pytest.approx(min(c.settling_time for c in good), rel=1e-9)
 
 
 def test_ngspice_verifies_what_was_found(ngspice: str) -> None:
@@ -95,17 +91,6 @@ def test_lambda_is_held_and_the_resistance_follows() -> None:
     before, after = synthesise(scene()).value, synthesise(tuned().scene).value
     assert after("lambda") == pytest.approx(before("lambda"), rel=1e-12)
     assert after("R") * after("gain") == pytest.approx(before("R") * before("gain"))
-
-
-def test_a_frontier_leaves_out_what_is_beaten_unstable_or_never_settles() -> None:
-    def candidate(settling: float, overshoot: float, *left: str) -> Trial:
-        return make_trial({}, settling, overshoot, left)
-
-    best = [candidate(3.0, 0.1), candidate(1.0, 0.2)]
-    beaten = [candidate(3.0, 0.2), candidate(4.0, 0.1), candidate(1.0, 0.3)]
-    no_design = [candidate(0.5, 0.0, "stability"), candidate(float("inf"), 0.0)]
-    no_design.append(make_trial({}, 0.5, 0.0, (), "resistors s below 100 ohm"))
-    assert frontier([*beaten, *best, *no_design]) == tuple(best)
 
 
 def test_the_scene_s_own_limits_are_the_defaults(monkeypatch: pytest.MonkeyPatch) -> None:

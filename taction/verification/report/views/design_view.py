@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -221,10 +220,6 @@ def _hover(design: ChosenDesign | None) -> str:
     return f"{_place(design, ' ')}: {outcome}, worst {share}"
 
 
-TRADE = "Settling time against overshoot of the designs on the trade-off curve; dotted: the limit."
-LEAST_REACH, EDGE = 1e-3, 0.12  # of the step, and of the width: around the points of the picture
-
-
 def tuning_view(result: Tuned) -> Page:
     """Return the page of a tuning."""
     verdict = result.verdict
@@ -232,14 +227,11 @@ def tuning_view(result: Tuned) -> Page:
     before, after = result.before.settling_time, result.after.settling_time
     lead = banded("settles", verdict.measurements.band).capitalize()
     summary = f"{lead} in {figure(after, 's')}, before: {figure(before, 's')}. {verified.summary}"
-    own = (
-        Section("Tuning", tuple(_blocks(result)), media="terminal page"),
-        Section("Trade-off", lambda: _tradeoff(result), media="page picture"),
-    )
+    own = Section("Tuning", tuple(_blocks(result)), media="terminal page")
     return replace(
         verified,
         summary=summary,
-        sections=(*own, *on_screen(verified, verdict)),
+        sections=(own, *on_screen(verified, verdict)),
         foot=(*verified.foot, "more: --report FILE"),
     )
 
@@ -256,7 +248,6 @@ def _blocks(tuning: Tuned) -> Iterator[Content]:
     yield Table.of("Before and after", designs, columns)
     yield {
         "designs tried": str(tuning.tried),
-        "designs on the trade-off curve": str(len(tuning.frontier)),
         "limit of the overshoot": percent(tuning.overshoot_limit, 4),
         f"margin of {first_knob(circuit)}": f"{tuning.margin:g}",
         "lambda, unchanged": circuit.facts["lambda"].text,
@@ -281,38 +272,6 @@ def _value(each: Trial | tuple[str, Trial], path: str, unit: str, digits: int) -
 
 def _key_name(path: str) -> str:
     return path.removeprefix("design.").replace("_", " ")
-
-
-def _tradeoff(tuning: Tuned) -> Chart:
-    """Return the frontier, the limit, and the designs before and after with their values."""
-    units, limit = {each.path: each.unit for each in tuning.ranges}, tuning.overshoot_limit
-
-    def text(trial: Trial) -> str:
-        pairs = trial.values.items()
-        return ", ".join(f"{_key_name(path)} {quantity(v, units[path])}" for path, v in pairs)
-
-    def curve(trials: Sequence[Trial], *look: Any, **more: Any) -> Curve:
-        places = [(each.overshoot, each.settling_time) for each in trials]
-        return Curve(*np.array(places).reshape(-1, 2).T, *look, **more)
-
-    frontier = sorted(tuning.frontier, key=lambda each: each.overshoot)
-    name, hover = "no design tried is better than these", tuple(map(text, frontier))
-    marks: list[Mark] = [curve(frontier, name, "true", mark="circle", hover=hover)]
-    first, last = ("before", tuning.before), ("after", tuning.after)
-    ends = [(*first, "square-open", "fail"), (*last, "star", "pass")]
-    for name, trial, mark, outcome in ends:
-        if math.isfinite(trial.settling_time + trial.overshoot):
-            title = f"{name}: {quantity(trial.settling_time, 's')}, {text(trial)}"
-            marks.append(curve([trial], title, outcome, "", mark, size=9.0))
-    every = np.array([(each.overshoot, each.settling_time) for _, each, *_ in ends])
-    known = [each.overshoot for each in frontier] + every[np.isfinite(every).all(1), 0].tolist()
-    low, high = min(known, default=limit), max(known, default=limit)
-    reach = max(high - low, 0.1 * high, LEAST_REACH)
-    said = f"overshoot limit, {figure(limit, 'step', 3)}"
-    marks.append(charts.Limit(limit, "x", said, "ink", "dot"))
-    shown = (max(0.0, low - EDGE * reach), high + EDGE * reach) if known else None
-    y = Axis(banded("settling_time", tuning.scene.checks.settling_time.band), "s", "log")
-    return Chart("Trade-off", Axis("overshoot", "step", limits=shown), y, tuple(marks), TRADE)
 
 
 def scaling_view(result: Scaled) -> Page:
