@@ -14,11 +14,11 @@ from taction.netlist_gen.scene.keys import Key, all_keys, files_of, own_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import plain
 from taction.system.errors import TactionError
-from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.output_files import printable
 from taction.verification.design.remedies import Remedies
 from taction.verification.stability.margin import Margin
 from taction.verification.studies.regression.difference import StoredKey
+from taction.verification.studies.running.versions import file_content
 from taction.verification.verdict.answer_error import ErrorBudget, ErrorPart, difference
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.record import Record, finite
@@ -66,10 +66,7 @@ def _written(scene: Scene, path: str) -> Any:
 def _content(scene: Scene, name: Any) -> str | None:
     if isinstance(name, np.ndarray):
         return hashlib.sha256(np.ascontiguousarray(name, dtype="<f8").tobytes()).hexdigest()
-    try:
-        return hashlib.sha256(read_bounded(scene.folder / str(name), LARGEST)).hexdigest()
-    except UnusableFileError:  # gone since the run
-        return None
+    return file_content(scene, str(name)).hex() or None  # it may be gone since the run
 
 
 @dataclass(frozen=True, slots=True)

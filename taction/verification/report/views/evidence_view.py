@@ -279,7 +279,7 @@ def _runs(study: WorkPrecisionStudy) -> Iterator[Content]:
     points = [point for method in _methods(study) for point in study.of(method)]
     columns = {
         **fields("method = method.name; setting = known_setting; status; time = seconds 3"),
-        **fields("steps; factorisations"),
+        **fields("steps"),
         "largest error": lambda each: Cell(_power(each.error), each.error),
     }
     yield Table.of("Wall times and errors", points, columns, _scale_text(study))

@@ -7,14 +7,12 @@ the store. A failed verification is a result like any other.
 from __future__ import annotations
 
 import csv
-import hashlib
 import math
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -36,7 +34,6 @@ from taction.netlist_gen.scene.keys import Value, files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import INLINE
 from taction.system.errors import MACHINE_FAILURES, Complaint, InputError, Interrupted, TactionError
-from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.output_files import check_extra, check_file, replacing
 from taction.system.progress import Notice, Progress, ask
 from taction.system.results import Result
@@ -44,7 +41,12 @@ from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.cluster import workers_at
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.running.study import Workers, attempted, study
-from taction.verification.studies.running.versions import digest, own_code, simulator_name
+from taction.verification.studies.running.versions import (
+    digest,
+    file_content,
+    own_code,
+    simulator_name,
+)
 from taction.verification.verdict.record import ERROR, FIGURES, Record
 from taction.verification.verdict.simulation import choose_engine
 from taction.verification.verdict.verify import verify
@@ -98,14 +100,7 @@ def grid_points(plan: Plan, places: Iterable[int] | None = None) -> Iterator[Gri
     scene = plan.scene.model_dump(by_alias=True, exclude={"name", "regression", "analysis"})
     analysis = plan.scene.analysis.model_dump(exclude={"engine", "timeout"})
     base = digest(own_code(), scene, analysis, simulator_name(plan.engine), plan.engine)
-    named = files_of(plan.scene)
-
-    @cache
-    def content(name: str) -> bytes:
-        with suppress(UnusableFileError):
-            return hashlib.sha256(read_bounded(plan.scene.folder / name, LARGEST)).digest()
-        return b""
-
+    named, content = files_of(plan.scene), cache(partial(file_content, plan.scene))
     for place in range(plan.points) if places is None else map(int, places):
         values = plan.values_at(place)
         names = [values.get(path, name) for path, name in named.items()]

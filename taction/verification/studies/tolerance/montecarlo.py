@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from taction.netlist_gen.scene.keys import files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError, Interrupted
@@ -27,7 +28,12 @@ from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.cluster import workers_at
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.running.study import Workers
-from taction.verification.studies.running.versions import digest, own_code, simulator_name
+from taction.verification.studies.running.versions import (
+    digest,
+    file_content,
+    own_code,
+    simulator_name,
+)
 from taction.verification.studies.tolerance.varied_board import (
     BoardSample,
     Quantity,
@@ -152,9 +158,9 @@ def _spread(quantity: Quantity, samples: list[BoardSample]) -> Quantity:
 
 def sample_keys(board: VariedBoard, seed: int) -> Callable[[int], bytes]:
     """Return the function that gives the key of a sample in a store, by its number."""
-    problem = (board.problem.matrix, board.problem.strain)
-    versions = own_code(), simulator_name(board.engine)
-    base = digest(*versions, board.scene, *problem, board.nominal, seed)
+    versions, scene = (own_code(), simulator_name(board.engine)), board.scene
+    files = [file_content(scene, n) for n in files_of(scene).values() if isinstance(n, str)]
+    base = digest(*versions, scene, files, seed)
     return lambda number: digest(base, number)
 
 

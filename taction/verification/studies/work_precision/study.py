@@ -8,7 +8,6 @@ over time as a function of the mean step.
 from __future__ import annotations
 
 import math
-import re
 import statistics
 import time as clock
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -20,7 +19,7 @@ from typing import Literal
 
 import numpy as np
 
-from taction.netlist_gen.analysis import SimulatedDeck, Transient
+from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
@@ -28,16 +27,11 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, SimulationError
-from taction.system.foreign_files import read_ends
 from taction.system.progress import Notice, Progress
 from taction.system.quantities import show
 from taction.system.results import Result
 from taction.system.waveforms import PHYSICAL_BOUND, Cost, Waveforms
 from taction.verification.engines.ngspice import process
-from taction.verification.engines.ngspice.evidence import (
-    Ending,
-    accepted_waveforms,
-)
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
@@ -53,8 +47,6 @@ from taction.verification.verdict.transient_plan import truncation_for
 BASE_POINTS = 125.0  # points per period of the task's transient
 COMPARED = 1000  # instants of a record that are compared with the reference, about
 LONGEST = 86400.0  # s: the study ends the process of a run that takes too long
-STEPS = re.compile(r"^Accepted timepoints = (\d+)", re.MULTILINE)
-ITERATIONS = re.compile(r"^Total iterations = (\d+)", re.MULTILINE)
 
 
 def thinned(run: Waveforms) -> Waveforms:
@@ -73,22 +65,9 @@ def ngspice(
     even = replace(transient, max_step=step, truncation=truncation_for(points))
     transient = replace(even, method=method)
     deck = write_deck(circuit, transient, solver=simulator.solver_option)
-    # The option acct makes ngspice print its steps and iterations.
-    deck = replace(deck, text=deck.text.replace("\n.options ", "\n.options acct ", 1))
     bound = PHYSICAL_BOUND * circuit.value("U0")
-
-    def accept(deck: SimulatedDeck, ending: Ending) -> tuple[Waveforms, str]:
-        log = read_ends(ending.folder / process.STREAMS[0], process.LONGEST_LOG)
-        return accepted_waveforms(deck, ending, engine=simulator.engine, bound=bound), log
-
-    with process.Simulation(deck, simulator, timeout=LONGEST, bound=bound) as run:
-        waveforms, log = run.accept(accept)
-    cost = waveforms.cost
-    if steps := STEPS.search(log):
-        cost = replace(cost, points=int(steps[1]))
-    iterations = ITERATIONS.search(log)
-    cost = replace(cost, factorisations=int(iterations[1]) if iterations else 0)
-    return _run(circuit, waveforms.time, outputs(circuit, waveforms), cost)
+    found = process.simulate(deck, simulator, timeout=LONGEST, bound=bound)
+    return _run(circuit, found.time, outputs(circuit, found), found.cost)
 
 
 def exact(
@@ -188,7 +167,7 @@ class SettingResult:
     """The results of one setting of one method."""
 
     DOCUMENT = (
-        *("setting = known_setting", "status", "seconds [s]", "steps", "factorisations"),
+        *("setting = known_setting", "status", "seconds [s]", "steps"),
         *("mean_step [s]", "error", "reference", "note"),
     )
 
@@ -197,7 +176,6 @@ class SettingResult:
     status: str = "done"  # or "timeout" or "failed"
     seconds: float | None = None  # median of the wall times, s; of a time-out its limit
     steps: int | None = None  # of one run
-    factorisations: int | None = None  # of one run
     mean_step: float | None = None  # length of the record over its steps, s
     error: float | None = None  # largest over time and channels, over the step amplitude
     reference: str = ""
@@ -431,7 +409,6 @@ def _ladder(
             point,
             seconds=statistics.median(times),
             steps=run.cost.points,
-            factorisations=run.cost.factorisations or None,
             mean_step=stop / run.cost.points if run.cost.points else None,
         )
         yield point, thinned(run)
