@@ -297,7 +297,7 @@ TABLE = {
         outputs=(
             output(
                 "export",
-                "Write a table (.csv, .parquet) or grid (.nc).",
+                "Write a table (.csv, .parquet).",
                 "verification.studies.sweep.sweep:export_sweep",
                 check="verification.studies.sweep.sweep:check_sweep_export",
             ),

@@ -208,8 +208,8 @@ def test_the_document_has_the_address(tmp_path: Path, monkeypatch: pytest.Monkey
         ("verify a.toml --plot x.svg", "matplotlib: pip install 'taction[plot]'"),
         ("simulate a.toml -o x.parquet",
          "pyarrow: pip install 'taction[parquet]'; or write .csv or .raw"),
-        ("sweep a.toml --over C=1pF,2pF --export x.nc",
-         "xarray: pip install 'taction[netcdf]'; or write .csv"),
+        ("sweep a.toml --over C=1pF,2pF --export x.parquet",
+         "pyarrow: pip install 'taction[parquet]'; or write .csv"),
         ("mcp .", "mcp: pip install 'taction[mcp]'"),
     ],
 )  # fmt: skip

@@ -116,7 +116,6 @@ EXTRAS = (
     ("plotly", "--report", "pip install 'taction[report]'"),
     ("starlette", "explore", "pip install 'taction[explore]'"),
     ("pyarrow", "waveforms and sweeps as Parquet", "pip install 'taction[parquet]'"),
-    ("xarray", "sweeps as netCDF", "pip install 'taction[netcdf]'"),
     ("spicelib", "diff with raw files in text or of LTspice", "pip install 'taction[raw]'"),
     ("mcp", "mcp: tools for programs", "pip install 'taction[mcp]'"),
     ("pandas", "to_pandas() of studies, in Python", "pip install 'taction[data]'"),

@@ -185,8 +185,7 @@ def computed(
 
 TEXT_COLUMNS = ("outcome", "failure", "state", "simulator", "reason")
 OUTCOMES = ("pass", "fail", "inconclusive", "error")
-EXTRAS = {".csv": "", ".parquet": "parquet", ".nc": "netcdf"}  # of taction, by ending
-UNITS = {"step": "1", "": "1"}  # the unit of a plain number in the conventions of netCDF
+EXTRAS = {".csv": "", ".parquet": "parquet"}  # of taction, by ending
 
 
 def all_records(plan: Plan, store: Store) -> Iterator[dict[str, Any] | None]:
@@ -272,34 +271,6 @@ class SweepResult(Result):
 
         return pd.DataFrame(_rows(self), columns=[*_columns(self.plan)])
 
-    def to_xarray(self) -> Any:
-        """Return an ``xarray.Dataset``: the axes are its coordinates.
-
-        InputError: xarray is not installed.
-        """
-        check_extra("data", "to_xarray")
-        import xarray as xr
-
-        plan, arrays = self.plan, grids(self)
-        dimensions = [group[0].name for group in plan.groups]
-        coordinates: dict[str, Any] = {}
-        for group, dimension in zip(plan.groups, dimensions, strict=True):
-            for axis in group:
-                values = axis.values if axis.key.kind != "choice" else map(str, axis.values)
-                about = {"long_name": axis.key.path, "units": axis.key.unit or "1"}
-                coordinates[axis.name] = (dimension, list(values), about)
-        variables: dict[str, Any] = {
-            name: (dimensions, arrays[name], {"units": UNITS.get(unit, unit)})
-            for name, (kind, unit) in _columns(plan).items()
-            if kind == "real" and name not in coordinates
-        }
-        places = np.arange(len(OUTCOMES), dtype=np.int8)
-        flags = {"flag_values": places, "flag_meanings": " ".join(OUTCOMES)}
-        variables["outcome"] = (dimensions, arrays["outcome"], flags)
-        about = {"scene": plan.scene.name, "engine": plan.engine}
-        about |= {"Conventions": "CF-1.8", "source": "taction sweep"}
-        return xr.Dataset(variables, coordinates, about)
-
 
 def sweep(
     scene: str | Path | Scene,
@@ -356,7 +327,7 @@ def sweep(
     Returns
     -------
     SweepResult
-        `to_pandas`, `to_xarray`, `plot` and `records` give the points.
+        `to_pandas`, `plot` and `records` give the points.
 
     Raises
     ------
@@ -433,12 +404,10 @@ def check_sweep_export(path: str) -> None:
 
 
 def export_sweep(result: SweepResult, path: str) -> None:
-    """Write every point of a sweep to `path`, a row each; of netCDF it is the grid."""
+    """Write every point of a sweep to `path`, a row each."""
     check_sweep_export(path)
     with replacing(path) as temporary:
         match Path(path).suffix.lower():
-            case ".nc":
-                result.to_xarray().to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
             case ".parquet":
                 import pyarrow as pa
                 import pyarrow.parquet
