@@ -165,7 +165,6 @@ def verify(
 def verify_files(
     scenes: Sequence[str | Path],
     *,
-    exclude: Sequence[str] = (),
     engine: str | None = None,
     margins: bool = False,
     jobs: int | None = None,
@@ -177,8 +176,6 @@ def verify_files(
     ----------
     scenes : sequence of path
         Scene files, and folders: all their files ``*.toml``.
-    exclude : sequence of str
-        Leave out files whose name or path matches: ``draft-*``. Repeat it for several patterns.
     engine : {"auto", "ngspice", "statespace"}, optional
         Engine in the place of the scene's own.
     margins : bool
@@ -196,24 +193,24 @@ def verify_files(
     Raises
     ------
     InputError
-        A folder without scenes, or a pattern that matches no file.
+        A folder without scenes.
     Interrupted
         Ctrl-C; its `result` has the finished scenes.
 
     Examples
     --------
     >>> import taction
-    >>> exclude = ["[beiklnrtw]*", "*-exponential.toml"]
-    >>> found = taction.verify_files(["scenes"], exclude=exclude, jobs=1)
+    >>> files = ["scenes/custom-matrix.toml", "scenes/paper-breadboard.toml"]
+    >>> found = taction.verify_files(files, jobs=1)
     >>> found.outcome, found.count()
-    ('pass', {'pass': 3})
+    ('pass', {'pass': 2})
     """
     from taction.system.documents import plain
     from taction.system.errors import Interrupted
     from taction.system.results import load
     from taction.verification.studies.scene_files import scene_files
 
-    files = scene_files([str(name) for name in scenes], exclude)
+    files = scene_files([str(name) for name in scenes])
     from taction.verification.studies.running.study import for_each
     from taction.verification.studies.scene_files import VerifiedFiles, not_verified, verify_file
 

@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from taction.verification.studies.running.study import HERE, WorkerDiedError, Wo
 from taction.verification.studies.sweep.sweep import (
     Plan,
     all_records,
+    grid_points,
     sweep,
     sweep_points,
 )
@@ -158,6 +160,15 @@ def test_a_changed_file_is_another_problem(tmp_path: Path, workers: Workers) -> 
     assert [run(sweep_of, path, workers)[0][0] for _ in range(2)] == [1, 0]
     write_matrix_scene(tmp_path, [[1.0, 0.3], [0.2, 1.0]], [1.0, 0.5], IDEAL)
     assert run(sweep_of, path, workers)[0][0] == 1
+    own = tmp_path / "own.opamp.json"
+    opamp = asked.design.opamp.model_copy(update={"file": own.name})
+    with_file = asked.design.model_copy(update={"opamp": opamp})
+    other = replace(sweep_of, scene=asked.model_copy(update={"design": with_file}))
+    keys = set()
+    for content in ("a", "b"):
+        own.write_text(content)
+        keys |= {key for *_, key in grid_points(other)}
+    assert len(keys) == 2
 
 
 def failing(error: Exception) -> Workers:
