@@ -239,6 +239,9 @@ STUDIES: dict[str, Callable[[], Page]] = {
     "tune": lambda: design.tuning_view(tuned()),
     "sweep, a map": lambda: _sweep("C=10pF:100pF:4", "gain=10k:100k:3"),
     "sweep, a curve": lambda: _sweep("C=10pF:100pF:8"),
+    "sweep, three axes": lambda: _sweep(
+        "C=10pF:100pF:3", "gain=10k:100k:2", "stray_capacitance=1pF:9pF:2"
+    ),
     "sweep, only op-amps": lambda: _sweep("opamp.base=ua741,op27,tl084"),
     "sweep, op-amps": lambda: _sweep("opamp.base=ua741,op27", "C=10pF:100pF:3"),
     "accuracy": lambda: evidence.accuracy_view(work_precision()),
