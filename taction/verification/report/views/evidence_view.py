@@ -220,7 +220,6 @@ def accuracy_view(study: WorkPrecisionStudy) -> Page:
         sections=(
             Section("Error against run time", partial(_charts, study), media="page picture"),
             Section("Runs", tuple(_runs(study)), media="terminal page"),
-            Section("Order of convergence", _orders(study), media="terminal page"),
             Section("Cheapest settings", _cheapest(study), media="terminal page"),
             Section("Left out", Notes("", study.omissions), media="terminal page"),
             origin_section(study.scene),
@@ -317,14 +316,3 @@ def _cheapest(study: WorkPrecisionStudy) -> Table:
     }
     note = "Largest error over time on the board, as measured."
     return Table.of("Cheapest setting that reaches an error", rows, columns, note)
-
-
-def _orders(study: WorkPrecisionStudy) -> Table:
-    columns: dict[str, Column] = {
-        "method": "method.name",
-        "fitted": lambda each: each.order and Cell(f"{each.order:.2f}", each.order),
-        "theory": "method.theory",
-    }
-    shown = (each for each in study.ladders if each.method.setting)
-    note = "Median slope of the largest error over time, against the mean step."
-    return Table.of("Order of convergence", shown, columns, note)
