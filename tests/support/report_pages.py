@@ -182,8 +182,8 @@ def _choice(settling: str = "1ms") -> Page:
 def _setting(method: Method, setting: float, k: int) -> SettingResult:
     seconds = 0.01 * 2.0**k
     return SettingResult(
-        method, setting, "done", seconds, 100 * 2**k, None,
-        1e-7 * 0.5**k, 1e-2 * 0.25**k, "another", HOSTILE if k else "",
+        method, setting, "done", seconds, 100 * 2**k, 1e-2 * 0.25**k, "another",
+        HOSTILE if k else "",
     )  # fmt: skip
 
 
