@@ -8,7 +8,7 @@ is allowed, 0.7 of 90 % of the slew rate, the required margin over the margin.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,11 +21,9 @@ from taction.netlist_gen.scene.axes import (
     LIMITS,
     Point,
     SweepAxis,
-    percentages,
     tried,
     with_values,
 )
-from taction.netlist_gen.scene.check_keys import unitless_times
 from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value, find_key, write_scene
@@ -40,7 +38,7 @@ from taction.system.errors import (
     SimulatorTooOld,
 )
 from taction.system.output_files import check_own_folder, make_folder
-from taction.system.progress import Progress, ask
+from taction.system.progress import Progress
 from taction.system.quantities import fraction, number
 from taction.system.reading_definitions import READINGS
 from taction.system.results import Result
@@ -402,8 +400,6 @@ def choose(
         points,
         named,
     )
-    ask(_unitless({"settling_time": settling, "rise_time": rise}), progress)
-    ask(percentages(plan.scene), progress)
     with Store(":memory:" if store is None else str(store)) as results:
         computed(plan, results, jobs=jobs, cluster=cluster, progress=progress)
         ranked = designs(plan, results, ANY_PART if any_part else None)
@@ -424,15 +420,9 @@ def _number(option: str, given: str | float | None) -> float | None:
     if given is None:
         return None
     text = str(given).strip()
-    try:
-        return fraction(text) if option == "--overshoot" else number(text)
-    except ValueError:
-        complaint = Complaint("value", repr(given), "expected a number, such as 0.05 or 5%")
-        raise InputError(option, complaint) from None
-
-
-def _unitless(times: Mapping[str, str | float | None]) -> Iterator[str]:
-    """Yield the times of the limits that have no unit and are long for a board."""
-    for name, given in times.items():
-        with suppress(TypeError, ValueError):  # None, or a text with a unit
-            yield from unitless_times({"checks": {name: {"max": float(given or "")}}})
+    with suppress(ValueError):
+        value = fraction(text) if option == "--overshoot" else number(text)
+        if option != "--overshoot" or value <= 1.0:
+            return value
+    complaint = Complaint("value", repr(given), "expected a number, such as 0.05 or 5%")
+    raise InputError(option, complaint)
