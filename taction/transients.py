@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from taction.netlist_gen.scene.scene import Scene
     from taction.system.progress import Progress
     from taction.verification.design.remedies import Remedies
-    from taction.verification.studies.regression.difference import Curves, VerdictDifference
+    from taction.verification.studies.regression.difference import VerdictDifference
     from taction.verification.studies.scene_files import VerifiedFiles
     from taction.verification.verdict.run import MeasuredTransient
     from taction.verification.verdict.verify import Verdict
@@ -165,7 +165,6 @@ def verify(
 def verify_files(
     scenes: Sequence[str | Path],
     *,
-    exclude: Sequence[str] = (),
     engine: str | None = None,
     margins: bool = False,
     jobs: int | None = None,
@@ -177,13 +176,10 @@ def verify_files(
     ----------
     scenes : sequence of path
         Scene files, and folders: all their files ``*.toml``.
-    exclude : sequence of str
-        Leave out files whose name or path matches: ``draft-*``. Repeat it for several patterns.
     engine : {"auto", "ngspice", "statespace"}, optional
         Engine in the place of the scene's own.
     margins : bool
-        Show by what factor C may shrink and the gain may grow until the board oscillates; of an
-        unstable board, how far it is from stability in C, gain, stray capacitance and bandwidth.
+        Show by what factor C may shrink and the gain may grow until the board oscillates.
     jobs : int, optional
         Number of processes; by default one per core.
     progress : callable, optional
@@ -197,24 +193,24 @@ def verify_files(
     Raises
     ------
     InputError
-        A folder without scenes, or a pattern that matches no file.
+        A folder without scenes.
     Interrupted
         Ctrl-C; its `result` has the finished scenes.
 
     Examples
     --------
     >>> import taction
-    >>> exclude = ["[beiklnrtw]*", "*-exponential.toml"]
-    >>> found = taction.verify_files(["scenes"], exclude=exclude, jobs=1)
+    >>> files = ["scenes/custom-matrix.toml", "scenes/paper-breadboard.toml"]
+    >>> found = taction.verify_files(files, jobs=1)
     >>> found.outcome, found.count()
-    ('pass', {'pass': 3})
+    ('pass', {'pass': 2})
     """
     from taction.system.documents import plain
     from taction.system.errors import Interrupted
     from taction.system.results import load
     from taction.verification.studies.scene_files import scene_files
 
-    files = scene_files([str(name) for name in scenes], exclude)
+    files = scene_files([str(name) for name in scenes])
     from taction.verification.studies.running.study import for_each
     from taction.verification.studies.scene_files import VerifiedFiles, not_verified, verify_file
 
@@ -289,15 +285,14 @@ def diff(
 ) -> VerdictDifference:
     """Compare two boards: the keys or parts that differ, then the readings.
 
-    A and B are scenes, verdicts that `taction verify SCENE --json` stored (.json), decks (.cir,
-    .sp, .net, .spice, .ckt), or raw files of a transient (.raw), of which one is compared with a
-    scene or a deck.
+    A and B are scenes, decks (.cir, .sp, .net, .spice, .ckt), or raw files of a transient (.raw),
+    of which one is compared with a scene or a deck.
 
     Parameters
     ----------
     first, second : path, Scene or Verdict
-        A scene, a stored verdict, a deck, a raw file, or a verdict. A scene beside a deck stands
-        for the deck that it writes.
+        A scene, a deck, a raw file, or a verdict. A scene beside a deck stands for the deck that it
+        writes.
     engine : {"auto", "ngspice", "statespace"}, optional
         Engine in the place of the scene's own.
 
@@ -328,43 +323,30 @@ def diff(
     0
     """
     from taction.verification.studies.regression.difference import (
+        compare_circuits,
         compare_verdicts,
         is_circuit,
         refuse_pair,
-        stored_verdict,
     )
 
     refuse_pair(first, second)
     if is_circuit(first) or is_circuit(second):
-        from taction.verification.studies.regression.difference import compare_circuits
-
         progress("decks")
         return compare_circuits(first, second, agree)
-    from taction.system.documents import plain
     from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.report.documents.verdict import scene_keys
     from taction.verification.verdict.verify import Verdict
 
-    def document(one: str | Path | Scene | Verdict) -> tuple[dict[str, Any], Curves | None]:
-        if isinstance(one, str | Path) and _is_stored(one):  # else it is read
-            return stored_verdict(one), None
-        found = one if isinstance(one, Verdict) else verify(one, engine=engine, progress=progress)
-        return dict(plain(found)), lambda: (found.waveforms.time, found.u)
-
-    read = [
-        one if isinstance(one, Verdict) or _is_stored(one) else read_scene(one, engine)
-        for one in (first, second)
-    ]  # both, before one is simulated
-    (one, curve), (two, other) = map(document, read)
-    name, named = (
-        str(given) if isinstance(given, str | Path) else str(found["scene"])
-        for given, found in ((first, one), (second, two))
+    given = first, second
+    read = [one if isinstance(one, Verdict) else read_scene(one, engine) for one in given]
+    one, two = (
+        each if isinstance(each, Verdict) else verify(each, progress=progress) for each in read
     )
-    return compare_verdicts(one, two, (name, named), (curve, other))
-
-
-def _is_stored(one: str | Path | Scene) -> bool:
-    """Whether a board is the document of a verdict."""
-    return isinstance(one, str | Path) and str(one).lower().endswith(".json")
+    name, named = (
+        str(place) if isinstance(place, str | Path) else found.scene.name
+        for place, found in zip(given, (one, two), strict=True)
+    )
+    return compare_verdicts(one, two, (scene_keys(one.scene), scene_keys(two.scene)), (name, named))
 
 
 def explore(

@@ -255,7 +255,7 @@ TABLE = {
     ),
     "tune": Command(
         about="Find the gain with the least settling time.",
-        outputs=(picture("settling time against overshoot"), REPORT),
+        outputs=(picture("outputs and settling band of the design"), REPORT),
         files=own_file,
         parameters=(
             option("reach", type=NumberRange(1, 1000, min_open=True)),
@@ -297,7 +297,7 @@ TABLE = {
         outputs=(
             output(
                 "export",
-                "Write a table (.csv, .parquet) or grid (.nc).",
+                "Write a table (.csv, .parquet).",
                 "verification.studies.sweep.sweep:export_sweep",
                 check="verification.studies.sweep.sweep:check_sweep_export",
             ),

@@ -35,7 +35,7 @@ LEAST_MEMORY = 400_000_000  # bytes of address space: numpy and SciPy need 230 M
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # of a stream that takes no more
 LACKING = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM, errno.EROFS, errno.EACCES, *FULL)
 """What a system refuses to a program that is right."""
-TWO_BOARDS = "two scene files, decks (.cir), records (.raw), or stored verdicts (.json)"
+TWO_BOARDS = "two scene files, decks (.cir), or records (.raw)"
 ARGUMENTS = {
     "scene": "a scene file, such as board.toml; `taction new board.toml` writes one",
     "folder": "a folder with scene files",

@@ -37,8 +37,9 @@ WITHDRAWN = {
     "refine": "It was withdrawn: simulate the board again with the residual as its strain;"
     " 'Refinement' in docs/closed-loop.md has the theory.",
     "choose --topology": "A choice is of one topology: set design.topology of the scene.",
-    "montecarlo --remedy": "Set a better grade in [tolerances] for parts of the table of causes.",
+    "montecarlo --remedy": "Set a better grade in [tolerances] for parts that the corners name.",
     "montecarlo --no-remedy": "Leave it out: no samples are drawn again.",
+    "verify --exclude": "Name the scenes, or keep drafts in a folder of their own.",
     "sweep --retry": "The same command computes points without a verdict again.",
     "sweep --keep-waveforms": "Write the waveforms of a board with 'taction export waveforms'.",
 }

@@ -135,7 +135,7 @@ def _annotate(documents: Iterable[Mapping[str, Any]], call: Call) -> None:
 def _several(options: Mapping[str, Any]) -> Command | None:
     """Return the job of several scenes, or that of --solve; None for one scene."""
     scenes = options["scenes"]
-    alone = len(scenes) == 1 and not Path(scenes[0]).is_dir() and not options["exclude"]
+    alone = len(scenes) == 1 and not Path(scenes[0]).is_dir()
     if options["solution"]:
         if not alone:
             raise click.UsageError("--solve is for one scene")
@@ -164,7 +164,7 @@ VERIFY_FILES = Command(
     outputs=(JUNIT,),
     schema="verify-files",
     after=lambda found, call: _annotate(found.documents, call),
-    lacks="shows one board; give one scene file, without --exclude and --junit",
+    lacks="shows one board; give one scene file, without --junit",
 )
 SOLUTION = Command(
     function="solve",
@@ -196,7 +196,6 @@ VERIFY = Command(
             is_flag=True,
             help="Print the numerical solution with its certificate, without any circuit.",
         ),
-        option("exclude", multiple=True, metavar="PATTERN", of="verify_files"),
         JUNIT,
         ANNOTATE,
         replace(OPTIONS["jobs"], of="verify_files"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 import subprocess
@@ -11,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from taction.verification.studies.regression.difference import compare_verdicts
+from taction.verification.studies.regression.difference import VerdictDifference
+from taction.verification.verdict.record import Record, compare, within_uncertainties
 from tests.support.entries import write_fast
 from tests.support.paths import SCENES
 from tests.support.running import document, taction
@@ -45,21 +45,6 @@ def test_keys_come_first_with_their_defaults_then_readings_beyond_the_bounds(
     assert text.index("Keys") < text.index("Readings")
 
 
-def test_stored_documents_are_compared_without_a_run(tmp_path: Path) -> None:
-    scene = str(write_fast(tmp_path / "a.toml"))
-    stored = tmp_path / "a.json"
-    stored.write_text(taction("verify", scene, "--json").stdout, encoding="utf-8")
-    assert taction("diff", str(stored), scene, "--json").exit_code == 0
-    known = json.loads(stored.read_text())
-    bound = known["channels"][1]["uncertainties"]["settling_time"]
-    known["channels"][1]["settling_time"] += 1.9 * bound
-    stored.write_text(json.dumps(known))
-    assert taction("diff", str(stored), scene).exit_code == 0
-    known["channels"][1]["settling_time"] += 0.2 * bound
-    stored.write_text(json.dumps(known))
-    assert taction("diff", str(stored), scene).exit_code == 1
-
-
 def test_a_file_of_the_same_name_with_another_content_is_a_difference(tmp_path: Path) -> None:
     scenes = []
     for folder, entry in (("a", "1.0"), ("b", "1.1")):
@@ -75,37 +60,14 @@ def test_a_file_of_the_same_name_with_another_content_is_a_difference(tmp_path: 
 
 
 def test_an_unknown_bound_leaves_the_question_open() -> None:
-    def one(value: float) -> dict[str, Any]:
-        return {
-            "outcome": "pass",
-            "checks": [],
-            "channels": [],
-            "engine": "statespace",
-            "keys": {},
-            "step_amplitude": value,
-            "step_amplitude_uncertainty": None,
-            "stability": {"rightmost_pole": [-1.0, 0.0], "rightmost_pole_uncertainty": 0.0},
-        }
+    def one(value: float) -> Record:
+        return Record("pass", "statespace", figures={"step_amplitude": value})
 
-    assert compare_verdicts(one(1.0), one(1.0), ("a", "b")).exit_status == 0
-    assert compare_verdicts(one(1.0), one(2.0), ("a", "b")).exit_status == 3
+    def status(first: float, second: float) -> int:
+        readings = compare(one(first), one(second), within_uncertainties)
+        return VerdictDifference("a", "b", (), readings).exit_status
 
-
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("{", "expected the document of one verdict"),
-        ("[1]", "the document = a list of 1: expected a table"),
-        ('{"verdicts": []}', "several scenes"),
-        ('{"scene": "a"}', "outcome: missing; expected the document"),
-    ],
-)
-def test_what_is_no_verdict_is_refused(tmp_path: Path, text: str, reason: str) -> None:
-    stored = tmp_path / "a.json"
-    stored.write_text(text)
-    result = taction("diff", str(stored), str(stored))
-    assert result.exit_code == 2
-    assert reason in result.stderr
+    assert (status(1.0, 1.0), status(1.0, 2.0)) == (0, 3)
 
 
 RC = """a low pass
@@ -206,7 +168,7 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
     raw.write_text("no raw file")
     scene = str(write_fast(tmp_path / "a.toml"))
     for pair, reason in (
-        ((str(stored), deck), "a stored verdict has no circuit to compare with"),
+        ((str(stored), deck), "`taction regress` compares with stored results"),
         ((str(tmp_path / "b.cir"), deck), "No such file or directory"),
         ((str(raw), str(raw)), "a second record; expected the scene or the deck"),
         ((scene, str(raw)), "does not begin with 'Title:'"),

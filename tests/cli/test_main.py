@@ -142,7 +142,7 @@ def complete(shell: str, *words: str) -> str:
 def test_every_shell_completes_commands_and_options(shell: str) -> None:
     assert "verify" in complete(shell, "ver")
     assert "netlist" not in complete(shell, "ver")
-    assert "--exclude" in complete(shell, "verify", "--ex")
+    assert "--margins" in complete(shell, "verify", "--mar")
 
 
 FOLDER = ROOT / "docs" / "schemas"

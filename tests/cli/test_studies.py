@@ -96,7 +96,8 @@ def three_scenes(tmp_path: Path) -> Path:
 
 
 def test_the_table_has_a_row_for_each_scene_and_the_reasons_below(three_scenes: Path) -> None:
-    result = taction("verify", str(three_scenes), "--exclude", "draft-*", "--jobs", "1")
+    (three_scenes / "draft-1.toml").unlink()
+    result = taction("verify", str(three_scenes), "--jobs", "1")
     assert result.exit_code == 1
     assert f"{three_scenes}/good.toml" in result.stdout
     assert "settles to ±1 % in " in result.stdout
@@ -161,8 +162,7 @@ def test_annotations_stand_on_stderr_where_github_runs(
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (("--exclude", "*.toml"), "leaves no scene"),
-        (("--exclude", "typo-*"), "matches no file"),
+        (("--exclude", "draft-*"), "Name the scenes"),
         (("--plot", "board.png"), "shows one board"),
     ],
 )
@@ -208,8 +208,8 @@ def test_the_document_has_the_address(tmp_path: Path, monkeypatch: pytest.Monkey
         ("verify a.toml --plot x.svg", "matplotlib: pip install 'taction[plot]'"),
         ("simulate a.toml -o x.parquet",
          "pyarrow: pip install 'taction[parquet]'; or write .csv or .raw"),
-        ("sweep a.toml --over C=1pF,2pF --export x.nc",
-         "xarray: pip install 'taction[netcdf]'; or write .csv"),
+        ("sweep a.toml --over C=1pF,2pF --export x.parquet",
+         "pyarrow: pip install 'taction[parquet]'; or write .csv"),
         ("mcp .", "mcp: pip install 'taction[mcp]'"),
     ],
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Documents: stored verdicts, imported op-amps, baselines, and databases of studies."""
+"""Documents: imported op-amps, baselines, and databases of studies."""
 
 from __future__ import annotations
 
@@ -13,11 +13,9 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-import taction
 from taction.netlist_gen.board.opamp_choice import as_opamp, from_document, to_document
 from taction.system.documents import plain
 from taction.system.errors import Complaint, InputError
-from taction.verification.report.renderers.terminal import page_text
 from taction.verification.studies.regression.regress import baseline_text, load_baseline
 from taction.verification.studies.running.store import Store
 from taction.verification.verdict.record import Record
@@ -25,7 +23,6 @@ from tests.fuzz.edits import BYTE_EDITS, IN_PLACE, VALUE_EDIT, Target, edited
 from tests.support.entries import entry, make_record
 from tests.support.paths import DATA
 
-VERDICT = (DATA / "verdict.json").read_bytes()
 OPAMP = (DATA / "fet100.opamp.json").read_bytes()
 VALUES: tuple[Any, ...] = (
     *(None, True, False, 0, -1, 1, 2.5, -0.0, 1e-300, 1e308, -1e308, 10**40, 10**400, -(10**400)),
@@ -70,16 +67,6 @@ def _inputs(content: bytes) -> st.SearchStrategy[bytes]:
     return st.one_of(damaged(content), damaged(content), edited([content], [*BYTE_EDITS]))
 
 
-def _examine_verdict(content: bytes, folder: Path) -> str:
-    """Compare with the whole one, show it, and write its document."""
-    (folder / "a.json").write_bytes(content)
-    (folder / "b.json").write_bytes(VERDICT)
-    found = taction.diff(folder / "a.json", folder / "b.json")
-    json.dumps(plain(found), allow_nan=False)
-    assert "\x1b" not in page_text(found.page())
-    return f"compared: {found.exit_status}"
-
-
 def _examine_opamp(content: bytes, folder: Path) -> str:
     """Accept what is written again with the same numbers."""
     try:
@@ -103,10 +90,7 @@ def _kept(here: Any, there: Any) -> bool:
     return bool(here == there)
 
 
-DOCUMENTS = (
-    Target("stored verdicts", _inputs(VERDICT), _examine_verdict),
-    Target("imported op-amps", _inputs(OPAMP), _examine_opamp),
-)
+DOCUMENTS = (Target("imported op-amps", _inputs(OPAMP), _examine_opamp),)
 
 ENTRIES = {"one.toml": entry(), "two.toml": entry(name="two", outcome="fail")}
 KEYS = [bytes([number]) * 32 for number in range(6)]

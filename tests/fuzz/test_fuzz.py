@@ -25,7 +25,7 @@ from tests.fuzz.scenes_and_decks import DECKS, SCENE
 EVERY = (SCENE, *TABLES, *SIMULATOR_FILES, *STORED_FILES, *DOCUMENTS, *DECKS)
 TARGETS = {target.name: target for target in EVERY}
 MANY = int(os.environ.get("TACTION_FUZZ", "0"))
-FEW = {"scenes": 12, "decks": 12, "stored verdicts": 25}
+FEW = {"scenes": 12, "decks": 12}
 SOME = 50
 LONGEST = 20.0  # s
 MOST_MEMORY = 1_000_000_000  # bytes

@@ -85,14 +85,6 @@ def test_a_table_has_one_row_a_point(result: SweepResult) -> None:
     assert table["settling_time"].tolist() == [r["settling_time"] for r in result.records()]
 
 
-def test_a_grid_has_the_axes_as_coordinates(result: SweepResult) -> None:
-    grid = result.to_xarray()
-    assert dict(grid.sizes) == {"C": 2, "topology": 2}
-    table = result.to_pandas().set_index(["C", "topology"])["settling_time"]
-    chosen = grid["settling_time"].sel(C=2e-11, topology="passive")
-    assert float(chosen) == table[(2e-11, "passive")]
-
-
 def test_arrays_are_swept_in_other_processes() -> None:
     parts = {"capacitance": "1nF", "gain": "100kohm", "unit_conductance": "10uS", "opamp": "opa189"}
     made = taction.Scene.from_arrays([[1.0, 0.5], [0.5, 1.0]], [0.2, 0.1], lam=0.1, **parts)

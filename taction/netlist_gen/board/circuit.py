@@ -24,7 +24,6 @@ GROUND = "0"
 SMALL_CAPACITANCE = 1e-12  # F
 ROUNDING = 1e-12  # of an offset: an entry of T below it is zero
 SCALED = {"resistors": "ohms", "capacitors": "farads", "branches": "value", "matrices": "ohms"}
-FOLLOWS = {"digest": False}  # of a field that says nothing that the other fields do not say
 
 
 class Role:
@@ -55,12 +54,12 @@ class Fact:
 
     name: str  # "C"; its key in `Circuit.facts`
     value: float  # SI base unit
-    unit: str = field(metadata=FOLLOWS)  # empty for a plain number
-    symbol: str = field(metadata=FOLLOWS)  # as the deck's header and the reports write it
-    title: str = field(metadata=FOLLOWS)  # what it is, in some words
-    key: str = field(metadata=FOLLOWS)  # the key of the scene that sets it, dotted
-    sentence: str = field(default="", metadata=FOLLOWS)  # its definition, beyond the title
-    role: str = field(default="", metadata=FOLLOWS)  # the parts with this value; empty: a scale
+    unit: str  # empty for a plain number
+    symbol: str  # as the deck's header and the reports write it
+    title: str  # what it is, in some words
+    key: str  # the key of the scene that sets it, dotted
+    sentence: str = ""  # its definition, beyond the title
+    role: str = ""  # the parts with this value; empty: a scale
 
     @property
     def text(self) -> str:
@@ -170,8 +169,8 @@ class Circuit(Result):
     temperature: float = NOMINAL  # of the transistors, degrees C
     branches: tuple[Branch, ...] = ()  # of a deck: its linear parts that no topology has
     # Names in the deck, by role; with the facts, these follow from the code of the topology.
-    roles: Mapping[str, Collection[str]] = field(default_factory=dict, metadata=FOLLOWS)
-    knobs: tuple[Knob, ...] = field(default=(), metadata=FOLLOWS)
+    roles: Mapping[str, Collection[str]] = field(default_factory=dict)
+    knobs: tuple[Knob, ...] = ()
 
     def value(self, name: str) -> float:
         """Return the number of a fact; ValueError if the topology does not state it."""

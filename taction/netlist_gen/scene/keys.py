@@ -33,7 +33,10 @@ SYMBOLS = {
     "opamp": "design.opamp.base",
 }
 # Tables that are searched for a name without a path, in this order.
-FILES = ("problem.matrix", "problem.strain", "problem.stress", "problem.load.file")
+FILES = (
+    *("problem.matrix", "problem.strain", "problem.stress", "problem.load.file"),
+    "design.opamp.file",
+)
 SECTIONS = ("", "design", "design.opamp", "problem", "problem.load", "problem.noise", "analysis")
 
 Value = float | int | str | bool

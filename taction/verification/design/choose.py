@@ -2,19 +2,15 @@
 
 Lambda is held, and the limits are checks. The designs are ranked by the checks that pass, then by
 their worst share. The share of a check is its value over its limit: 0.4 of the settling time that
-is allowed, 0.7 of 90 % of the slew rate, the required margin over the margin. An op-amp whose input
-errors miss the limit of the steady state with the scene's own resistors gets a G0, a U0 and a range
-of gains of its own (`scaling.rescaled`), and a range of C that keeps R C.
+is allowed, 0.7 of 90 % of the slew rate, the required margin over the margin.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import product
-from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
 
@@ -25,11 +21,9 @@ from taction.netlist_gen.scene.axes import (
     LIMITS,
     Point,
     SweepAxis,
-    percentages,
     tried,
     with_values,
 )
-from taction.netlist_gen.scene.check_keys import unitless_times
 from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value, find_key, write_scene
@@ -44,18 +38,17 @@ from taction.system.errors import (
     SimulatorTooOld,
 )
 from taction.system.output_files import check_own_folder, make_folder
-from taction.system.progress import Progress, ask
+from taction.system.progress import Progress
 from taction.system.quantities import fraction, number
 from taction.system.reading_definitions import READINGS
 from taction.system.results import Result
-from taction.verification.design.scaling import rescaled
 from taction.verification.design.trials import (
     KEPT,
+    LAMBDA,
     Trial,
     accepted_parts,
     at_small_signal,
     broken_at_rest,
-    rest_distance,
     search_range,
 )
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -72,10 +65,9 @@ VIEWS = "taction.verification.report.views.design_view"
 BEST = 3  # designs that ngspice confirms
 ERRORS = "design.opamp.input_errors"
 OPAMP, CAPACITANCE, GAIN = "design.opamp.base", "design.capacitance", "design.gain"
-G0, U0 = "design.unit_conductance", "design.unit_voltage"
-FEEDBACK = "design.feedback_conductance"
-NAMES = {OPAMP: "opamp", G0: "G0", U0: "U0", CAPACITANCE: "C", GAIN: "gain", FEEDBACK: "gf"}
-"""The keys that may move, with their names in a table."""
+G0, FEEDBACK = "design.unit_conductance", "design.feedback_conductance"
+NAMES = {OPAMP: "opamp", G0: "G0", CAPACITANCE: "C", GAIN: "gain", FEEDBACK: "gf"}
+"""The keys that may be searched, with their names in a table."""
 AROUND = 10.0  # C and gain go from the scene's value divided by it to the value times it
 OPTIONS = {CAPACITANCE: "--c-range", GAIN: "--gain-range"}
 SHARED = ("steady_state", *READINGS, "noise", "headroom")  # checks of a value below a limit
@@ -102,22 +94,14 @@ def choice_plan(
         text = f"expected 1 to {MOST_POINTS}"
         raise InputError("--points", Complaint("points", repr(points), text))
     names = opamps or [name for name, o in OPAMPS.items() if math.isfinite(o.gbw)]
-    base, rows = _base(scene, limits, names), list[dict[str, Value]]()
-    for name in dict.fromkeys(names):
-        rows += _rows(with_values(base, {OPAMP: name}), ranges, points)
-    own, shown = _values(base), {OPAMP, *topology_of(base).searched}
-    shown |= {path for row in rows for path, value in row.items() if value != own.get(path)}
-    axes = [
-        SweepAxis(find_key(base, path), name, tuple(row[path] for row in rows), "list")
-        for path, name in NAMES.items()
-        if path in shown
-    ]
-    return Plan(at_small_signal(base), [axes], "statespace")
-
-
-def _values(scene: Scene) -> dict[str, Value]:
-    """Return the scene's values of the keys that may move with an op-amp."""
-    return {path: attrgetter(path)(scene) for path in (OPAMP, G0, U0, GAIN, CAPACITANCE)}
+    base = _base(scene, limits, names)
+    found: dict[str, tuple[Value, ...]] = {OPAMP: tuple(dict.fromkeys(names))}
+    for path in topology_of(base).searched:
+        option = OPTIONS.get(path, "--points")
+        around = search_range(base, path, ranges.get(path, ""), AROUND, option)
+        found[path] = around.values(points)
+    axes = [SweepAxis(find_key(base, p), NAMES[p], each, "list") for p, each in found.items()]
+    return Plan(at_small_signal(base), [[axis] for axis in axes], "statespace")
 
 
 def _base(scene: Scene, limits: Point, names: Sequence[str]) -> Scene:
@@ -128,8 +112,11 @@ def _base(scene: Scene, limits: Point, names: Sequence[str]) -> Scene:
     for name in names:
         refuse_unknown(name, "--opamps")
     lam = ideal_network(make_problem(scene), scene).lam
-    held = {"design.lambda": lam} if lam > 0.0 else {}
-    changed = {**limits, **held, ERRORS: scene.design.opamp.input_errors}
+    changed = {**limits, ERRORS: scene.design.opamp.input_errors}
+    if lam > 0.0:
+        changed[LAMBDA] = lam
+        if GAIN in topology_of(scene).searched and "gain" not in scene.design.model_fields_set:
+            changed[GAIN] = 1.0 / (math.sqrt(lam) * scene.design.unit_conductance)  # R is the same
     refused = list[InputError]()
     for name in names:
         base = with_values(scene, {**changed, "design.opamp": name})
@@ -140,38 +127,6 @@ def _base(scene: Scene, limits: Point, names: Sequence[str]) -> Scene:
         else:
             return base
     raise refused[0]
-
-
-def _rows(start: Scene, ranges: Mapping[str, str], points: int) -> Iterator[dict[str, Value]]:
-    """Yield the designs of one op-amp: every pair of the two keys that it searches."""
-    paths, lam = topology_of(start).searched, start.design.lam
-    if GAIN in paths:
-        if "gain" not in start.design.model_fields_set and isinstance(lam, int | float):
-            gain = 1.0 / (math.sqrt(lam) * start.design.unit_conductance)  # R has the same value
-            start = with_values(start, {GAIN: gain})
-        start = start if ranges.get(GAIN) else _with_own_scale(start)
-    found = (
-        search_range(start, path, ranges.get(path, ""), AROUND, OPTIONS.get(path, "--points"))
-        for path in paths
-    )
-    for pair in product(*(each.values(points) for each in found)):
-        yield {**_values(start), **dict(zip(paths, pair, strict=True))}
-
-
-def _with_own_scale(scene: Scene) -> Scene:
-    """Return the scene with another G0, U0, s and C if its op-amp rests too far with its own."""
-
-    def distance(scene: Scene) -> float:
-        try:
-            return rest_distance(scene, LinearBoard(synthesise(scene)))
-        except InputError:
-            return math.inf
-
-    if (least := distance(scene)) > scene.checks.steady_state.tolerance:
-        with suppress(InputError, NoVerdictError):
-            scaled = rescaled(scene)
-            return scaled if distance(scaled) < least else scene
-    return scene
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,7 +198,6 @@ class BestDesign:
     DOCUMENT = (
         *("* = design", "ngspice = outcome", "ngspice_settling_time [s] = settling_time"),
         *("ngspice_reason = reason", "file"),
-        "yield_at_most # of the built boards, by the place of rest alone, to first order",
     )
 
     design: ChosenDesign
@@ -269,11 +223,6 @@ class BestDesign:
         """The settling time by ngspice, s."""
         reading = None if self.verdict is None else self.verdict.measurements.settling_time
         return None if reading is None else reading.value
-
-    @property
-    def yield_at_most(self) -> float | None:
-        """Bound on the yield under the tolerances of the scene; None where nothing says it."""
-        return None if self.verdict is None else self.verdict.answer.yield_at_most
 
 
 @dataclass(frozen=True, slots=True)
@@ -451,8 +400,6 @@ def choose(
         points,
         named,
     )
-    ask(_unitless({"settling_time": settling, "rise_time": rise}), progress)
-    ask(percentages(plan.scene), progress)
     with Store(":memory:" if store is None else str(store)) as results:
         computed(plan, results, jobs=jobs, cluster=cluster, progress=progress)
         ranked = designs(plan, results, ANY_PART if any_part else None)
@@ -473,15 +420,9 @@ def _number(option: str, given: str | float | None) -> float | None:
     if given is None:
         return None
     text = str(given).strip()
-    try:
-        return fraction(text) if option == "--overshoot" else number(text)
-    except ValueError:
-        complaint = Complaint("value", repr(given), "expected a number, such as 0.05 or 5%")
-        raise InputError(option, complaint) from None
-
-
-def _unitless(times: Mapping[str, str | float | None]) -> Iterator[str]:
-    """Yield the times of the limits that have no unit and are long for a board."""
-    for name, given in times.items():
-        with suppress(TypeError, ValueError):  # None, or a text with a unit
-            yield from unitless_times({"checks": {name: {"max": float(given or "")}}})
+    with suppress(ValueError):
+        value = fraction(text) if option == "--overshoot" else number(text)
+        if option != "--overshoot" or value <= 1.0:
+            return value
+    complaint = Complaint("value", repr(given), "expected a number, such as 0.05 or 5%")
+    raise InputError(option, complaint)

@@ -17,15 +17,15 @@ from pathlib import Path
 import numpy as np
 
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import OPAMP, with_values
+from taction.netlist_gen.scene.axes import OPAMP, mistakes_of, with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.keys import Value, find_key, own_value, scene_text
+from taction.netlist_gen.scene.keys import Value, find_key, own_value, read_value, scene_text
 from taction.netlist_gen.scene.problem_keys import MOST_NAME, NAME_PATTERN
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, EngineError, InputError, TactionError
-from taction.system.quantities import EXAMPLES, number, parse, show, show_rate
+from taction.system.quantities import show, show_rate
 from taction.verification.design.trials import LAMBDA, with_lambda_held
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
@@ -51,7 +51,6 @@ STEPS, DIGITS = 1000, 4  # places of a slider, and digits of their values
 ZERO_PART = 0.04  # of a slider whose value may be zero: its lower end
 
 SUFFIX = ".toml"
-NO_NUMBER = "expected a plain, finite number"
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +140,11 @@ class Settings:
             raise InputError("explore", Complaint("key", repr(path), text))
         return known[path]
 
+    def typed(self, path: str, text: str) -> float:
+        """Return the value that a user typed for a control, as a scene file has it."""
+        with mistakes_of("explore"):
+            return float(read_value(find_key(self.original, self.control(path).path), text.strip()))
+
     def moved(self, values: Mapping[str, float], opamp: str = "") -> Settings:
         """Return other settings: of `values` those that differ from the scene's."""
         own = {control.path: control.own for control in self.controls}
@@ -192,21 +196,6 @@ class Settings:
         except (OSError, ValueError) as error:
             raise refused(str(error)) from None
         return file
-
-
-def read_value(control: Control, text: str) -> float:
-    """Return the value that a user typed for a control, in its unit, which must stand there."""
-    text, reason = text.strip(), NO_NUMBER
-    try:
-        value = parse(text, control.unit) if control.unit else number(text)
-        if control.unit and value != 0.0 and text[-1] in "0123456789.":
-            like = EXAMPLES[control.unit]
-            reason = f"the unit is missing; expected a value with its unit, such as {like!r}"
-        elif math.isfinite(value):
-            return value
-    except ValueError as error:
-        reason = str(error) if control.unit else NO_NUMBER
-    raise InputError("explore", Complaint(control.path, repr(text[:40]), reason))
 
 
 POINTS = 500  # of a curve without fast ringing

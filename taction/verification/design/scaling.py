@@ -265,15 +265,6 @@ def find_scaling(
     return scaled, tuple(dict.fromkeys((*notes, *part_warnings(circuit))))
 
 
-def rescaled(scene: Scene) -> Scene:
-    """Return the scene with G0, U0 and s as `scale` has them, and a C with the same R C."""
-    before = topology_of(scene).facts(scene)["R"].value
-    scaled = with_resistors(scene, 1.0, [])
-    ratio = before / topology_of(scaled).facts(scaled)["R"].value
-    scaled = with_values(scaled, {"design.capacitance": scene.design.capacitance * ratio})
-    return _with_loads(scaled, SHARE, [])[0]
-
-
 def _at_voltage(scene: Scene, volts: float) -> Scene:
     """Return the scene with U0 of two digits, rounded down; G0 keeps R and lambda if it must."""
     digit = 10.0 ** (math.floor(math.log10(volts)) - 1)
@@ -300,7 +291,7 @@ def _with_capacitance(
         return scene
     rest = own.record.check_value("steady_state") or 0.0
     off = accept is is_good and rest > scene.checks.steady_state.tolerance  # no C moves the rest
-    search = None if off else search_key(trials, path, accept=accept)
+    search = None if off else search_key(trials, path, accept)
     if search is None or not search.found:
         notes.append(f"{NO_C}: {own.refused or own.record.reason}")
         return None

@@ -10,9 +10,8 @@ apart, and the first that passes is the nearest.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
 from operator import attrgetter
 from typing import Any, ClassVar
 
@@ -248,7 +247,6 @@ def at_small_signal(scene: Scene) -> Scene:
 
 AT_EDGE = 0.02  # of the logarithmic range: a value so close to an end is at its edge
 OUTWARDS, DECADES = 25, 2.0  # values of one key on each side, and how far they go
-PAIR_DECADES, PLACES = 1.2, 7  # of two keys: on both sides, and values of each
 EVALUATIONS = 40  # of one descent
 
 Values = dict[str, Value]
@@ -289,12 +287,10 @@ class SearchRange:
         spaced = np.geomspace(self.low, self.high, points if self.low < self.high else 1)
         return tuple(dict.fromkeys(map(self.bought, spaced.tolist())))
 
-    def outwards(self, begin: float | None = None) -> tuple[float, ...]:
-        """Return the values on both sides, the nearest first; from `begin` away from the own."""
-        start = self.own if begin is None else begin
-        sides = (1.0, -1.0) if begin is None else (math.copysign(1.0, start - self.own),)
+    def outwards(self) -> tuple[float, ...]:
+        """Return the values on both sides of the scene's own, the nearest first."""
         away = (DECADES * (k / OUTWARDS) ** 1.5 for k in range(OUTWARDS + 1))  # 4 % to 32 % apart
-        tried = [self.bought(start * 10.0 ** (side * by)) for by in away for side in sides]
+        tried = [self.bought(self.own * 10.0 ** (side * by)) for by in away for side in (1, -1)]
         return tuple(value for value in dict.fromkeys(tried) if value != self.own)
 
     def edge_of(self, value: float) -> float | None:
@@ -340,28 +336,28 @@ def search_range(
 
 @dataclass(slots=True)
 class Search:
-    """The search over one key or over two, and what it found."""
+    """The search over one key, and what it found."""
 
-    DOCUMENT = ("keys = paths", "from = least", "to = most")
+    DOCUMENT = ("key = path", "from = least", "to = most", "complete # the work sufficed")
 
-    paths: tuple[str, ...]
-    least: float | None = None  # ends of the values that are tried, of one key with a range
+    path: str
+    least: float | None = None  # ends of the values that are tried, of a key with a range
     most: float | None = None
     found: list[Trial] = field(default_factory=list)  # those that are accepted
-    complete: bool = True  # the work sufficed
+    complete: bool = True
 
 
 def search(
     trials: Trials,
     found: Search,
-    rows: Iterable[Values],
+    values: Iterable[Value],
     enough: float = 1,
     accept: Accept = is_good,
 ) -> Search:
-    """Try changes in their order, until `enough` of them are accepted or the work is used up."""
+    """Try values in their order, until `enough` of them are accepted or the work is used up."""
     try:
-        for row in rows:
-            if accept(trial := trials.at(row)):
+        for value in values:
+            if accept(trial := trials.at({found.path: value})):
                 found.found.append(trial)
                 if len(found.found) >= enough:
                     break
@@ -370,32 +366,14 @@ def search(
     return found
 
 
-def search_key(
-    trials: Trials, path: str, begin: float | None = None, accept: Accept = is_good
-) -> Search | None:
-    """Search outwards over a key, from `begin` away; None if the scene has no value above 0."""
+def search_key(trials: Trials, path: str, accept: Accept = is_good) -> Search | None:
+    """Search outwards over a key; None if the scene has no value above zero."""
     one = SearchRange.around(trials.scene, path, 1.0)
     if one is None:
         return None
-    values = one.outwards(begin)
-    ends = Search((path,), min(one.own, *values), max(one.own, *values))
-    return search(trials, ends, ({path: value} for value in values), accept=accept)
-
-
-def search_pair(trials: Trials, paths: tuple[str, str]) -> Search | None:
-    """Return the search over two keys together, on a grid; None where a key has no value."""
-    ranges = [SearchRange.around(trials.scene, path, 10.0**PAIR_DECADES) for path in paths]
-    first, second = ranges
-    if first is None or second is None:
-        return None
-
-    def rows() -> Iterator[Values]:
-        exponents = np.linspace(-PAIR_DECADES, PAIR_DECADES, PLACES).tolist()
-        for a, b in sorted(product(exponents, repeat=2), key=lambda pair: math.hypot(*pair)):
-            values = first.bought(first.own * 10.0**a), second.bought(second.own * 10.0**b)
-            yield dict(zip(paths, values, strict=True))
-
-    return search(trials, Search(paths), rows())
+    values = one.outwards()
+    ends = Search(path, min(one.own, *values), max(one.own, *values))
+    return search(trials, ends, values, accept=accept)
 
 
 def descend(

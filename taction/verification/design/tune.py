@@ -9,7 +9,7 @@ key from its best points, which become shorter.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
@@ -49,15 +49,13 @@ class Tuned(Result):
     DOCUMENT = (
         *("outcome = verdict.outcome", "before", "after", "resistance [ohm] = resistance"),
         "lambda = verdict.circuit.facts.lambda.value",
-        *("overshoot_limit [step]", "margin", "tried", "ranges = ends", "at_edges", "frontier"),
+        *("overshoot_limit [step]", "margin", "tried", "ranges = ends", "at_edges"),
         "verification = verdict",
     )
 
     before: Trial = field(repr=False)  # the design of the scene
     after: Trial = field(repr=False)  # the best design within the limits
     scene: Scene = field(repr=False)  # with the best design, and the limits as checks
-    # No design has both less overshoot and less settling time.
-    frontier: tuple[Trial, ...] = field(repr=False)
     tried: int  # designs
     overshoot_limit: float
     margin: float
@@ -161,18 +159,7 @@ def tune(
     verdict, number = verify(best, progress), len(tried)
     if output is not None:
         write_scene(best, output)
-    return Tuned(tried[0], after, best, frontier(tried), number, limit, margin, ranges, verdict)
-
-
-def frontier(trials: Iterable[Trial]) -> tuple[Trial, ...]:
-    """Return the Pareto-optimal designs of those that fail no check but that of the overshoot."""
-    best: list[Trial] = []
-    kept = [t for t in trials if not t.refused and set(t.record.failed) <= {"overshoot"}]
-    settling = [trial for trial in kept if math.isfinite(trial.settling_time)]
-    for trial in sorted(settling, key=lambda t: (t.overshoot, t.settling_time)):
-        if not best or trial.settling_time < best[-1].settling_time:
-            best.append(trial)
-    return tuple(best)
+    return Tuned(tried[0], after, best, number, limit, margin, ranges, verdict)
 
 
 def _search(

@@ -90,7 +90,7 @@ def find_margin(
         return Margin(1.0, 0.0, "no margin is known", "no key of this topology has a margin")
     found = poles(board) if found is None else found
     if found.known_unstable:
-        return Margin(0.0, 0.0, "the board is unstable")
+        return Margin(0.0, 0.0, "the board is unstable; taction onset finds where not")
     if not found.known_stable:
         text = "the board itself may be stable or unstable"
         return Margin(0.0, 0.0, text, text)

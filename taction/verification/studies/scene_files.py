@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fnmatch
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,34 +26,16 @@ def find_scenes(folder: str | Path) -> tuple[Path, ...]:
     return files
 
 
-def scene_files(names: Sequence[str], exclude: Sequence[str] = ()) -> tuple[Path, ...]:
+def scene_files(names: Sequence[str]) -> tuple[Path, ...]:
     """Return the files of `names`, in their order: files, and the ``*.toml`` files of folders.
 
-    A file that is named twice is read once; one that matches a pattern of `exclude` is left out.
-
-    Examples
-    --------
-    >>> [path.name for path in scene_files(["scenes"], ["*exponential*", "e*", "[bcilnrw]*"])]
-    ['known-readings.toml', 'paper-breadboard.toml', 'tuned-breadboard.toml']
+    A file that is named twice is read once.
     """
     found: dict[Path, Path] = {}
     for name in names:
         for path in find_scenes(name) if Path(name).is_dir() else (Path(name),):
             found.setdefault(path.absolute(), path)
-    files = tuple(found.values())
-    for pattern in exclude:
-        if not any(_matches(path, pattern) for path in files):
-            text = f"matches no file; the files are {', '.join(str(path) for path in files)}"
-            raise InputError("--exclude", Complaint("PATTERN", repr(pattern), text))
-    left = tuple(p for p in files if not any(_matches(p, pattern) for pattern in exclude))
-    if not left:
-        text = "leaves no scene; expected patterns that keep at least one file"
-        raise InputError("--exclude", Complaint("PATTERN", ", ".join(map(repr, exclude)), text))
-    return left
-
-
-def _matches(path: Path, pattern: str) -> bool:
-    return any(fnmatch.fnmatch(name, pattern) for name in (path.name, path.as_posix()))
+    return tuple(found.values())
 
 
 NOT_RUN = "not run"

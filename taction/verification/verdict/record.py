@@ -100,7 +100,11 @@ FIGURES: dict[str, FigureRule[Verdict]] = {
     "growth_rate": FigureRule(
         "1/s", lambda v: v.poles.rightmost.real, lambda v: v.poles.resolution
     ),
-    "frequency": FigureRule("Hz", lambda v: abs(v.poles.rightmost.imag) / (2.0 * math.pi)),
+    "frequency": FigureRule(
+        "Hz",
+        lambda v: abs(v.poles.rightmost.imag) / math.tau,
+        lambda v: v.poles.resolution / math.tau,
+    ),
     "damping_ratio": FigureRule("", lambda v: v.poles.damping_ratio),
     "margin": FigureRule("", lambda v: None if v.margin is None else v.margin.factor),
     "noise": FigureRule("V", lambda v: None if v.noise is None else v.noise.known),

@@ -41,7 +41,7 @@ from taction.system.errors import (
 from taction.system.plugins import OpenTable
 from taction.system.progress import Clock
 from taction.system.reading_definitions import FOUND
-from taction.system.waveforms import PHYSICAL_BOUND, Cost, Waveforms
+from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
@@ -201,23 +201,11 @@ def own_error(board: Board, waveforms: Waveforms) -> StateSpaceError | None:
 
 
 def growing_record(linear: LinearBoard, plan: TransientPlan) -> Waveforms:
-    """Return the start of an unstable transient, by state space; else of the linear board."""
-    from taction.verification.engines.statespace.transients.exact import exact_solution
-    from taction.verification.engines.statespace.transients.simulate import ENGINE, simulate
+    """Return the start of an unstable transient, by state space."""
+    from taction.verification.engines.statespace.transients.simulate import simulate
 
-    stop, initial = plan.grown, plan.transient.initial
-    try:
-        return simulate(linear, Transient(stop, stop / GROWING, initial=initial))
-    except EngineError:
-        if linear.descriptor.is_large:
-            raise
-    solution = exact_solution(linear, initial=initial, linearised=True)
-    times = np.linspace(0.0, stop, GROWING + 1)
-    cost, flag = Cost(0.0, len(times), 1), "the record is that of the linearised board"
-    values, method = solution.at(times), "exact, linearised"
-    return Waveforms(
-        times, solution.nodes, values, ENGINE, cost, (flag,), solution.error, method=method
-    )
+    analysis = Transient(plan.grown, plan.grown / GROWING, initial=plan.transient.initial)
+    return simulate(linear, analysis)
 
 
 def _ngspice(board: Board) -> Waiting:

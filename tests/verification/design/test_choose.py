@@ -11,15 +11,13 @@ import numpy as np
 import pytest
 
 import taction
-from taction.netlist_gen.board.part_warnings import ANY_PART, broken_limits
-from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.board.part_warnings import ANY_PART
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.keys import scene_text
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import InputError
 from taction.verification.design.choose import (
     CAPACITANCE,
-    G0,
     GAIN,
     best_designs,
     choice_plan,
@@ -81,30 +79,12 @@ def test_the_grid_has_values_that_can_be_bought() -> None:
     assert design.opamp.level == "small-signal"  # above 90 % of a limit: inconclusive
 
 
-def test_g0_moves_for_an_op_amp_whose_input_errors_miss_the_limit() -> None:
-    """25 nA in 14.4 Mohm are 0.36 V, beside outputs of 0.2 V; a uA741 without errors stays."""
-    plan = choice_plan(scene(), ["lt1028"], points=3)
-    board = synthesise(with_values(plan.scene, plan.values_at(4)))
-    assert broken_limits(board) == {}
-    lam = synthesise(scene()).value("lambda")
-    assert board.value("lambda") == pytest.approx(lam, rel=1e-12)
-    product = board.value("R") * board.value("C")  # the time constant stays, 144 us
-    assert product == pytest.approx(14.4e6 * 10e-12, rel=0.03)
-    plan = choice_plan(scene(), ["lt1028"], {GAIN: "2.3M:2.3M"})
-    assert G0 not in plan.values_at(0)
-    low = with_values(scene(), {"design.supply": 2.5})
-    assert G0 not in choice_plan(low, ["lmp7721"], points=3).values_at(0)
+def test_ngspice_contradicts_every_one_of_the_best() -> None:
     exact = with_values(scene(), {"design.opamp.input_errors": "none"})
-    assert G0 not in choice_plan(exact, ["ua741"], points=3).values_at(0)
-
-
-def test_a_named_op_amp_passes_on_the_tuned_board_and_the_page_says_that_g0_moved() -> None:
-    choice = taction.choose(FILE, opamps=["opa189"], points=3, jobs=1)
+    choice = taction.choose(
+        exact, opamps=["ne5534"], c_range="10pF:22pF", gain_range="2.4M:4.7M", points=2, jobs=1
+    )
     assert choice.outcome == "pass"
-    assert choice_view(choice).lines[0].startswith("G0 is moved from 1.16 µS")
-    best = synthesise(choice.best[0].scene)
-    assert broken_limits(best) == {}
-    assert best.value("G0") > 10e-6
     contradicted = [replace(each, outcome=Outcome.FAIL) for each in choice.best]
     assert choice_view(replace(choice, best=contradicted)).outcome == "fail"
 
@@ -127,7 +107,7 @@ def test_requests_that_cannot_be(names: list[str], asked: dict[str, Any], text: 
 
 def test_an_op_amp_that_does_not_work_at_the_supply_costs_only_its_own_designs() -> None:
     plan = choice_plan(scene(), ["ua741", "opa189"], points=2, limits={"design.supply": 2.5})
-    assert (plan.scene.design.opamp.base, plan.shape) == ("opa189", (8,))
+    assert (plan.scene.design.opamp.base, plan.shape) == ("opa189", (2, 2, 2))
 
 
 def test_the_order_is_that_of_the_worst_share() -> None:

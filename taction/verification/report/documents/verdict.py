@@ -14,11 +14,11 @@ from taction.netlist_gen.scene.keys import Key, all_keys, files_of, own_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import plain
 from taction.system.errors import TactionError
-from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.output_files import printable
-from taction.verification.design.remedies import Remedies, StableRange, stable_ranges
+from taction.verification.design.remedies import Remedies
 from taction.verification.stability.margin import Margin
 from taction.verification.studies.regression.difference import StoredKey
+from taction.verification.studies.running.versions import file_content
 from taction.verification.verdict.answer_error import ErrorBudget, ErrorPart, difference
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.record import Record, finite
@@ -66,10 +66,7 @@ def _written(scene: Scene, path: str) -> Any:
 def _content(scene: Scene, name: Any) -> str | None:
     if isinstance(name, np.ndarray):
         return hashlib.sha256(np.ascontiguousarray(name, dtype="<f8").tobytes()).hexdigest()
-    try:
-        return hashlib.sha256(read_bounded(scene.folder / str(name), LARGEST)).hexdigest()
-    except UnusableFileError:  # gone since the run
-        return None
+    return file_content(scene, str(name)).hex() or None  # it may be gone since the run
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,8 +104,7 @@ class VerdictBody:
         "stability.damping_ratio = record.figures.damping_ratio # of the rightmost pole",
         "stability.frequency [Hz] = verdict.poles.frequency # of the rightmost pole",
         *("stability.states = states", "stability.margin = record.figures.margin"),
-        "stability.margins? = margins # with --margins: of C and of the gain; of an unstable board"
-        " the nearest stable ranges",
+        "stability.margins? = margins # with --margins: of C and of the gain",
         "answer = verdict.answer",
         "error_budget = verification.report.documents.verdict:budget_parts(verdict.budget)",
         *("opamp_level", "headroom", "noise = verdict.noise"),
@@ -136,7 +132,7 @@ class VerdictBody:
 
     verdict: Verdict
     record: Record
-    margins: dict[str, Margin | StableRange] | None = None
+    margins: dict[str, Margin] | None = None
     remedies: Remedies | None = None
 
     @classmethod
@@ -162,17 +158,11 @@ class VerdictBody:
 
     def with_margins(self) -> VerdictBody:
         """Return the document with the stability margins, which cost a search of their own."""
-        from taction.verification.design.trials import Trials
         from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
         from taction.verification.stability.margin import margins
 
         verdict = self.verdict
-        found: dict[str, Margin | StableRange] = {
-            **margins(LinearBoard(verdict.circuit), verdict.poles)
-        }
-        if verdict.poles.known_unstable:
-            found |= {each.path: each for each in stable_ranges(Trials(verdict.scene))}
-        return replace(self, margins=found)
+        return replace(self, margins=margins(LinearBoard(verdict.circuit), verdict.poles))
 
 
 def verdict_document(verdict: Verdict) -> dict[str, Any]:

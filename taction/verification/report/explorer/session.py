@@ -105,7 +105,7 @@ class Session:
         for path, place in move.places.items():
             values[path] = self.settings.control(path).chosen(place / STEPS)
         for path, text in move.texts.items():
-            values[path] = exploration.read_value(self.settings.control(path), text)
+            values[path] = self.settings.typed(path, text)
         settings = self.settings.moved(values, opamp if move.opamp is None else move.opamp)
         settings.scene()  # a value that its key does not accept changes nothing
         return settings

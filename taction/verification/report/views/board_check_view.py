@@ -279,7 +279,6 @@ def _varied(found: BoardCheck) -> Iterator[Section]:
     yield Section("Checks that do not pass", lambda: tolerance.failures(share), media=BOTH)
     yield Section("Spread", lambda: tolerance.spreads(share), media=BOTH)
     yield Section("Histograms", lambda: tolerance.histograms(share))
-    yield Section("Causes", lambda: tolerance.causes(share), media=BOTH)
 
 
 def _response(found: BoardCheck) -> Chart | None:

@@ -222,8 +222,7 @@ def _outputs(difference: VerdictDifference) -> Iterator[Content]:
     """Yield the outputs of both over time, where both have waveforms."""
     first, second = (each and each() for each in difference.curves)
     if not first or not second:
-        text = "No waveforms: one of them is a stored verdict, or leaves the range of floats."
-        yield text
+        yield "No waveforms: one of them leaves the range of floats."
         return
     (time, u), (other, v) = first, second
     count = min(u.shape[1], v.shape[1])

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -32,14 +31,13 @@ from taction.verification.design.choose import (
     G0,
     GAIN,
     NAMES,
-    U0,
     BestDesign,
     Choice,
     ChosenDesign,
     first_of_each,
 )
 from taction.verification.design.fresh_scene import NewScene
-from taction.verification.design.remedies import Change, Remedies, StableRange
+from taction.verification.design.remedies import Change, Remedies
 from taction.verification.design.scaling import Scaled
 from taction.verification.design.trials import Trial
 from taction.verification.design.tune import Tuned
@@ -68,12 +66,12 @@ WORST = (
     "Worst: the largest value over its limit; below 1 every check passes; -: a check that does not"
     " pass has no value."
 )
-UNITS = {CAPACITANCE: "F", GAIN: "ohm", G0: "S", U0: "V", FEEDBACK: "S"}
+UNITS = {CAPACITANCE: "F", GAIN: "ohm", G0: "S", FEEDBACK: "S"}
 
 
 def choice_view(choice: Choice) -> Page:
     """Return the page of a choice."""
-    scene, designs, best = choice.scene, choice.designs, choice.best
+    designs, best = choice.designs, choice.best
     passing = sum(design.good for design in designs)
     summary = f"{passing} of {len(designs)} designs pass with parts that can be bought."
     own = (
@@ -82,34 +80,15 @@ def choice_view(choice: Choice) -> Page:
         Section("Maps", lambda: _maps(designs, best), MAP, "page picture", ACROSS),
         Section("All designs", lambda: _table(designs)),
     )
-    lines = tuple(_moved(scene, designs))
-    if not best:
-        none = "No design passes; the table of op-amps has the nearest of each with its reason."
-        lines = (none, *lines)
+    none = "No design passes; the table of op-amps has the nearest of each with its reason."
     return Page(
-        title=scene.name,
+        title=choice.scene.name,
         command="taction design choose",
         outcome=choice.outcome,
         summary=summary,
-        lines=lines,
+        lines=() if best else (none,),
         sections=own,
     )
-
-
-def _moved(scene: Scene, designs: Sequence[ChosenDesign]) -> Iterator[str]:
-    """Yield which op-amps have another G0 than the scene, and why."""
-    own = scene.design.unit_conductance
-    moved = {
-        one.opamp: float(one.values[G0])
-        for one in designs
-        if G0 not in one.keys and one.values.get(G0, own) != own
-    }
-    if moved:
-        values = ", ".join(f"{name} {quantity(G0, 'S')}" for name, G0 in moved.items())
-        yield (
-            f"G0 is moved from {quantity(own, 'S')}, with U0, s and C, for op-amps whose input"
-            f" errors miss the limit of the steady state with the scene's resistors: {values}."
-        )
 
 
 def _pair(design: ChosenDesign) -> tuple[float, float]:
@@ -130,31 +109,18 @@ def _best(best: Sequence[BestDesign]) -> Iterator[Content]:
         outcome = said[design.place].outcome
         return Cell("not run") if outcome is None else Cell(outcome.value, None, outcome.value)
 
-    def built(design: ChosenDesign) -> Cell:
-        verdict = said[design.place].verdict
-        boards = None if verdict is None else verdict.answer.built
-        if boards is None or not boards.known:
-            return Cell("-" if boards is None else "not known")
-        if texts.rounded_up(boards.most, 2) < 1.0:
-            return Cell(f"at most {percent(boards.most)} pass", boards.most)
-        return Cell(f"{percent(boards.least)} or more rest within the limits", boards.most)
-
     designs = [one.design for one in best]
-    columns = {**_columns(designs), "built boards": built, "ngspice": ngspice}
-    answers = (one.verdict.answer.built for one in best if one.verdict is not None)
-    covers = next((each.covers for each in answers if each is not None), "")
-    note = f"Built boards vary in what stands here: {covers}." if covers else ""
-    yield Table.of("Best designs", designs, columns, note)
+    columns = {**_columns(designs), "ngspice": ngspice}
+    yield Table.of("Best designs", designs, columns)
     reasons = (f"{one.design.opamp}: {readable(one.reason)}" for one in best if one.reason)
     yield Notes("What ngspice says", tuple(reasons))
 
 
 def _opamps(designs: Sequence[ChosenDesign]) -> Table:
-    """Return the best design of each op-amp, and why it does not pass; `_table` has its G0, U0."""
+    """Return the best design of each op-amp, and why it does not pass."""
     passing = Counter(design.opamp for design in designs if design.good)
     more = {"passing": lambda each: passing[each.opamp], "outcome": _outcome}
-    left_out = NAMES[G0], NAMES[U0]
-    columns = {k: v for k, v in (_columns(designs) | more).items() if k not in left_out}
+    columns = _columns(designs) | more
     title, most = "The best design of each op-amp", {"terminal": SHOWN}
     return Table.of(title, first_of_each(designs), columns, "", most, "{} more: --json.")
 
@@ -179,9 +145,7 @@ def _outcome(design: ChosenDesign) -> Cell:
 def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Column]:
     bands = (band_text(check) for each in designs for check in each.record.checks)
     settling = f"settling {next(filter(None, bands), '')}".rstrip()
-    # Those that are searched, and G0 and U0 where they move: every design of a choice has them.
-    found = {**dict.fromkeys(designs[0].keys), G0: None, U0: None} if designs else {}
-    moved = [path for path in found if path in designs[0].values]
+    moved = designs[0].keys if designs else ()
     columns: dict[str, Column] = {
         "op-amp": "opamp",
         **{NAMES[path]: partial(_value, path=path, unit=UNITS[path], digits=3) for path in moved},
@@ -256,10 +220,6 @@ def _hover(design: ChosenDesign | None) -> str:
     return f"{_place(design, ' ')}: {outcome}, worst {share}"
 
 
-TRADE = "Settling time against overshoot of the designs on the trade-off curve; dotted: the limit."
-LEAST_REACH, EDGE = 1e-3, 0.12  # of the step, and of the width: around the points of the picture
-
-
 def tuning_view(result: Tuned) -> Page:
     """Return the page of a tuning."""
     verdict = result.verdict
@@ -267,14 +227,11 @@ def tuning_view(result: Tuned) -> Page:
     before, after = result.before.settling_time, result.after.settling_time
     lead = banded("settles", verdict.measurements.band).capitalize()
     summary = f"{lead} in {figure(after, 's')}, before: {figure(before, 's')}. {verified.summary}"
-    own = (
-        Section("Tuning", tuple(_blocks(result)), media="terminal page"),
-        Section("Trade-off", lambda: _tradeoff(result), media="page picture"),
-    )
+    own = Section("Tuning", tuple(_blocks(result)), media="terminal page")
     return replace(
         verified,
         summary=summary,
-        sections=(*own, *on_screen(verified, verdict)),
+        sections=(own, *on_screen(verified, verdict)),
         foot=(*verified.foot, "more: --report FILE"),
     )
 
@@ -291,7 +248,6 @@ def _blocks(tuning: Tuned) -> Iterator[Content]:
     yield Table.of("Before and after", designs, columns)
     yield {
         "designs tried": str(tuning.tried),
-        "designs on the trade-off curve": str(len(tuning.frontier)),
         "limit of the overshoot": percent(tuning.overshoot_limit, 4),
         f"margin of {first_knob(circuit)}": f"{tuning.margin:g}",
         "lambda, unchanged": circuit.facts["lambda"].text,
@@ -316,38 +272,6 @@ def _value(each: Trial | tuple[str, Trial], path: str, unit: str, digits: int) -
 
 def _key_name(path: str) -> str:
     return path.removeprefix("design.").replace("_", " ")
-
-
-def _tradeoff(tuning: Tuned) -> Chart:
-    """Return the frontier, the limit, and the designs before and after with their values."""
-    units, limit = {each.path: each.unit for each in tuning.ranges}, tuning.overshoot_limit
-
-    def text(trial: Trial) -> str:
-        pairs = trial.values.items()
-        return ", ".join(f"{_key_name(path)} {quantity(v, units[path])}" for path, v in pairs)
-
-    def curve(trials: Sequence[Trial], *look: Any, **more: Any) -> Curve:
-        places = [(each.overshoot, each.settling_time) for each in trials]
-        return Curve(*np.array(places).reshape(-1, 2).T, *look, **more)
-
-    frontier = sorted(tuning.frontier, key=lambda each: each.overshoot)
-    name, hover = "no design tried is better than these", tuple(map(text, frontier))
-    marks: list[Mark] = [curve(frontier, name, "true", mark="circle", hover=hover)]
-    first, last = ("before", tuning.before), ("after", tuning.after)
-    ends = [(*first, "square-open", "fail"), (*last, "star", "pass")]
-    for name, trial, mark, outcome in ends:
-        if math.isfinite(trial.settling_time + trial.overshoot):
-            title = f"{name}: {quantity(trial.settling_time, 's')}, {text(trial)}"
-            marks.append(curve([trial], title, outcome, "", mark, size=9.0))
-    every = np.array([(each.overshoot, each.settling_time) for _, each, *_ in ends])
-    known = [each.overshoot for each in frontier] + every[np.isfinite(every).all(1), 0].tolist()
-    low, high = min(known, default=limit), max(known, default=limit)
-    reach = max(high - low, 0.1 * high, LEAST_REACH)
-    said = f"overshoot limit, {figure(limit, 'step', 3)}"
-    marks.append(charts.Limit(limit, "x", said, "ink", "dot"))
-    shown = (max(0.0, low - EDGE * reach), high + EDGE * reach) if known else None
-    y = Axis(banded("settling_time", tuning.scene.checks.settling_time.band), "s", "log")
-    return Chart("Trade-off", Axis("overshoot", "step", limits=shown), y, tuple(marks), TRADE)
 
 
 def scaling_view(result: Scaled) -> Page:
@@ -401,51 +325,21 @@ def _change_lines(scene: Scene, remedies: Remedies) -> Iterator[str]:
         names = ", ".join(map(spaced, remedies.unmendable))
         yield f"  no change of the design mends: {names}"
         return
-    edges = [text for each in remedies.stability if (text := edge_text(each))]
-    if edges:
-        yield f"  stable {', or '.join(edges)}"
-    if remedies.opamps:
-        yield f"  {'or' if edges else 'stable'} with {' or '.join(remedies.opamps)}"
     yield from (f"  {_change(scene, change)}" for change in remedies.changes)
-    for searched in remedies.without:
-        where, ends = "", (searched.least, searched.most)
-        if None not in ends:
-            unit = find_key(scene, searched.paths[0]).unit
-            where = " from {} to {}".format(*(show(end or 0.0, unit, 3) for end in ends))
-        yield f"  no tried value of {_names(searched.paths)}{where} makes the board pass"
-    keys = ", ".join(map(name_of, remedies.searched)) or "no key"
-    cut = ", ".join(map(_names, remedies.cut))
+    for searched in remedies.searches:
+        if searched.complete and not searched.found:
+            where, ends = "", (searched.least, searched.most)
+            if None not in ends:
+                unit = find_key(scene, searched.path).unit
+                where = " from {} to {}".format(*(show(end or 0.0, unit, 3) for end in ends))
+            yield f"  no tried value of {name_of(searched.path)}{where} makes the board pass"
+    keys = ", ".join(name_of(each.path) for each in remedies.searches) or "no key"
+    cut = ", ".join(name_of(each.path) for each in remedies.searches if not each.complete)
     rest = f"; not to the end: {cut} (--changes)" if cut else ""
     yield f"  searched {remedies.trials} changes of {keys}{rest}"
     if remedies.undecided:
         count = len(remedies.undecided)
         yield f"  {count} of them without a verdict, such as: {remedies.undecided[0]}"
-
-
-def _names(paths: Iterable[str]) -> str:
-    return " and ".join(map(name_of, paths))
-
-
-def edge_text(found: StableRange) -> str:
-    """Return the nearest edge of a stable range: ``"from C = 9.023 pF"``; empty without one."""
-    if found.edge is None:
-        return ""
-    side, word, other = "up to", "from", found.low
-    if found.edge == found.low:
-        side, word, other = "from", "to", found.high
-    text = f"{side} {name_of(found.path)} = {show(found.edge, found.unit)}"
-    return text if other is None else f"{text} ({word} {show(other, found.unit)})"
-
-
-def distance_text(found: StableRange) -> str:
-    """Return how far a board is from stability on one key."""
-    name, own = name_of(found.path), show(found.own, found.unit)
-    if found.reason:
-        return f"{name} = {own}: not known, {found.reason}"
-    if found.edge is None or found.factor is None:
-        ends = f"{show(found.least, found.unit)} to {show(found.most, found.unit)}"
-        return f"{name} = {own}: no value from {ends} makes the board stable"
-    return f"{name} = {own}: stable {edge_text(found)}, {found.factor:.4g} times the scene's value"
 
 
 def _change(scene: Scene, change: Change) -> str:

@@ -220,7 +220,6 @@ def accuracy_view(study: WorkPrecisionStudy) -> Page:
         sections=(
             Section("Error against run time", partial(_charts, study), media="page picture"),
             Section("Runs", tuple(_runs(study)), media="terminal page"),
-            Section("Order of convergence", _orders(study), media="terminal page"),
             Section("Cheapest settings", _cheapest(study), media="terminal page"),
             Section("Left out", Notes("", study.omissions), media="terminal page"),
             origin_section(study.scene),
@@ -279,7 +278,7 @@ def _runs(study: WorkPrecisionStudy) -> Iterator[Content]:
     points = [point for method in _methods(study) for point in study.of(method)]
     columns = {
         **fields("method = method.name; setting = known_setting; status; time = seconds 3"),
-        **fields("steps; factorisations"),
+        **fields("steps"),
         "largest error": lambda each: Cell(_power(each.error), each.error),
     }
     yield Table.of("Wall times and errors", points, columns, _scale_text(study))
@@ -317,14 +316,3 @@ def _cheapest(study: WorkPrecisionStudy) -> Table:
     }
     note = "Largest error over time on the board, as measured."
     return Table.of("Cheapest setting that reaches an error", rows, columns, note)
-
-
-def _orders(study: WorkPrecisionStudy) -> Table:
-    columns: dict[str, Column] = {
-        "method": "method.name",
-        "fitted": lambda each: each.order and Cell(f"{each.order:.2f}", each.order),
-        "theory": "method.theory",
-    }
-    shown = (each for each in study.ladders if each.method.setting)
-    note = "Median slope of the largest error over time, against the mean step."
-    return Table.of("Order of convergence", shown, columns, note)

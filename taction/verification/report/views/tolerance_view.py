@@ -1,4 +1,4 @@
-"""Tolerances: a yield with its histograms and causes, and the worst corners."""
+"""Tolerances: a yield with its histograms, and the worst corners."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from taction.verification.studies.tolerance.montecarlo import CHECK_OF, YieldRep
 from taction.verification.studies.tolerance.varied_board import Quantity
 
 BINS = 40  # of a histogram, at most
-SHOWN = 10  # sensitivities in a terminal
 FAR = 1.5  # times the range of the values: a limit farther away is not drawn
 SAME = 1e-9  # relative: values that are one value
 Limits = tuple[float | None, float | None]  # the least and the largest accepted value
@@ -39,27 +38,19 @@ def yield_view(result: YieldReport) -> Page:
             Section("Checks that do not pass", tuple(failures(result)), media=shown),
             Section("Quantities", spreads(result), media=shown),
             Section("Histograms", lambda: histograms(result), media="page picture"),
-            Section("Causes", causes(result), media=shown),
             origin_section(result.scene, origin),
         ),
     )
 
 
 def _worst(result: YieldReport) -> str:
-    """Return which check costs most yield, and which part moves it most; empty without losses."""
+    """Return which check costs most yield; empty without losses."""
     worst = next(iter(result.failures), "")
     if not (worst and result.samples):
         return ""
     share = percent(result.failures[worst] / result.samples, 4)
     text = f"{share} of the boards do not pass the check of the {spaced(worst)}"
-    own = (each for each in result.sensitivities if _check(each.quantity) == worst)
-    if (first := next(own, None)) is None:
-        return f"{text}."
-    place = f" in channel {first.channel}" * (first.channel is not None)
-    return (
-        f"{text}; {first.parameter} moves it most: it is behind {100 * first.correlation**2:.0f} %"
-        f" of the variance of the {spaced(first.quantity)}{place}."
-    )
+    return f"{text}; the corners name the parts behind it."
 
 
 def _check(quantity: str) -> str:
@@ -158,37 +149,6 @@ def _histogram(title: str, spread: Quantity, values: Floats, text: str) -> Chart
     message += f", {text}" * bool(text)
     x, y = Axis(spread.title, unit, limits=shown), Axis("samples", whole=True)
     return Chart(f"{title}: {message}", x, y, tuple(marks), COUNTED)
-
-
-def _no_causes(result: YieldReport) -> str:
-    if not result.samples:
-        return ""
-    if not result.failures:
-        return "No sample fails a check: no part costs yield."
-    samples = counted(result.samples, "sample")
-    return (
-        "No part's influence on a quantity whose check costs yield stands out of the scatter of"
-        f" these {samples}."
-    )
-
-
-def causes(result: YieldReport) -> Content:
-    """Return the parts behind the spread of what costs yield, or why none is listed."""
-    if not result.sensitivities:
-        return _no_causes(result)
-    columns: dict[str, Column] = {
-        "quantity": "quantity words",
-        "channel": lambda each: "" if each.channel is None else each.channel,
-        "lost": lambda each: Cell(percent(each.lost, 4), each.lost),
-        "part": "parameter",
-        "correlation": lambda each: Cell(
-            f"{each.correlation:+.2f} ± {each.standard_error:.2f}", each.correlation
-        ),
-        "variance": lambda each: Cell(f"{100 * each.correlation**2:.0f} %", each.correlation**2),
-    }
-    few, note = dict.fromkeys(("terminal", "notebook"), SHOWN), "lost: of the yield; variance:"
-    note += " the share that the part explains."
-    return Table.of("Causes, by lost yield", result.sensitivities, columns, note, most=few)
 
 
 WORST = ("fail", "inconclusive", "pass")

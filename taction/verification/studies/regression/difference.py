@@ -7,13 +7,11 @@ state-space solution of the board at the record's instants.
 
 from __future__ import annotations
 
-import json
-import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
@@ -22,9 +20,8 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.elements import shown
 from taction.netlist_gen.scene.scene import Scene, read_toml
 from taction.system.array_types import Floats
-from taction.system.documents import OPTIONAL, read
+from taction.system.documents import OPTIONAL
 from taction.system.errors import Complaint, InputError
-from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.quantities import quantity
 from taction.system.raw_file import read_transient
 from taction.system.reading_definitions import READINGS, SETTLING_BAND
@@ -36,7 +33,6 @@ from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.decks.foreign_board import ForeignBoard, read_board
 from taction.verification.studies.decks.measured_board import Start, measure_board, step_response
 from taction.verification.studies.decks.questions import record_of
-from taction.verification.verdict.checks import Check
 from taction.verification.verdict.record import (
     Channel,
     Difference,
@@ -50,17 +46,15 @@ from taction.verification.verdict.scene_deck import deck_of
 from taction.verification.verdict.transient_plan import state_space_tolerance
 from taction.verification.verdict.verify import Verdict
 
-Document = Mapping[str, Any]
 Value = bool | int | float | str
 Curves = Callable[[], tuple[Floats, Floats] | None]
 """Returns instants (P,), s, and outputs (P, N), V; None where they cannot be drawn."""
 
 DECKS = (".cir", ".ckt", ".cki", ".sp", ".spice", ".net", ".asc")
 RECORDS = (".raw",)
-DOCUMENT = "the document of one verdict, from `taction verify SCENE --json`"
 ACCEPTED = (
-    "a scene (.toml; `taction new` writes one), a deck (.cir), the raw file of one transient (.raw)"
-    " or a stored verdict (.json)"
+    "a scene (.toml; `taction new` writes one), a deck (.cir) or the raw file of one transient"
+    " (.raw)"
 )
 FIGURES = ("growth_rate", "frequency", "step_amplitude")
 CHANNEL_FIGURES = ("equilibrium", *READINGS)
@@ -91,7 +85,7 @@ class VerdictDifference(Result):
     readings: tuple[Difference, ...]  # every reading of either
     outputs: tuple[str, ...] = ()  # names of the channels of readings; empty: u_1, u_2, ...
     notes: tuple[str, ...] = ()
-    # Instants (P,), s, and outputs (P, N), V, of each; None of a stored verdict.
+    # Instants (P,), s, and outputs (P, N), V, of each.
     curves: tuple[Curves | None, Curves | None] = (None, None)
 
     @property
@@ -101,25 +95,6 @@ class VerdictDifference(Result):
         return 1 if True in found else 3 if None in found else 0
 
 
-def compare_verdicts(
-    first: Document,
-    second: Document,
-    names: tuple[str, str],
-    curves: tuple[Curves | None, Curves | None] = (None, None),
-) -> VerdictDifference:
-    """Return the differences of two documents; `names` are those of their files."""
-    one, two = (read(_StoredVerdict, document) for document in (first, second))
-    keys = tuple(key_differences(one.keys, two.keys))
-    readings = compare(
-        one.record,
-        two.record,
-        within_uncertainties,
-        figures=FIGURES,
-        channel_figures=CHANNEL_FIGURES,
-    )
-    return VerdictDifference(*names, keys, readings, curves=curves)
-
-
 @dataclass(frozen=True, slots=True)
 class StoredKey:
     """A key of a scene or a value of a deck, base units; a file has the SHA-256 of its content."""
@@ -127,42 +102,6 @@ class StoredKey:
     value: Value | None
     unit: str | None = None
     sha256: Annotated[str | None, OPTIONAL] = None
-
-
-@dataclass(frozen=True, slots=True)
-class _StoredVerdict:
-    """What is compared of the document of a verdict."""
-
-    DOCUMENT = (
-        *("outcome", "checks", "channels", "step_amplitude", "engine", "keys"),
-        *("step_amplitude_uncertainty", "stability.rightmost_pole = pole"),
-        "stability.rightmost_pole_uncertainty = pole_uncertainty",
-    )
-
-    outcome: str
-    checks: tuple[Check, ...]
-    channels: tuple[Channel, ...]
-    step_amplitude: float | None
-    pole: tuple[float, float]
-    pole_uncertainty: float | None
-    engine: str
-    step_amplitude_uncertainty: float | None
-    keys: dict[str, StoredKey]
-
-    @property
-    def record(self) -> Record:
-        """What is compared."""
-        (rate, speed), bound = self.pole, self.pole_uncertainty
-        values = rate, speed / math.tau, self.step_amplitude
-        bounds = bound, None if bound is None else bound / math.tau, self.step_amplitude_uncertainty
-        return Record(
-            self.outcome,
-            self.engine,
-            figures=dict(zip(FIGURES, values, strict=True)),
-            uncertainties=dict(zip(FIGURES, bounds, strict=True)),
-            checks=self.checks,
-            channels=self.channels,
-        )
 
 
 def key_differences(
@@ -177,26 +116,24 @@ def key_differences(
             yield KeyDifference(key, one.value, two.value, one.unit or two.unit, content=same)
 
 
-def stored_verdict(path: str | Path) -> dict[str, Any]:
-    """Return the document in a file; `InputError` where it is none of one verdict."""
+Keys = Mapping[str, StoredKey]
 
-    def refused(key: str, text: object) -> InputError:
-        return InputError(path, Complaint(key, "", f"{text}; expected {DOCUMENT}"))
 
-    try:
-        document = json.loads(read_bounded(path, LARGEST))
-    except UnusableFileError as error:
-        raise refused("file", error) from None
-    except (ValueError, RecursionError) as error:
-        raise refused("JSON", error) from None
-    if isinstance(document, dict) and "verdicts" in document:
-        raise refused("verdicts", "holds the verdicts of several scenes")
-    try:
-        read(_StoredVerdict, document)
-    except (ValueError, OverflowError) as error:
-        place, _, what = str(error).rpartition(": ")
-        raise refused(place or "JSON", what) from None
-    return dict(document)
+def compare_verdicts(
+    first: Verdict, second: Verdict, keys: tuple[Keys, Keys], names: tuple[str, str]
+) -> VerdictDifference:
+    """Return the differences of two verdicts; `keys` are those of their scenes."""
+    one, two = Record.of(first), Record.of(second)
+    readings = compare(
+        one, two, within_uncertainties, figures=FIGURES, channel_figures=CHANNEL_FIGURES
+    )
+
+    def curve(verdict: Verdict) -> Curves:
+        return lambda: (verdict.waveforms.time, verdict.u)
+
+    differ = tuple(key_differences(*keys))
+    curves = curve(first), curve(second)
+    return VerdictDifference(*names, differ, readings, curves=curves)
 
 
 def is_circuit(given: object) -> bool:
@@ -211,9 +148,9 @@ def ends_with(given: object, endings: tuple[str, ...]) -> bool:
 
 def refuse_pair(first: object, second: object) -> None:
     """Refuse two things that cannot be compared, or a file that is none of them."""
-    for given, other in ((first, second), (second, first)):
-        if ends_with(given, (".json",)) and is_circuit(other):
-            text = f"a stored verdict has no circuit to compare with {other}; expected its scene"
+    for given in (first, second):
+        if ends_with(given, (".json",)):
+            text = "a document; expected its scene. `taction regress` compares with stored results"
             raise InputError(str(given), Complaint("file", "", text))
     if ends_with(first, RECORDS) and ends_with(second, RECORDS):
         text = "a second record; expected the scene or the deck of the board (.toml, .cir)"
@@ -224,7 +161,7 @@ def refuse_pair(first: object, second: object) -> None:
             if not path.is_file() and path.suffix.lower() != ".asc":
                 text = f"No such file or directory; expected {ACCEPTED}"
                 raise InputError(path, Complaint("file", "", text))
-            if not ends_with(given, (*DECKS, *RECORDS, ".json")):
+            if not ends_with(given, (*DECKS, *RECORDS)):
                 read_toml(path, ACCEPTED)
 
 

@@ -19,7 +19,7 @@ from taction.system.output_files import check_extra
 from taction.system.progress import Notice, Progress
 from taction.verification.studies.running import study
 from taction.verification.studies.running.study import Workers
-from taction.verification.studies.running.versions import own_version, simulator_name
+from taction.verification.studies.running.versions import own_code, simulator_name
 
 T = TypeVar("T")
 
@@ -133,11 +133,11 @@ class _Call:
 
 
 def _versions() -> tuple[str, str]:
-    """Return taction, and ngspice; the latter is empty where there is none."""
+    """Return the source of taction, and ngspice; the latter is empty where there is none."""
     simulator = ""
     with suppress(SimulationError):
         simulator = simulator_name()
-    return own_version(), simulator
+    return f"taction {own_code().hex()[:8]}", simulator
 
 
 def _computed(versions: tuple[str, str], function: Callable[..., T], *args: Any) -> T:

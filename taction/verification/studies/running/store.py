@@ -38,10 +38,6 @@ NOT_A_DATABASE = f"the file is no SQLite database; {ACCEPTED}. It was not change
 MESSAGES = {  # by the beginnings of SQLite's error names
     "SQLITE_NOTADB": NOT_A_DATABASE,
     "SQLITE_CORRUPT": CORRUPT,
-    "SQLITE_READONLY": "the file cannot be written; give it write permission, or another name",
-    "SQLITE_CANTOPEN": "the file cannot be opened or made; does the folder exist, and may you"
-    " write to it?",
-    "SQLITE_BUSY": "another process has locked the file for a minute; is that process suspended?",
 }
 SCHEMA = f"""
 begin immediate;

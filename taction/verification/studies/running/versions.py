@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import enum
 import functools
 import hashlib
 import json
@@ -11,7 +9,7 @@ import os
 import platform
 import re
 import time
-from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import metadata, util
 from pathlib import Path
@@ -21,18 +19,20 @@ import numpy as np
 from pydantic import BaseModel
 
 from taction import netlist_gen, spice_models, system, verification
+from taction.netlist_gen.scene.scene import Scene
 from taction.system import plugins
 from taction.system.documents import HIDDEN
 from taction.system.errors import SimulationError
+from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.processes import THREADS
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
 
 
 def digest(*values: object) -> bytes:
-    """Return the SHA-256 of `values`: dataclasses, models, containers, arrays, plain values.
+    """Return the SHA-256 of `values`: models, lists, dicts, arrays, bytes, plain values.
 
-    Types and borders count and mappings are sorted: equal content has equal digests on any machine.
+    Types and borders count and dicts are sorted: equal content has equal digests on any machine.
     """
     return hashlib.sha256(json.dumps(values, default=_plain, sort_keys=True).encode()).digest()
 
@@ -46,14 +46,14 @@ def _plain(value: Any) -> Any:
         return {little.dtype.str: little.shape, "bytes": little.tobytes().hex()}
     if isinstance(value, BaseModel):
         return value.model_dump(by_alias=True)
-    if isinstance(value, Mapping):
-        return dict(value)
-    if isinstance(value, enum.Enum):
-        return value.value
-    if dataclasses.is_dataclass(value):
-        known = [f.name for f in dataclasses.fields(value) if f.metadata.get("digest", True)]
-        return {type(value).__name__: [getattr(value, name) for name in known]}
     raise TypeError(f"no digest of {type(value).__name__}")
+
+
+def file_content(scene: Scene, name: str) -> bytes:
+    """Return the SHA-256 of a file that a scene names; empty where it cannot be read."""
+    with suppress(UnusableFileError):
+        return hashlib.sha256(read_bounded(scene.folder / name, LARGEST)).digest()
+    return b""
 
 
 @functools.cache
@@ -67,13 +67,6 @@ def own_code() -> bytes:
         for file in sorted(each for each in folder.rglob("*") if each.suffix in plugins.CODE)
     ]
     return digest(texts, *([tuple(plugins.sources())] if plugins.offers() else []))
-
-
-@functools.cache
-def own_version() -> str:
-    """Return taction, its source and its plug-ins, as far as they can change a result."""
-    added = sorted(set(map(plugins.distribution, plugins.offers())))
-    return ", ".join((f"taction {metadata.version('taction')} ({own_code().hex()[:8]})", *added))
 
 
 def simulator_name(engine: str = "ngspice") -> str:
@@ -123,7 +116,6 @@ EXTRAS = (
     ("plotly", "--report", "pip install 'taction[report]'"),
     ("starlette", "explore", "pip install 'taction[explore]'"),
     ("pyarrow", "waveforms and sweeps as Parquet", "pip install 'taction[parquet]'"),
-    ("xarray", "sweeps as netCDF", "pip install 'taction[netcdf]'"),
     ("spicelib", "diff with raw files in text or of LTspice", "pip install 'taction[raw]'"),
     ("mcp", "mcp: tools for programs", "pip install 'taction[mcp]'"),
     ("pandas", "to_pandas() of studies, in Python", "pip install 'taction[data]'"),

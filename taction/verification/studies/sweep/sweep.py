@@ -7,14 +7,12 @@ the store. A failed verification is a result like any other.
 from __future__ import annotations
 
 import csv
-import hashlib
 import math
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -36,7 +34,6 @@ from taction.netlist_gen.scene.keys import Value, files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import INLINE
 from taction.system.errors import MACHINE_FAILURES, Complaint, InputError, Interrupted, TactionError
-from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.output_files import check_extra, check_file, replacing
 from taction.system.progress import Notice, Progress, ask
 from taction.system.results import Result
@@ -44,7 +41,12 @@ from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.cluster import workers_at
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.running.study import Workers, attempted, study
-from taction.verification.studies.running.versions import digest, own_code, simulator_name
+from taction.verification.studies.running.versions import (
+    digest,
+    file_content,
+    own_code,
+    simulator_name,
+)
 from taction.verification.verdict.record import ERROR, FIGURES, Record
 from taction.verification.verdict.simulation import choose_engine
 from taction.verification.verdict.verify import verify
@@ -98,14 +100,7 @@ def grid_points(plan: Plan, places: Iterable[int] | None = None) -> Iterator[Gri
     scene = plan.scene.model_dump(by_alias=True, exclude={"name", "regression", "analysis"})
     analysis = plan.scene.analysis.model_dump(exclude={"engine", "timeout"})
     base = digest(own_code(), scene, analysis, simulator_name(plan.engine), plan.engine)
-    named = files_of(plan.scene)
-
-    @cache
-    def content(name: str) -> bytes:
-        with suppress(UnusableFileError):
-            return hashlib.sha256(read_bounded(plan.scene.folder / name, LARGEST)).digest()
-        return b""
-
+    named, content = files_of(plan.scene), cache(partial(file_content, plan.scene))
     for place in range(plan.points) if places is None else map(int, places):
         values = plan.values_at(place)
         names = [values.get(path, name) for path, name in named.items()]
@@ -190,8 +185,7 @@ def computed(
 
 TEXT_COLUMNS = ("outcome", "failure", "state", "simulator", "reason")
 OUTCOMES = ("pass", "fail", "inconclusive", "error")
-EXTRAS = {".csv": "", ".parquet": "parquet", ".nc": "netcdf"}  # of taction, by ending
-UNITS = {"step": "1", "": "1"}  # the unit of a plain number in the conventions of netCDF
+EXTRAS = {".csv": "", ".parquet": "parquet"}  # of taction, by ending
 
 
 def all_records(plan: Plan, store: Store) -> Iterator[dict[str, Any] | None]:
@@ -277,34 +271,6 @@ class SweepResult(Result):
 
         return pd.DataFrame(_rows(self), columns=[*_columns(self.plan)])
 
-    def to_xarray(self) -> Any:
-        """Return an ``xarray.Dataset``: the axes are its coordinates.
-
-        InputError: xarray is not installed.
-        """
-        check_extra("data", "to_xarray")
-        import xarray as xr
-
-        plan, arrays = self.plan, grids(self)
-        dimensions = [group[0].name for group in plan.groups]
-        coordinates: dict[str, Any] = {}
-        for group, dimension in zip(plan.groups, dimensions, strict=True):
-            for axis in group:
-                values = axis.values if axis.key.kind != "choice" else map(str, axis.values)
-                about = {"long_name": axis.key.path, "units": axis.key.unit or "1"}
-                coordinates[axis.name] = (dimension, list(values), about)
-        variables: dict[str, Any] = {
-            name: (dimensions, arrays[name], {"units": UNITS.get(unit, unit)})
-            for name, (kind, unit) in _columns(plan).items()
-            if kind == "real" and name not in coordinates
-        }
-        places = np.arange(len(OUTCOMES), dtype=np.int8)
-        flags = {"flag_values": places, "flag_meanings": " ".join(OUTCOMES)}
-        variables["outcome"] = (dimensions, arrays["outcome"], flags)
-        about = {"scene": plan.scene.name, "engine": plan.engine}
-        about |= {"Conventions": "CF-1.8", "source": "taction sweep"}
-        return xr.Dataset(variables, coordinates, about)
-
 
 def sweep(
     scene: str | Path | Scene,
@@ -361,7 +327,7 @@ def sweep(
     Returns
     -------
     SweepResult
-        `to_pandas`, `to_xarray`, `plot` and `records` give the points.
+        `to_pandas`, `plot` and `records` give the points.
 
     Raises
     ------
@@ -438,12 +404,10 @@ def check_sweep_export(path: str) -> None:
 
 
 def export_sweep(result: SweepResult, path: str) -> None:
-    """Write every point of a sweep to `path`, a row each; of netCDF it is the grid."""
+    """Write every point of a sweep to `path`, a row each."""
     check_sweep_export(path)
     with replacing(path) as temporary:
         match Path(path).suffix.lower():
-            case ".nc":
-                result.to_xarray().to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
             case ".parquet":
                 import pyarrow as pa
                 import pyarrow.parquet

@@ -1,4 +1,4 @@
-"""Yield of a board with component tolerances: samples, confidence interval, sensitivities.
+"""Yield of a board with component tolerances: samples and their confidence interval.
 
 Every sample has its own random stream: sample 17 of seed 1 is the same board on any machine and in
 any order. A sample without a verdict counts as one that does not pass. The key of a sample in a
@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from taction.netlist_gen.scene.keys import files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError, Interrupted
@@ -27,7 +28,12 @@ from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.cluster import workers_at
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.running.study import Workers
-from taction.verification.studies.running.versions import digest, own_code, simulator_name
+from taction.verification.studies.running.versions import (
+    digest,
+    file_content,
+    own_code,
+    simulator_name,
+)
 from taction.verification.studies.tolerance.varied_board import (
     BoardSample,
     Quantity,
@@ -38,27 +44,9 @@ from taction.verification.studies.tolerance.varied_board import (
 )
 
 CONFIDENCE = 0.95
-MIN_SAMPLES = 30  # for the test of the interval's width, and for sensitivities
-SIGNIFICANT = 4.0  # standard errors of a reported correlation; hundreds are tested at once
+MIN_SAMPLES = 30  # for the test of the interval's width
 QUANTILES = (0.05, 0.5, 0.95)
 CHECK_OF = {"growth_rate": "stability", "margin": "stability"}  # of a quantity of another name
-
-
-@dataclass(frozen=True, slots=True)
-class Sensitivity:
-    """Correlation of a quantity with the deviation of a component over the samples.
-
-    Times enter by their logarithm; the steady state by the signed error of one `channel`, that with
-    the largest root mean square. `lost` is the share of the samples that fail the check.
-    """
-
-    parameter: str
-    kind: str
-    quantity: str
-    correlation: float
-    standard_error: float
-    channel: int | None = None
-    lost: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -84,7 +72,6 @@ class YieldReport(Result):
     DOCUMENT = (
         *("scene = name", "engine", "seed", "complete", "samples", "passed"),
         *("without_verdict", "fraction", "low", "high", "failures", "reasons", "quantities"),
-        "sensitivities",
     )
 
     name: str
@@ -100,7 +87,6 @@ class YieldReport(Result):
     failures: dict[str, int]
     reasons: dict[str, int]
     quantities: tuple[Quantity, ...]
-    sensitivities: tuple[Sensitivity, ...]
     min_yield: float | None = None
     complete: bool = True
     scene: Scene | None = field(default=None, compare=False)
@@ -123,7 +109,7 @@ class YieldReport(Result):
 
 
 def summarise_samples(board: Varied, samples: list[BoardSample], seed: int) -> YieldReport:
-    """Return the yield with its interval, failed checks, spreads and ranked sensitivities."""
+    """Return the yield with its interval, failed checks and spreads."""
     passed = sum(sample.outcome == "pass" for sample in samples)
     low, high = interval(passed, len(samples))
     failures = Counter(name for sample in samples for name in sample.failed)
@@ -142,8 +128,6 @@ def summarise_samples(board: Varied, samples: list[BoardSample], seed: int) -> Y
         failures=dict(failures.most_common()),
         reasons=dict(Counter(s.lost for s in undecided if s.lost).most_common()),
         quantities=tuple(_spread(quantity, samples) for quantity in board.quantities),
-        # Those of the check that costs most yield come first, and of one check the strongest.
-        sensitivities=tuple(sorted(_sensitivities(board, samples, seed), key=_by_loss)),
     )
 
 
@@ -172,49 +156,11 @@ def _spread(quantity: Quantity, samples: list[BoardSample]) -> Quantity:
     return replace(quantity, low=low, median=median, high=high, missing=missing)
 
 
-def _sensitivities(board: Varied, samples: list[BoardSample], seed: int) -> Iterator[Sensitivity]:
-    """Yield the correlations beyond `SIGNIFICANT` standard errors, where the check costs yield."""
-    for quantity in board.quantities:
-        check = CHECK_OF.get(quantity.name, quantity.name)
-        lost = sum(check in sample.failed for sample in samples) / max(len(samples), 1)
-        if quantity.name == "margin" or not lost:  # a margin is known up to its limit only
-            continue
-        channel, values = None, [sample.value(quantity.name) for sample in samples]
-        if quantity.name == "steady_state":
-            errors = np.array([sample.errors for sample in samples if sample.errors])
-            channel = int(np.argmax((errors**2).mean(axis=0))) if len(errors) else None
-            values = [s.errors[channel or 0] if s.errors else None for s in samples]
-        pairs = zip(samples, values, strict=True)
-        known = {s.number: v for s, v in pairs if v is not None and math.isfinite(v)}
-        if len(known) < MIN_SAMPLES:
-            continue
-        found = np.array(list(known.values()))
-        if quantity.unit == "s":
-            found = np.log(np.maximum(found, 1e-300))
-        z = np.array([board.drawn(seed, number) for number in known])
-        error, number = 1.0 / math.sqrt(len(known)), None if channel is None else channel + 1
-        yield from (
-            Sensitivity(part.name, part.kind, quantity.name, float(r), error, number, lost)
-            for part, r in zip(board.varied, _correlation(z, found), strict=True)
-            if abs(r) > SIGNIFICANT * error
-        )
-
-
-def _by_loss(found: Sensitivity) -> tuple[float, float]:
-    return -found.lost, -abs(found.correlation)
-
-
-def _correlation(z: Floats, values: Floats) -> Floats:
-    z, values = z - z.mean(axis=0), values - values.mean()
-    scale = np.sqrt((z**2).sum(axis=0) * (values**2).sum())
-    return np.asarray((z * values[:, None]).sum(axis=0) / np.where(scale > 0, scale, np.inf))
-
-
 def sample_keys(board: VariedBoard, seed: int) -> Callable[[int], bytes]:
     """Return the function that gives the key of a sample in a store, by its number."""
-    problem = (board.problem.matrix, board.problem.strain)
-    versions = own_code(), simulator_name(board.engine)
-    base = digest(*versions, board.scene, *problem, board.nominal, seed)
+    versions, scene = (own_code(), simulator_name(board.engine)), board.scene
+    files = [file_content(scene, n) for n in files_of(scene).values() if isinstance(n, str)]
+    base = digest(*versions, scene, files, seed)
     return lambda number: digest(base, number)
 
 
@@ -302,7 +248,7 @@ def montecarlo(
     -------
     YieldReport
         The yield (a sample without a verdict counts as not passed), its 95 % interval, the failed
-        checks, the parts with the largest influence; `plot` draws histograms.
+        checks; `plot` draws histograms. `corners` names the parts with the largest influence.
 
     Raises
     ------

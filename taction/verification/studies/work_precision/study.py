@@ -1,26 +1,23 @@
 """Error against run time of one scene for every engine, method and tolerance or step.
 
 `accuracy` runs the settings of `METHODS`, coarse to fine, and compares each with the exact
-solution, or one with a far smaller tolerance. The order of a method is that of the largest error
-over time as a function of the mean step.
+solution, or one with a far smaller tolerance.
 """
 
 from __future__ import annotations
 
 import math
-import re
 import statistics
 import time as clock
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from taction.netlist_gen.analysis import SimulatedDeck, Transient
+from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
@@ -28,16 +25,11 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, SimulationError
-from taction.system.foreign_files import read_ends
 from taction.system.progress import Notice, Progress
 from taction.system.quantities import show
 from taction.system.results import Result
 from taction.system.waveforms import PHYSICAL_BOUND, Cost, Waveforms
 from taction.verification.engines.ngspice import process
-from taction.verification.engines.ngspice.evidence import (
-    Ending,
-    accepted_waveforms,
-)
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
@@ -53,8 +45,6 @@ from taction.verification.verdict.transient_plan import truncation_for
 BASE_POINTS = 125.0  # points per period of the task's transient
 COMPARED = 1000  # instants of a record that are compared with the reference, about
 LONGEST = 86400.0  # s: the study ends the process of a run that takes too long
-STEPS = re.compile(r"^Accepted timepoints = (\d+)", re.MULTILINE)
-ITERATIONS = re.compile(r"^Total iterations = (\d+)", re.MULTILINE)
 
 
 def thinned(run: Waveforms) -> Waveforms:
@@ -73,22 +63,9 @@ def ngspice(
     even = replace(transient, max_step=step, truncation=truncation_for(points))
     transient = replace(even, method=method)
     deck = write_deck(circuit, transient, solver=simulator.solver_option)
-    # The option acct makes ngspice print its steps and iterations.
-    deck = replace(deck, text=deck.text.replace("\n.options ", "\n.options acct ", 1))
     bound = PHYSICAL_BOUND * circuit.value("U0")
-
-    def accept(deck: SimulatedDeck, ending: Ending) -> tuple[Waveforms, str]:
-        log = read_ends(ending.folder / process.STREAMS[0], process.LONGEST_LOG)
-        return accepted_waveforms(deck, ending, engine=simulator.engine, bound=bound), log
-
-    with process.Simulation(deck, simulator, timeout=LONGEST, bound=bound) as run:
-        waveforms, log = run.accept(accept)
-    cost = waveforms.cost
-    if steps := STEPS.search(log):
-        cost = replace(cost, points=int(steps[1]))
-    iterations = ITERATIONS.search(log)
-    cost = replace(cost, factorisations=int(iterations[1]) if iterations else 0)
-    return _run(circuit, waveforms.time, outputs(circuit, waveforms), cost)
+    found = process.simulate(deck, simulator, timeout=LONGEST, bound=bound)
+    return _run(circuit, found.time, outputs(circuit, found), found.cost)
 
 
 def exact(
@@ -127,27 +104,16 @@ class Method:
     setting: str  # name of the ladder's quantity; empty for a method without a step
     ladder: tuple[float, ...]  # coarse to fine
     run: Callable[..., Waveforms]  # of circuit, transient (with `BASE_POINTS`) and setting
-    order: float | None  # in theory; None for a method without a step
-    theory: str  # the order in words
 
 
-EXACT = "state space, exact"
+STEP, EXACT = "points per period", "state space, exact"
 
 METHODS: tuple[Method, ...] = (
-    Method(
-        "ngspice trapezoidal", "ngspice", "points per period", POINTS,
-        partial(ngspice, method="trapezoidal"), 2.0, "2",
-    ),
-    Method(
-        "ngspice Gear", "ngspice", "points per period", POINTS,
-        partial(ngspice, method="gear"), 2.0, "2 (ngspice's default maximum order)",
-    ),
-    Method(EXACT, "statespace", "", (0.0,), exact, None, "no step: rounding alone"),
-    Method(
-        "state space, implicit", "statespace", "tolerance", TOLERANCES, implicit,
-        10.0, "10 (dense output of nine Radau IIA stages; 17 at the ends of steps)",
-    ),
-)  # fmt: skip
+    Method("ngspice trapezoidal", "ngspice", STEP, POINTS, partial(ngspice, method="trapezoidal")),
+    Method("ngspice Gear", "ngspice", STEP, POINTS, partial(ngspice, method="gear")),
+    Method(EXACT, "statespace", "", (0.0,), exact),
+    Method("state space, implicit", "statespace", "tolerance", TOLERANCES, implicit),
+)
 
 
 def solutions(board: LinearBoard) -> dict[str, Callable[..., Waveforms]]:
@@ -163,24 +129,7 @@ def solutions(board: LinearBoard) -> dict[str, Callable[..., Waveforms]]:
 PERIODS = 30.0  # of ringing that are studied
 REPEATS = 3
 LEAST_TIME = 20.0  # s for a run and for a reference at least, whatever is left of the budget
-MAX_ERROR = 0.1  # a larger error is not asymptotic
-ABOVE_FLOOR = 10.0  # least error of a run, in errors of the reference
 ERRORS = tuple(10.0**-k for k in range(2, 11))
-
-
-def convergence(points: Sequence[SettingResult], floor: float) -> float | None:
-    """Return the order: the median slope of ln error over ln step between neighbours of a ladder.
-
-    Errors above `MAX_ERROR`, or below `ABOVE_FLOOR` times the reference's own, `floor`, do not
-    count.
-    """
-    usable = [
-        (math.log(point.mean_step), math.log(point.error))
-        for point in points
-        if point.mean_step and point.error and ABOVE_FLOOR * floor <= point.error <= MAX_ERROR
-    ]
-    slopes = [(d - b) / (c - a) for (a, b), (c, d) in pairwise(usable) if a != c]
-    return statistics.median(slopes) if len(slopes) > 1 else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,8 +137,9 @@ class SettingResult:
     """The results of one setting of one method."""
 
     DOCUMENT = (
-        *("setting = known_setting", "status", "seconds [s]", "steps", "factorisations"),
-        *("mean_step [s]", "error", "reference", "note"),
+        *("method = method.name", "engine = method.engine", "quantity = method.setting"),
+        *("setting = known_setting", "status", "seconds [s]", "steps", "error", "reference"),
+        "note",
     )
 
     method: Method
@@ -197,8 +147,6 @@ class SettingResult:
     status: str = "done"  # or "timeout" or "failed"
     seconds: float | None = None  # median of the wall times, s; of a time-out its limit
     steps: int | None = None  # of one run
-    factorisations: int | None = None  # of one run
-    mean_step: float | None = None  # length of the record over its steps, s
     error: float | None = None  # largest over time and channels, over the step amplitude
     reference: str = ""
     note: str = ""  # message of the error
@@ -215,21 +163,6 @@ class SettingResult:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ladder:
-    """A method with the results of its settings, and its order of convergence."""
-
-    DOCUMENT = (
-        *("name = method.name", "engine = method.engine", "setting = method.setting"),
-        *("order", "order_theory = method.order"),
-        *("order_theory_says = method.theory", "points"),
-    )
-
-    method: Method
-    order: float | None
-    points: tuple[SettingResult, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class WorkPrecisionStudy(Result):
     """A work-precision study of one scene."""
 
@@ -237,7 +170,7 @@ class WorkPrecisionStudy(Result):
     DOCUMENT = (
         *("scene = scene.name", "file = scene.file", "stop [s] = transient.stop"),
         *("stretch", "period [s]", "references", "reference_error = floor"),
-        *("step_amplitude [V] = amplitude", "methods = ladders", "omissions"),
+        *("step_amplitude [V] = amplitude", "runs = points", "omissions"),
         *("machine", "seconds [s]"),
     )
 
@@ -264,19 +197,9 @@ class WorkPrecisionStudy(Result):
         """``pass`` if a run has a known error, else ``inconclusive``."""
         return "inconclusive" if self.cheapest(math.inf) is None else "pass"
 
-    @property
-    def ladders(self) -> tuple[Ladder, ...]:
-        """The methods with their results and their orders."""
-        methods = dict.fromkeys(point.method for point in self.points)
-        return tuple(Ladder(each, self.order(each), self.of(each)) for each in methods)
-
     def of(self, method: Method) -> tuple[SettingResult, ...]:
         """Return the points of one method."""
         return tuple(point for point in self.points if point.method is method)
-
-    def order(self, method: Method) -> float | None:
-        """Return the order of convergence of one method; None of a method without a step."""
-        return convergence(self.of(method), self.floor or 0.0) if method.setting else None
 
     def cheapest(self, error: float, engines: Iterable[str] | None = None) -> SettingResult | None:
         """Return the fastest setting whose error is at most `error`, or None."""
@@ -407,7 +330,7 @@ def _ladder(
     left_out: list[str],
 ) -> Iterator[tuple[SettingResult, Waveforms | None]]:
     """Yield the settings of a method and their last runs, coarse to fine, for some `seconds`."""
-    end, stop = clock.perf_counter() + seconds, task[1].stop
+    end = clock.perf_counter() + seconds
     for place, setting in enumerate(method.ladder):
         point, times, run = SettingResult(method, setting), list[float](), None
         if place and clock.perf_counter() > end:
@@ -431,8 +354,6 @@ def _ladder(
             point,
             seconds=statistics.median(times),
             steps=run.cost.points,
-            factorisations=run.cost.factorisations or None,
-            mean_step=stop / run.cost.points if run.cost.points else None,
         )
         yield point, thinned(run)
 

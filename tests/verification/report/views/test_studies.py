@@ -17,7 +17,7 @@ from taction.verification.report.blocks import PAGE, Bars, Block, Page, Table
 from taction.verification.report.renderers.plotly import plotly_spec
 from taction.verification.report.views import tolerance_view as tolerance
 from taction.verification.report.views.sweep_view import Plane
-from taction.verification.studies.tolerance.montecarlo import Sensitivity, YieldReport
+from taction.verification.studies.tolerance.montecarlo import YieldReport
 from taction.verification.studies.tolerance.varied_board import Quantity
 from tests.support.entries import grid_plan, make_sample
 from tests.support.report_pages import STUDIES, VERDICTS, page
@@ -126,7 +126,6 @@ REPORT = YieldReport(
     failures={"settling_time": 10},
     reasons={},
     quantities=(TIME, RATE),
-    sensitivities=(Sensitivity("Cc_1", "capacitor", "settling_time", -0.9, 0.15),),
 )
 
 

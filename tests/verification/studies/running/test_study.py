@@ -19,14 +19,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.system.errors import InputError, Killed, OutOfDisk
 from taction.verification.studies.running import store as module
 from taction.verification.studies.running.store import FORMAT, Store
 from taction.verification.studies.running.study import RUNS, attempted, for_each
 from taction.verification.studies.running.versions import digest
-from tests.support.making import make_scene, write_matrix_scene
+from tests.support.making import write_matrix_scene
 from tests.support.paths import ROOT
 from tests.support.studying import IDEAL, scene_file
 
@@ -246,21 +244,6 @@ def test_types_and_borders_count() -> None:
         (-0.0,),
     ]
     assert len({digest(*value) for value in values}) == len(values)
-
-
-def test_equal_circuits_have_equal_digests_in_any_process() -> None:
-    scene = make_scene({"channels": 3})
-    circuit = synthesise(scene, make_problem(scene))
-    script = (
-        "from taction.netlist_gen.scene.inverse_problem import make_problem\n"
-        "from taction.netlist_gen.board.synthesis import synthesise\n"
-        "from tests.support.making import make_scene\n"
-        "from taction.verification.studies.running.versions import digest\n"
-        "scene = make_scene({'channels': 3})\n"
-        "print(digest(synthesise(scene, make_problem(scene))).hex())\n"
-    )
-    other = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
-    assert other.stdout.strip() == digest(circuit).hex()
 
 
 def command(folder: Path, *more: str) -> list[str]:

@@ -290,8 +290,6 @@ def test_slopes_are_those_of_the_solved_boards() -> None:
 
 
 LOOSE = {"resistor": 0.05, "capacitor": 0.1}
-HALF = {"steady_state": {"tolerance": 0.03}, "settling_time": {"band": 0.2, "max": "286.3us"}}
-"""Checks that a part of the boards fails: causes are listed of what costs yield."""
 
 
 def study(**tables: Any) -> VariedBoard:
@@ -414,35 +412,6 @@ def test_until_stops_at_the_first_narrow_interval_in_order_of_the_numbers(
         monkeypatch.setattr(montecarlo, "evaluate_all", lambda *_, made=made: iter(made))
         report = taction.montecarlo(small_scene(), samples=400, until=0.05, jobs=1)
         assert report.boards == tuple(samples[:expected])
-
-
-def test_what_varies_explains_the_variance_and_nothing_else_does() -> None:
-    # The steady state does not depend on C, the settling time does; nothing else varies.
-    asked = study(tolerances=QUIET | {"capacitor": 0.1}, checks=HALF)
-    found = summarise_samples(asked, drawn(asked, 100), 5)
-    settling = [each for each in found.sensitivities if each.quantity == "settling_time"]
-    assert {each.parameter for each in settling} == {"Cc_1", "Cc_2"}
-    assert sum(each.correlation**2 for each in settling) > 0.5  # the slower channel decides
-    assert all(each.correlation > 0 for each in settling)
-    assert not [each for each in found.sensitivities if each.quantity == "steady_state"]
-
-
-def test_causes_belong_to_quantities_with_limits_and_the_costliest_check_comes_first() -> None:
-    limits = {"settling_time": {"band": 0.5, "max": "1us"}, "steady_state": {"tolerance": 0.02}}
-    varied = study(tolerances=QUIET | {"capacitor": 0.1, "resistor": 0.05}, checks=limits)
-    samples = drawn(varied, 100)
-    found = summarise_samples(varied, samples, 5).sensitivities
-    free = study(tolerances=QUIET | {"capacitor": 0.1})  # no limit of the overshoot
-    other = summarise_samples(free, drawn(free, 40), 5).sensitivities
-    names = {each.quantity: each.lost for each in found}
-    checks = {"growth_rate": "stability"}
-    for name, lost in names.items():
-        failed = [checks.get(name, name) in sample.failed for sample in samples]
-        assert lost == sum(failed) / len(samples)
-    order = [(-each.lost, -abs(each.correlation)) for each in found]
-    assert order == sorted(order)
-    assert len(set(names.values())) > 1
-    assert "overshoot" not in names | {each.quantity: 0.0 for each in other}
 
 
 def test_the_smallest_yield_decides_the_exit_status(tmp_path: Path) -> None:

@@ -185,19 +185,17 @@ def exact_solution(
     initial: Initial = "zero",
     voltages: Mapping[str, float] | None = None,
     nodes: Iterable[str] | None = None,
-    linearised: bool = False,
 ) -> Exact:
     """Solve a linear board exactly.
 
     `circuit`: the board, without behavioural amplifiers.
     `initial`, `voltages`: see `taction.netlist_gen.analysis.Transient`.
     `nodes`: by default the outputs' nodes.
-    `linearised`: whether a board with behavioural amplifiers may stand for its linearisation.
     EngineError: the board is not linear, or has no equilibrium or no state space, or rounding hides
       the solution.
     """
     board = LinearBoard.of(circuit)
-    if not (board.circuit.is_linear or linearised):
+    if not board.circuit.is_linear:
         name, kind = board.circuit.name, board.circuit.amplifier
         nonlinear = board.circuit.has_nonlinear_amplifiers
         what = f"{kind} amplifiers" if nonlinear else "op-amps with limits"
