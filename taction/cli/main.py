@@ -39,6 +39,8 @@ WITHDRAWN = {
     "choose --topology": "A choice is of one topology: set design.topology of the scene.",
     "montecarlo --remedy": "Set a better grade in [tolerances] for parts of the table of causes.",
     "montecarlo --no-remedy": "Leave it out: no samples are drawn again.",
+    "verify --annotate": "An action that publishes the file of --junit shows it on GitHub.",
+    "regress --annotate": "An action that publishes the file of --junit shows it on GitHub.",
     "sweep --retry": "The same command computes points without a verdict again.",
     "sweep --keep-waveforms": "Write the waveforms of a board with 'taction export waveforms'.",
 }
