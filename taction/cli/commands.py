@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from taction.cli.command import (
-    ANNOTATE,
     DATABASE,
     FILE,
     OPTIONS,
@@ -101,14 +100,6 @@ def _regression_markdown(found: RegressionReport) -> str:
     from taction.verification.report.renderers.terminal import markdown
 
     return markdown(found.page(), "taction regress")
-
-
-def _annotate_scenes(found: RegressionReport, call: Call) -> None:
-    """Print errors and warnings as GitHub shows them at the files."""
-    if call.options["annotate"]:
-        from taction.verification.report.junit import regression_annotations
-
-        tell(regression_annotations(found))
 
 
 def _new_file(call: Call) -> None:
@@ -315,7 +306,6 @@ TABLE = {
     ),
     "regress": Command(
         about="Compare a folder of scenes with a stored baseline, for CI.",
-        after=_annotate_scenes,
         outputs=(
             text_file("junit", "Write a JUnit XML report.", f"{JUNIT}:regression_junit"),
             text_file("markdown", "Write a Markdown summary.", _regression_markdown),
@@ -325,7 +315,6 @@ TABLE = {
         parameters=(
             argument("folder", metavar="DIR"),
             option("baseline", type=click.Path(), metavar="FILE", reads=True),
-            ANNOTATE,
         ),
         ends="Exit status: 1 if a check failed, or if a result differs from the baseline by more"
         " than the scene's table [regression] allows. --update stores differences, but"

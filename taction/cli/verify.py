@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,7 +13,6 @@ import click
 
 import taction
 from taction.cli.command import (
-    ANNOTATE,
     OPTIONS,
     REPORT,
     Call,
@@ -27,7 +26,7 @@ from taction.cli.command import (
     picture,
     text_file,
 )
-from taction.cli.printing import StageLine, put, say, tell
+from taction.cli.printing import StageLine, put, say
 from taction.system.errors import Interrupted
 from taction.system.progress import attempt
 
@@ -68,17 +67,11 @@ def verify_scene(call: Call, progress: StageLine) -> Verified:
     """Verify the scene, print the verdict, and search for changes if it fails."""
     options = call.options
     scene, given = options["scenes"][0], {name: options[name] for name in ("engine", "settings")}
-    try:
-        verdict = taction.verify(scene, **given, progress=progress)
-    except taction.TactionError as error:
-        from taction.system.documents import error_document, plain
-
-        _annotate([{"file": scene, **plain(error_document(error))}], call)
-        raise
+    verdict = taction.verify(scene, **given, progress=progress)
     for text in verdict.scene.written_questions * bool(options["settings"]):
         say(text)
     document: dict[str, Any] = {}
-    if call.as_json or options["margins"] or options["annotate"]:
+    if call.as_json or options["margins"]:
         document = load(DOCUMENT + "_with_margins" * bool(options["margins"]))(verdict)
     found = Verified(verdict, document, options["verbose"])
     if not call.as_json:
@@ -124,14 +117,6 @@ def _document(found: Verified) -> object:
     return found.document | more
 
 
-def _annotate(documents: Iterable[Mapping[str, Any]], call: Call) -> None:
-    """Print errors and warnings as GitHub shows them at the files."""
-    if call.options["annotate"]:
-        from taction.verification.report.junit import annotation_lines
-
-        tell(annotation_lines(documents))
-
-
 def _several(options: Mapping[str, Any]) -> Command | None:
     """Return the job of several scenes, or that of --solve; None for one scene."""
     scenes = options["scenes"]
@@ -163,7 +148,6 @@ VERIFY_FILES = Command(
     document=f"{DOCUMENTS}.plain:VerifyFilesDocument",
     outputs=(JUNIT,),
     schema="verify-files",
-    after=lambda found, call: _annotate(found.documents, call),
     lacks="shows one board; give one scene file, without --junit",
 )
 SOLUTION = Command(
@@ -184,7 +168,6 @@ VERIFY = Command(
         ),
         replace(REPORT, write=_write_report),
     ),
-    after=lambda found, call: _annotate([found.document], call),
     other=_several,
     python_only=("scene",),
     parameters=(
@@ -197,7 +180,6 @@ VERIFY = Command(
             help="Print the numerical solution with its certificate, without any circuit.",
         ),
         JUNIT,
-        ANNOTATE,
         replace(OPTIONS["jobs"], of="verify_files"),
         option("changes", type=NumberRange(0), metavar="DESIGNS", of="what_to_change"),
         option("any_part", is_flag=True, of="what_to_change"),

@@ -25,14 +25,16 @@ def _text() -> str:
 
 
 @cache
-def _tables() -> dict[str, Any]:
-    return tomllib.loads(_text())
+def tables() -> dict[str, dict[str, Any]]:
+    """Return the tables of the data file by name, each with the figures of the one it is `like`."""
+    read = tomllib.loads(_text())
+    return {name: read.get(table.get("like", ""), {}) | table for name, table in read.items()}
 
 
 @cache
 def load_presets() -> Mapping[str, OpAmp]:
     """Return the presets by name in the order of the data file, which is read once."""
-    return MappingProxyType({name: opamp_of(name, table) for name, table in _tables().items()})
+    return MappingProxyType({name: opamp_of(name, table) for name, table in tables().items()})
 
 
 def opamp_of(name: str, figures: Mapping[str, Any]) -> OpAmp:
@@ -49,16 +51,28 @@ def opamp_of(name: str, figures: Mapping[str, Any]) -> OpAmp:
     >>> opamp_of("acme1", acme).gbw
     5000000.0
     """
-    table = {key: value for key, value in figures.items() if key != "origin"}
+    table = {key: value for key, value in figures.items() if key not in ("origin", "like")}
     f_u = table.pop("unity_gain_bandwidth")
     table["guaranteed"] = tuple(table.get("guaranteed", {}).items())
-    table["assumed"] = tuple(figures.get("origin", {}).get("assumed", ()))
+    documents = _documents(figures).items()
+    table["assumed"] = tuple(figure for figure, document in documents if document == "assumed")
     if "phase_margin" in table:
         poles = poles_from_phase_margin(table["dc_gain"], f_u, table.pop("phase_margin"))
         table["gbw"], table["second_pole"] = poles
     else:
         table["gbw"] = f_u
     return OpAmp(name=name, **table)
+
+
+def _documents(table: Mapping[str, Any]) -> dict[str, str]:
+    """Return the documents of figures and limits; a table without ``origin`` says none."""
+    if "origin" not in table:
+        return {}
+    stated = table.keys() - {"source", "external_part", "guaranteed", "origin", "like"}
+    limits = {f"guaranteed.{figure}" for figure in table.get("guaranteed", {})}
+    lists = table["origin"].items()
+    known = {figure: document for document, figures in lists for figure in figures}
+    return dict.fromkeys(sorted(stated | limits), "assumed") | known
 
 
 _NOTED = re.compile(r"(\w+)\s*=\s*[^#]*#\s*(.*)")
@@ -98,8 +112,8 @@ def figure_origins(name: str) -> dict[str, Origin]:
 
     Nothing is known about an op-amp of another package.
     """
-    lists, notes = _tables().get(name, {}).get("origin", {}), _notes().get(name, {})
-    documents = {figure: document for document, figures in lists.items() for figure in figures}
+    table = tables().get(name, {})
+    documents, notes = _documents(table), _notes().get(table.get("like", name), {})
     return {
         key: Origin(document, documents.get(f"guaranteed.{key}", ""), notes.get(key, ""))
         for key, document in documents.items()

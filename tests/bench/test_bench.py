@@ -7,7 +7,6 @@ With every commit two boards; `make boards` writes those of every preset and pro
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -18,12 +17,12 @@ import pytest
 import taction
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import load_scene
+from taction.spice_models.presets import tables
 from tests.bench import judge
 from tests.bench.judge import Board, Limits, fault, judged, sheet_of
-from tests.support.paths import ROOT
 from tests.support.running import python
 
-PRESETS = tomllib.loads((ROOT / "spice_models" / "presets.toml").read_text("utf-8"))
+PRESETS = tables()
 NAMED = tuple(name for name, figures in PRESETS.items() if "offset_voltage" in figures)
 MATRICES = ("random", "gauss", "difference")
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
-from pathlib import Path
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taction import spice_models
 from taction.spice_models.input_errors import spreads
 from taction.spice_models.opamp import (
     OpAmp,
@@ -20,14 +18,14 @@ from taction.spice_models.opamp import (
     second_pole_from_phase_margin,
     unity_gain_bandwidth,
 )
-from taction.spice_models.presets import derive, figure_origins, load_presets
+from taction.spice_models.presets import derive, figure_origins, load_presets, tables
 
-PRINTED = tomllib.loads((Path(spice_models.__file__).parent / "presets.toml").read_text("utf-8"))
+PRINTED = tables()
 OLD = ("ideal", "ua741", "lf353", "tl084", "lf356", "ne5534", "op27")
 NEW = ("lm324", "tl072", "tl074", "opa2134", "ad711", "ad8065", "lt1028", "opa1612")
 NEW += ("lmp7721", "opa189")
 NAMES = (*OLD, *NEW)
-NO_FIGURES = {"source", "external_part", "guaranteed", "origin"}
+NO_FIGURES = {"source", "external_part", "guaranteed", "origin", "like"}
 
 
 @pytest.fixture
@@ -51,20 +49,27 @@ def test_figures_are_those_of_the_file(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_figure_and_limit_has_one_origin(name: str) -> None:
-    """A document with a publisher and a part, or one of two words; a derived figure says how."""
+def test_a_figure_has_one_document_or_is_assumed(name: str) -> None:
+    """A document has a publisher and a part; a derived figure says how."""
     table = PRINTED[name]
     limits = [f"guaranteed.{key}" for key in table.get("guaranteed", {})]
     listed = [figure for figures in table["origin"].values() for figure in figures]
-    assert sorted(listed) == sorted([*(table.keys() - NO_FIGURES), *limits])
+    assert len(listed) == len({*listed})
+    figures = {*(table.keys() - NO_FIGURES), *limits}
+    assert {*listed} <= figures
+    assert {*load_presets()[name].assumed} == figures - {*listed}
     for document, figures in table["origin"].items():
         assert figures
-        assert document in ("derived", "assumed") or re.fullmatch(
-            r"[A-Z][\w -]+, .*\d+.*", document
-        )
+        assert document == "derived" or re.fullmatch(r"[A-Z][\w -]+, .*\d+.*", document)
     notes = {key: origin.note for key, origin in figure_origins(name).items()}
     if name != "ideal":
         assert all(notes[key] for key in table["origin"].get("derived", ()))
+
+
+def test_a_part_may_be_like_another_one() -> None:
+    two, four = (load_presets()[name] for name in ("tl072", "tl074"))
+    assert four == replace(two, name="tl074", channels_per_package=4)
+    assert figure_origins("tl074") == figure_origins("tl072")
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -78,7 +83,7 @@ def test_a_guaranteed_limit_is_beyond_the_typical_figure(name: str) -> None:
 
 
 def test_every_real_part_has_every_figure() -> None:
-    optional = {"external_part", "guaranteed", "bias_drift", "bias_doubling"}
+    optional = {"like", "external_part", "guaranteed", "bias_drift", "bias_doubling"}
     optional |= {"input_resistance", "differential_capacitance", "input_capacitance"}
     optional |= {"voltage_noise_corner"}
     every = set().union(*PRINTED.values()) - optional

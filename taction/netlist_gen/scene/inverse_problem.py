@@ -1,15 +1,14 @@
 """The inverse problem of a scene: T, the strain, and the true stress if known.
 
-Numbers come from CSV and NumPy files beside the scene; mistakes have line and column.
+Numbers come from CSV and NumPy files beside the scene; mistakes have row and column.
 """
 
 from __future__ import annotations
 
-import csv
 import io
-import math
+import re
 import tokenize
-from collections.abc import Iterator
+import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -29,7 +28,7 @@ from taction.netlist_gen.scene.problem_keys import (
 )
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import Complaint, InputError
-from taction.system.foreign_files import LARGEST, read_bounded, read_text
+from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded, read_text
 from taction.system.quantities import number
 
 ROUNDING = 16 * EPS
@@ -37,6 +36,7 @@ EXPECTED = (
     "expected numbers with '.' as the decimal point and ',' between them, as 1.5,2.5e-3; a header"
     " begins with '#'"
 )
+_PLACE = re.compile(r"at row (\d+), column (\d+)")  # of a text of `numpy.loadtxt`
 DAMAGED = ValueError, SyntaxError, TypeError, tokenize.TokenError, RecursionError, MemoryError
 """What numpy raises for a file that is not one of its own."""
 
@@ -217,41 +217,15 @@ def _read_npy(path: Path, key: str) -> Floats:
 
 
 def _read_csv(path: Path, key: str) -> Floats:
-    """Read numbers separated by commas."""
-    rows: list[list[float]] = []
-    for line, cells in _rows(path, key):
-        rows.append(_numbers(cells, path, key, line))
-        if len(rows[-1]) != len(rows[0]):
-            text = f"line {line} has {len(rows[-1])} values, the first {len(rows[0])}; expected"
-            text += " as many in every line"
-            raise InputError(path, Complaint(key, repr(path.name), text))
-    return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows[0]) if rows else 0)
-
-
-def _rows(path: Path, key: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield number and cells of each line; empty lines and lines that start with # are skipped."""
+    """Read numbers separated by commas; empty lines, and what follows a #, are skipped."""
     try:
-        text = read_text(path, LARGEST)
-        for line, cells in enumerate(csv.reader(io.StringIO(text, newline="")), start=1):
-            if not cells or not "".join(cells).strip() or cells[0].lstrip().startswith("#"):
-                continue
-            yield line, cells
-    except (ValueError, csv.Error) as error:  # ValueError: no such file, or binary data
+        file = io.StringIO(read_text(path, LARGEST))
+        with warnings.catch_warnings(action="ignore"):  # without numbers: `fitted` refuses it
+            return np.loadtxt(file, delimiter=",", converters=number, ndmin=2, quotechar='"')
+    except UnusableFileError as error:
         text = f"{error}; expected numbers separated by commas"
-        raise InputError(path, Complaint(key, repr(path.name), text)) from None
-
-
-def _numbers(cells: list[str], path: Path, key: str, line: int) -> list[float]:
-    numbers = []
-    for column, cell in enumerate(cells, start=1):
-        problem = f"{cell.strip()!r} is not a finite number" if cell.strip() else "no value"
-        try:
-            value = number(cell)
-        except ValueError as error:
-            value = math.nan
-            problem = problem if "float" in str(error) else str(error).partition("; expected")[0]
-        if not math.isfinite(value):
-            text = f"line {line}, column {column}: {problem}; {EXPECTED}"
-            raise InputError(path, Complaint(key, repr(path.name), text))
-        numbers.append(value)
-    return numbers
+    except ValueError as error:
+        where = _PLACE.search(str(error))  # rows from 0, columns from 1
+        text = "" if where is None else f"row {int(where[1]) + 1}, column {where[2]}: "
+        text += f"{str(error.__cause__ or error).partition('; ')[0]}; {EXPECTED}"
+    raise InputError(path, Complaint(key, repr(path.name), text))

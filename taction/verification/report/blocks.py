@@ -168,7 +168,6 @@ class Section:
     blocks: Content | Iterable[Content] | Callable[[], Content | Iterable[Content]]
     lead: str = ""  # a sentence above the blocks
     media: str = PAGE  # who shows the section, in words
-    across: int = 1  # charts side by side on a wide page
 
     def made(self, medium: str) -> tuple[Block, ...]:
         """Return the blocks for a medium; none if it does not show this section."""

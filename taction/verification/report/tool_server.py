@@ -2,7 +2,7 @@
 
 Each call runs the command in a process of its own, with ``--json``: what a program gets is the
 document that the command prints, and the arguments are those that the command takes. The process
-reads files of the server's folder only, has a time limit, and leaves nothing behind.
+reads files of the server's folder only, and has a time limit.
 """
 
 from __future__ import annotations
@@ -13,21 +13,19 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from taction.system.errors import Complaint, InputError, NoVerdictError
 from taction.system.foreign_files import FOLDERS, MEGABYTE
 from taction.system.output_files import check_extra
-from taction.system.processes import ENDING, guard
+from taction.system.processes import ENDING, guard, own_folder
 
 if TYPE_CHECKING:
-    import anyio
     from mcp.server.lowlevel import Server
     from mcp.types import CallToolResult
 
@@ -39,7 +37,6 @@ ABOUT = (
 )
 PROCESSES = 2  # that run at once
 LARGEST = 64 * MEGABYTE  # bytes of a document
-ASKING = "expected a program that asks over stdin"
 TYPES = ("integer", "number", "boolean")  # others are texts
 TOOLS: dict[str, tuple[str, tuple[str, ...]]] = {
     "verify": ("verify", ("engine", "settings", "margins", "changes")),
@@ -56,75 +53,42 @@ TOOLS: dict[str, tuple[str, tuple[str, ...]]] = {
 def serve(folder: str | Path, limit: float) -> None:
     """Answer calls over stdin and stdout until stdin ends.
 
-    InputError: see `server`, or nothing can be read from stdin. NoVerdictError: stdout takes no
-    more.
+    InputError: see `server`, or stdin is closed. NoVerdictError: stdin or stdout cannot be used.
     """
     if not (math.isfinite(limit) and limit > 0.0):
         expected = "expected a finite number of seconds above zero"
         raise InputError("--limit", Complaint("SECONDS", repr(limit), expected))
     made = server(folder, limit)
     if sys.stdin is None:
-        raise InputError("mcp", Complaint("stdin", "", f"closed; {ASKING}"))
+        raise InputError("mcp", Complaint("stdin", "", "closed; expected a program that asks"))
     import anyio
     from mcp.server.stdio import stdio_server
 
-    # A handler that raises would end the task that runs just then, or a callback.
-    main, received = threading.current_thread() is threading.main_thread(), list[int]()
-    handlers = {n: signal.getsignal(n) for n in ENDING if main and callable(signal.getsignal(n))}
-
-    async def watch(scope: anyio.CancelScope) -> None:
-        """End all tasks at a signal."""
-        with anyio.open_signal_receiver(*map(signal.Signals, handlers)) as signals:
-            async for number in signals:
-                received.append(number)
-                scope.cancel()
+    def end(number: int, frame: object) -> None:
+        """End at once: a thread that waits for a line of stdin does not end before the line."""
+        with suppress(OSError):
+            os.write(2, b"taction: interrupted; no verdict was reached\n")
+        os._exit(128 + number)
 
     async def run() -> None:
-        async with anyio.create_task_group() as group:
-            if handlers:
-                group.start_soon(watch, group.cancel_scope)
-            async with stdio_server(cast(Any, _Lines())) as (read, write):
-                await made.run(read, write, made.create_initialization_options())
-            group.cancel_scope.cancel()
+        async with stdio_server() as (read, write):
+            await made.run(read, write, made.create_initialization_options())
 
+    main = threading.current_thread() is threading.main_thread()
+    known = [number for number in ENDING if main and callable(signal.getsignal(number))]
+    handlers = {number: signal.signal(number, end) for number in known}
     try:
-        try:
-            anyio.run(run)
-        finally:  # asyncio leaves the handlers of Python
-            for number, handler in handlers.items():
-                signal.signal(number, handler)
-        for number in received[:1]:
-            signal.raise_signal(number)
+        anyio.run(run)
     except BaseExceptionGroup as group:  # of the tasks that read, answer and write
         error: BaseException = group
         while isinstance(error, BaseExceptionGroup):
             error = error.exceptions[0]
         if isinstance(error, BrokenPipeError) or not isinstance(error, OSError):
             raise error from None
-        raise NoVerdictError(f"stdout cannot be written: {error.strerror}") from None
-
-
-class _Lines:
-    """The lines of stdin; waiting for one can be cancelled, unlike a thread that reads."""
-
-    async def __aiter__(self) -> AsyncIterator[str]:
-        """Yield each line as text."""
-        import anyio
-
-        number, rest = sys.stdin.fileno(), b""
-        while True:
-            with suppress(PermissionError):  # a file and /dev/null are always ready
-                await anyio.wait_readable(number)
-            try:
-                part = os.read(number, MEGABYTE)
-            except OSError as error:
-                text = f"{error.strerror}; {ASKING}"
-                raise InputError("mcp", Complaint("stdin", "", text)) from None
-            *lines, rest = (rest + part).split(b"\n")
-            for line in lines if part else filter(None, [rest]):
-                yield line.decode(errors="replace")
-            if not part:
-                return
+        raise NoVerdictError(f"stdin or stdout cannot be used: {error.strerror}") from None
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
 
 
 def server(folder: str | Path, limit: float) -> Server[Any]:
@@ -160,7 +124,7 @@ def server(folder: str | Path, limit: float) -> Server[Any]:
         if mistakes := [f"{each.json_path.removeprefix('$.')}: {each.message}" for each in found]:
             return _answer("\n".join(mistakes))
         words = [*_words(asked.name, helps[asked.name], given)]
-        return await _run(words, place.resolve(), limit, slots, context.session.report_progress)
+        return await _run(words, place.resolve(), limit, slots)
 
     return Server(
         "taction", version=metadata.version("taction"), instructions=ABOUT,
@@ -212,40 +176,30 @@ def _words(name: str, command: Mapping[str, Any], given: Mapping[str, Any]) -> I
         yield from map(str, values(argument))
 
 
-async def _run(
-    words: list[str], folder: Path, limit: float, slots: Any, report: Callable[..., Any]
-) -> CallToolResult:
-    """Run a command line of the program in a folder, with a time limit, s; stderr is progress."""
+async def _run(words: list[str], folder: Path, limit: float, slots: Any) -> CallToolResult:
+    """Run a command line of the program in a folder, with a time limit, s."""
     import anyio
 
-    out, lines = bytearray(), list[str]()
     line = [*guard(), sys.executable, "-P", "-m", "taction", *words]
     async with slots:
-        with tempfile.TemporaryDirectory() as place, anyio.move_on_after(limit) as scope:
-            own = {FOLDERS: json.dumps([str(folder), place]), "TMPDIR": place, "NO_COLOR": "1"}
+        with own_folder() as place, anyio.move_on_after(limit):
+            own = {FOLDERS: json.dumps([str(folder), str(place)]), "NO_COLOR": "1"}
+            env = {**os.environ, **own, "TMPDIR": str(place)}
             try:
-                process = await anyio.open_process(
-                    line, stdin=subprocess.DEVNULL, cwd=folder, env={**os.environ, **own}
+                done = await anyio.run_process(
+                    line, stdin=subprocess.DEVNULL, check=False, cwd=folder, env=env
                 )
             except (OSError, ValueError) as error:
                 return _answer(f"the command cannot run: {error}")
-            async with process, anyio.create_task_group() as group:  # a cancelled one is killed
-                group.start_soon(_remarks, process.stderr, lines, report)
-                async for part in cast(Any, process.stdout):
-                    out += part
-                    if len(out) > LARGEST:
-                        group.cancel_scope.cancel()
-                        break
-    said = "\n".join(lines)
-    if scope.cancelled_caught:
-        return _answer(f"no result within the limit of {limit:g} s\n{said}".rstrip())
-    if len(out) > LARGEST:
-        size = f"over {LARGEST / MEGABYTE:g} MB, the largest document that is sent"
-        return _answer(f"{size}; ask for less, or run the command with --json")
-    try:
-        return _answer(said, json.loads(out))
-    except ValueError:
-        return _answer(said or f"no document; exit status {process.returncode}")
+            said = done.stderr.decode(errors="replace").strip()
+            if len(done.stdout) > LARGEST:
+                size = f"over {LARGEST / MEGABYTE:g} MB, the largest document that is sent"
+                return _answer(f"{size}; ask for less, or run the command with --json")
+            try:
+                return _answer(said, json.loads(done.stdout))
+            except ValueError:
+                return _answer(said or f"no document; exit status {done.returncode}")
+    return _answer(f"no result within the limit of {limit:g} s")
 
 
 def _answer(said: str, document: dict[str, Any] | None = None) -> CallToolResult:
@@ -256,13 +210,3 @@ def _answer(said: str, document: dict[str, Any] | None = None) -> CallToolResult
     texts = [said] if document is None else filter(None, [json.dumps(document), said])
     content: Any = [TextContent(type="text", text=text) for text in texts]
     return CallToolResult(content=content, structured_content=document, is_error=error)
-
-
-async def _remarks(stream: Any, lines: list[str], report: Callable[..., Any]) -> None:
-    """Take the lines of stderr, and report each of them."""
-    rest = b""
-    async for part in stream:
-        *whole, rest = (rest + part).split(b"\n")
-        for line in whole:
-            lines.append(line.decode(errors="replace").removeprefix("taction: "))
-            await report(len(lines), None, lines[-1])

@@ -93,44 +93,17 @@ class ImportDocument:
         return {"file": found.file, **{k: v for k, v in found.model.items() if k != "netlist"}}
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterHelp:
-    """An argument or an option of a command."""
-
-    name: str
-    type: str
-    required: bool
-    several: bool
-    min: Annotated[Number, OPTIONAL] = None
-    max: Annotated[Number, OPTIONAL] = None
-    choices: Annotated[list[str] | None, OPTIONAL] = None
-    flags: Annotated[list[str] | None, OPTIONAL, {"note": "of an option"}] = None
-    is_flag: Annotated[bool | None, OPTIONAL] = None
-    default: Annotated[Value | None, OPTIONAL] = None
-    metavar: Annotated[str | None, OPTIONAL] = None
-    envvar: Annotated[str | None, OPTIONAL] = None
-    help: Annotated[str | None, OPTIONAL] = None
-
-
-@dataclass(frozen=True, slots=True)
-class CommandHelp:
-    """A command."""
-
-    name: str
-    usage: str
-    help: str
-    arguments: list[ParameterHelp]
-    options: list[ParameterHelp]
-    schemas: list[str]
+Parameter = dict[str, Value | list[str] | None]
+"""An argument or an option of a command: its name, its type, and what it accepts."""
 
 
 @dataclass(frozen=True, slots=True)
 class HelpDocument:
-    """``taction --json --help``."""
+    """``taction --json --help``: of a command its usage, parameters, and the names of schemas."""
 
     program: str
     usage: str
-    commands: list[CommandHelp]
+    commands: list[dict[str, str | list[str] | list[Parameter]]]
 
 
 @dataclass(frozen=True, slots=True)

@@ -215,13 +215,12 @@ def _label(axes: Axes, axis: Axis, name: str) -> None:
     unit, log = axis.sign.strip("%"), axis.scale == "log"
     if unit:
         ruler.set_major_formatter(ticker.EngFormatter(unit))
-    elif log:
-        ruler.set_major_formatter(
-            ticker.LogFormatterMathtext(minor_thresholds=(9.0, 9.0))
-        )  # at each tick
     if log:
         low, high = sorted(ruler.get_view_interval())
         short = high < (300.0 if name == "y" else 60.0) * low
+        if not unit:
+            plain, powers = ticker.StrMethodFormatter("{x:g}"), ticker.LogFormatterMathtext()
+            ruler.set_major_formatter(plain if short else powers)
         ruler.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
         ruler.set_minor_formatter(ticker.NullFormatter())
     elif axis.whole or unit or name == "x":

@@ -274,7 +274,6 @@ def _varied(found: BoardCheck) -> Iterator[Section]:
     yield Section(
         "Worst cases", lambda: tolerance.tables(study.quantities, study.corners), media=BOTH
     )
-    yield Section("Least, typical and largest values", lambda: tolerance.ranges(study))
     yield Section("Yield", f"{titled(share.sentence)}.", media=BOTH)
     yield Section("Checks that do not pass", lambda: tolerance.failures(share), media=BOTH)
     yield Section("Spread", lambda: tolerance.spreads(share), media=BOTH)

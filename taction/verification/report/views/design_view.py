@@ -17,7 +17,6 @@ from taction.system.charts import Axis, Chart, Curve, Mark
 from taction.system.foreign_files import shortened
 from taction.system.quantities import (
     banded,
-    counted,
     percent,
     quantity,
     readable,
@@ -54,13 +53,10 @@ from taction.verification.verdict.record import ERROR, finite
 LONGEST = 60  # characters of a reason in a table
 SHOWN = 12  # op-amps in a terminal
 LISTED = 500  # designs in the table
-MAPS, ACROSS = 9, 3  # op-amps with a map, the best first; maps side by side in a picture
-KNOWN = 1e-3, 1e3  # shares of a limit on a map
-ENDS = -1.0, 1.0  # of the colours: decades of a limit
-MAP = (
-    "Blue: within every limit; orange: beyond one; the line is where the worst value reaches its"
-    " limit; empty: unstable, or without a verdict. Circle: passes, with parts that can be bought;"
-    " star: among the best."
+DRAWN = 8  # op-amps with a colour of their own, the best first
+PICTURE = (
+    "A mark is a design: below the line every value is within its limit. A design that is not here"
+    " does not settle, or has no worst value. `taction sweep` of a best scene maps C and gain."
 )
 WORST = (
     "Worst: the largest value over its limit; below 1 every check passes; -: a check that does not"
@@ -77,7 +73,7 @@ def choice_view(choice: Choice) -> Page:
     own = (
         Section("Best designs", tuple(_best(best)), WORST, "terminal page"),
         Section("Op-amps", _opamps(designs), media="terminal page"),
-        Section("Maps", lambda: _maps(designs, best), MAP, "page picture", ACROSS),
+        Section("Picture", lambda: _picture(designs, best), media="page picture"),
         Section("All designs", lambda: _table(designs)),
     )
     none = "No design passes; the table of op-amps has the nearest of each with its reason."
@@ -91,15 +87,9 @@ def choice_view(choice: Choice) -> Page:
     )
 
 
-def _pair(design: ChosenDesign) -> tuple[float, float]:
-    """Return the values of the two keys that its topology searches."""
-    first, second = (float(design.values[path]) for path in design.keys)
-    return first, second
-
-
-def _place(design: ChosenDesign, between: str = " = ") -> str:
-    values = zip(design.keys, _pair(design), strict=True)
-    return ", ".join(f"{NAMES[path]}{between}{quantity(v, UNITS[path])}" for path, v in values)
+def _place(design: ChosenDesign) -> str:
+    values = ((path, float(design.values[path])) for path in design.keys)
+    return ", ".join(f"{NAMES[path]} = {quantity(v, UNITS[path])}" for path, v in values)
 
 
 def _best(best: Sequence[BestDesign]) -> Iterator[Content]:
@@ -142,9 +132,14 @@ def _outcome(design: ChosenDesign) -> Cell:
     return texts.outcome_cell(": ".join(filter(None, (outcome, check))), outcome)
 
 
-def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Column]:
+def _band(designs: Sequence[ChosenDesign]) -> str:
+    """Return the settling band of the checks in words; empty where no check has one."""
     bands = (band_text(check) for each in designs for check in each.record.checks)
-    settling = f"settling {next(filter(None, bands), '')}".rstrip()
+    return next(filter(None, bands), "")
+
+
+def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Column]:
+    settling = f"settling {_band(designs)}".rstrip()
     moved = designs[0].keys if designs else ()
     columns: dict[str, Column] = {
         "op-amp": "opamp",
@@ -159,65 +154,34 @@ def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Column]:
     return columns
 
 
-def _maps(designs: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> Iterator[Content]:
-    names = [design.opamp for design in first_of_each(designs)]
-    for name in names[:MAPS]:
-        own = [design for design in designs if design.opamp == name]
-        if any(design.shares for design in own):
-            yield _map(name, own, best)
-        else:
-            text = f"{name} has no map: each of {counted(len(own), 'design')} is unstable,"
-            yield f"{text} has no parts that can be bought, or has no verdict."
-    if names[MAPS:]:
-        yield f"The tables have {len(names) - MAPS} op-amps more."
-
-
-def _map(name: str, own: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> Chart:
-    across, up = (np.array(sorted(set(each))) for each in zip(*map(_pair, own), strict=True))
-    at = {_pair(design): design for design in own}
-    cells = [[at.get((x, y)) for x in across.tolist()] for y in up.tolist()]
-    levels = np.log10([[_level(design) for design in row] for row in cells])
-    hover = tuple(tuple(map(_hover, row)) for row in cells)
-    grid = charts.Grid(across, up, levels, "", "signed", ENDS, texts=hover, bar=False)
-    edge = list(charts.zero_lines(np.log(across), np.log(up), levels))
-    line_x, line_y = map(np.exp, charts.segments(edge))
-    limit = (Curve(line_x, line_y, "the limit", "ink", width=2.0),) if edge else ()
+def _picture(designs: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> Chart | str:
+    """Return settling time and worst share of every design that has both."""
+    shown = [each for each in designs if each.worst_share and math.isfinite(each.settling_time)]
+    if not shown:
+        return "No design settles with a value over its limit: there is no picture."
+    names = [each.opamp for each in first_of_each(shown)]
     chosen = {one.design.place for one in best}
-    others = [design for design in own if design.good and design.place not in chosen]
-    stars = [design for design in own if design.place in chosen]
-    x, y = (Axis(NAMES[path], UNITS[path], "log") for path in own[0].keys)
-    marks: tuple[Mark, ...] = (
-        grid,
-        *limit,
-        *_points(others, "passes", "circle-open", 6.0),
-        *_points(stars, "among the best", "star", 13.0),
+    looks = [*charts.SERIES[:DRAWN], *["muted"] * len(names[DRAWN:])]
+    marks: list[Mark] = [
+        _points([each for each in shown if each.opamp == name], name, look, "circle")
+        for name, look in zip(names, looks, strict=False)
+    ]
+    if stars := [each for each in shown if each.place in chosen]:
+        marks.append(_points(stars, "among the best", "ink", "star", 11.0))
+    marks.append(charts.Limit(1.0, "y", "the limit", "ink"))
+    axes = (
+        Axis(f"settling {_band(designs)}".rstrip(), "s", "log"),
+        Axis("worst value over its limit", scale="log"),
     )
-    title = f"{name}: {sum(design.good for design in own)} of {len(own)} pass and can be bought"
-    words = f"The worst value over its limit, by {x.title} and {y.title}."
-    return Chart(title, x, y, marks, words, legend=False, height=230)
+    return Chart("Designs", *axes, tuple(marks), PICTURE)
 
 
-def _points(designs: Sequence[ChosenDesign], name: str, mark: str, size: float) -> Iterator[Curve]:
-    if designs:
-        x, y = np.array([_pair(design) for design in designs]).T
-        yield Curve(x, y, name, "ink", "", mark, size=size)
-
-
-def _level(design: ChosenDesign | None) -> float:
-    """Return the worst share; NaN for a design without a verdict."""
-    undecided = design is not None and design.record.outcome == "inconclusive"
-    if design is None or not design.shares or (undecided and design.worst_share is None):
-        return math.nan
-    return float(np.clip(design.worst, *KNOWN))
-
-
-def _hover(design: ChosenDesign | None) -> str:
-    if design is None:
-        return ""
-    worst = design.worst_share
-    share = "no value" if worst is None else figure(worst, "", 3)
-    outcome = "no parts" if design.refused else design.record.outcome
-    return f"{_place(design, ' ')}: {outcome}, worst {share}"
+def _points(
+    designs: Sequence[ChosenDesign], name: str, colour: str, mark: str, size: float = 5.0
+) -> Curve:
+    x, y = np.array([(each.settling_time, each.worst) for each in designs]).T
+    hover = tuple(f"{each.opamp}, {_place(each)}" for each in designs)
+    return Curve(x, y, name, colour, "", mark, size=size, hover=hover)
 
 
 def tuning_view(result: Tuned) -> Page:

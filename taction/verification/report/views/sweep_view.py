@@ -1,4 +1,4 @@
-"""A sweep: maps over two axes, curves over one, small maps over three; points."""
+"""A sweep: maps over two axes, curves over one; points."""
 
 from __future__ import annotations
 
@@ -62,20 +62,18 @@ def axis_of(where: axes.SweepAxis) -> tuple[charts.Axis, Floats]:
 
 @dataclass(eq=False)
 class Plane:
-    """The first two axes of a plan, and the stability boundary over them.
+    """The two axes of a plan, and the stability boundary over them.
 
-    It is where the growth rates (n, m), 1/s, pass through 0, interpolated; `where` says where the
-    plane is among other axes: ``" at stray_capacitance = 1 pF"``.
+    It is where the growth rates (n, m), 1/s, pass through 0, interpolated.
     """
 
     plan: Plan
     growth: Floats
-    where: str = ""
 
     @cached_property
     def axes(self) -> tuple[tuple[charts.Axis, Floats], ...]:
         """Both axes, and the places of their values."""
-        return tuple(axis_of(group[0]) for group in self.plan.groups[:2])
+        return tuple(axis_of(group[0]) for group in self.plan.groups)
 
     @cached_property
     def edge(self) -> charts.Curve | None:
@@ -107,7 +105,7 @@ class Plane:
         (x, _), (y, _) = self.axes
         marks = (*marks, *filter(None, [self.edge]))
         text = f"{summary.format(x=x.title, y=y.title)}{self.note}"
-        return charts.Chart(f"{title}{self.where}", x, y, marks, text, height=420)
+        return charts.Chart(title, x, y, marks, text, height=420)
 
     def outcomes(self, names: Names, looks: dict[str, charts.Look]) -> charts.Chart:
         """Return what each point says."""
@@ -116,16 +114,14 @@ class Plane:
         size = float(np.clip(CROWD / max(names.shape), 2.0, 9.0))
         return self.chart("Outcome", results(x, y, names, looks, size), OUTCOME)
 
-    def quantity(
-        self, name: str, values: Floats, limits: tuple[float, float] | None = None
-    ) -> charts.Chart:
+    def quantity(self, name: str, values: Floats) -> charts.Chart:
         """Return the values (n, m) of a quantity as colours."""
         title, signed = titled(name, band_of(self.plan)), name == "growth_rate"
         scale: Any = "signed" if signed else "log" if name in LOGARITHMIC else "linear"
         colours = "Blue decays, orange grows." if signed else STRONGEST
         text = f"{title} over {{x}} and {{y}}. {colours} Empty: no value."
         (_, across), (_, down) = self.axes
-        mark = charts.Grid(across, down, values.T, FIGURES[name].unit, scale, limits)
+        mark = charts.Grid(across, down, values.T, FIGURES[name].unit, scale)
         return self.chart(title, [mark], text)
 
 
@@ -184,8 +180,7 @@ def _unstable(growth: Floats, places: Floats) -> Iterator[charts.Band]:
 
 LISTED, LINES = 500, 40  # points in the table of a page, and of a terminal
 MAPPED = 40_000  # points of the maps of a page
-MOST_AXES = 3
-MOST_MAPS = 6  # small maps beside each other
+MOST_AXES = 2  # of a picture
 COLUMNS = ("settling_time", *EXCURSIONS, "growth_rate", "frequency")
 SHOWN = ("settling_time", *EXCURSIONS, "steady_state_error", "growth_rate")
 
@@ -225,9 +220,9 @@ def view(result: SweepResult) -> Page:
 
 
 def check_axes(count: int, path: str | Path | None) -> None:
-    """Refuse a picture of more than three axes, before any work is done, with `InputError`."""
+    """Refuse a picture of more than two axes, before any work is done, with `InputError`."""
     if count > MOST_AXES:
-        text = f"{count} axes; a picture has at most three, --export writes all of them"
+        text = f"{count} axes; a picture has at most two, --export writes all of them"
         raise InputError("--plot", Complaint("FILE", repr(path and str(path)), text))
 
 
@@ -273,8 +268,6 @@ def _charts(result: SweepResult) -> Iterator[Content]:
     drawn: Iterator[charts.Chart]
     if len(plan.groups) == 1:
         drawn = (curve_of(plan, name, data, names, looks) for name in shown)
-    elif len(plan.groups) == MOST_AXES:
-        drawn, lines = _multiples(plan, data, names), ()
     else:
         plane = Plane(plan, data["growth_rate"])
         maps = (plane.quantity(name, data[name]) for name in shown)
@@ -284,26 +277,6 @@ def _charts(result: SweepResult) -> Iterator[Content]:
         yield replace(chart, summary=f"{chart.summary}{engine}")
         first = False
     yield from lines
-
-
-def _multiples(plan: Plan, data: dict[str, Any], names: Names) -> Iterator[charts.Chart]:
-    """Yield what fails and the settling time over two axes, for values of the third."""
-    third, looks = plan.groups[2][0], charts.looks_of(names.ravel().tolist())
-    places = chosen_places(len(third))
-    shared = data[SHOWN[0]][:, :, places]
-    known = shared[np.isfinite(shared)]
-    limits = (float(known.min()), float(known.max())) if len(known) else None
-    for k in places:
-        where = f" at {third.name} = {place_text(third, third.values[k])}"
-        plane = Plane(plan, data["growth_rate"][:, :, k], where)
-        yield plane.outcomes(names[:, :, k], looks)
-        yield plane.quantity(SHOWN[0], data[SHOWN[0]][:, :, k], limits)
-
-
-def chosen_places(count: int) -> list[int]:
-    """Return the places of the values of the third axis that have a map: first, last, between."""
-    places = np.linspace(0, count - 1, min(count, MOST_MAPS)).round()
-    return [int(place) for place in np.unique(places)]
 
 
 def _listed(result: SweepResult) -> Iterator[Content]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -152,7 +153,6 @@ def _histogram(title: str, spread: Quantity, values: Floats, text: str) -> Chart
 
 
 WORST = ("fail", "inconclusive", "pass")
-RANGES = "Typical: the nominal board."
 
 
 def corner_view(study: CornerStudy) -> Page:
@@ -168,59 +168,32 @@ def corner_view(study: CornerStudy) -> Page:
         summary=f"{counted(len(corners), 'corner')}: {counts}.",
         lines=("Every component at an end of its tolerance, as it makes a quantity worst.",),
         sections=(
-            Section("Least, typical and largest values", ranges(study)),
             Section("Corners", tuple(tables(study.quantities, corners)), media="terminal page"),
             origin_section(study.scene),
         ),
     )
 
 
-def ranges(study: CornerStudy) -> Table:
-    """Return the least, typical and largest values of the corners, against the limits."""
-    found = {each: [c.result.value(each.name) for c in study.corners] for each in study.quantities}
-    known = {
-        each: [value for value in values if value is not None and math.isfinite(value)]
-        for each, values in found.items()
-    }
-
-    def shown(of: Callable[[list[float]], float]) -> Column:
-        return lambda each: number_cell(of(known[each]), each.unit)
-
-    def outcome(each: Quantity) -> Cell:
-        fails = _beyond(np.array(known[each]), each.limits).any() or known[each] != found[each]
-        word = "" if each.limits == (None, None) else "fail" if fails else "pass"
-        return Cell(word, None, word)
-
-    def used(each: Quantity) -> Cell | None:
-        (least, most), low, high = each.limits, min(known[each]), max(known[each])
-        shares = [least / low] if least is not None and low > 0.0 else []
-        shares += [high / most] if most is not None and most > 0.0 else []
-        return number_cell(max(shares), "step", 3) if shares else None
-
-    columns: dict[str, Column] = {
-        "quantity": lambda each: spaced(each.title),
-        "outcome": outcome,
-        "least": shown(min),
-        "typical": shown(lambda values: values[0]),
-        "largest": shown(max),
-        "at least": lambda each: number_cell(each.limits[0], each.unit),
-        "at most": lambda each: number_cell(each.limits[1], each.unit),
-        "part of the limit": used,
-        "corners without a value": lambda each: len(found[each]) - len(known[each]),
-    }
-    return Table.of("", [each for each in study.quantities if known[each]], columns, RANGES)
-
-
 def tables(reported: Sequence[Quantity], corners: Sequence[Corner]) -> Iterator[Content]:
-    """Yield the corners with their values, and why they do not pass."""
+    """Yield the corners with their values and the limits, and why they do not pass."""
     columns: dict[str, Column] = {"corner": _name, "outcome": "result.outcome outcome"}
     columns |= {each.title: partial(_quantity, each) for each in reported}
-    yield Table.of("Corners", corners, columns)
+    yield Table.of("Corners", corners, columns, "; ".join(filter(None, map(_limits, reported))))
     yield Notes("Why, and most moved by", tuple(filter(None, map(_remark, corners))))
 
 
+def _limits(quantity: Quantity) -> str:
+    """Return the limits of a quantity in words; empty without any."""
+    ends = zip(("at least", "at most"), quantity.limits, strict=True)
+    words = [f"{word} {figure(end, quantity.unit)}" for word, end in ends if end is not None]
+    return f"{quantity.title} {' and '.join(words)}" if words else ""
+
+
 def _quantity(quantity: Quantity, corner: Corner) -> Cell:
-    return number_cell(corner.result.value(quantity.name), quantity.unit)
+    """Return the value of a corner, marked where it is beyond a limit."""
+    cell = number_cell(corner.result.value(quantity.name), quantity.unit)
+    beyond = cell.number is not None and _beyond(np.array(cell.number), quantity.limits)
+    return replace(cell, outcome="fail" if beyond else "")
 
 
 def _name(corner: Corner) -> str:
