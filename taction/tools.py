@@ -216,7 +216,6 @@ def check(
     outputs: str | Iterable[str] = (),
     checks: str | Iterable[str] = (),
     expect: str | Iterable[str] = (),
-    linearise: bool = False,
     over: str | Iterable[str] = (),
     matrix: str | Path | None = None,
     strain: str | Path | None = None,
@@ -227,7 +226,6 @@ def check(
     samples: int = 300,
     seed: int = 1,
     ngspice: bool = True,
-    transient: bool = False,
     output: str | Path | None = None,
     progress: Progress = lambda stage: None,
 ) -> BoardCheck:
@@ -247,11 +245,9 @@ def check(
     checks : str or iterable of str
         Limit of a reading: settling=1ms@1%, rise=10us, overshoot=5%, undershoot=5%, noise=1mV,
         margin=2 (factor by which the value of any part may change; no gain or phase margin),
-        stable, oscillates, agree=1e-3. A circuit has to be stable unless it has to oscillate.
+        stable, oscillates. A circuit has to be stable unless it has to oscillate.
     expect : str or iterable of str
         Expected voltage at rest: v(out)=1.25@0.1%.
-    linearise : bool
-        Without effect: whatever is not linear is always measured at the operating point.
     over : str or iterable of str
         Part or .param to change: C1=1p:1n, gain=2:4:50, or a part alone. Every crossing of
         stability is found, and the readings at every value.
@@ -275,8 +271,6 @@ def check(
         Seed of these boards.
     ngspice : bool
         Compare with ngspice's own small signal (.ac) of the deck.
-    transient : bool
-        Compare the step response of a linear deck with ngspice's transient, too.
     output : path, optional
         Write the flat cards of the deck, as ngspice expands it, into this file.
     progress : callable, optional
@@ -339,7 +333,6 @@ def check(
         board,
         asked,
         ngspice=ngspice,
-        transient=transient,
         over=swept,
         tolerances=spread,
         samples=(samples, seed),
