@@ -263,8 +263,8 @@ def check(
     accept : str
         Accepted deviation of these outputs, as a share of the largest one.
     tolerances : path, optional
-        TOML file of tolerances: resistor = "1%", and tables [parts] with R1 = "0.1%", and [params]
-        with the names of .param. The worst corners and the yield are found.
+        TOML file of tolerances: resistor = "1%", and a table [parts] with R1 = "0.1%". The worst
+        corners and the yield are found.
     samples : int
         Boards that are drawn within the tolerances.
     seed : int
@@ -325,7 +325,7 @@ def check(
     if tolerances is not None:
         from taction.netlist_gen.deck.part_tolerances import read_tolerances
 
-        spread = read_tolerances(tolerances, board.circuit, board.deck.parameters)
+        spread = read_tolerances(tolerances, board.circuit)
     # all that can be refused is refused before the engine is loaded
     from taction.verification.studies.decks.board_check import check_board
 

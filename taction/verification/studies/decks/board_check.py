@@ -16,8 +16,8 @@ from typing import Annotated
 
 import numpy as np
 
-from taction.netlist_gen.deck.part_tolerances import DeckTolerances
 from taction.netlist_gen.scene.axes import SweepAxis
+from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.system.documents import Hertz, Number, Rate, Volts
 from taction.system.quantities import show
 from taction.system.results import Result
@@ -144,7 +144,7 @@ def check_board(
     *,
     ngspice: bool = True,
     over: Iterable[SweepAxis] = (),
-    tolerances: DeckTolerances | None = None,
+    tolerances: Tolerances | None = None,
     samples: tuple[int, int] = (300, 1),
     progress: Progress = lambda stage: None,
 ) -> BoardCheck:
@@ -175,7 +175,6 @@ def check_board(
     if tolerances is not None:
         varied, drawn = VariedDeck.of(found, deck, tolerances, asked), list[BoardSample]()
         corners = worst_of(varied, HERE, progress)
-        varied.expand(varied.drawn(samples[1], number) for number in range(samples[0]))
         for sample in run_samples(varied, *samples, HERE):
             drawn.append(sample)
             progress(f"yield: {len(drawn)} of {samples[0]} samples")

@@ -24,7 +24,6 @@ from taction.netlist_gen.deck.flat_cards import (
     stepped,
 )
 from taction.netlist_gen.deck.foreign_deck import LINEAR, ForeignDeck, read_deck
-from taction.netlist_gen.deck.foreign_lines import number
 from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
 from taction.system.processes import one_limit
 from taction.verification.characterise.operating_point import (
@@ -38,7 +37,6 @@ from taction.verification.engines.ngspice.commands import expand
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.studies.decks.measured_board import Start
 
-PROBE = "v_taction_parameter"  # a source whose value is that of a .param
 VALUE_SECONDS = 1.0  # that a value of a .param adds to the time of all runs
 NAMED = 12  # elements in a note
 _TEMPERATURE = re.compile(r"^\.(?:temp|opt\w* (?:.* )?(?:temp|tnom) ?=) ?(\S+)")
@@ -102,16 +100,6 @@ class ForeignBoard:
 
     def _error(self, text: str) -> InputError:
         return InputError(self.deck.file, Complaint("deck", "", text))
-
-    def value_of(self, parameter: str) -> float | None:
-        """Return the value of a ``.param``, as ngspice computes it; None if it is no number."""
-        probe = f"{PROBE} {PROBE} 0 {{{parameter}}}"
-        try:
-            (cards,) = expand((*self.deck.lines, probe), find_simulator())
-            (found,) = (card for card in cards if card.startswith(PROBE))
-            return number(found.split()[-1])
-        except (DidNotLoad, ValueError):
-            return None
 
 
 def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
