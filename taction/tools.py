@@ -226,7 +226,6 @@ def check(
     samples: int = 300,
     seed: int = 1,
     ngspice: bool = True,
-    output: str | Path | None = None,
     progress: Progress = lambda stage: None,
 ) -> BoardCheck:
     r"""Find poles, oscillation onset, settling and noise of the linear op-amp circuit in DECK.
@@ -271,8 +270,6 @@ def check(
         Seed of these boards.
     ngspice : bool
         Compare with ngspice's own small signal (.ac) of the deck.
-    output : path, optional
-        Write the flat cards of the deck, as ngspice expands it, into this file.
     progress : callable, optional
         Receives the name of each stage.
 
@@ -329,7 +326,7 @@ def check(
     # all that can be refused is refused before the engine is loaded
     from taction.verification.studies.decks.board_check import check_board
 
-    found = check_board(
+    return check_board(
         board,
         asked,
         ngspice=ngspice,
@@ -338,11 +335,6 @@ def check(
         samples=(samples, seed),
         progress=progress,
     )
-    if output is not None:
-        from taction.system.output_files import write_atomically
-
-        write_atomically(output, board.flat_text)
-    return found
 
 
 def _listed(given: str | Iterable[str]) -> tuple[str, ...]:

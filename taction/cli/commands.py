@@ -174,7 +174,6 @@ TABLE = {
     "check": Command(
         about="Find poles, onset, settling and noise of a SPICE deck.",
         outputs=(picture("step response and poles"), REPORT),
-        files=own_file,
         parameters=(
             option("outputs", "--output", metavar="NODE", multiple=True),
             option("over", metavar="NAME[=LOW:HIGH:N]", multiple=True),
@@ -183,7 +182,6 @@ TABLE = {
             option("unit", metavar="VOLTS"),
             option("accept", metavar="SHARE"),
             option("tolerances", metavar="FILE", type=FILE, reads=True),
-            option("output", "-o", type=FILE, writes=True),
         ),
         ends="Exit status: 0 without checks or if all pass, 1 a check failed, 3 one is not"
         " decided.",

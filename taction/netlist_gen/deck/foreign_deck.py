@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -47,22 +47,14 @@ from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import UnusableFileError, read_bounded
 
 STEP = re.compile(r"^\.step (?:(?:lin|dec|oct) )?param (?:list )?([a-z_]\w*) (?:list )?(\S+)")
-NOTHING = "nothing of check answers it yet"
-ANSWERS = {
-    ".ac": "poles, stability and the step response are found; gain, bandwidth and phase over"
-    " frequency are not answered yet",
-    ".noise": "the noise of the outputs is that over all frequencies (--check noise=1mV); spectra"
-    " and the noise of an input are not answered yet",
-    ".meas": "of the step response --check settling=, rise=, overshoot= and undershoot= answer, and"
-    " --expect of a voltage at rest; other measures are not answered yet",
-    ".pz": "the poles are found; zeros are not answered yet",
-    ".sens": "what each part does to the rightmost pole is found; sensitivities of voltages are not"
-    " answered yet",
-    ".dc": "voltages are those at rest (--expect), at values of a part or a .param by --over;"
-    " transfer curves are not answered yet",
-    **dict.fromkeys((".tf", ".disto", ".four", ".sp", ".pss"), NOTHING),
-}
-SAME = {".measure": ".meas", ".fourier": ".four"}
+ASKED = (
+    *(".ac", ".noise", ".meas", ".measure", ".pz", ".sens", ".dc"),
+    *(".tf", ".disto", ".four", ".fourier", ".sp", ".pss"),
+)
+ANSWERED = (
+    "does not run; found are poles, stability, the step response (--check settling=1ms), noise over"
+    " all frequencies (--check noise=1mV), voltages at rest (--expect), over values by --over"
+)
 KEPT = (
     *(".subckt", ".ends", ".model", ".param", ".func", ".global"),
     *(".if", ".elseif", ".else", ".endif"),
@@ -143,10 +135,10 @@ class ForeignDeck:
         return not any(map(NOT_LINEAR.match, self.lines))
 
     @property
-    def unanswered(self) -> Iterator[str]:
-        """A sentence for each kind of card that is not answered as it stands."""
-        words = dict.fromkeys(SAME.get(card.word, card.word) for card in self.left)
-        yield from (f"{word}: {ANSWERS[word]}" for word in words if word in ANSWERS)
+    def unanswered(self) -> str:
+        """A sentence about the analyses that are not answered as they stand; empty without one."""
+        words = dict.fromkeys(card.word for card in self.left if card.word in ASKED)
+        return f"{', '.join(words)}: {ANSWERED}" if words else ""
 
     @property
     def unbraced_expression(self) -> InputError | None:

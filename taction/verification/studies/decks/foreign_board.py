@@ -41,7 +41,6 @@ VALUE_SECONDS = 1.0  # that a value of a .param adds to the time of all runs
 NAMED = 12  # elements in a note
 _TEMPERATURE = re.compile(r"^\.(?:temp|opt\w* (?:.* )?(?:temp|tnom) ?=) ?(\S+)")
 _OPTION = re.compile(r"\b(gmin|scale) ?= ?([-+\w.]+)")  # that change a circuit
-_CHARGE = re.compile(r"\bic\s*=\s*\S+")  # which does not count
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +58,6 @@ class ForeignBoard:
     def is_linear(self) -> bool:
         """Whether nothing in it is measured."""
         return not self.point.flat.elements
-
-    @property
-    def flat_text(self) -> str:
-        """The flat cards as a deck."""
-        cards = (_CHARGE.sub("", line) for line in self.point.cards)
-        return "\n".join(["* flat cards of a deck", *cards, ".end", ""])
 
     def at(self, changes: Sequence[Mapping[str, float]]) -> list[Circuit | InputError]:
         """Return the circuit at some values of its ``.param`` cards, an error where there is none.
@@ -161,17 +154,13 @@ def _notes(deck: ForeignDeck, flat: Flat, immediate: bool) -> Iterator[str]:
     if immediate:
         yield "uic: the board starts with no charge"
     yield from deck.remarks
-    yield from deck.unanswered
+    yield from filter(None, [deck.unanswered])
     for card in deck.left:
         celsius = _TEMPERATURE.search(card.text)
         if celsius and celsius[1] != "27":
             yield f"{card.text}: does not count; every part is at 27 degrees C"
         if card.word == ".step":  # such as .step param C list 1p 2p
-            words = ("param", "lin", "dec", "oct", "temp")
-            name, *values = [w for w in card.text.split()[1:] if w not in words] or [""]
-            text = ",".join(values[1:]) if values[:1] == ["list"] else ":".join(values[:2])
-            over = f"--over {name}={text}" if len(values) > 1 else "--over"
-            yield f"{card.text}: does not run; {over} does it"
+            yield f"{card.text}: does not run; --over NAME=LOW:HIGH:POINTS or NAME=A,B,C does it"
     moving = [found for found in flat.stimuli.values() if found.moves]
     if len({found.at for found in moving}) > 1:
         yield "the sources change at different times; all steps are taken at t = 0"
