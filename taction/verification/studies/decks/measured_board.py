@@ -74,7 +74,10 @@ class MeasuredBoard:
 
     @cached_property
     def noise(self) -> OutputNoise:
-        """The noise of its outputs; or why that of one is not known."""
+        """The noise of its outputs; or why it is not known.
+
+        Where one output has none, the others are known by themselves, and this one is NaN.
+        """
         if not self.poles.known_stable:
             return OutputNoise(unknown="only a board that is known to be stable has noise at rest")
         if self.apart.beyond:
@@ -86,7 +89,19 @@ class MeasuredBoard:
             rms, error = output_noise(self.board, low)
             return OutputNoise(tuple(rms.tolist()), tuple(error.tolist()), lowest=low)
         except EngineError as problem:
-            return OutputNoise(unknown=str(problem))
+            if len(circuit.outputs) == 1:
+                return OutputNoise(unknown=str(problem))
+        count, reasons = len(circuit.outputs), dict[str, list[str]]()
+        rms, error = np.full(count, math.nan), np.full(count, math.nan)
+        for k, out in enumerate(circuit.outputs):
+            try:
+                alone = LinearBoard(replace(circuit, outputs=(out,)))
+                rms[k : k + 1], error[k : k + 1] = output_noise(alone, low)
+            except EngineError as problem:
+                why = str(problem).replace(f" of output {out.node}", "")
+                reasons.setdefault(why, []).append(out.node)
+        said = "; ".join(f"{', '.join(nodes)}: {why}" for why, nodes in reasons.items())
+        return OutputNoise(tuple(rms.tolist()), tuple(error.tolist()), unknown=said, lowest=low)
 
     @property
     def remedy(self) -> str:

@@ -138,7 +138,9 @@ def _reading(name: str, title: str, words: str, example: str, second: str = "") 
 
 
 def _noise(found: MeasuredBoard) -> Answers:
-    return [Reading(*each) for each in zip(found.noise.rms, found.noise.error, strict=True)]
+    rms, bounds = found.noise.rms, found.noise.error
+    return [Reading(*each) if math.isfinite(each[0]) else None
+            for each in zip(rms, bounds, strict=True)]  # fmt: skip
 
 
 EVERY = (
