@@ -11,7 +11,6 @@ import itertools
 import os
 import re
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -40,7 +39,6 @@ from taction.netlist_gen.deck.foreign_lines import (
     check_functions,
     file_of,
     logical_lines,
-    number,
 )
 from taction.spice_models.imported import DEVICE, Subcircuit
 from taction.system.errors import Complaint, InputError
@@ -62,12 +60,7 @@ KEPT = (
 LETTERS = "rclkviefghxbdqjmsw"
 """Devices that may stand in the text: no A, which may start programs."""
 NOT_LINEAR = re.compile(r"[dqjmswb]|[efgh].*(?:\bvalue\b|\bvol\b|\bcur\b|\{v)")
-NODES = {"r": 2, "c": 2, "l": 2, "v": 2, "i": 2, "e": 4, "g": 4, "f": 3, "h": 3}
-"""Parts with a value, and how many nodes and names stand before it."""
-_DIGITS = re.compile(r"(?:(?<=^\.model )\S+|(?<=[ =(])[-+]?[\d.]+(?:e[-+]?\d+)?[a-z]*(?=[ )]|$))")
 _SET = re.compile(r"\b([a-z_][a-z0-9_]*) ?=(?!=)")
-_BRACES = re.compile(r"\{[^{}]*\}")
-_NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?[a-z]*")
 REFUSED = (
     (
         re.compile(r"^\.model \S+ (numd2?|nbjt2?|numos)\b"),
@@ -140,20 +133,6 @@ class ForeignDeck:
         words = dict.fromkeys(card.word for card in self.left if card.word in ASKED)
         return f"{', '.join(words)}: {ANSWERED}" if words else ""
 
-    @property
-    def unbraced_expression(self) -> InputError | None:
-        """The error for the first value that is an expression without braces, None without one.
-
-        ngspice takes some of them; of the others it says no more than ``unknown parameter (*)``.
-        """
-        for card in self.cards:
-            if (nodes := NODES.get(card.word[0])) is not None:
-                values = "".join(card.text.split(None, nodes + 1)[nodes + 1 :])
-                if re.search(r"[-+*/]", _NUMBER.sub("#", _BRACES.sub("#", values))):
-                    text = "an expression stands in braces, such as 'R1 in out {2*1k}'"
-                    return card.refused(text)
-        return None
-
 
 def read_deck(file: str | Path) -> ForeignDeck:
     """Read a deck and check every card; nothing in it runs.
@@ -208,18 +187,7 @@ def vendor_subcircuit(file: str | Path, name: str) -> Subcircuit:
 
 def flat_subcircuit(cards: Iterable[str], nodes: Sequence[str], name: str) -> Subcircuit:
     """Return the subcircuit of a bench, its ports at `nodes`, from the cards of its listing."""
-
-    def plain(match: re.Match[str]) -> str:
-        """Return a number in plain digits, as in all of a deck; a name as it is.
-
-        ngspice reads 200.0e-6 with another rounding, which an offset of microvolts shows.
-        """
-        with suppress(ValueError):
-            return repr(number(match[0])) if set(match[0]) & set(".e") else match[0]
-        return match[0]
-
-    own = [spelt_card(card) for card in cards]
-    own = [card if card[0] in "dqjmsw" else _DIGITS.sub(plain, card) for card in own]
+    own = map(spelt_card, cards)
     own = [c for c in own if c.startswith(".model ") or f".{DEVICE}." in c.split(maxsplit=1)[0]]
     return _subcircuit(f"m_{re.sub(r'[^a-z0-9]', '_', name.lower())}", nodes, own)
 

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.deck.elements import ACCEPTED, CardError, shown
+from taction.netlist_gen.deck.elements import ACCEPTED, CardError, shown, spelt_card
 from taction.netlist_gen.deck.flat_cards import (
     ABSENT,
     REMARKS,
@@ -39,6 +39,7 @@ from taction.verification.studies.decks.measured_board import Start
 
 VALUE_SECONDS = 1.0  # that a value of a .param adds to the time of all runs
 NAMED = 12  # elements in a note
+IN_BRACES = "an expression stands in braces, such as 'R1 in out {2*1k}'"
 _TEMPERATURE = re.compile(r"^\.(?:temp|opt\w* (?:.* )?(?:temp|tnom) ?=) ?(\S+)")
 _OPTION = re.compile(r"\b(gmin|scale) ?= ?([-+\w.]+)")  # that change a circuit
 
@@ -108,11 +109,15 @@ def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
         flat, small = _measured(point)
         flat, stimulus = stepped(flat, small=bool(small))
     except (CardError, DidNotLoad) as error:
-        refused = deck.unbraced_expression if "unknown parameter" in str(error) else None
         said = one_line(error)
+        said += f"; {IN_BRACES}" if "unknown parameter" in said else ""
+        for card in deck.cards:
+            before, _, reason = said.partition(f": {spelt_card(card.text)}: ")
+            if reason:
+                raise card.refused(f"{before}: {reason}") from None
         of_card = isinstance(error, CardError) and not said.startswith(("ngspice", "the deck"))
         accepted = f"; {LINEAR}" if of_card and ACCEPTED not in said else ""
-        raise refused or InputError(deck.file, Complaint("deck", "", said + accepted)) from None
+        raise InputError(deck.file, Complaint("deck", "", said + accepted)) from None
     nodes = outputs_of(flat, outputs, (card.text for card in deck.left))
     immediate = any(re.search(r"\buic\b", c.text) for c in deck.left if c.word == ".tran")
     immediate &= not small  # the small signal begins where the circuit rests
