@@ -187,7 +187,7 @@ def vendor_subcircuit(file: str | Path, name: str) -> Subcircuit:
 
 def flat_subcircuit(cards: Iterable[str], nodes: Sequence[str], name: str) -> Subcircuit:
     """Return the subcircuit of a bench, its ports at `nodes`, from the cards of its listing."""
-    own = map(spelt_card, cards)
+    own = [spelt_card(card) for card in cards]
     own = [c for c in own if c.startswith(".model ") or f".{DEVICE}." in c.split(maxsplit=1)[0]]
     return _subcircuit(f"m_{re.sub(r'[^a-z0-9]', '_', name.lower())}", nodes, own)
 

@@ -164,7 +164,6 @@ class Sweep:
     own: Number  # of a part
     edges: Edges
     points: tuple[PointRow, ...]
-    boards: tuple[MeasuredBoard | Exception, ...] = ()
 
     @property
     def crossings(self) -> tuple[Edge, ...]:
@@ -179,15 +178,6 @@ class Sweep:
             for low, high in self.edges.stable_ranges
             if not any(low <= value <= high for value in self.doubtful)
         )
-
-    def beside_crossings(self, reach: int) -> tuple[int, ...]:
-        """Return the numbers of the points next to a crossing, up to `reach` on either side."""
-        values = [point.value or 0.0 for point in self.points]
-        found = set[int]()
-        for edge in self.crossings:
-            above = sum(value < edge.value for value in values)
-            found.update(range(max(above - reach, 0), min(above + reach, len(values))))
-        return tuple(sorted(found))
 
     @property
     def doubtful(self) -> tuple[float, ...]:
@@ -225,10 +215,9 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweepAxis, band: f
         edges = find_edges(family, min(values), max(values), values=values)
     else:
         edges = family.scan(values, logarithmic=logarithmic)
-    boards = tuple(map(measured, values))
-    points = tuple(map(PointRow.of, values, boards))
+    points = tuple(PointRow.of(value, measured(value)) for value in values)
     own = deck.circuit.value(swept.name) if knob else None
-    return Sweep(swept.name, swept.key.unit, own, edges, points, boards)
+    return Sweep(swept.name, swept.key.unit, own, edges, points)
 
 
 def _over(deck: ForeignBoard, name: str, values: Sequence[float]) -> Callable[[float], Circuit]:
