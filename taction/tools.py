@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -217,11 +216,6 @@ def check(
     checks: str | Iterable[str] = (),
     expect: str | Iterable[str] = (),
     over: str | Iterable[str] = (),
-    matrix: str | Path | None = None,
-    strain: str | Path | None = None,
-    lam: float = 0.0,
-    unit: str = "1V",
-    accept: str = "0.1%",
     tolerances: str | Path | None = None,
     samples: int = 300,
     seed: int = 1,
@@ -250,17 +244,6 @@ def check(
     over : str or iterable of str
         Part or .param to change: C1=1p:1n, gain=2:4:50, or a part alone. Every crossing of
         stability is found, and the readings at every value.
-    matrix : path, optional
-        Matrix T, .csv or .npy: the outputs are expected at the regularised optimum u of
-        eps = T u, one --output for each column.
-    strain : path, optional
-        Strain eps of this problem, .csv or .npy.
-    lam : float
-        Weight lambda of its regulariser, the sum of u^2; 0 for least squares.
-    unit : str
-        Voltage of u = 1; negative where the outputs are inverted.
-    accept : str
-        Accepted deviation of these outputs, as a share of the largest one.
     tolerances : path, optional
         TOML file of tolerances: resistor = "1%", and a table [parts] with R1 = "0.1%". The worst
         corners and the yield are found.
@@ -302,10 +285,7 @@ def check(
     if str(deck).endswith(".toml"):  # before the modules of decks are loaded
         text = "a scene; `taction verify` takes it; expected a SPICE deck, such as filter.cir"
         raise InputError(deck, Complaint("deck", "", text))
-    if (matrix is None) != (strain is None):
-        missing = "--matrix" if matrix is None else "--strain"
-        raise InputError(missing, Complaint("file", "", "--matrix and --strain belong together"))
-    from taction.verification.studies.decks.questions import reference_values, wanted
+    from taction.verification.studies.decks.questions import wanted
 
     asked = wanted(_listed(checks), _listed(expect))
     from taction.verification.studies.decks.board_sweep import swept_axis
@@ -315,10 +295,6 @@ def check(
     board, spread = read_board(deck, _listed(outputs)), None
     asked.refuse_unknown(board.flat.nodes)
     swept = [swept_axis(each, board) for each in _listed(over)]
-    if matrix is not None and strain is not None:
-        nodes = [out.node for out in board.circuit.outputs]
-        values = reference_values(nodes, matrix, strain, lam, unit, accept)
-        asked = replace(asked, expected=(*asked.expected, *values))
     if tolerances is not None:
         from taction.netlist_gen.deck.part_tolerances import read_tolerances
 

@@ -179,8 +179,6 @@ TABLE = {
             option("over", metavar="NAME[=LOW:HIGH:N]", multiple=True),
             option("checks", "--check", metavar="NAME=LIMIT", multiple=True),
             option("expect", metavar="V(NODE)=VALUE", multiple=True),
-            option("unit", metavar="VOLTS"),
-            option("accept", metavar="SHARE"),
             option("tolerances", metavar="FILE", type=FILE, reads=True),
         ),
         ends="Exit status: 0 without checks or if all pass, 1 a check failed, 3 one is not"
