@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -216,19 +215,11 @@ def check(
     outputs: str | Iterable[str] = (),
     checks: str | Iterable[str] = (),
     expect: str | Iterable[str] = (),
-    linearise: bool = False,
     over: str | Iterable[str] = (),
-    matrix: str | Path | None = None,
-    strain: str | Path | None = None,
-    lam: float = 0.0,
-    unit: str = "1V",
-    accept: str = "0.1%",
     tolerances: str | Path | None = None,
     samples: int = 300,
     seed: int = 1,
     ngspice: bool = True,
-    transient: bool = False,
-    output: str | Path | None = None,
     progress: Progress = lambda stage: None,
 ) -> BoardCheck:
     r"""Find poles, oscillation onset, settling and noise of the linear op-amp circuit in DECK.
@@ -247,38 +238,21 @@ def check(
     checks : str or iterable of str
         Limit of a reading: settling=1ms@1%, rise=10us, overshoot=5%, undershoot=5%, noise=1mV,
         margin=2 (factor by which the value of any part may change; no gain or phase margin),
-        stable, oscillates, agree=1e-3. A circuit has to be stable unless it has to oscillate.
+        stable, oscillates. A circuit has to be stable unless it has to oscillate.
     expect : str or iterable of str
         Expected voltage at rest: v(out)=1.25@0.1%.
-    linearise : bool
-        Without effect: whatever is not linear is always measured at the operating point.
     over : str or iterable of str
         Part or .param to change: C1=1p:1n, gain=2:4:50, or a part alone. Every crossing of
         stability is found, and the readings at every value.
-    matrix : path, optional
-        Matrix T, .csv or .npy: the outputs are expected at the regularised optimum u of
-        eps = T u, one --output for each column.
-    strain : path, optional
-        Strain eps of this problem, .csv or .npy.
-    lam : float
-        Weight lambda of its regulariser, the sum of u^2; 0 for least squares.
-    unit : str
-        Voltage of u = 1; negative where the outputs are inverted.
-    accept : str
-        Accepted deviation of these outputs, as a share of the largest one.
     tolerances : path, optional
-        TOML file of tolerances: resistor = "1%", and tables [parts] with R1 = "0.1%", and [params]
-        with the names of .param. The worst corners and the yield are found.
+        TOML file of tolerances: resistor = "1%", and a table [parts] with R1 = "0.1%". The worst
+        corners and the yield are found.
     samples : int
         Boards that are drawn within the tolerances.
     seed : int
         Seed of these boards.
     ngspice : bool
         Compare with ngspice's own small signal (.ac) of the deck.
-    transient : bool
-        Compare the step response of a linear deck with ngspice's transient, too.
-    output : path, optional
-        Write the flat cards of the deck, as ngspice expands it, into this file.
     progress : callable, optional
         Receives the name of each stage.
 
@@ -311,10 +285,7 @@ def check(
     if str(deck).endswith(".toml"):  # before the modules of decks are loaded
         text = "a scene; `taction verify` takes it; expected a SPICE deck, such as filter.cir"
         raise InputError(deck, Complaint("deck", "", text))
-    if (matrix is None) != (strain is None):
-        missing = "--matrix" if matrix is None else "--strain"
-        raise InputError(missing, Complaint("file", "", "--matrix and --strain belong together"))
-    from taction.verification.studies.decks.questions import reference_values, wanted
+    from taction.verification.studies.decks.questions import wanted
 
     asked = wanted(_listed(checks), _listed(expect))
     from taction.verification.studies.decks.board_sweep import swept_axis
@@ -324,32 +295,22 @@ def check(
     board, spread = read_board(deck, _listed(outputs)), None
     asked.refuse_unknown(board.flat.nodes)
     swept = [swept_axis(each, board) for each in _listed(over)]
-    if matrix is not None and strain is not None:
-        nodes = [out.node for out in board.circuit.outputs]
-        values = reference_values(nodes, matrix, strain, lam, unit, accept)
-        asked = replace(asked, expected=(*asked.expected, *values))
     if tolerances is not None:
         from taction.netlist_gen.deck.part_tolerances import read_tolerances
 
-        spread = read_tolerances(tolerances, board.circuit, board.deck.parameters)
+        spread = read_tolerances(tolerances, board.circuit)
     # all that can be refused is refused before the engine is loaded
     from taction.verification.studies.decks.board_check import check_board
 
-    found = check_board(
+    return check_board(
         board,
         asked,
         ngspice=ngspice,
-        transient=transient,
         over=swept,
         tolerances=spread,
         samples=(samples, seed),
         progress=progress,
     )
-    if output is not None:
-        from taction.system.output_files import write_atomically
-
-        write_atomically(output, board.flat_text)
-    return found
 
 
 def _listed(given: str | Iterable[str]) -> tuple[str, ...]:

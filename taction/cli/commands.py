@@ -165,16 +165,12 @@ TABLE = {
     "check": Command(
         about="Find poles, onset, settling and noise of a SPICE deck.",
         outputs=(picture("step response and poles"), REPORT),
-        files=own_file,
         parameters=(
             option("outputs", "--output", metavar="NODE", multiple=True),
             option("over", metavar="NAME[=LOW:HIGH:N]", multiple=True),
             option("checks", "--check", metavar="NAME=LIMIT", multiple=True),
             option("expect", metavar="V(NODE)=VALUE", multiple=True),
-            option("unit", metavar="VOLTS"),
-            option("accept", metavar="SHARE"),
             option("tolerances", metavar="FILE", type=FILE, reads=True),
-            option("output", "-o", type=FILE, writes=True),
         ),
         ends="Exit status: 0 without checks or if all pass, 1 a check failed, 3 one is not"
         " decided.",

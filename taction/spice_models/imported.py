@@ -69,20 +69,12 @@ class ImportedOpAmp:
 
     subcircuit: Subcircuit
     pins: tuple[str, ...]  # the role of each port
-    supply: float  # of each supply voltage at which it was measured, from `middle`, V
+    supply: float  # of each supply voltage at which it was measured, V
     figures: Figures
     linear: LinearModel | None
     missing: str = ""
     compensation: float = 0.0  # capacitor between the ports `COMPENSATION`, F
     doubts: tuple[str, ...] = ()  # what is unusual for an op-amp
-    middle: float = 0.0  # of its supplies: its inputs and its output are measured about it, V
-
-    @property
-    def supplies(self) -> str:
-        """Both supply voltages in words, such as ``"±15 V"`` or ``"0 V and 5 V"``."""
-        if self.middle == 0.0:
-            return f"±{self.supply:g} V"
-        return f"{self.middle - self.supply:g} V and {self.middle + self.supply:g} V"
 
     def text(self, name: str) -> str:
         """Return the cards of the op-amp `name` with the ports inp, inn, out and own supplies."""
@@ -90,8 +82,8 @@ class ImportedOpAmp:
             [
                 *self.subcircuit.lines,
                 f".subckt {name} inp inn out",
-                f"Vcc vcc 0 {self.middle + self.supply!r}",
-                f"Vee vee 0 {self.middle - self.supply!r}",
+                f"Vcc vcc 0 {self.supply!r}",
+                f"Vee vee 0 {-self.supply!r}",
                 instance(self.subcircuit, self.pins, self.compensation),
                 f".ends {name}",
                 "",

@@ -4,8 +4,7 @@ Only unpadded vectors in double precision are accepted, real or complex as they 
 other content (text, more plots, too few bytes) is refused with a message that names the reason,
 because a reader that guesses turns a truncated file into a plausible waveform.
 
-Of waveforms that LTspice, Xyce or QSPICE stored, raw files in text, and those with single precision
-or a header in UTF-16, are read by spicelib.
+Waveforms of LTspice, whose header is in UTF-16, are read by spicelib.
 """
 
 from __future__ import annotations
@@ -174,11 +173,12 @@ def write_raw(path: Path, waveforms: Waveforms, title: str = "taction") -> None:
 
 
 LARGEST = 512 * MEGABYTE
-HEADER = 65_536  # bytes in which the form shows
+HEADER = 4096  # bytes in which the form shows
 LEAST = 2  # instants of a transient
-DIALECTS = ("ltspice", "qspice", "xyce", "ngspice")
 TRANSIENT = "transient"  # begins the name of the plot, in every dialect
-ACCEPTED = "expected the raw file of one transient, as `ngspice -b -r FILE` writes it"
+ACCEPTED = (
+    "expected the binary raw file of one transient, as LTspice or `ngspice -b -r FILE` writes it"
+)
 
 
 def read_transient(file: str | Path) -> Waveforms:
@@ -209,32 +209,20 @@ def _columns(path: Path) -> tuple[list[str], Floats]:
     """Return the vectors and their values, the axis first."""
     with open_regular(path) as file:
         head, size = file.read(HEADER), file.seek(0, 2)
-        file.seek(max(size - 1, 0))
-        ended = file.read(1) == b"\n"
     if size > LARGEST:
         raise UnusableFileError(f"over {LARGEST / MEGABYTE:g} MB, the largest size that is read")
-    narrow = head.startswith(_BEGIN)
-    header = head.decode("latin-1" if narrow else "utf-16-le", "replace")
-    if not header.lstrip("\ufeff").startswith("Title:"):
-        raise UnusableFileError("it does not begin with 'Title:'")
-    if narrow and "\nBinary:\n" in header and " forward" not in header.partition("Binary:")[0]:
+    if head.startswith(_BEGIN):
         plots = [p for p in read_plots(path) if p.name.lower().startswith(TRANSIENT)]
         if len(plots) != 1:
             raise UnusableFileError(f"it has {len(plots)} transients")
-        return list(plots[0].vectors), np.array(plots[0].data)
-    if narrow and "\nValues:" in header and not ended:
-        raise UnusableFileError("its last line is cut off")
-    command = "".join(re.findall(r"^Command:(.*)$", header, re.M)).lower()
-    named = (name for name in DIALECTS if name in command)
-    return _by_spicelib(path, next(named, "ngspice" if narrow else "ltspice"))
-
-
-def _by_spicelib(path: Path, dialect: str) -> tuple[list[str], Floats]:
+        return [name.lower() for name in plots[0].vectors], np.array(plots[0].data)
+    if not head.decode("utf-16-le", "replace").lstrip("\ufeff").startswith("Title:"):
+        raise UnusableFileError("it does not begin with 'Title:'")
     check_extra("raw", str(path))
     from spicelib import RawRead
 
     try:
-        found = RawRead(path, "*", dialect, verbose=False)
+        found = RawRead(path, "*", "ltspice", verbose=False)
         plots = [p for p in found.plots if p.get_plot_name().lower().startswith(TRANSIENT)]
         if len(plots) != 1:
             raise UnusableFileError(f"it has {len(plots)} transients")

@@ -149,13 +149,10 @@ def header(flags: str, points: int = len(TIME)) -> str:
     )
 
 
-def text(time: Floats = TIME) -> bytes:
-    """As ngspice writes it with `set filetype=ascii`."""
-    rows = [
-        f" {k}\t{t!r}\n\t{out!r}\n\t7.0\n\t{b!r}\n\n"
-        for k, (t, (out, b)) in enumerate(zip(time.tolist(), VOLTS.tolist(), strict=True))
-    ]
-    return (header("real") + "Values:\n" + "".join(rows)).encode()
+def binary(time: Floats = TIME, volts: Floats = VOLTS) -> bytes:
+    """As ngspice writes it."""
+    table = np.column_stack([time, volts[:, 0], np.full(len(time), 7.0), volts[:, 1]])
+    return (header("real") + "Binary:\n").encode() + table.tobytes()
 
 
 def ltspice(kind: str = "<f4") -> bytes:
@@ -168,7 +165,7 @@ def ltspice(kind: str = "<f4") -> bytes:
     return (header(f"real forward{double}") + "Binary:\n").encode("utf-16-le") + table.tobytes()
 
 
-@pytest.mark.parametrize("content", [text(), ltspice(), ltspice("<f8")])
+@pytest.mark.parametrize("content", [binary(), ltspice(), ltspice("<f8")])
 def test_forms_of_other_programs_give_the_same_waveforms(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "a.raw").write_bytes(content)
     found = read_transient(tmp_path / "a.raw")
@@ -190,14 +187,14 @@ def test_of_equal_instants_the_last_counts(tmp_path: Path) -> None:
     [
         (b"", "does not begin with 'Title:'"),
         (b"PK\x03\x04 something else", "does not begin with 'Title:'"),
-        (text()[:-2], "its last line is cut off"),
-        (text(TIME[::-1]), "time decreases: several runs in one file"),
+        (header("real").encode() + b"Values:\n 0\t0.0\n", "a binary raw file is needed"),
+        (binary(TIME[::-1]), "time decreases: several runs in one file"),
         (ltspice()[:-3], "Not enough data"),
         (ltspice("<f8")[:-30], "Not enough data"),
         (header("real").encode() + b"Binary:\n" + b"\0" * 100, "100 of 128 bytes"),
-        (text().replace(b"Transient", b"AC analys"), "it has 0 transients"),
-        (text().replace(b"0.5", b"nan"), "a value is not finite"),
-        (text().replace(b"V(out)", b"I(out)").replace(b"V(b)", b"I(b)"), "no node voltage"),
+        (binary().replace(b"Transient", b"AC analys"), "it has 0 transients"),
+        (binary(volts=VOLTS * np.nan), "a value is not finite"),
+        (binary().replace(b"V(out)", b"I(out)").replace(b"V(b)", b"I(b)"), "no node voltage"),
     ],
 )
 def test_what_is_no_whole_transient_is_refused(tmp_path: Path, content: bytes, reason: str) -> None:

@@ -64,7 +64,6 @@ E1 out 0 p 0 3
     [
         ("wien", (), 1), ("wien", ("--check", "stable"), 1),
         ("wien", ("--check", "settling=1s"), 1),
-        ("wien", ("--check", "agree=1"), 1), ("wien", ("--transient",), 1),
         ("wien", ("--check", "oscillates"), 0),
         ("wien", ("--check", "oscillates", "--check", "stable"), 1),
         (AXIS, (), 3), (AXIS, ("--check", "stable"), 3), (AXIS, ("--check", "oscillates"), 3),
@@ -138,7 +137,6 @@ def test_the_document_has_its_schema(deck: str, tmp_path: Path) -> None:
     picture, page = tmp_path / "a.png", tmp_path / "a.html"
     status, text = run(
         deck, "--json", "--over", "C1=1n:4n:3", "--plot", str(picture), "--report", str(page),
-        "-o", str(tmp_path / "flat.cir"),
     )  # fmt: skip
     assert status == 0
     found = json.loads(text)
@@ -148,7 +146,6 @@ def test_the_document_has_its_schema(deck: str, tmp_path: Path) -> None:
     assert found["outputs"][0]["name"] == "out"
     assert picture.stat().st_size > 1000
     assert "Step response" in page.read_text("utf-8")
-    assert taction.check(tmp_path / "flat.cir", ngspice=False).poles.stable
 
 
 @pytest.mark.parametrize(
@@ -172,30 +169,18 @@ def test_a_step_without_a_param_has_its_first_value() -> None:
     first = taction.check(place, ngspice=False)
     values = {row.name: row.value for row in first.parts}
     assert values["C1"] == 10e-12
-    assert any("--over cl=10p,100p,1n,10n does it" in note for note in first.notes)
+    assert any("does not run; --over" in note for note in first.notes)
     (sweep,) = taction.check(place, over="cl=10p,100p,1n,10n", ngspice=False).sweeps
     assert sweep.points[0].real == pytest.approx(first.poles.rightmost.real, rel=1e-9)
     assert [point.value for point in sweep.points] == [10e-12, 100e-12, 1e-9, 10e-9]
 
 
-@pytest.mark.parametrize(
-    ("card", "says"),
-    [
-        (".ac dec 10 1 1meg", "poles, stability and the step response"),
-        (".meas tran v max v(out)", "--check settling="),
-        (".measure ac f when vdb(out)=-3", ".meas: "),
-        (".noise v(out) v1 dec 10 1 1meg", "--check noise=1mV"),
-        (".tf v(out) v1", "nothing of check answers it yet"),
-        (".dc v1 0 1 0.1", "--expect"),
-    ],
-)
-def test_a_card_that_does_not_run_is_named_with_what_answers(
-    card: str, says: str, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("card", [".ac dec 10 1 1meg", ".measure ac f when vdb(out)=-3"])
+def test_a_card_that_does_not_run_is_named_with_what_is_found(card: str, tmp_path: Path) -> None:
     place = tmp_path / "rc.cir"
     place.write_text(f"RC\nV1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n\n{card}\n.end\n")
     notes = taction.check(place, ngspice=False).notes
-    assert any(says in note for note in notes)
+    assert any(note.startswith(f"{card.split()[0]}: does not run; found are") for note in notes)
 
 
 def test_a_board_of_scenes_passes_with_its_witness(tmp_path: Path) -> None:

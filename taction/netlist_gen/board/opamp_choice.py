@@ -179,7 +179,7 @@ def as_opamp(name: str, imported: ImportedOpAmp) -> OpAmp:
         input_capacitance=figures.common_capacitance or 0.0,
         output_resistance=figures.output_resistance,
         supply_current=figures.supply_current,
-        source=f"imported from a netlist, measured at {imported.supplies}",
+        source=f"imported from a netlist, measured at ±{imported.supply:g} V",
         imported=imported,
         **measured,
     )

@@ -10,8 +10,7 @@ from __future__ import annotations
 import itertools
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -40,29 +39,20 @@ from taction.netlist_gen.deck.foreign_lines import (
     check_functions,
     file_of,
     logical_lines,
-    number,
 )
 from taction.spice_models.imported import DEVICE, Subcircuit
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import UnusableFileError, read_bounded
 
 STEP = re.compile(r"^\.step (?:(?:lin|dec|oct) )?param (?:list )?([a-z_]\w*) (?:list )?(\S+)")
-NOTHING = "nothing of check answers it yet"
-ANSWERS = {
-    ".ac": "poles, stability and the step response are found; gain, bandwidth and phase over"
-    " frequency are not answered yet",
-    ".noise": "the noise of the outputs is that over all frequencies (--check noise=1mV); spectra"
-    " and the noise of an input are not answered yet",
-    ".meas": "of the step response --check settling=, rise=, overshoot= and undershoot= answer, and"
-    " --expect of a voltage at rest; other measures are not answered yet",
-    ".pz": "the poles are found; zeros are not answered yet",
-    ".sens": "what each part does to the rightmost pole is found; sensitivities of voltages are not"
-    " answered yet",
-    ".dc": "voltages are those at rest (--expect), at values of a part or a .param by --over;"
-    " transfer curves are not answered yet",
-    **dict.fromkeys((".tf", ".disto", ".four", ".sp", ".pss"), NOTHING),
-}
-SAME = {".measure": ".meas", ".fourier": ".four"}
+ASKED = (
+    *(".ac", ".noise", ".meas", ".measure", ".pz", ".sens", ".dc"),
+    *(".tf", ".disto", ".four", ".fourier", ".sp", ".pss"),
+)
+ANSWERED = (
+    "does not run; found are poles, stability, the step response (--check settling=1ms), noise over"
+    " all frequencies (--check noise=1mV), voltages at rest (--expect), over values by --over"
+)
 KEPT = (
     *(".subckt", ".ends", ".model", ".param", ".func", ".global"),
     *(".if", ".elseif", ".else", ".endif"),
@@ -70,12 +60,7 @@ KEPT = (
 LETTERS = "rclkviefghxbdqjmsw"
 """Devices that may stand in the text: no A, which may start programs."""
 NOT_LINEAR = re.compile(r"[dqjmswb]|[efgh].*(?:\bvalue\b|\bvol\b|\bcur\b|\{v)")
-NODES = {"r": 2, "c": 2, "l": 2, "v": 2, "i": 2, "e": 4, "g": 4, "f": 3, "h": 3}
-"""Parts with a value, and how many nodes and names stand before it."""
-_DIGITS = re.compile(r"(?:(?<=^\.model )\S+|(?<=[ =(])[-+]?[\d.]+(?:e[-+]?\d+)?[a-z]*(?=[ )]|$))")
 _SET = re.compile(r"\b([a-z_][a-z0-9_]*) ?=(?!=)")
-_BRACES = re.compile(r"\{[^{}]*\}")
-_NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?[a-z]*")
 REFUSED = (
     (
         re.compile(r"^\.model \S+ (numd2?|nbjt2?|numos)\b"),
@@ -143,24 +128,10 @@ class ForeignDeck:
         return not any(map(NOT_LINEAR.match, self.lines))
 
     @property
-    def unanswered(self) -> Iterator[str]:
-        """A sentence for each kind of card that is not answered as it stands."""
-        words = dict.fromkeys(SAME.get(card.word, card.word) for card in self.left)
-        yield from (f"{word}: {ANSWERS[word]}" for word in words if word in ANSWERS)
-
-    @property
-    def unbraced_expression(self) -> InputError | None:
-        """The error for the first value that is an expression without braces, None without one.
-
-        ngspice takes some of them; of the others it says no more than ``unknown parameter (*)``.
-        """
-        for card in self.cards:
-            if (nodes := NODES.get(card.word[0])) is not None:
-                values = "".join(card.text.split(None, nodes + 1)[nodes + 1 :])
-                if re.search(r"[-+*/]", _NUMBER.sub("#", _BRACES.sub("#", values))):
-                    text = "an expression stands in braces, such as 'R1 in out {2*1k}'"
-                    return card.refused(text)
-        return None
+    def unanswered(self) -> str:
+        """A sentence about the analyses that are not answered as they stand; empty without one."""
+        words = dict.fromkeys(card.word for card in self.left if card.word in ASKED)
+        return f"{', '.join(words)}: {ANSWERED}" if words else ""
 
 
 def read_deck(file: str | Path) -> ForeignDeck:
@@ -216,18 +187,7 @@ def vendor_subcircuit(file: str | Path, name: str) -> Subcircuit:
 
 def flat_subcircuit(cards: Iterable[str], nodes: Sequence[str], name: str) -> Subcircuit:
     """Return the subcircuit of a bench, its ports at `nodes`, from the cards of its listing."""
-
-    def plain(match: re.Match[str]) -> str:
-        """Return a number in plain digits, as in all of a deck; a name as it is.
-
-        ngspice reads 200.0e-6 with another rounding, which an offset of microvolts shows.
-        """
-        with suppress(ValueError):
-            return repr(number(match[0])) if set(match[0]) & set(".e") else match[0]
-        return match[0]
-
     own = [spelt_card(card) for card in cards]
-    own = [card if card[0] in "dqjmsw" else _DIGITS.sub(plain, card) for card in own]
     own = [c for c in own if c.startswith(".model ") or f".{DEVICE}." in c.split(maxsplit=1)[0]]
     return _subcircuit(f"m_{re.sub(r'[^a-z0-9]', '_', name.lower())}", nodes, own)
 

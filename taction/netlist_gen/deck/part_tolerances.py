@@ -1,4 +1,4 @@
-"""Tolerances of the parts of a deck, and of its ``.param`` cards, from a small TOML file.
+"""Tolerances of the parts of a deck, from a small TOML file.
 
 A kind counts outside of subcircuits; a name in ``[parts]``, with * and ? for any letters, anywhere.
 """
@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import difflib
 import fnmatch
-from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import MappingProxyType
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
 
@@ -27,15 +25,8 @@ from taction.system.quantities import fraction
 LARGEST = 10.0  # of a tolerance: the value is up to 11 times as large
 ACCEPTED = (
     'a file of tolerances in TOML: resistor = "1%", capacitor = "5%", coil, coupling, gain,'
-    ' distribution, and tables [parts] with R1 = "0.1%" and [params] with the names of .param'
+    ' distribution, and a table [parts] with R1 = "0.1%"'
 )
-
-
-class DeckTolerances(NamedTuple):
-    """Tolerances above zero: of parts, and of ``.param`` cards by their names in lower case."""
-
-    parts: Tolerances
-    params: Mapping[str, float] = MappingProxyType({})
 
 
 def _share(value: object) -> float:
@@ -59,16 +50,12 @@ class _File(Model):
     gain: Share | None = None
     distribution: Literal["normal", "uniform"] = "normal"
     parts: dict[str, Share] = Field(default_factory=dict)
-    params: dict[str, Share] = Field(default_factory=dict)
 
 
-def read_tolerances(
-    file: str | Path, circuit: Circuit, parameters: Sequence[str] = ()
-) -> DeckTolerances:
-    r"""Return the tolerances of single parts and parameters; all others are exact.
+def read_tolerances(file: str | Path, circuit: Circuit) -> Tolerances:
+    r"""Return the tolerances of single parts, those above zero; all others are exact.
 
     `circuit`: of a deck.
-    `parameters`: the names of its ``.param`` cards, in lower case.
     InputError: the file cannot be read, has a key or a value that is none, or names no part; all
       mistakes.
     """
@@ -77,19 +64,26 @@ def read_tolerances(
     table = data.get("tolerances", data)
     if not isinstance(table, dict):
         raise InputError(path, Complaint("tolerances", repr(table)[:80], f"expected {ACCEPTED}"))
+    if "params" in table:
+        text = "a .param has no tolerance any more; give its parts one in [parts]"
+        raise InputError(path, Complaint("params", "", text))
     try:
         found = validated(_File, table, path)
     except InputError as error:
         wrong += error.complaints
     kinds = {key: kind for key, kind in varying_parts(circuit) if kind in _File.model_fields}
     lower = {name.lower(): name for name in kinds}
-    wrong += _unknown(table, "parts", "part", lower)
-    wrong += _unknown(table, "params", ".param", {name: name for name in parameters})
+    named = table.get("parts")
+    for key in named if isinstance(named, dict) else ():
+        if not fnmatch.filter(lower, key.lower()):
+            near = difflib.get_close_matches(key.lower(), lower, n=1, cutoff=0.0)
+            more = f"; the nearest is {near[0]!r}" if near else "; it has none"
+            text = f"no part of the deck has this name{more}"
+            wrong.append(Complaint(f"parts.{key}", "", text))
     parts = {name: getattr(found, kind) for name, kind in kinds.items() if "." not in name}
     for key, share in found.parts.items():
         parts |= {lower[name]: share for name in fnmatch.filter(lower, key.lower())}
     parts = {name: share for name, share in parts.items() if share}
-    params = {key.lower(): share for key, share in found.params.items() if share}
     for branch in circuit.branches:
         share, size = parts.get(branch.label, 0.0), abs(branch.value)
         if branch.letter == "K" and share and size * (1.0 + share) >= 1.0:
@@ -97,22 +91,9 @@ def read_tolerances(
             text = f"reaches 1 within its tolerance; expected less than {most:.2g} %"
             given = f"{branch.value:g} ± {100.0 * share:g} %"
             wrong.append(Complaint(branch.label, given, text))
-    if not (wrong or parts or params):
+    if not (wrong or parts):
         wrong.append(Complaint("tolerances", "", "nothing varies; expected " + ACCEPTED))
     if wrong:
         raise InputError(path, *wrong)
     exact = dict.fromkeys(("resistor", "capacitor", "stray", "opamp_gbw", "opamp_gain"), 0.0)
-    spread = Tolerances(distribution=found.distribution, parts=parts, **exact)
-    return DeckTolerances(spread, params)
-
-
-def _unknown(
-    tables: dict[str, Any], table: str, what: str, known: Mapping[str, str]
-) -> Iterator[Complaint]:
-    """Yield the names of a table that the deck does not have; `known` are those in lower case."""
-    named = tables.get(table)
-    for key in named if isinstance(named, dict) else ():
-        if not fnmatch.filter(known, key.lower()):
-            near = difflib.get_close_matches(key.lower(), known, n=1, cutoff=0.0)
-            more = f"; the nearest is {known[near[0]]!r}" if near else "; it has none"
-            yield Complaint(f"{table}.{key}", "", f"no {what} of the deck has this name{more}")
+    return Tolerances(distribution=found.distribution, parts=parts, **exact)

@@ -146,7 +146,7 @@ def circuit() -> Circuit:
 def tolerances(text: str, circuit: Circuit, folder: Path) -> dict[str, float]:
     place = folder / "parts.toml"
     place.write_text(text)
-    return read_tolerances(place, circuit).parts.parts
+    return read_tolerances(place, circuit).parts
 
 
 @pytest.mark.parametrize(

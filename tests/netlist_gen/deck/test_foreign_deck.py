@@ -159,19 +159,15 @@ def test_what_ltspice_defines_and_ngspice_does_not(folder: Path, ngspice: str) -
     assert board.circuit.value("C1") == pytest.approx(1.0 / (2.0 * math.pi * 1e3), rel=1e-9)
     assert board.circuit.value("R1") == 1e3
     assert board.deck.parameters == ("x",)
-    assert ".step param x 1 2 1: does not run; --over x=1:2 does it" in board.notes
+    assert any(".step param x 1 2 1: does not run; --over" in note for note in board.notes)
     own = read_board(written(folder, text + ".param pi=3\n"))
     assert own.circuit.value("C1") == pytest.approx(1.0 / 6e3, rel=1e-9)
 
 
-def test_a_charge_that_does_not_count_is_not_in_the_written_deck(
-    folder: Path, ngspice: str
-) -> None:
+def test_a_charge_that_does_not_count_is_said(folder: Path, ngspice: str) -> None:
     text = "title\n" + RC.replace("1n\n", "1n IC=0.5\n") + ".tran 1n 10u uic\n.end\n"
-    flat = folder / "flat.cir"
-    found = check(written(folder, text), output=flat)
+    found = check(written(folder, text))
     assert "initial charges (ic=, .ic) do not count" in found.notes
-    assert "ic=" not in flat.read_text()
 
 
 def test_other_files_are_refused(folder: Path) -> None:

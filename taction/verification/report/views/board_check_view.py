@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
-from taction.system.charts import SERIES, TIME, Axis, Chart, Curve, Limit, Mark, spread_colours
+from taction.system.charts import SERIES, TIME, Axis, Chart, Curve, Limit, Mark
 from taction.system.quantities import banded, quantity, spaced
 from taction.verification.report.blocks import BOTH, DRAWN, Bars, Content, Page, Section, Table
 from taction.verification.report.texts import (
@@ -26,18 +26,13 @@ from taction.verification.report.views.answer_view import MARGINS, check_bar, de
 from taction.verification.report.views.stability_view import frequency_cell, pole_map, ranges_words
 from taction.verification.studies.decks.board_check import BoardCheck, OutputRow
 from taction.verification.studies.decks.board_sweep import PointRow, Sweep
-from taction.verification.studies.decks.measured_board import MeasuredBoard
 from taction.verification.studies.decks.part_influence import PartRow
 from taction.verification.studies.decks.questions import QUESTIONS, Question
 from taction.verification.verdict.checks import Check, overall
 
 POLES, PARTS, POINTS = 12, 12, 31  # rows in a terminal
-FAMILY = 5  # step responses in a picture, beside those around crossings
 LEADS = {"pass": "", "fail": "Fails: ", "inconclusive": "Not decided: "}
 RINGS = 0.3  # damping ratio below which the summary says first that the board rings
-FAMILY_WORDS = (
-    "The first output over time after the step, for some of the values; dashed: not stable."
-)
 PART_WORDS = (
     "Moves the pole by: the change of the rightmost pole, 1/s and Hz, for 1 % more of the value."
 )
@@ -65,7 +60,7 @@ def view(found: BoardCheck) -> Page:
             Section("Pole map", lambda: pole_map(found.poles), media=DRAWN),
             Section("Step response", lambda: _response(found), media=DRAWN),
             Section("Parts", lambda: _parts(found), media=BOTH),
-            *(section for each in found.sweeps for section in _swept(each, found)),
+            *map(partial(_swept, found.measurements.band), found.sweeps),
             *_varied(found),
         ),
         foot=(_witness(found),),
@@ -215,10 +210,8 @@ def _parts(found: BoardCheck) -> Table:
     return Table.of("", found.parts, columns, note, most, "--json has all")
 
 
-def _swept(found: Sweep, board: BoardCheck) -> Iterator[Section]:
-    band, name = board.measurements.band, found.name
-    yield Section(f"Over {name}", lambda: _sweep(found, band), media=BOTH)
-    yield Section(f"Step responses over {name}", lambda: _family(found), media=DRAWN)
+def _swept(band: float, found: Sweep) -> Section:
+    return Section(f"Over {found.name}", lambda: _sweep(found, band), media=BOTH)
 
 
 def _sweep(found: Sweep, band: float) -> Iterator[Content]:
@@ -241,29 +234,6 @@ def _sweep(found: Sweep, band: float) -> Iterator[Content]:
         **_answers(band, over=True),
     }
     yield Table.of("Values", found.points, points, most={"terminal": POINTS}, more="--json has all")
-
-
-def _family(found: Sweep) -> Chart | None:
-    """Return the step responses of the first output at some of the values."""
-    count = len(found.boards)
-    spread = {round(k * (count - 1) / (FAMILY - 1)) for k in range(FAMILY)} if count else set()
-    chosen = sorted({*spread, *found.beside_crossings(1)})
-    boards = [(n, b) for n in chosen if isinstance(b := found.boards[n], MeasuredBoard)]
-    stops = [b.scales.stop for _, b in boards if b.poles.stable and b.scales.stop > 0.0]
-    until = math.exp(sum(map(math.log, stops)) / len(stops)) if stops else math.inf
-    drawn = [(n, b, c[0], c[1][:, 0]) for n, b in boards if (c := b.curve(until)) is not None]
-    if not drawn:
-        return None
-    seen = [volts for _, b, _, volts in drawn if b.poles.stable] or [each[3] for each in drawn]
-    low, high = min(float(u.min()) for u in seen), max(float(u.max()) for u in seen)
-    room = 0.1 * ((high - low) or 1.0)
-    curves = []
-    for (n, board, time, volts), colour in zip(drawn, spread_colours(len(drawn)), strict=True):
-        name = figure(found.points[n].value, found.unit or "ratio", 3)
-        curves.append(Curve(time, volts, name, colour, "solid" if board.poles.stable else "dash"))
-    output = Axis(drawn[0][1].circuit.outputs[0].node, "V", limits=(low - room, high + room))
-    title = f"Step responses over {found.name}"
-    return Chart(title, TIME, output, tuple(curves), FAMILY_WORDS)
 
 
 def _varied(found: BoardCheck) -> Iterator[Section]:

@@ -6,7 +6,7 @@ Corners and Monte Carlo are those of scenes; outputs at rest are compared with t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Annotated
@@ -14,9 +14,9 @@ from typing import Annotated
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.variation import Parameter, parameters, vary
-from taction.netlist_gen.deck.part_tolerances import DeckTolerances
+from taction.netlist_gen.board.variation import parameters, vary
 from taction.netlist_gen.scene.axes import SweepAxis, range_values
+from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.netlist_gen.scene.keys import Key
 from taction.system.array_types import Floats
 from taction.system.documents import Hertz, Number, Rate
@@ -33,73 +33,41 @@ from taction.verification.studies.decks.part_influence import influences
 from taction.verification.studies.decks.questions import QUESTIONS, Wanted, judge, record_of, units
 from taction.verification.studies.tolerance.varied_board import BoardSample, Quantity, Varied
 
-PARAM = "param"  # kind of a parameter
-
 
 @dataclass(frozen=True, eq=False)
 class VariedDeck(Varied):
     """The nominal board of a deck, its varied parts, and what is asked of its samples."""
 
-    params: Mapping[str, float]  # nominal values of the .param that vary; last in `varied`
     deck: ForeignBoard
     asked: Wanted
-    # Boards by the values of `params`, without deviations of parts; see `expand`.
-    known: dict[tuple[float, ...], Circuit | InputError] = field(default_factory=dict)
 
     @classmethod
     def of(
-        cls, found: MeasuredBoard, deck: ForeignBoard, spread: DeckTolerances, asked: Wanted
+        cls, found: MeasuredBoard, deck: ForeignBoard, spread: Tolerances, asked: Wanted
     ) -> VariedDeck:
-        """Return the boards around a measured one; a ``.param`` that varies is not 0."""
-        params = dict[str, float]()
-        for name in spread.params:
-            value = deck.value_of(name)
-            if not value:
-                text = "a tolerance needs a .param whose value is a number other than 0"
-                raise InputError("--tolerances", Complaint(f"params.{name}", f"{value}", text))
-            params[name] = value
-        varied = (
-            *parameters(found.circuit, spread.parts),
-            *(Parameter(name, PARAM, share) for name, share in spread.params.items()),
-        )
+        """Return the boards around a measured one."""
         return cls(
             name=found.circuit.name,
             engine="statespace",
             nominal=found.circuit,
-            varied=varied,
-            tolerances=spread.parts,
+            varied=parameters(found.circuit, spread),
+            tolerances=spread,
             quantities=tuple(_quantities(asked)),
             target=found.rest,
             step_amplitude=found.amplitude or float(np.abs(found.rest).max(initial=0.0)) or 1.0,
-            params=params,
             deck=deck,
             asked=asked,
         )
 
-    def expand(self, each: Iterable[Floats]) -> None:
-        """Let one run of ngspice expand the parameters of boards with deviations."""
-        missing = dict.fromkeys(map(self._values, each)).keys() - self.known.keys()
-        wanted = [dict(zip(self.params, values, strict=True)) for values in missing]
-        self.known.update(zip(missing, self.deck.at(wanted) if wanted else (), strict=True))
-
-    def _values(self, z: Floats) -> tuple[float, ...]:
-        shares = [p.tolerance for p in self.varied if p.kind == PARAM]
-        factors = np.power(1.0 + np.array(shares), z[len(z) - len(shares) :])
-        return tuple((np.array([*self.params.values()]) * factors).tolist())
-
-    def at(self, z: Floats) -> Circuit:
-        """Return the board with deviations `z`."""
-        if not self.params:
-            return vary(self.nominal, self.tolerances, z)
-        self.expand([z])
-        if isinstance(board := self.known[self._values(z)], InputError):
-            raise board
-        return vary(board, self.tolerances, z[: len(z) - len(self.params)])
-
     def measured(self, number: int, z: Floats) -> BoardSample:
         """Return the sample with deviations `z`; `EngineError` where it cannot be measured."""
         band, margin = self.asked.limits.settling_time.band, None
-        found = measure_board(LinearBoard(self.at(z)), self.deck.initial, band, self.asked.lowest)
+        found = measure_board(
+            LinearBoard(vary(self.nominal, self.tolerances, z)),
+            self.deck.initial,
+            band,
+            self.asked.lowest,
+        )
         if self.asked.margin:
             margin, _ = influences(found.board, found.poles, every=True)
         record = record_of(found, judge(found, self.asked, margin), self.asked, margin)
@@ -136,7 +104,7 @@ SAME = 1e-9  # relative distance of a point from an edge at which it counts as t
 
 
 def swept_axis(text: str, deck: ForeignBoard) -> SweepAxis:
-    """Read ``NAME``, ``NAME=LOW:HIGH`` or ``NAME=LOW:HIGH:POINTS`` of a part or a ``.param``."""
+    """Read ``NAME`` of a part, or ``NAME=LOW:HIGH:POINTS`` of a part or a ``.param``."""
     name, _, body = (part.strip() for part in text.partition("="))
     lower, known = name.lower(), deck.deck.parameters
     parts = {knob.name.lower(): knob.name for knob in deck.circuit.knobs if knob.role}
@@ -150,18 +118,11 @@ def swept_axis(text: str, deck: ForeignBoard) -> SweepAxis:
         read = replace(key, unit=unit if unit in UNITS else "ohm")
         values, scale = range_values(read, text, body, POINTS)
         return SweepAxis(key, found, values, scale)
-    own = own_value(found, deck)
-    if own is None or not own > 0.0:
+    own = deck.circuit.value(found) if lower in parts else 0.0
+    if not own > 0.0:
         raise InputError("--over", Complaint(name, "", f"expected {name}=LOW:HIGH:POINTS"))
     values = np.geomspace(own / AROUND, own * AROUND, POINTS).tolist()
     return SweepAxis(key, found, tuple(values), "log", default=True)
-
-
-@cache
-def own_value(name: str, deck: ForeignBoard) -> float | None:
-    """Return the value of a part, or of a ``.param``, in its deck."""
-    known = any(knob.name == name and knob.role for knob in deck.circuit.knobs)
-    return deck.circuit.value(name) if known else deck.value_of(name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,10 +161,9 @@ class Sweep:
 
     name: str
     unit: str
-    own: Number
+    own: Number  # of a part
     edges: Edges
     points: tuple[PointRow, ...]
-    boards: tuple[MeasuredBoard | Exception, ...] = ()
 
     @property
     def crossings(self) -> tuple[Edge, ...]:
@@ -218,15 +178,6 @@ class Sweep:
             for low, high in self.edges.stable_ranges
             if not any(low <= value <= high for value in self.doubtful)
         )
-
-    def beside_crossings(self, reach: int) -> tuple[int, ...]:
-        """Return the numbers of the points next to a crossing, up to `reach` on either side."""
-        values = [point.value or 0.0 for point in self.points]
-        found = set[int]()
-        for edge in self.crossings:
-            above = sum(value < edge.value for value in values)
-            found.update(range(max(above - reach, 0), min(above + reach, len(values))))
-        return tuple(sorted(found))
 
     @property
     def doubtful(self) -> tuple[float, ...]:
@@ -264,10 +215,9 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweepAxis, band: f
         edges = find_edges(family, min(values), max(values), values=values)
     else:
         edges = family.scan(values, logarithmic=logarithmic)
-    boards = tuple(map(measured, values))
-    points = tuple(map(PointRow.of, values, boards))
-    own = own_value(swept.name, deck)
-    return Sweep(swept.name, swept.key.unit, own, edges, points, boards)
+    points = tuple(PointRow.of(value, measured(value)) for value in values)
+    own = deck.circuit.value(swept.name) if knob else None
+    return Sweep(swept.name, swept.key.unit, own, edges, points)
 
 
 def _over(deck: ForeignBoard, name: str, values: Sequence[float]) -> Callable[[float], Circuit]:

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.deck.elements import ACCEPTED, CardError, shown
+from taction.netlist_gen.deck.elements import ACCEPTED, CardError, shown, spelt_card
 from taction.netlist_gen.deck.flat_cards import (
     ABSENT,
     REMARKS,
@@ -24,7 +24,6 @@ from taction.netlist_gen.deck.flat_cards import (
     stepped,
 )
 from taction.netlist_gen.deck.foreign_deck import LINEAR, ForeignDeck, read_deck
-from taction.netlist_gen.deck.foreign_lines import number
 from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
 from taction.system.processes import one_limit
 from taction.verification.characterise.operating_point import (
@@ -38,12 +37,11 @@ from taction.verification.engines.ngspice.commands import expand
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.studies.decks.measured_board import Start
 
-PROBE = "v_taction_parameter"  # a source whose value is that of a .param
 VALUE_SECONDS = 1.0  # that a value of a .param adds to the time of all runs
 NAMED = 12  # elements in a note
+IN_BRACES = "an expression stands in braces, such as 'R1 in out {2*1k}'"
 _TEMPERATURE = re.compile(r"^\.(?:temp|opt\w* (?:.* )?(?:temp|tnom) ?=) ?(\S+)")
 _OPTION = re.compile(r"\b(gmin|scale) ?= ?([-+\w.]+)")  # that change a circuit
-_CHARGE = re.compile(r"\bic\s*=\s*\S+")  # which does not count
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +59,6 @@ class ForeignBoard:
     def is_linear(self) -> bool:
         """Whether nothing in it is measured."""
         return not self.point.flat.elements
-
-    @property
-    def flat_text(self) -> str:
-        """The flat cards as a deck."""
-        cards = (_CHARGE.sub("", line) for line in self.point.cards)
-        return "\n".join(["* flat cards of a deck", *cards, ".end", ""])
 
     def at(self, changes: Sequence[Mapping[str, float]]) -> list[Circuit | InputError]:
         """Return the circuit at some values of its ``.param`` cards, an error where there is none.
@@ -103,16 +95,6 @@ class ForeignBoard:
     def _error(self, text: str) -> InputError:
         return InputError(self.deck.file, Complaint("deck", "", text))
 
-    def value_of(self, parameter: str) -> float | None:
-        """Return the value of a ``.param``, as ngspice computes it; None if it is no number."""
-        probe = f"{PROBE} {PROBE} 0 {{{parameter}}}"
-        try:
-            (cards,) = expand((*self.deck.lines, probe), find_simulator())
-            (found,) = (card for card in cards if card.startswith(PROBE))
-            return number(found.split()[-1])
-        except (DidNotLoad, ValueError):
-            return None
-
 
 def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
     """Read a deck as a board with `outputs`, by default those that it shows, or usual names.
@@ -127,11 +109,15 @@ def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
         flat, small = _measured(point)
         flat, stimulus = stepped(flat, small=bool(small))
     except (CardError, DidNotLoad) as error:
-        refused = deck.unbraced_expression if "unknown parameter" in str(error) else None
         said = one_line(error)
+        said += f"; {IN_BRACES}" if "unknown parameter" in said else ""
+        for card in deck.cards:
+            before, _, reason = said.partition(f": {spelt_card(card.text)}: ")
+            if reason:
+                raise card.refused(f"{before}: {reason}") from None
         of_card = isinstance(error, CardError) and not said.startswith(("ngspice", "the deck"))
         accepted = f"; {LINEAR}" if of_card and ACCEPTED not in said else ""
-        raise refused or InputError(deck.file, Complaint("deck", "", said + accepted)) from None
+        raise InputError(deck.file, Complaint("deck", "", said + accepted)) from None
     nodes = outputs_of(flat, outputs, (card.text for card in deck.left))
     immediate = any(re.search(r"\buic\b", c.text) for c in deck.left if c.word == ".tran")
     immediate &= not small  # the small signal begins where the circuit rests
@@ -173,17 +159,13 @@ def _notes(deck: ForeignDeck, flat: Flat, immediate: bool) -> Iterator[str]:
     if immediate:
         yield "uic: the board starts with no charge"
     yield from deck.remarks
-    yield from deck.unanswered
+    yield from filter(None, [deck.unanswered])
     for card in deck.left:
         celsius = _TEMPERATURE.search(card.text)
         if celsius and celsius[1] != "27":
             yield f"{card.text}: does not count; every part is at 27 degrees C"
         if card.word == ".step":  # such as .step param C list 1p 2p
-            words = ("param", "lin", "dec", "oct", "temp")
-            name, *values = [w for w in card.text.split()[1:] if w not in words] or [""]
-            text = ",".join(values[1:]) if values[:1] == ["list"] else ":".join(values[:2])
-            over = f"--over {name}={text}" if len(values) > 1 else "--over"
-            yield f"{card.text}: does not run; {over} does it"
+            yield f"{card.text}: does not run; --over NAME=LOW:HIGH:POINTS or NAME=A,B,C does it"
     moving = [found for found in flat.stimuli.values() if found.moves]
     if len({found.at for found in moving}) > 1:
         yield "the sources change at different times; all steps are taken at t = 0"

@@ -12,7 +12,6 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -237,15 +236,14 @@ def _check_of(text: str) -> tuple[str, dict[str, Any]]:
         accepted = f"expected a factor from 1 to {LARGEST:g}, such as {word}=2"
         raise _refused(word, repr(value), accepted)
     if word in ("agree", "engines_agree"):
-        return "engines_agree", {"tolerance": share_of(value)}
+        text = "it was withdrawn: `taction diff DECK FILE.raw` compares a transient of ngspice"
+        raise _refused(word, repr(value), text)
     if word in ("stable", "stability", OSCILLATES) and not value:
         return ("stability" if word == "stable" else word), {}
     if word in ("stable", OSCILLATES):
         raise _refused(word, repr(value), "expected no value")
     known = ", ".join(f"{each.asked}={each.example}" for each in QUESTIONS.values())
-    raise _refused(
-        "check", repr(word), f"expected {known}, margin=2, agree=1e-3, stable or {OSCILLATES}"
-    )
+    raise _refused("check", repr(word), f"expected {known}, margin=2, stable or {OSCILLATES}")
 
 
 def _expected(text: str) -> Expected:
@@ -275,44 +273,6 @@ def share_of(text: str, option: str = "--check") -> float:
 
 def _refused(key: str, value: str, text: str, option: str = "--check") -> InputError:
     return InputError(option, Complaint(key, value, text))
-
-
-def reference_values(
-    nodes: Sequence[str],
-    matrix: str | Path,
-    strain: str | Path,
-    lam: float = 0.0,
-    unit: str = "1V",
-    accept: str = "0.1%",
-) -> tuple[Expected, ...]:
-    """Return the regularised optimum as expected voltages of nodes, one of every channel.
-
-    The arguments are those of `taction.check`. InputError: a file or a value cannot be used, the
-    numbers of channels and of nodes differ, or the problem has no certain solution.
-    """
-    from taction.netlist_gen.scene.inverse_problem import read_problem
-    from taction.verification.reference.problem import Problem
-    from taction.verification.reference.solve import solve
-
-    T, eps = read_problem(matrix, strain)
-    if len(nodes) != T.shape[1]:
-        text = (
-            f"the matrix has {T.shape[1]} columns, and {len(nodes)} outputs are looked at"
-            f" ({', '.join(nodes[:LISTED])}); give one --output for each column, in their order"
-        )
-        raise _refused("--matrix", "", text, str(matrix))
-    try:
-        volts = parse(unit, "V")
-    except ValueError as error:
-        raise _refused("VOLTS", repr(unit), str(error), "--unit") from None
-    found = solve(Problem(T, eps, lam))
-    if not found.trusted:
-        text = f"the optimum is not certain: {found.reason}; give a larger --lambda"
-        raise _refused("--lambda", f"{lam:g}", text, str(matrix))
-    wanted = volts * found.u
-    share, largest = share_of(accept, "--accept"), float(abs(wanted).max(initial=0.0))
-    tolerance = share * largest - abs(volts) * found.error_bound
-    return tuple(Expected(*each, tolerance) for each in zip(nodes, wanted.tolist(), strict=True))
 
 
 def judge(

@@ -84,24 +84,22 @@ class VendorBench:
 
     subcircuit: Subcircuit
     pins: tuple[str, ...]  # the role of each port
-    supply: float  # of each supply voltage, from the middle, V
+    supply: float  # of each supply voltage, V
     compensation: float = 0.0  # capacitor between the ports `comp`, F
-    middle: float = 0.0  # of the supplies: the non-inverting input at rest, V
 
     def lines(self, step: str = "") -> list[str]:
         """Return the cards; with a `step` of the non-inverting input the output has a load."""
         return [
             *self.subcircuit.lines,
-            f"Vcc vcc 0 dc {self.middle + self.supply!r}",
-            f"Vee vee 0 dc {self.middle - self.supply!r}",
-            f"Vmid mid 0 dc {self.middle!r}",
-            f"Vinp {'far' if step else 'inp'} mid dc 0.0 ac 0.0 {step}".rstrip(),
+            f"Vcc vcc 0 dc {self.supply!r}",
+            f"Vee vee 0 dc {-self.supply!r}",
+            f"Vinp {'far' if step else 'inp'} 0 dc 0.0 ac 0.0 {step}".rstrip(),
             instance(self.subcircuit, self.pins, self.compensation),
             *("Gslow 0 slow out 0 1e-6", "Rslow slow 0 1e6", "Cslow slow 0 1e9"),
             "Eservo inn drive slow 0 1.0",
             "Vdrive drive 0 dc 0.0 ac 0.0",
             "Iload 0 out dc 0.0 ac 0.0",
-            *([f"Rload out mid {LOAD!r}", f"Rstep far inp {CLAMPED!r}"] if step else []),
+            *([f"Rload out 0 {LOAD!r}", f"Rstep far inp {CLAMPED!r}"] if step else []),
             *(
                 "Hof_inn of_inn 0 Vdrive -1.0",
                 "Hof_inp of_inp 0 Vinp -1.0",
@@ -110,10 +108,7 @@ class VendorBench:
         ]
 
     def switched(self, volts: float, period: float, simulator: Simulator) -> tuple[Floats, Floats]:
-        """Return instants, s, and the output, V, for an input at +, -, + `volts` for a `period`, s.
-
-        All voltages are from the middle of the supplies.
-        """
+        """Return instants, s, and the output, V, for +, -, + `volts`, each for a `period`, s."""
         levels = itertools.pairwise((0.0, volts, -volts, volts))
         points = (
             f"{k * period!r} {before!r} {(k + EDGE) * period!r} {after!r}"
@@ -126,7 +121,7 @@ class VendorBench:
             text = "\n".join([*cards, options, f".save v({OUT})", run, ".end", ""])
             try:
                 wave = simulate(Deck(text, (OUT,), plan), simulator, timeout=TIMEOUT)
-                return wave.time, wave[OUT] - self.middle
+                return wave.time, wave[OUT]
             except (SingularCircuit, StepTooSmall, TimedOut) as error:
                 failure = error
                 if failure.folder is not None and options != SWITCHED[-1]:
@@ -140,8 +135,8 @@ class Responses:
 
     frequencies: Floats  # (P,), Hz
     every: Complexes  # (3, 4, P): `PORTS` for 1 V or 1 A of each of `DRIVEN`
-    # At rest: output and inverting input, V from the middle of the supplies, currents into the
-    # inverting input and the other one, and that of the supply, A.
+    # At rest: output and inverting input, V, currents into the inverting input and the other one,
+    # and that of the supply, A.
     rest: tuple[float, ...]
 
     @property
@@ -156,7 +151,7 @@ class Responses:
         return of_inn, self.every[1, 3], of_inp
 
 
-def respond(bench: VendorBench, point: DeckPoint) -> Responses:
+def respond(point: DeckPoint) -> Responses:
     """Return operating point and small signals of a bench at the `point` that was found of it."""
     each_driven = [{source: 1.0} for source in DRIVEN]
     driven, said = point.small_signals(each_driven, [SWEEP])
@@ -165,12 +160,11 @@ def respond(bench: VendorBench, point: DeckPoint) -> Responses:
     volts = [point.volts[node] for node in (*PORTS, "of_vcc")]
     every = np.array([[each[f"v({port})"] for port in PORTS] for each in driven])
     frequencies = driven[0]["frequency"].real  # as ngspice rounded them
-    middle = np.array([bench.middle, bench.middle, 0.0, 0.0, 0.0])
-    return Responses(frequencies, every, tuple((volts - middle).tolist()))
+    return Responses(frequencies, every, tuple(volts))
 
 
 GOOD = 1e-4  # largest relative difference from ngspice of a linear model that serves as a witness
-BENCH = (*DRIVEN, "vmid", "eservo", *SERVO, "hof_inn", "hof_inp", "hof_vcc")
+BENCH = (*DRIVEN, "eservo", *SERVO, "hof_inn", "hof_inp", "hof_vcc")
 JUMP = 2.0  # of the gain between two neighbouring frequencies, 6 % apart: no op-amp
 CURRENT_FEEDBACK = (1e-4, 100.0)  # S of the inverting input, and ratio to the other one
 AT_REST = 0.1  # V: output of a follower at 0 V
@@ -202,12 +196,8 @@ def import_opamp(
     pins: tuple[str, ...],
     supply: float,
     compensation: float = 0.0,
-    middle: float = 0.0,
 ) -> ImportedOpAmp:
-    """Read, check and characterise a subcircuit, as `taction.import_model` does.
-
-    Its supply voltages are `middle` + and - `supply`, its inputs and output at `middle`, V.
-    """
+    """Read, check and characterise a subcircuit, as `taction.import_model` does."""
     found = vendor_subcircuit(file, subcircuit)
     try:
         check_pins(pins, found.ports)
@@ -216,15 +206,15 @@ def import_opamp(
     if (COMPENSATION in pins) != (compensation > 0.0):
         text = f"a capacitor and two ports {COMPENSATION!r} belong together"
         raise InputError(file, Complaint("--compensation", f"{compensation:g} F", text))
-    simulator, bench = find_simulator(), VendorBench(found, pins, supply, compensation, middle)
+    simulator, bench = find_simulator(), VendorBench(found, pins, supply, compensation)
     try:
         cards = find_point(bench.lines(), "", simulator).cards
         bench = replace(bench, subcircuit=flat_subcircuit(cards, port_nodes(pins), subcircuit))
         point = find_point(bench.lines(), "", simulator, modes=("",), volts=True)
     except (CardError, DidNotLoad) as error:
         raise InputError(file, Complaint("netlist", "", one_line(error))) from None
-    seen = respond(bench, point)
-    if reason := _no_opamp(seen, middle):
+    seen = respond(point)
+    if reason := _no_opamp(seen):
         raise InputError(file, Complaint("--pins", "", reason))
     figures, doubts = _figures(seen, bench, simulator)
     try:
@@ -232,11 +222,11 @@ def import_opamp(
     except (CardError, EngineError, SimulationError) as error:
         said = re.sub(rf"\b{DEVICE}\.\w\.(?={DEVICE}\.)", "", one_line(error))
         linear, missing = None, f"no linear model: {said}"
-    of_circuit = (figures, linear, missing, compensation, tuple(doubts), middle)
+    of_circuit = (figures, linear, missing, compensation, tuple(doubts))
     return ImportedOpAmp(bench.subcircuit, pins, supply, *of_circuit)
 
 
-def _no_opamp(measured: Responses, middle: float) -> str:
+def _no_opamp(measured: Responses) -> str:
     """Return why the responses cannot be those of an op-amp; empty if they can."""
     f, gain, size = measured.frequencies, measured.gain, np.abs(measured.gain)
     least, ratio = CURRENT_FEEDBACK
@@ -256,8 +246,7 @@ def _no_opamp(measured: Responses, middle: float) -> str:
             " are the pins right, or does it need a compensation capacitor?"
         )
     if abs(measured.rest[0]) > AT_REST:
-        output = middle + measured.rest[0]
-        return f"as a follower at {middle:g} V its output rests at {output:.3g} V"
+        return f"as a follower at 0 V its output rests at {measured.rest[0]:.3g} V"
     steps = np.abs(np.diff(np.log(size[: int(np.argmax(size < 1.0)) + 1])))
     if steps.max() <= math.log(JUMP):
         return ""
