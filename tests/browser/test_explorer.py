@@ -204,9 +204,11 @@ def test_a_saved_scene_has_the_same_reading(
     assert shown in page.inner_text("#readings")
 
 
-@pytest.mark.parametrize("capacitance", ["10 pF", "5 pF"])
-def test_axe_finds_nothing_serious(explore: Callable[..., Opened], capacitance: str) -> None:
-    page = explore().page
+@pytest.mark.parametrize(("scheme", "capacitance"), [("light", "10 pF"), ("dark", "5 pF")])
+def test_axe_finds_nothing_serious(
+    explore: Callable[..., Opened], scheme: str, capacitance: str
+) -> None:
+    page = explore(color_scheme=scheme).page
     if capacitance != "10 pF":
         type_value(page, 0, capacitance)
     found = [each for each in violations(page) if each[1] in ("serious", "critical")]

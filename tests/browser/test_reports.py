@@ -23,7 +23,7 @@ BACKGROUND = "getComputedStyle(document.body).backgroundColor"
 INK = "document.querySelector('.canvas .xtick text').style.fill"
 
 BEYOND = """width => [...document.querySelectorAll("main *, header *, nav *")]
-  .filter(each => !each.closest("pre, svg, .hidden, .canvas, table"))
+  .filter(each => !each.closest("pre, svg, .hidden, .canvas"))
   .filter(each => each.getClientRects().length && each.getBoundingClientRect().right > width + 0.5)
   .map(each => each.outerHTML.slice(0, 90))"""
 # Pairs of texts of one picture that share more than 2 pixels; a tick may touch its neighbour.
@@ -53,7 +53,7 @@ def violations(page: Any) -> list[tuple[str, str, str]]:
 def test_a_report_is_silent_asks_for_nothing_is_legible_and_accessible(
     open_report: Open, name: str
 ) -> None:
-    opened = open_report(name)
+    opened = open_report(name, color_scheme="light")
     opened.page.wait_for_timeout(100)
     assert opened.messages == []
     assert [url for url in opened.requests if not url.startswith(("file:", "data:", "blob:"))] == []
@@ -65,6 +65,10 @@ def test_a_report_is_silent_asks_for_nothing_is_legible_and_accessible(
         opened.page.locator("[aria-label^='Share chart']").count() == 0
     )  # which would upload the chart
     assert violations(opened.page) == []
+    opened.page.emulate_media(color_scheme="dark")
+    opened.page.wait_for_timeout(200)
+    assert violations(opened.page) == []
+    assert opened.messages == []
 
 
 @pytest.mark.parametrize("name", ["passing", "64 channels", "montecarlo", "sweep, a map", "choose"])
@@ -81,8 +85,8 @@ def test_a_phone_shows_everything_and_scrolls_in_one_direction(
 
 @pytest.fixture(scope="module")
 def opened_once(browser: Browser, files: Callable[[str], Path]) -> Iterator[Page]:
-    """The passing report on a desk; its pictures are drawn."""
-    context = browser.new_context(viewport=DESK)
+    """The passing report on a desk in light colours; its pictures are drawn."""
+    context = browser.new_context(viewport=DESK, color_scheme="light")
     opened = Opened(context.new_page())
     opened.goto(files("passing"))
     yield opened.page
@@ -95,6 +99,7 @@ def passing(opened_once: Page) -> Iterator[Page]:
     page = opened_once
     before = page.evaluate(VIEWS), page.evaluate(BACKGROUND)
     yield page
+    page.emulate_media(color_scheme="light")
     page.wait_for_timeout(200)
     assert page.evaluate(VIEWS) == pytest.approx(before[0])
     assert page.evaluate(BACKGROUND) == before[1]
@@ -133,7 +138,7 @@ def width_of(canvas: Any) -> float:
 
 def test_a_click_sorts_a_table_and_the_next_turns_it(passing: Page) -> None:
     page = passing
-    table = page.locator("table", has_text="Bill of materials")
+    table = page.locator("table", has_text="not a standard value")
     button = table.get_by_role("button", name="value", exact=True)
 
     def column() -> list[float]:
@@ -154,6 +159,19 @@ def test_a_click_sorts_a_table_and_the_next_turns_it(passing: Page) -> None:
     assert names == sorted(names)
 
 
+def test_the_theme_of_the_system_changes_page_and_pictures(passing: Page) -> None:
+    page = passing
+    light = page.evaluate(BACKGROUND), page.evaluate(INK)
+    page.emulate_media(color_scheme="dark")
+    page.wait_for_timeout(200)
+    dark = page.evaluate(BACKGROUND), page.evaluate(INK)
+    assert light[0] != dark[0]
+    assert light[1] != dark[1]
+    page.emulate_media(color_scheme="light")
+    page.wait_for_timeout(200)
+    assert (page.evaluate(BACKGROUND), page.evaluate(INK)) == light
+
+
 def test_the_keyboard_reaches_everything(open_report: Open) -> None:
     page = open_report("passing").page
     page.keyboard.press("Tab")
@@ -166,7 +184,7 @@ def test_the_keyboard_reaches_everything(open_report: Open) -> None:
 
 
 def test_paper_is_white_and_complete(open_report: Open, tmp_path: Path) -> None:
-    page = open_report("passing").page
+    page = open_report("passing", color_scheme="dark").page
     file = tmp_path / "report.pdf"
     page.pdf(path=str(file), format="A4")
     content = file.read_bytes()

@@ -19,9 +19,9 @@ from taction.system.array_types import Floats
 from taction.system.charts import BLUE, GREY, Axis, Chart, Curve, Grid, Limit, segments
 from taction.system.quantities import counted, quantity, readable, sizes, spaced
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.report.blocks import Code, Content, Notes, Page, Section, Table
+from taction.verification.report.blocks import Code, Content, Page, Section, Table
 from taction.verification.report.texts import figure
-from taction.verification.report.views.opamp_view import part_columns
+from taction.verification.report.views.opamp_view import parts_content
 from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.verify import Verdict
 
@@ -116,15 +116,13 @@ def _stems(title: str, along: str, values: Floats, colour: str) -> Chart:
     return Chart(title, Axis(along, whole=True), Axis(), marks)
 
 
-def matrix_chart(circuit: Circuit) -> Chart:
-    """Return T as colours with signs: blue is negative, orange is positive."""
+def matrix_chart(circuit: Circuit) -> Chart | str:
+    """Return T as colours with signs: blue is negative, orange is positive; not of a large one."""
     T, ohms = circuit.realised, circuit.forward_ohms
     M, N = T.shape
+    if max(M, N) > LARGEST:
+        return f"The matrix has {M} rows and {N} columns: a picture has at most {LARGEST}."
     count, minus = int(np.isfinite(ohms).sum()), int((T < 0.0).sum())
-    note, step = "", max(1, -(-max(M, N) // LARGEST))
-    if step > 1:
-        T, ohms = _coarse(T, ohms, step)
-        note = f" Each square is the largest entry of a part of the {M} by {N} matrix."
     hover = tuple(
         tuple(f"T = {t:.4g}, {quantity(value, 'ohm')}" for t, value in zip(*pair, strict=True))
         for pair in zip(T.tolist(), ohms.tolist(), strict=True)
@@ -132,29 +130,21 @@ def matrix_chart(circuit: Circuit) -> Chart:
     summary = (
         f"The matrix T of {counted(M, 'sensor')} and {counted(N, 'channel')} as the resistors"
         f" realise it: {count} entries, of which {minus} are negative (blue, with a minus); an"
-        f" empty square has no resistor. The colour follows the square root of the size.{note}"
+        f" empty square has no resistor. The colour follows the square root of the size."
     )
     height = int(min(max(28 * len(T) + 110, 240), 620))
-    return Chart("Matrix", CHANNEL, SENSOR, (_entries(T, step, hover),), summary, height=height)
+    return Chart("Matrix", CHANNEL, SENSOR, (_entries(T, hover),), summary, height=height)
 
 
-def _entries(T: Floats, step: int = 1, hover: tuple[tuple[str, ...], ...] = ()) -> Grid:
-    """Return T with a colour for each entry that is not zero, `step` places apart."""
+def _entries(T: Floats, hover: tuple[tuple[str, ...], ...] = ()) -> Grid:
+    """Return T with a colour for each entry that is not zero."""
     written: tuple[tuple[str, ...], ...] = ()
     if max(T.shape) <= WRITTEN:
         written = tuple(
             tuple(f"{value:+.2g}" if value else "" for value in row) for row in T.tolist()
         )
-    y, x = (1.0 + step * np.arange(count) for count in T.shape)
+    y, x = (1.0 + np.arange(count) for count in T.shape)
     return Grid(x, y, np.where(T == 0.0, np.nan, T), "", "signed", texts=hover, written=written)
-
-
-def _coarse(T: Floats, ohms: Floats, step: int) -> tuple[Floats, Floats]:
-    """Return the entry with the largest magnitude of each part of a large matrix."""
-    rows, columns = (range(0, size, step) for size in T.shape)
-    parts = [[np.s_[k : k + step, n : n + step] for n in columns] for k in rows]
-    coarse = [[max(T[part].flat, key=abs) for part in row] for row in parts]
-    return np.array(coarse), np.array([[ohms[part].min() for part in row] for row in parts])
 
 
 def omissions(circuit: Circuit) -> Content:
@@ -167,16 +157,8 @@ def omissions(circuit: Circuit) -> Content:
 
 def parts_blocks(circuit: Circuit, scene: Scene) -> tuple[Content, ...]:
     """Return the bill of materials with the packages and the power."""
-    parts, power = bill_of_materials(circuit, scene), board_power(LinearBoard(circuit))
-    columns = part_columns(REFERENCES, "nearest preferred value", "standard value")
-    facts = {
-        "op-amps": f"{len(parts.packages)} packages {parts.opamp}",
-        "op-amps without use": str(parts.spare),
-        "supply current": quantity(power.supply_current, "A", 3),
-        "dissipation at rest": quantity(power.total, "W", 3),
-    }
-    table = Table.of("Bill of materials", parts.lines, columns)
-    return facts, table, Notes("Not included", tuple(map(readable, parts.not_listed)))
+    power = board_power(LinearBoard(circuit))
+    return parts_content(bill_of_materials(circuit, scene), power, REFERENCES)
 
 
 def deck_blocks(verdict: Verdict) -> tuple[Content, ...]:

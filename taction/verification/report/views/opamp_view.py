@@ -17,11 +17,19 @@ from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.presets import Origin
 from taction.system.charts import BLUE, Axis, Chart, Curve, Limit, Mark, Text
 from taction.system.foreign_files import visible
-from taction.system.quantities import counted, percent, quantity, show
+from taction.system.quantities import counted, percent, quantity, readable, show
 from taction.verification.characterise.characterise import Bode, OpAmpFigures, open_loop
-from taction.verification.report.blocks import BOTH, DRAWN, EVERYWHERE, Page, Section, Table
+from taction.verification.report.blocks import (
+    BOTH,
+    DRAWN,
+    EVERYWHERE,
+    Content,
+    Page,
+    Section,
+    Table,
+)
 from taction.verification.report.texts import Cell, fields
-from taction.verification.verdict.board_power import PartsList
+from taction.verification.verdict.board_power import BoardPower, PartsList
 
 if TYPE_CHECKING:
     from taction.verification.studies.decks.vendor_model import ImportedModel
@@ -206,24 +214,25 @@ COLUMNS = (
 
 def parts_view(result: PartsList) -> Page:
     """Return the page of the parts of a board."""
-    parts, power = result.parts, result.power
-    columns = part_columns(SHOWN, "not a standard value; nearest")
+    table, *lines = parts_content(result.parts, result.power, SHOWN)
+    return Page(
+        title=result.scene.name,
+        command="taction export bom",
+        summary=counts_text(result.parts),
+        sections=(Section("Parts", table, media=BOTH), Section("Board", lines, media=BOTH)),
+    )
+
+
+def parts_content(parts: BillOfMaterials, power: BoardPower, shown: int) -> tuple[Content, ...]:
+    """Return the parts, `shown` references of each value, then packages, power, what is missing."""
     watts = [quantity(each, "W", 3) for each in (power.total, power.quiescent, power.outputs)]
-    lines = (
+    return (
+        Table.of("Parts", parts.lines, part_columns(shown)),
         packages_text(parts),
         f"supply current {quantity(power.supply_current, 'A', 3)}, dissipation {watts[0]} at rest:"
         f" op-amps {watts[1]} quiescent and {watts[2]} by their load,"
         f" resistors {quantity(power.resistors, 'W', 3)}",
-        *(f"not included: {what}" for what in parts.not_listed),
-    )
-    return Page(
-        title=result.scene.name,
-        command="taction export bom",
-        summary=counts_text(parts),
-        sections=(
-            Section("Parts", Table.of("Parts", parts.lines, columns), media=BOTH),
-            Section("Board", lines, media=BOTH),
-        ),
+        *(f"not included: {readable(what)}" for what in parts.not_listed),
     )
 
 
@@ -243,11 +252,8 @@ def packages_text(parts: BillOfMaterials) -> str:
     return f"{counted(len(names), 'package')} {parts.opamp}, {shown}{spare}"
 
 
-def part_columns(shown: int, nearest: str, standard: str = "") -> dict[str, Callable[[Any], Any]]:
-    """Return the columns of the parts of one value, of which `shown` have their names.
-
-    The column `nearest` has the nearest value that is sold, or `standard` for a value of a series.
-    """
+def part_columns(shown: int) -> dict[str, Callable[[Any], Any]]:
+    """Return the columns of the parts of one value, of which `shown` have their names."""
 
     def names(line: PartLine) -> str:
         more = len(line.references) - shown
@@ -255,7 +261,7 @@ def part_columns(shown: int, nearest: str, standard: str = "") -> dict[str, Call
 
     def sold(line: PartLine) -> str:
         if (near := line.preferred) is None:
-            return standard
+            return ""
         return f"{near.series}: {quantity(near.value, line.unit)} ({100 * near.deviation:+.2g} %)"
 
     return {
@@ -264,7 +270,7 @@ def part_columns(shown: int, nearest: str, standard: str = "") -> dict[str, Call
         "tolerance": lambda line: (
             None if line.tolerance is None else Cell(percent(line.tolerance), line.tolerance)
         ),
-        nearest: sold,
+        "not a standard value; nearest": sold,
         "references": names,
     }
 

@@ -113,6 +113,7 @@ const wire = () => {
   get("reset").addEventListener("click", () => ask({ reset: true }));
   get("hand").addEventListener("submit", (event) => event.preventDefault());
   get("save").addEventListener("submit", (event) => { event.preventDefault(); send("save", get("save-name").value); });
+  tactionCharts.follow(() => draw({}, true));
 };
 
 const socket = new WebSocket(`ws://${location.host}/talk`);

@@ -3,7 +3,7 @@
 const tactionCharts = (() => {
   const coarse = matchMedia("(pointer: coarse)");
   const NARROW = 480;
-  const known = {};
+  let known = {};
 
   // Colours: the style sheet's variables, which charts take by name.
   const colour = (name) => (known[name] ||= getComputedStyle(document.documentElement).getPropertyValue(name).trim());
@@ -50,5 +50,15 @@ const tactionCharts = (() => {
     xaxis: { visible: false }, yaxis: { visible: false },
     annotations: [{ text, showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.5, font: { size: 14, color: "--muted" } }],
   } });
-  return { draw, empty, layoutOf };
+  // The theme is that of the system, or a given one; `repaint` draws the charts again.
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const paint = (theme) => {
+    document.documentElement.dataset.theme = theme || (dark.matches ? "dark" : "light");
+    known = {};
+  };
+  const follow = (repaint) => {
+    dark.addEventListener("change", () => { paint(); repaint(); });
+    paint();
+  };
+  return { draw, empty, follow, layoutOf, paint };
 })();

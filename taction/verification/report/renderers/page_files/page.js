@@ -52,8 +52,11 @@
     });
   }));
 
-  addEventListener("beforeprint", () => drawAll(680));
-  addEventListener("afterprint", () => drawAll());
+  // Paper is light.
+  const repaint = (theme, width) => { tactionCharts.paint(theme); drawAll(width); };
+  addEventListener("beforeprint", () => repaint("light", 680));
+  addEventListener("afterprint", () => repaint());
+  tactionCharts.follow(drawAll);
   unpack().catch((error) => {
     root.dataset.ready = "failed";
     canvases.forEach((each) => { each.textContent = `This browser cannot draw the picture: ${error}`; });
