@@ -215,11 +215,13 @@ def check(
     outputs: str | Iterable[str] = (),
     checks: str | Iterable[str] = (),
     expect: str | Iterable[str] = (),
+    linearise: bool = False,
     over: str | Iterable[str] = (),
     tolerances: str | Path | None = None,
     samples: int = 300,
     seed: int = 1,
     ngspice: bool = True,
+    transient: bool = False,
     progress: Progress = lambda stage: None,
 ) -> BoardCheck:
     r"""Find poles, oscillation onset, settling and noise of the linear op-amp circuit in DECK.
@@ -238,9 +240,11 @@ def check(
     checks : str or iterable of str
         Limit of a reading: settling=1ms@1%, rise=10us, overshoot=5%, undershoot=5%, noise=1mV,
         margin=2 (factor by which the value of any part may change; no gain or phase margin),
-        stable, oscillates. A circuit has to be stable unless it has to oscillate.
+        stable, oscillates, agree=1e-3. A circuit has to be stable unless it has to oscillate.
     expect : str or iterable of str
         Expected voltage at rest: v(out)=1.25@0.1%.
+    linearise : bool
+        Without effect: whatever is not linear is always measured at the operating point.
     over : str or iterable of str
         Part or .param to change: C1=1p:1n, gain=2:4:50, or a part alone. Every crossing of
         stability is found, and the readings at every value.
@@ -253,6 +257,8 @@ def check(
         Seed of these boards.
     ngspice : bool
         Compare with ngspice's own small signal (.ac) of the deck.
+    transient : bool
+        Compare the step response of a linear deck with ngspice's transient, too.
     progress : callable, optional
         Receives the name of each stage.
 
@@ -306,6 +312,7 @@ def check(
         board,
         asked,
         ngspice=ngspice,
+        transient=transient,
         over=swept,
         tolerances=spread,
         samples=(samples, seed),

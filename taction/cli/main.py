@@ -36,12 +36,9 @@ RENAMED = {"parts": "models", "waveforms": "simulate"}
 WITHDRAWN = {
     "refine": "It was withdrawn: simulate the board again with the residual as its strain;"
     " 'Refinement' in docs/closed-loop.md has the theory.",
-    "check --transient": "Run ngspice on the deck, and compare: 'taction diff DECK FILE.raw'.",
     "check --matrix": "It was withdrawn: expect the optimum at every output, such as"
     " --expect 'v(out1)=1.25@0.1%'; 'taction new --matrix' and 'taction verify' find it.",
     "check -o": "The command 'listing expand' of ngspice has the flat cards of a deck.",
-    "check --linearise": "Leave it out: what is not linear is always measured at the operating"
-    " point.",
     "choose --topology": "A choice is of one topology: set design.topology of the scene.",
     "montecarlo --remedy": "Set a better grade in [tolerances] for parts that the corners name.",
     "montecarlo --no-remedy": "Leave it out: no samples are drawn again.",

@@ -64,6 +64,7 @@ E1 out 0 p 0 3
     [
         ("wien", (), 1), ("wien", ("--check", "stable"), 1),
         ("wien", ("--check", "settling=1s"), 1),
+        ("wien", ("--check", "agree=1"), 1), ("wien", ("--transient",), 1),
         ("wien", ("--check", "oscillates"), 0),
         ("wien", ("--check", "oscillates", "--check", "stable"), 1),
         (AXIS, (), 3), (AXIS, ("--check", "stable"), 3), (AXIS, ("--check", "oscillates"), 3),

@@ -2,13 +2,14 @@
 
 A deck is read and linearised (`foreign_board`), measured (`measured_board`), asked and judged
 (`questions`), and compared with ngspice (`witnesses`). Two things an operating point leaves open:
-latches have several, and ngspice may find the one that no board keeps, which is said; and a large
-step leaves the range in which the circuit is linear.
+latches have several, and ngspice may find the one that no board keeps; and a large step leaves the
+range in which the circuit is linear.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -21,7 +22,7 @@ from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.system.documents import Hertz, Number, Rate, Volts
 from taction.system.quantities import show
 from taction.system.results import Result
-from taction.verification.characterise.operating_point import DeckPoint, read_volts
+from taction.verification.characterise.operating_point import AT_ONCE, DeckPoint, read_volts
 from taction.verification.engines.ngspice.commands import RESULT, run_commands
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -32,7 +33,7 @@ from taction.verification.studies.decks.board_sweep import (
 )
 from taction.verification.studies.decks.foreign_board import ForeignBoard
 from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
-from taction.verification.studies.decks.part_influence import PartRow, influences
+from taction.verification.studies.decks.part_influence import PartRow, influences, pole_vectors
 from taction.verification.studies.decks.questions import QUESTIONS, Wanted, judge, units
 from taction.verification.studies.decks.witnesses import compare_ac, stepping
 from taction.verification.studies.running.study import HERE
@@ -143,6 +144,7 @@ def check_board(
     asked: Wanted,
     *,
     ngspice: bool = True,
+    transient: bool = False,
     over: Iterable[SweepAxis] = (),
     tolerances: Tolerances | None = None,
     samples: tuple[int, int] = (300, 1),
@@ -164,9 +166,13 @@ def check_board(
     if ngspice:
         every = np.append(found.poles.poles, found.apart.hidden)
         checks.append(compare_ac(deck.point, board, every, deck.flat.absent))
+    if transient or "engines_agree" in asked.names:
+        from taction.verification.studies.decks.transient_witness import compare_transient
+
+        limit = asked.limits.engines_agree.tolerance
+        checks.append(compare_transient(found, deck, limit, ngspice=ngspice))
     if ngspice and not deck.is_linear:
-        real = found.poles.poles[found.poles.poles.imag == 0.0]
-        why += [OTHER_POINTS] if found.poles.known_unstable and np.any(real.real > 0.0) else []
+        why.append(points_note(found, deck.point))
         if any(each.moves for each in deck.flat.stimuli.values()):
             why.append(step_note(found, deck.point))
     progress("sweeps")
@@ -192,14 +198,58 @@ def check_board(
     return made
 
 
-OTHER_POINTS = (
-    "all that follows is of the operating point that ngspice finds, which is unstable and does not"
-    " stay; a circuit that latches has others"
-)
-SAME = 1e-3  # of a voltage: a smaller distance is the same
-SECONDS = 4.0  # of the operating point after the step
+STARTS = 12  # along the growing mode, then drawn
+SIZES = (0.05, 0.15, 0.4, 1.0, 10.0)
+REACHES = [sign * size for size in SIZES for sign in (1.0, -1.0)]  # of the range of all voltages
+WIDER = 2.0  # times the range of all voltages on either side: drawn ones
+SAME = 1e-3  # of this range, or of a voltage: a smaller distance is the same point
+SECONDS = 4.0  # of one start
+ALL_SECONDS = 8.0  # of all starts: no further one begins later
 TINY = 1e-30  # V: of no step at all
 LARGE = 0.01  # of the step, or of a node's own: how far ngspice's rest may be from the linear one
+
+
+def _rest(point: DeckPoint, limits: str, cards: Iterable[str], *commands: str) -> dict[str, float]:
+    """Return where ngspice finds the deck at rest with other cards; nothing where it does not."""
+    text = [*point.lines, f".options {limits} {point.options}", *cards]
+    every = [*commands, "save all", "op", f"write {RESULT}"]
+    simulator = find_simulator()
+    return read_volts(run_commands(text, every, simulator, mode=point.mode, seconds=SECONDS))
+
+
+def points_note(found: MeasuredBoard, point: DeckPoint) -> str:
+    """Return how many operating points ngspice finds from other starts; empty without need."""
+    poles = found.poles
+    growing = (poles.poles.imag == 0.0) & (poles.poles.real > poles.errors)
+    if not np.any(growing):
+        return ""
+    nodes = [name for name in found.board.descriptor.names if name in point.volts]
+    here = np.array([point.volts[name] for name in nodes])
+    span = float(np.ptp(here, axis=0)) or 1.0
+    low, high = here.min() - WIDER * span, here.max() + WIDER * span
+    drawn = np.random.default_rng(5).uniform(low, high, (STARTS - len(REACHES), len(here)))
+    mode = pole_vectors(found.board, complex(poles.poles[growing][0]))[0].real
+    mode = mode[[found.board.descriptor.place(name) for name in nodes]]
+    along = here + span * np.outer(REACHES, mode / np.abs(mode).max())
+    starts = np.vstack([along, drawn])
+    known, tried, end = [here], 0, time.monotonic() + ALL_SECONDS
+    while tried < STARTS and time.monotonic() < end:
+        start = zip(nodes, starts[tried].tolist(), strict=True)
+        cards, tried = [f".nodeset v({node})={volts!r}" for node, volts in start], tried + 1
+        volts = _rest(point, "reltol=1e-6 abstol=1e-13 vntol=1e-10", cards, AT_ONCE)
+        there = np.array([volts.get(name, np.nan) for name in nodes])
+        if volts and all(np.abs(there - each).max() > SAME * span for each in known):
+            known.append(there)
+    if len(known) == 1:
+        return f"from {tried} other starts ngspice finds no operating point but this unstable one"
+    out = found.board.circuit.outputs[0].node
+    shown = out if out in nodes else nodes[int(np.abs(known[1] - here).argmax())]
+    at = nodes.index(shown)
+    own, *others = (show(float(each[at]), "V", 4) for each in known)
+    return (
+        f"at least {len(known)} operating points: all that follows is of this one, which is"
+        f" unstable, with v({shown}) = {own}; the others have {', '.join(others)}"
+    )
 
 
 def step_note(found: MeasuredBoard, point: DeckPoint) -> str:
@@ -207,10 +257,7 @@ def step_note(found: MeasuredBoard, point: DeckPoint) -> str:
     if not found.poles.known_stable:
         return ""
     alter = (f"alter {name} dc={s.value!r}" for name, s in stepping(found.board).items())
-    text = [*point.lines, f".options reltol=1e-6 {point.options}", *point.starts]
-    commands = [*alter, "save all", "op", f"write {RESULT}"]
-    simulator = find_simulator()
-    volts = read_volts(run_commands(text, commands, simulator, mode=point.mode, seconds=SECONDS))
+    volts = _rest(point, "reltol=1e-6", point.starts, *alter)
     if not volts:
         return "ngspice finds no operating point after the step: readings hold for small steps only"
     values, places = found.board.equilibrium.values, found.board.descriptor.places

@@ -236,14 +236,15 @@ def _check_of(text: str) -> tuple[str, dict[str, Any]]:
         accepted = f"expected a factor from 1 to {LARGEST:g}, such as {word}=2"
         raise _refused(word, repr(value), accepted)
     if word in ("agree", "engines_agree"):
-        text = "it was withdrawn: `taction diff DECK FILE.raw` compares a transient of ngspice"
-        raise _refused(word, repr(value), text)
+        return "engines_agree", {"tolerance": share_of(value)}
     if word in ("stable", "stability", OSCILLATES) and not value:
         return ("stability" if word == "stable" else word), {}
     if word in ("stable", OSCILLATES):
         raise _refused(word, repr(value), "expected no value")
     known = ", ".join(f"{each.asked}={each.example}" for each in QUESTIONS.values())
-    raise _refused("check", repr(word), f"expected {known}, margin=2, stable or {OSCILLATES}")
+    raise _refused(
+        "check", repr(word), f"expected {known}, margin=2, agree=1e-3, stable or {OSCILLATES}"
+    )
 
 
 def _expected(text: str) -> Expected:

@@ -1,6 +1,6 @@
 """Decks of a designer's hand against nodal analysis with 100 digits, and against closed forms.
 
-Last come steps that leave the linear range.
+Last come decks with several operating points, and steps that leave the linear range.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -72,6 +73,26 @@ def test_ngspice_has_the_same_small_signal(name: str, read: Read) -> None:
     assert check.outcome.value == "pass", check.reason
     assert check.value is not None
     assert check.value < 1e-6
+
+
+@pytest.mark.parametrize("name", ["sallen-key-low-pass", "howland", "wien", "ring", "transformer"])
+def test_ngspice_has_the_same_transient(name: str, read: Read) -> None:
+    found = check_board(read(DECKS[name]), wanted(), transient=True)
+    (check,) = (each for each in found.checks if each.name == "engines_agree")
+    assert check.outcome.value == "pass", check.reason
+    assert check.value is not None
+    assert check.value + check.uncertainty <= 1e-3
+
+
+def test_a_transient_of_another_circuit_fails(read: Read) -> None:
+    """The same cards with a capacitor of 1.1 times the value for ngspice."""
+    board = read(DECKS["sallen-key-low-pass"])
+    cards = "\n".join(board.point.cards)
+    assert cards.count("2.2n") == 1
+    other = replace(board.point, cards=tuple(cards.replace("2.2n", "2.42n").split("\n")))
+    found = check_board(replace(board, point=other), wanted(), transient=True)
+    (check,) = (each for each in found.checks if each.name == "engines_agree")
+    assert check.outcome.value == "fail"
 
 
 def crossing(board: ForeignBoard, name: str, low: float, high: float) -> tuple[float, float]:
