@@ -102,14 +102,13 @@ def test_one_document_has_all_commands(words: tuple[str, ...]) -> None:
     result = taction(*words)
     assert result.exit_code == 0
     found = document(result)
-    names = [command["name"] for command in found["commands"]]
-    listed = [name for names in SECTIONS.values() for name in names if name not in FAMILIES]
-    assert [name for name in names if " " not in name] == listed
-    assert {"parts show", "yield montecarlo", "export waveforms"} <= set(names)
-    published = {file.stem for file in (ROOT / "docs" / "schemas").glob("*.json")}
-    for command in found["commands"]:
-        assert set(command["schemas"]) <= published
-        assert "--json" in {flag for option in command["options"] for flag in option["flags"]}
+    assert list(found["commands"]) == [name for names in SECTIONS.values() for name in names]
+    assert {"show", "import"} <= found["commands"]["parts"]["commands"].keys()
+    assert "waveforms" in found["commands"]["export"]["commands"]
+    verify = {each["name"]: each for each in found["commands"]["verify"]["params"]}
+    assert verify["scenes"]["required"]
+    assert verify["changes"]["opts"] == ["--changes"]
+    assert verify["changes"]["default"] == 2000.0
 
 
 def test_old_names_print_what_the_new_ones_print() -> None:
@@ -182,7 +181,7 @@ def test_every_schema_has_a_command_and_every_command_a_schema() -> None:
     names = {name.partition(",")[0] for name in LINES}
     assert names == set(MODELS) - {"explore"}  # which serves until Ctrl-C: `test_explore`
     known = {name.partition("-")[0] for name in MODELS}
-    assert known == set(COMMANDS) - {"mcp"} | {"error", "help"}  # its stdout is the protocol's
+    assert known == set(COMMANDS) - {"mcp"} | {"error"}  # its stdout is the protocol's
 
 
 def test_the_published_schemas_are_those_of_the_models() -> None:
@@ -207,8 +206,7 @@ def test_a_real_document_fits_its_schema(
     if name != "error, no ngspice":
         assert head["simulator"].startswith("ngspice-")
         assert head["solver"] in ("KLU", "SPARSE")
-    if kind != "help":
-        assert head["units"] == units(kind)
+    assert head["units"] == units(kind)
 
 
 def open_parts(part: Any, place: str) -> list[str]:

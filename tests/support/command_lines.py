@@ -52,7 +52,6 @@ LINES: dict[str, str] = {
     "error, an option": "verify a.toml --jobs 0",
     "error, a command": "verfy a.toml",
     "error, no ngspice": "verify ngspice.toml",
-    "help": "--help",
     "reproduce": "reproduce --quick",
 }
 

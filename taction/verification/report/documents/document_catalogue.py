@@ -58,7 +58,6 @@ MODELS = {
     "models-import": "verification.report.documents.plain.ImportDocument",
     "new": "verification.report.documents.plain.NewDocument",
     "new-matrix": "verification.report.documents.plain.NewMatrixDocument",
-    "help": "verification.report.documents.plain.HelpDocument",
     "doctor": "verification.studies.running.versions.Installation",
     ERROR: "system.documents.ErrorDocument",
 }

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, cast
 
 from taction.netlist_gen.board.opamp_choice import StoredOpAmp
-from taction.netlist_gen.scene.keys import Value
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.presets import Origin
 from taction.system.documents import INLINE, OPTIONAL, Failure, Number, taken
@@ -91,46 +90,6 @@ class ImportDocument:
     def of(found: ImportedModel) -> dict[str, Any]:
         """Return an imported model, without its netlist."""
         return {"file": found.file, **{k: v for k, v in found.model.items() if k != "netlist"}}
-
-
-@dataclass(frozen=True, slots=True)
-class ParameterHelp:
-    """An argument or an option of a command."""
-
-    name: str
-    type: str
-    required: bool
-    several: bool
-    min: Annotated[Number, OPTIONAL] = None
-    max: Annotated[Number, OPTIONAL] = None
-    choices: Annotated[list[str] | None, OPTIONAL] = None
-    flags: Annotated[list[str] | None, OPTIONAL, {"note": "of an option"}] = None
-    is_flag: Annotated[bool | None, OPTIONAL] = None
-    default: Annotated[Value | None, OPTIONAL] = None
-    metavar: Annotated[str | None, OPTIONAL] = None
-    envvar: Annotated[str | None, OPTIONAL] = None
-    help: Annotated[str | None, OPTIONAL] = None
-
-
-@dataclass(frozen=True, slots=True)
-class CommandHelp:
-    """A command."""
-
-    name: str
-    usage: str
-    help: str
-    arguments: list[ParameterHelp]
-    options: list[ParameterHelp]
-    schemas: list[str]
-
-
-@dataclass(frozen=True, slots=True)
-class HelpDocument:
-    """``taction --json --help``."""
-
-    program: str
-    usage: str
-    commands: list[CommandHelp]
 
 
 @dataclass(frozen=True, slots=True)
