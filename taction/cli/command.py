@@ -250,14 +250,6 @@ class NumberRange(click.FloatRange):
         return super().convert(value, param, ctx)
 
 
-ANNOTATE = option(
-    "annotate",
-    "--annotate/--no-annotate",
-    envvar="GITHUB_ACTIONS",
-    default=False,
-    help="Print errors and warnings on stderr as GitHub shows them at the files; by default"
-    " where GITHUB_ACTIONS is set.",
-)
 OUTPUT = option("output", "-o", "--output", type=FILE, writes=True)
 DATABASE = replace(OUTPUT, check="verification.studies.running.store:check_database")
 ADDRESS = "verification.studies.running.cluster:check_address"

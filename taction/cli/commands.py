@@ -5,16 +5,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from taction.cli.command import (
-    ANNOTATE,
     DATABASE,
     FILE,
-    OPTIONS,
     OUTPUT,
     REPORT,
     Call,
@@ -23,7 +20,6 @@ from taction.cli.command import (
     NumberRange,
     argument,
     folder,
-    is_given,
     option,
     output,
     own_file,
@@ -103,14 +99,6 @@ def _regression_markdown(found: RegressionReport) -> str:
     return markdown(found.page(), "taction regress")
 
 
-def _annotate_scenes(found: RegressionReport, call: Call) -> None:
-    """Print errors and warnings as GitHub shows them at the files."""
-    if call.options["annotate"]:
-        from taction.verification.report.junit import regression_annotations
-
-        tell(regression_annotations(found))
-
-
 def _new_file(call: Call) -> None:
     """Take the file from FILE or -o; by default the function knows its name."""
     file, output = call.options["file"], call.options["output"]
@@ -127,41 +115,13 @@ def _new_files(found: NewScene, call: Call) -> list[str]:
     return [f"{found.file}; `taction verify {found.file}` verifies it"]
 
 
-def _rescaled(call: Call) -> None:
-    """Take the file as for a new scene, and the op-amp of the scene where none is asked for."""
-    from taction.netlist_gen.scene.open_tables import refuse_unknown
-    from taction.verification.design.fresh_scene import refuse_existing
-
-    _new_file(call)
-    file = call.arguments.pop("file", "scene.toml")
-    refuse_existing(Path(file), force=call.options["force"])
-    call.arguments["output"] = file
-    if is_given("opamp"):
-        refuse_unknown(call.arguments["opamp"], "--opamp")
-    else:
-        del call.arguments["opamp"]
-
-
 def _new_job(options: Mapping[str, Any]) -> Command | None:
     if options["schema"]:
         return NEW_SCHEMA
-    if options["scene"] is not None:
-        for name in ("matrix", "strain", "noise", "lambda", "prune"):
-            if options["lam" if name == "lambda" else name] is not None:
-                raise click.UsageError(f"--from has the problem of its scene; leave out --{name}")
-        return NEW_SCALED
-    if is_given("share"):
-        raise click.UsageError("--share needs --from")
     return None if options["matrix"] is None else NEW_MATRIX
 
 
 NEW_MATRIX = Command(function="new", schema="new-matrix", before=_new_file, files=_new_files)
-NEW_SCALED = Command(
-    function="scale",
-    schema="scale",
-    before=_rescaled,
-    files=lambda found, call: [call.arguments["output"]],
-)
 NEW_SCHEMA = Command(function="scene_schema", text=lambda found: print_json(found, ""), schema=None)
 SAMPLE = Command(
     function="verify_sample",
@@ -315,7 +275,6 @@ TABLE = {
     ),
     "regress": Command(
         about="Compare a folder of scenes with a stored baseline, for CI.",
-        after=_annotate_scenes,
         outputs=(
             text_file("junit", "Write a JUnit XML report.", f"{JUNIT}:regression_junit"),
             text_file("markdown", "Write a Markdown summary.", _regression_markdown),
@@ -325,7 +284,6 @@ TABLE = {
         parameters=(
             argument("folder", metavar="DIR"),
             option("baseline", type=click.Path(), metavar="FILE", reads=True),
-            ANNOTATE,
         ),
         ends="Exit status: 1 if a check failed, or if a result differs from the baseline by more"
         " than the scene's table [regression] allows. --update stores differences, but"
@@ -388,16 +346,6 @@ TABLE = {
             argument("file", metavar="[FILE]", type=FILE, required=False, reads=False, writes=True),
             _output("The same as FILE."),
             option("schema", is_flag=True, help="Print the JSON schema of scene files instead."),
-            option(
-                "scene",
-                "--from",
-                metavar="SCENE",
-                reads=True,
-                help="A scene for the problem of SCENE, with G0, U0, s and R that use the swing of"
-                " its op-amps and that can be bought; lambda stays. The state-space engine"
-                " verifies it.",
-            ),
-            OPTIONS["share"],
             option("noise", metavar="SIGMA"),
             option("lam", "--lambda", type=NumberRange(0, min_open=True)),
             option("prune", type=NumberRange(0, 1, max_open=True)),

@@ -22,7 +22,7 @@ from taction.system.processes import THREADS
 
 PROGRAM = "taction"
 FAMILIES = {
-    "design": (("tune", "choose"), "Search for a better board: tune, choose."),
+    "design": (("tune", "choose", "scale"), "Search for a better board: tune, choose, scale."),
     "yield": (("montecarlo", "corners"), "See what tolerances of parts do: montecarlo, corners."),
     "export": (
         ("bom", "kicad", "waveforms"),
@@ -35,6 +35,10 @@ RENAMED = {"parts": "models", "waveforms": "simulate"}
 WITHDRAWN = {
     "refine": "It was withdrawn: simulate the board again with the residual as its strain;"
     " 'Refinement' in docs/closed-loop.md has the theory.",
+    "verify --solve": "'taction solve SCENE' prints the numerical solution.",
+    "verify --annotate": "--junit FILE writes what CI shows at the files.",
+    "regress --annotate": "--junit FILE and --markdown FILE write what CI shows.",
+    "new --from": "'taction scale SCENE -o FILE' writes the scene with scaled values.",
     "choose --topology": "A choice is of one topology: set design.topology of the scene.",
     "montecarlo --remedy": "Set a better grade in [tolerances] for parts of the table of causes.",
     "montecarlo --no-remedy": "Leave it out: no samples are drawn again.",
@@ -45,7 +49,7 @@ WITHDRAWN = {
 SECTIONS = {
     "Start": ("new", "verify", "netlist", "explore"),
     "Design": ("design", "onset", "sweep", "yield", "build", "export"),
-    "Check": ("check", "regress", "diff", "reproduce"),
+    "Check": ("check", "solve", "regress", "diff", "reproduce"),
     "": ("parts", "self", "demo", "mcp"),
 }
 """The listed commands by their heading; the last ones have none."""

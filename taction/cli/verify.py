@@ -1,8 +1,8 @@
-"""``taction verify``: one scene with the changes that mend it, several scenes, or the problem."""
+"""``taction verify``: one scene with the changes that mend it, or several scenes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,21 +13,19 @@ import click
 
 import taction
 from taction.cli.command import (
-    ANNOTATE,
     OPTIONS,
     REPORT,
     Call,
     Command,
     NumberRange,
     argument,
-    is_given,
     is_of_stdout,
     load,
     option,
     picture,
     text_file,
 )
-from taction.cli.printing import StageLine, put, say, tell
+from taction.cli.printing import StageLine, put, say
 from taction.system.errors import Interrupted
 from taction.system.progress import attempt
 
@@ -68,17 +66,11 @@ def verify_scene(call: Call, progress: StageLine) -> Verified:
     """Verify the scene, print the verdict, and search for changes if it fails."""
     options = call.options
     scene, given = options["scenes"][0], {name: options[name] for name in ("engine", "settings")}
-    try:
-        verdict = taction.verify(scene, **given, progress=progress)
-    except taction.TactionError as error:
-        from taction.system.documents import error_document, plain
-
-        _annotate([{"file": scene, **plain(error_document(error))}], call)
-        raise
+    verdict = taction.verify(scene, **given, progress=progress)
     for text in verdict.scene.written_questions * bool(options["settings"]):
         say(text)
     document: dict[str, Any] = {}
-    if call.as_json or options["margins"] or options["annotate"]:
+    if call.as_json or options["margins"]:
         document = load(DOCUMENT + "_with_margins" * bool(options["margins"]))(verdict)
     found = Verified(verdict, document, options["verbose"])
     if not call.as_json:
@@ -124,37 +116,14 @@ def _document(found: Verified) -> object:
     return found.document | more
 
 
-def _annotate(documents: Iterable[Mapping[str, Any]], call: Call) -> None:
-    """Print errors and warnings as GitHub shows them at the files."""
-    if call.options["annotate"]:
-        from taction.verification.report.junit import annotation_lines
-
-        tell(annotation_lines(documents))
-
-
 def _several(options: Mapping[str, Any]) -> Command | None:
-    """Return the job of several scenes, or that of --solve; None for one scene."""
-    scenes = options["scenes"]
-    alone = len(scenes) == 1 and not Path(scenes[0]).is_dir() and not options["exclude"]
-    if options["solution"]:
-        if not alone:
-            raise click.UsageError("--solve is for one scene")
-        if is_given("engine"):
-            raise click.UsageError("--solve simulates no board: leave out --engine")
-        return SOLUTION
-    if alone and options["junit"] is None:
+    """Return the job of several scenes; None for one scene."""
+    scenes, more = options["scenes"], options["exclude"] or options["junit"]
+    if len(scenes) == 1 and not Path(scenes[0]).is_dir() and not more:
         return None
     if options["settings"]:
         raise click.UsageError("--set is for one scene: several may have different keys")
     return VERIFY_FILES
-
-
-def _of_the_scene(call: Call) -> None:
-    from taction.netlist_gen.scene.axes import with_settings
-    from taction.netlist_gen.scene.scene import load_scene
-
-    scene, settings = call.options["scenes"][0], call.options["settings"]
-    call.arguments["scene"] = with_settings(load_scene(scene), settings) if settings else scene
 
 
 JUNIT = text_file("junit", "Write a JUnit XML report.", "verification.report.junit:files_junit")
@@ -163,14 +132,7 @@ VERIFY_FILES = Command(
     document=f"{DOCUMENTS}.plain:VerifyFilesDocument",
     outputs=(JUNIT,),
     schema="verify-files",
-    after=lambda found, call: _annotate(found.documents, call),
     lacks="shows one board; give one scene file, without --exclude and --junit",
-)
-SOLUTION = Command(
-    function="solve",
-    schema="solve",
-    before=_of_the_scene,
-    lacks="shows a verdict; --solve has none",
 )
 VERIFY = Command(
     about="Simulate a board and check it against the solution.",
@@ -184,21 +146,13 @@ VERIFY = Command(
         ),
         replace(REPORT, write=_write_report),
     ),
-    after=lambda found, call: _annotate([found.document], call),
     other=_several,
     python_only=("scene",),
     parameters=(
         argument("scenes", metavar="SCENE...", nargs=-1, required=True),
         option("margins", is_flag=True, of="verify_files"),
-        option(
-            "solution",
-            "--solve",
-            is_flag=True,
-            help="Print the numerical solution with its certificate, without any circuit.",
-        ),
         option("exclude", multiple=True, metavar="PATTERN", of="verify_files"),
         JUNIT,
-        ANNOTATE,
         replace(OPTIONS["jobs"], of="verify_files"),
         option("changes", type=NumberRange(0), metavar="DESIGNS", of="what_to_change"),
         option("any_part", is_flag=True, of="what_to_change"),

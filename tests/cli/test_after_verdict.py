@@ -40,7 +40,6 @@ def broken(*given: Any, **more: Any) -> Any:
         (f"{VIEW}.budget_table", "'Error budget' failed"),
         (f"{VIEW}.channel_table", "'Waveforms' failed"),
         (f"{VIEW}.decisive_text", "the text failed"),
-        ("taction.cli.verify._annotate", "the remarks failed"),
     ],
 )
 def test_a_step_that_fails_leaves_outcome_and_status(

@@ -23,9 +23,8 @@ from tests.support.running import taction as run
 NAMES = {"models show": "opamp", "models import": "import_model"}  # `models` has no other two
 # Of the command alone: how the result is shown, and where the files stand.
 SHOWN = {
-    "verify": {"scenes", "annotate", "verbose", "solution"},
-    "regress": {"annotate"},
-    "new": {"output", "schema", "scene"},
+    "verify": {"scenes", "verbose"},
+    "new": {"output", "schema"},
 }
 # Words with which a command ends with 0; those that are not named have their line of `LINES`.
 WORDS = {

@@ -136,28 +136,6 @@ def test_junit_has_a_suite_for_each_scene(three_scenes: Path) -> None:
     assert [suite.get("name") for suite in root] == ["draft-1", "good", "slow"]
 
 
-def test_annotations_stand_on_stderr_where_github_runs(
-    three_scenes: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("GITHUB_ACTIONS", "true")
-    slow = str(three_scenes / "slow.toml")
-    several = taction("verify", slow, str(three_scenes / "good.toml"), "--json", "--jobs", "1")
-    alone = taction("verify", slow, "--json", "--changes", "0")
-    start = f"::error file={slow},title=taction verify (fail)::settles to ±1 %25 in "
-    for result in (several, alone):
-        assert any(line.startswith(start) for line in result.stderr.splitlines())
-        assert "::error" not in result.stdout
-    bad = taction("verify", str(three_scenes / "draft-1.toml"))
-    assert "::error file=" in bad.stderr
-    table = (str(three_scenes), "--baseline", str(three_scenes.parent / "b.json"), "--jobs", "1")
-    failing = taction("regress", *table, "--update")
-    found = [line for line in failing.stderr.splitlines() if line.startswith("::")]
-    assert any(line.startswith(start.replace("verify (fail)", "regress (new)")) for line in found)
-    assert "::" not in taction("regress", *table, "--no-annotate").stderr
-    assert bad.exit_code == 2
-    assert "::error" not in taction("verify", slow, "--no-annotate", "--changes", "0").stderr
-
-
 @pytest.mark.parametrize(
     ("words", "text"),
     [

@@ -1,4 +1,4 @@
-"""Results for CI: JUnit XML for Jenkins and GitLab, workflow commands for GitHub Actions.
+"""Results for CI: JUnit XML, for GitHub, GitLab and Jenkins.
 
 Every study is a list of suites of tests: a scene is a suite, and each of its checks is a test. A
 failed check is a failure, an undecided one an error, and what was not run is skipped.
@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 from xml.etree import ElementTree as ET
 
-from taction.system.foreign_files import escaped, visible, visible_lines
+from taction.system.foreign_files import visible, visible_lines
 from taction.verification.report.texts import figure
 from taction.verification.report.views import comparison_view as comparison
 from taction.verification.studies.regression.regress import RegressionReport, SceneResult, Status
@@ -141,52 +140,5 @@ def _scene_tests(result: SceneResult, report: RegressionReport) -> Iterator[JUni
             yield JUnitTest(name, end, comparison.changes_line(changes), text)
 
 
-_MESSAGE = {"%": "%25", "\r": "%0D", "\n": "%0A"}
-_PROPERTY = _MESSAGE | {":": "%3A", ",": "%2C"}
-
-
-def annotation_lines(documents: Iterable[comparison.Document]) -> Iterator[str]:
-    """Yield an error for each reason why a file does not pass, then a warning for each warning."""
-    warned = list[str]()
-    for each in documents:
-        title = f"taction verify ({each['outcome']})"
-        yield from _annotations("error", each["file"], title, comparison.reasons(each))
-        texts = each.get("warnings", ())
-        warned += _annotations("warning", each["file"], "taction verify", texts)
-    yield from warned
-
-
-def regression_annotations(report: RegressionReport) -> Iterator[str]:
-    """Yield the errors of a regression run, then as warnings what may explain them.
-
-    The changes of a scene are one error, as GitHub shows ten for a step. A scene that is gone is an
-    error of the baseline.
-    """
-    undecided, warned = (Status.NO_VERDICT, Status.BAD_INPUT), list[str]()
-    for each in report.results:
-        if not ((each.failed if report.updated else each.fails) or each.status in undecided):
-            continue
-        file = report.baseline if each.status is Status.MISSING else _path(each, report)
-        lines = comparison.remarks(replace(each, notes=()))
-        moved = [change for change in each.changes if change.group != "checks"]
-        if moved:
-            lines.append(comparison.changes_line(moved))
-        prefix = f"{each.file}: " if each.status is Status.MISSING else ""
-        texts = (prefix + line for line in lines)
-        yield from _annotations("error", file, f"taction regress ({each.status.value})", texts)
-        warned += _annotations("warning", _path(each, report), "taction regress", each.notes)
-    yield from warned
-
-
 def _path(result: SceneResult, report: RegressionReport) -> str:
     return str(Path(report.folder) / result.file)
-
-
-def _annotations(level: str, file: str, title: str, texts: Iterable[str]) -> Iterator[str]:
-    """Yield workflow commands; GitHub decodes ``%25``, which stands in no other medium."""
-    place = f"file={_escaped(file, _PROPERTY)},title={_escaped(title, _PROPERTY)}"
-    yield from (f"::{level} {place}::{_escaped(text, _MESSAGE)}" for text in texts)
-
-
-def _escaped(text: str, codes: dict[str, str]) -> str:
-    return "".join(codes.get(character, character) for character in escaped(text, "\r\n"))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -17,7 +16,7 @@ from taction.verification.evidence.stress.run_cases import (
     TruthComparison,
 )
 from taction.verification.report.blocks import PAGE, TERMINAL, Table
-from taction.verification.report.junit import regression_annotations, regression_junit
+from taction.verification.report.junit import regression_junit
 from taction.verification.report.views.comparison_view import SHOWN
 from taction.verification.report.views.comparison_view import regression_view as view
 from taction.verification.report.views.evidence_view import stress_view
@@ -155,30 +154,6 @@ def test_a_page_has_every_change_and_a_terminal_the_largest() -> None:
 )  # fmt: skip
 def test_the_worst_scene_decides_the_exit_status(places: tuple[int, ...], status: int) -> None:
     assert report(*(RESULTS[place] for place in places)).exit_status == status
-
-
-SLOW = Check("settling_time", Outcome.FAIL, 2e-3, 1e-6, 1e-3, None, "s", "", 0.05)
-LIMIT = "settles to ±5 % in 2 ms (limit: at most 1 ms)"
-BROKEN = replace(
-    scene("slow", Status.BROKEN, SLOW, replace(OFF, name="settling_time")),
-    notes=(NOTE,), reason=LIMIT,
-)  # fmt: skip
-MOVED = "u_0: 1.5 V, baseline 1 V, tolerance 10 mV, 50 tolerances off"
-
-
-def test_annotations_are_errors_with_value_limit_then_warnings() -> None:
-    both = report(BROKEN, RESULTS[0], replace(RESULTS[1], differences=changed()), RESULTS[7])
-    lines = list(regression_annotations(both))
-    slow, now = LIMIT.replace("%", "%25"), NOTE
-    assert lines == [
-        f"::error file=scenes/slow.toml,title=taction regress (broken)::{slow}",
-        f"::error file=scenes/changed.toml,title=taction regress (changed)::{MOVED} (a note)",
-        "::error file=b.json,title=taction regress (missing)::gone.toml: not in the folder",
-        f"::warning file=scenes/slow.toml,title=taction regress::{now}",
-        f"::warning file=scenes/changed.toml,title=taction regress::{now}",
-    ]
-    assert next(regression_annotations(replace(both, updated=True))) == lines[0]
-    assert not list(regression_annotations(report(*RESULTS[3:5])))
 
 
 FINE_CASE, OTHER = select(load_catalogue(), ("two-channels", "wrong-shape"))
