@@ -35,6 +35,7 @@ RENAMED = {"parts": "models", "waveforms": "simulate"}
 WITHDRAWN = {
     "refine": "It was withdrawn: simulate the board again with the residual as its strain;"
     " 'Refinement' in docs/closed-loop.md has the theory.",
+    "demo": "'taction new board.toml' writes a first board, 'taction reproduce' tests the paper.",
     "verify --solve": "'taction solve SCENE' prints the numerical solution.",
     "verify --annotate": "--junit FILE writes what CI shows at the files.",
     "regress --annotate": "--junit FILE and --markdown FILE write what CI shows.",
@@ -50,11 +51,10 @@ SECTIONS = {
     "Start": ("new", "verify", "netlist", "explore"),
     "Design": ("design", "onset", "sweep", "yield", "build", "export"),
     "Check": ("check", "solve", "regress", "diff", "reproduce"),
-    "": ("parts", "self", "demo", "mcp"),
+    "": ("parts", "self", "mcp"),
 }
 """The listed commands by their heading; the last ones have none."""
 FIRST_STEPS = """\
-taction demo                  the paper's story on three boards; needs no file
 taction new board.toml        write a scene with comments
 taction verify board.toml     simulate the board and judge it
 taction explore board.toml    move C, gain and more and watch the board

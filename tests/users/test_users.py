@@ -168,14 +168,8 @@ USERS = {
     ),
     "student": (
         Step("taction"),
-        Step(
-            "taction demo",
-            (
-                BUILT,
-                r"a smaller lambda regularises less, .* noise",
-                r"Your own board: taction new board\.toml",
-            ),
-        ),
+        Step("taction new board.toml"),
+        Step("taction verify board.toml --engine statespace", (BUILT,)),
     ),
     "SPICE user": (
         Step(
