@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from taction.designs import bom as bom
     from taction.designs import build as build
-    from taction.designs import kicad as kicad
     from taction.designs import netlist as netlist
     from taction.designs import solve as solve
     from taction.netlist_gen.board.circuit import Circuit as Circuit

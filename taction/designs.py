@@ -1,15 +1,14 @@
-"""Jobs on a board without a study: its deck, its parts, its drawing, and its problem's solution."""
+"""Jobs on a board without a study: its deck, its parts, its files, and its problem's solution."""
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from taction.netlist_gen.kicad.board import KicadProject
     from taction.netlist_gen.scene.scene import Scene
     from taction.system.progress import Progress
     from taction.verification.reference.problem import Solution
@@ -128,57 +127,6 @@ def bom(scene: str | Path | Scene, *, output: str | Path | None = None) -> Parts
     return found
 
 
-def kicad(scene: str | Path | Scene, *, output: str | Path) -> KicadProject:
-    """Draw the board of SCENE for KiCad 8 or newer, and list its parts.
-
-    FOLDER gets a project with a sheet for each channel and each sensor row, its symbols, and the
-    parts as CSV. References are the names in the deck.
-
-    Parameters
-    ----------
-    scene : path or Scene
-        The board.
-    output : path
-        Folder of the project; files of the same names are replaced.
-
-    Returns
-    -------
-    KicadProject
-        What is drawn, and the files.
-
-    Raises
-    ------
-    InputError
-        The scene cannot be built, or the folder has the table of symbols of another project.
-
-    Examples
-    --------
-    >>> import taction, tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     drawn = taction.kicad("scenes/custom-matrix.toml", output=folder)
-    >>> len(drawn.written)
-    14
-    """
-    from taction.netlist_gen.board.synthesis import synthesise
-    from taction.netlist_gen.kicad.board import kicad_project
-    from taction.system.errors import Complaint, InputError
-    from taction.system.output_files import make_folder, write_together
-    from taction.verification.reference.lambda_rule import read_scene
-    from taction.verification.report.output_checks import check_separate
-
-    scene, place, table = read_scene(scene), Path(output), "sym-lib-table"
-    project = kicad_project(synthesise(scene), scene)
-    files = {place / name: text for name, text in project.files.items()}
-    there = place / table
-    if there.exists() and there.read_bytes() != project.files[table].encode():
-        reason = f"the folder has a {table} of another project; give another folder"
-        raise InputError("-o", Complaint("FOLDER", repr(str(place)), reason))
-    check_separate([str(scene.file)], {f"-o {output} ({f.name})": str(f) for f in files})
-    make_folder(place)
-    write_together(files)
-    return replace(project, written=tuple(map(str, files)))
-
-
 def build(
     scene: str | Path | Scene,
     *,
@@ -242,7 +190,7 @@ def build(
     scene, place = read_scene(scene, engine), Path(output)
     check_extra("report", "-o")
     circuit = synthesise(scene)
-    drawn = {f"{KICAD}/{name}": text for name, text in kicad_project(circuit, scene).files.items()}
+    drawn = {f"{KICAD}/{name}": text for name, text in kicad_project(circuit, scene).items()}
     check_own_folder(place, [*OWN, *drawn])
     parts = bill_of_materials(circuit, scene)
     texts = {

@@ -166,13 +166,6 @@ TABLE = {
         ),
     ),
     "bom": Command(about="List the parts to buy, with packages and power.", files=own_file),
-    "kicad": Command(
-        about="Draw a board for KiCad, and list its parts.",
-        text=_nothing,
-        after=lambda found, call: tell(f"not drawn: {what}" for what in found.not_drawn),
-        files=lambda found, call: found.written,
-        parameters=(folder("output", "-o"),),
-    ),
     "build": Command(
         about="Write all files for building a board, with its verdict.",
         files=lambda found, call: [found.folder],

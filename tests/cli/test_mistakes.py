@@ -161,7 +161,7 @@ NAMES = [
     "check {long}.cir", "check rc.cir --tolerances {long}.toml", "netlist ok.toml -o loop.cir",
     "new x.toml --matrix {long}.csv --strain e.csv", "build ok.toml -o {long}",
     "diff {long} ok.toml", "regress {long} --baseline b.json",
-    f"parts import {{long}}.lib {PINS}", "export kicad ok.toml -o {long}",
+    f"parts import {{long}}.lib {PINS}", "export bom ok.toml -o {long}.csv",
     "sweep ok.toml --over C=1pF -o {long}.csv", "mcp loop.cir",
 ]  # fmt: skip
 

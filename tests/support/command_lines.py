@@ -22,7 +22,6 @@ LINES: dict[str, str] = {
     "diff": "diff a.toml slow.toml",
     "netlist": "netlist a.toml --explain",
     "bom": "bom a.toml",
-    "kicad": "kicad a.toml -o drawing",
     "build": "build a.toml -o built",
     "solve": "solve a.toml",
     "simulate": "simulate a.toml -o w.csv",

@@ -35,7 +35,6 @@ MODELS = {
     "diff": "verification.studies.regression.difference.VerdictDifference",
     "netlist": "verification.verdict.scene_deck.Netlist",
     "bom": "verification.verdict.board_power.PartsList",
-    "kicad": "netlist_gen.kicad.board.KicadProject",
     "build": "verification.verdict.board_power.BuiltBoard",
     "explore": "verification.report.documents.plain.ExploreDocument",
     "solve": "verification.reference.problem.Solution",
