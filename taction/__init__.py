@@ -53,7 +53,6 @@ if TYPE_CHECKING:
     from taction.verification.evidence.stress.run_cases import stress as stress
     from taction.verification.studies.onset.onset import onset as onset
     from taction.verification.studies.regression.regress import regress as regress
-    from taction.verification.studies.running.versions import doctor as doctor
     from taction.verification.studies.sweep.sweep import sweep as sweep
     from taction.verification.studies.tolerance.corners import corners as corners
     from taction.verification.studies.tolerance.montecarlo import montecarlo as montecarlo

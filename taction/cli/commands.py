@@ -338,10 +338,6 @@ TABLE = {
             option("prune", type=NumberRange(0, 1, max_open=True)),
         ),
     ),
-    "doctor": Command(
-        about="List what is installed and what each part is for.",
-        ends="Exit status: 3 if ngspice is missing.",
-    ),
 }
 COMMANDS = {
     name: each if each.function else replace(each, function=name) for name, each in TABLE.items()

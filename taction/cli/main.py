@@ -25,7 +25,7 @@ FAMILIES = {
     "design": (("tune", "choose", "scale"), "Search for a better board: tune, choose, scale."),
     "yield": (("montecarlo", "corners"), "See what tolerances of parts do: montecarlo, corners."),
     "export": (("bom", "waveforms"), "Write parts list or waveforms: bom, waveforms."),
-    "self": (("doctor", "accuracy", "stress"), "Examine taction: doctor, accuracy, stress."),
+    "self": (("accuracy", "stress"), "Examine taction: accuracy, stress."),
 }
 """By name: the commands below it, and its line of --help."""
 RENAMED = {"parts": "models", "waveforms": "simulate"}
@@ -33,6 +33,7 @@ WITHDRAWN = {
     "refine": "It was withdrawn: simulate the board again with the residual as its strain;"
     " 'Refinement' in docs/closed-loop.md has the theory.",
     "demo": "'taction new board.toml' writes a first board, 'taction reproduce' tests the paper.",
+    "doctor": "What is missing is said where it is needed, with the command that installs it.",
     "kicad": "'taction build SCENE -o FOLDER' writes the drawing into FOLDER/kicad.",
     "verify --solve": "'taction solve SCENE' prints the numerical solution.",
     "verify --annotate": "--junit FILE writes what CI shows at the files.",

@@ -44,7 +44,6 @@ LINES: dict[str, str] = {
     "models-import": f"models import {VENDOR} {PINS}",
     "new": "new new.toml",
     "new-matrix": "new m.toml --matrix T.csv --strain eps.csv",
-    "doctor": "doctor",
     "error": "verify bad.toml",
     "error, no design": "tune slow.toml --over gain=1M:1.1M",
     "error, an option": "verify a.toml --jobs 0",

@@ -56,7 +56,6 @@ MODELS = {
     "models-import": "verification.report.documents.plain.ImportDocument",
     "new": "verification.report.documents.plain.NewDocument",
     "new-matrix": "verification.report.documents.plain.NewMatrixDocument",
-    "doctor": "verification.studies.running.versions.Installation",
     ERROR: "system.documents.ErrorDocument",
 }
 """By the name of the schema: that of the command, or of one of its documents."""
