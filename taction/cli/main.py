@@ -53,12 +53,6 @@ SECTIONS = {
     "": ("parts", "self", "mcp"),
 }
 """The listed commands by their heading; the last ones have none."""
-FIRST_STEPS = """\
-taction new board.toml        write a scene with comments
-taction verify board.toml     simulate the board and judge it
-taction explore board.toml    move C, gain and more and watch the board
-taction --help                all commands
-"""
 HELP = {"--help", "-h"}
 
 
@@ -89,11 +83,9 @@ class LazyGroup(click.Group):
             if "--json" in words and HELP & {*words} and {*names} <= {*self.list_commands(None)}:
                 print_json({"commands": self._described(names or self.list_commands(None))}, "")
                 return
-            if not words:
-                click.echo(FIRST_STEPS, nl=False)
-                return
             try:
-                with self.make_context(PROGRAM, words.copy(), **more) as context:
+                given = words.copy() or ["--help"]
+                with self.make_context(PROGRAM, given, **more) as context:
                     self.invoke(context)
             except click.NoSuchOption as error:
                 name = error.ctx.command.name if error.ctx else ""
