@@ -20,8 +20,6 @@ def netlist(
     scene: str | Path | Scene,
     *,
     output: str | Path | None = None,
-    explain: bool = False,
-    split: bool = False,
     dialect: str = "ngspice",
     measure: bool = False,
 ) -> Netlist:
@@ -35,12 +33,6 @@ def netlist(
         The board.
     output : path, optional
         Write the deck into this file.
-    explain : bool
-        List the omitted parts, the reasons, and what pruning changes, on stderr.
-
-        In Python: `circuit.omissions` of the result, and its `pruning`.
-    split : bool
-        Write the amplifiers into FILE and the resistor matrix into a second file; needs -o.
     dialect : {"ngspice", "ltspice", "hspice", "xyce", "spectre"}
         The simulator that reads the deck.
     measure : bool
@@ -49,7 +41,7 @@ def netlist(
     Returns
     -------
     Netlist
-        Its `text` is the deck; `files` holds the second file of a split deck.
+        Its `text` is the deck; `circuit.omissions` are the parts that the scene does not need.
 
     Raises
     ------
@@ -67,22 +59,19 @@ def netlist(
 
     refuse_unable(dialect, measures=measure)
     from taction.netlist_gen.board.part_warnings import part_warnings
+    from taction.system.output_files import write_atomically
     from taction.verification.reference.lambda_rule import read_scene
-    from taction.verification.verdict.scene_deck import Netlist, deck_of, write_files
+    from taction.verification.verdict.scene_deck import Netlist, deck_of
 
     scene = read_scene(scene)
-    circuit, deck = deck_of(scene, output=output, dialect=dialect, split=split, measures=measure)
-    pruning = None
-    if explain:
-        from taction.verification.verdict.scene_deck import pruning_of
-
-        pruning = pruning_of(scene)
+    circuit, deck = deck_of(scene, dialect=dialect, measures=measure)
+    if output is not None:
+        write_atomically(output, deck.text)
     return Netlist(
         **{each.name: getattr(deck, each.name) for each in fields(deck)},
         circuit=circuit,
         warnings=tuple(part_warnings(circuit)),
-        pruning=pruning,
-        written=() if output is None else tuple(map(str, write_files(deck, output))),
+        written=() if output is None else (str(output),),
     )
 
 

@@ -280,12 +280,6 @@ OPTIONS = {
 """What options have beside their names, defaults and sentences, in every command that has them."""
 
 
-def is_given(name: str) -> bool:
-    """Whether an option of the command that runs is given, maybe with its default."""
-    source = click.get_current_context().get_parameter_source(name)
-    return source is not click.core.ParameterSource.DEFAULT
-
-
 def own_file(found: Any, call: Call) -> list[str]:
     """Return the file of ``-o``, which the function has written."""
     return [] if call.options["output"] is None else [call.options["output"]]

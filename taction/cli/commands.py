@@ -49,11 +49,6 @@ def _output(text: str) -> CommandParameter:
 
 
 def _netlist_remarks(found: Any, call: Call) -> None:
-    if call.options["explain"]:
-        tell([f"{visible(found.circuit.name)}: left out, not needed by the scene:"])
-        tell(f"  {item.what}: {item.why}" for item in found.circuit.omissions)
-        if found.pruning is not None:
-            tell([f"pruning: {found.pruning.text}"])
     tell(f"warning: {visible(warning)}" for warning in found.warnings)
 
 
@@ -159,7 +154,7 @@ TABLE = {
         about="Write the ngspice deck of a scene.",
         text=lambda found: None if found.written else sys.stdout.write(found.text),
         after=_netlist_remarks,
-        files=lambda found, call: found.written,
+        files=own_file,
         parameters=(
             _output("Deck file; by default stdout."),
             option("dialect", type=click.Choice(DIALECTS), show_default=True),

@@ -34,6 +34,8 @@ WITHDRAWN = {
     " 'Refinement' in docs/closed-loop.md has the theory.",
     "demo": "'taction new board.toml' writes a first board, 'taction reproduce' tests the paper.",
     "doctor": "What is missing is said where it is needed, with the command that installs it.",
+    "netlist --explain": "--json lists what is left out, and so does the report of verify.",
+    "netlist --split": "In Python: taction.write_deck(circuit, analysis, matrix_file=NAME).",
     "kicad": "'taction build SCENE -o FOLDER' writes the drawing into FOLDER/kicad.",
     "verify --solve": "'taction solve SCENE' prints the numerical solution.",
     "verify --annotate": "--junit FILE writes what CI shows at the files.",

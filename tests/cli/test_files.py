@@ -234,7 +234,7 @@ def test_a_sweep_goes_on_with_room(tmp_path: Path) -> None:
         (("simulate", SCENE, "--engine", "statespace", "-o"), "a.csv"),
         (("simulate", SCENE, "--engine", "statespace", "-o"), "a.raw"),
         (("verify", SCENE, "--engine", "statespace", "--plot"), "a.svg"),
-        (("netlist", SCENE, "--split", "-o"), "a.cir"),
+        (("netlist", SCENE, "-o"), "a.cir"),
         (("new", "--force"), "a.toml"),
     ],
 )

@@ -20,7 +20,7 @@ LINES: dict[str, str] = {
     "check, failing": "check filter.cir --expect v(out)=1@1% --check noise=1nV",
     "check, onset": "check filter.cir --over Rf=1k:100k:9 --no-ngspice",
     "diff": "diff a.toml slow.toml",
-    "netlist": "netlist a.toml --explain",
+    "netlist": "netlist a.toml",
     "bom": "bom a.toml",
     "build": "build a.toml -o built",
     "solve": "solve a.toml",
