@@ -16,7 +16,6 @@ from taction.cli.command import (
     REPORT,
     Call,
     Command,
-    CommandParameter,
     NumberRange,
     argument,
     folder,
@@ -28,7 +27,6 @@ from taction.cli.command import (
 )
 from taction.cli.printing import print_json, say, tell
 from taction.cli.verify import VERIFY
-from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import visible
 
 if TYPE_CHECKING:
@@ -42,10 +40,6 @@ DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does no
 
 def _nothing(found: Any) -> None:
     """Print nothing: the files are the result."""
-
-
-def _output(text: str) -> CommandParameter:
-    return replace(OUTPUT, attributes={**OUTPUT.attributes, "help": text})
 
 
 def _netlist_remarks(found: Any, call: Call) -> None:
@@ -94,16 +88,6 @@ def _regression_markdown(found: RegressionReport) -> str:
     return markdown(found.page(), "taction regress")
 
 
-def _new_file(call: Call) -> None:
-    """Take the file from FILE or -o; by default the function knows its name."""
-    file, output = call.options["file"], call.options["output"]
-    if file is not None and output is not None:
-        raise InputError("-o", Complaint("FILE", repr(output), "give FILE or -o, not both"))
-    call.arguments["file"] = file or output
-    if call.arguments["file"] is None:
-        del call.arguments["file"]
-
-
 def _new_files(found: NewScene, call: Call) -> list[str]:
     if found.scaled is not None:
         return [found.file]
@@ -116,7 +100,7 @@ def _new_job(options: Mapping[str, Any]) -> Command | None:
     return None if options["matrix"] is None else NEW_MATRIX
 
 
-NEW_MATRIX = Command(function="new", schema="new-matrix", before=_new_file, files=_new_files)
+NEW_MATRIX = Command(function="new", schema="new-matrix", files=_new_files)
 NEW_SCHEMA = Command(function="scene_schema", text=lambda found: print_json(found, ""), schema=None)
 SAMPLE = Command(
     function="verify_sample",
@@ -156,7 +140,14 @@ TABLE = {
         after=_netlist_remarks,
         files=own_file,
         parameters=(
-            _output("Deck file; by default stdout."),
+            option(
+                "output",
+                "-o",
+                "--output",
+                type=FILE,
+                writes=True,
+                help="Deck file; by default stdout.",
+            ),
             option("dialect", type=click.Choice(DIALECTS), show_default=True),
         ),
     ),
@@ -321,12 +312,10 @@ TABLE = {
     "new": Command(
         about="Write a scene file with comments.",
         text=_nothing,
-        before=_new_file,
         files=_new_files,
         other=_new_job,
         parameters=(
             argument("file", metavar="[FILE]", type=FILE, required=False, reads=False, writes=True),
-            _output("The same as FILE."),
             option("schema", is_flag=True, help="Print the JSON schema of scene files instead."),
             option("noise", metavar="SIGMA"),
             option("lam", "--lambda", type=NumberRange(0, min_open=True)),

@@ -54,7 +54,6 @@ LINES: tuple[tuple[str, tuple[str, ...], dict[str, str]], ...] = (
     ("models show", ("ua741",), {"--plot": "x.svg"}),
     ("models import", ("v.cir", *PINS.split()), {"-o": "x.json"}),
     ("new", (), {"FILE": "x.toml"}),
-    ("new", (), {"-o": "x.toml"}),
 )
 SLOW = ("accuracy", "choose", "tune", "onset", "stress", "reproduce")  # write as others do
 SINGLE = [

@@ -78,7 +78,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("new", "there.toml"): ("there.toml", "the file exists", "--force"),
     ("new", "y.toml", "--matrix", "T.csv"): ("--strain", "belong together"),
     ("new", "y.toml", "--noise", "1%"): ("--noise", "needs --matrix"),
-    ("new", "y.toml", "-o", "z.toml"): ("not both",),
+    ("new", "-o", "z.toml"): ("No such option", "taction new FILE"),
     (*FRESH, "semicolon.csv"): ("semicolon.csv", "line 1, column 1", "',' between them"),
     (*FRESH, "ragged.csv"): ("ragged.csv", "line 6 has 2 values", "as many in every line"),
     (*FRESH, "three.csv"): ("eps.csv", "shape 5", "expected 3"),
