@@ -152,8 +152,7 @@ class Command:
     outputs: tuple[CommandParameter, ...] = ()  # the files that show the result
     # Takes the `Call` and the progress, and returns the result in the place of the function.
     work: Callable[[Call, StageLine], Any] | None = None
-    # Of the document; by default the name of the command, None for a document without a head.
-    schema: str | None = ""
+    schema: str = ""  # of the document; by default the name of the command
     # Takes the `Call` before any work: questions and checks of its own.
     before: Callable[[Call], None] | None = None
     # Takes the result and the `Call` after the work: what is said on stderr.
@@ -453,7 +452,7 @@ def _show(job: Command, result: Any, call: Call) -> None:
             say(line)
             click.echo(str(getattr(result, "outcome", "")).upper())
         return
-    print_json(load(job.document)(result), "" if job.schema is None else job.schema or None)
+    print_json(load(job.document)(result), job.schema or None)
 
 
 def _is_bad_input(error: Exception) -> bool:

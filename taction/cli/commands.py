@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -40,10 +39,6 @@ DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does no
 
 def _nothing(found: Any) -> None:
     """Print nothing: the files are the result."""
-
-
-def _netlist_remarks(found: Any, call: Call) -> None:
-    tell(f"warning: {visible(warning)}" for warning in found.warnings)
 
 
 def _announce(call: Call) -> None:
@@ -94,14 +89,7 @@ def _new_files(found: NewScene, call: Call) -> list[str]:
     return [f"{found.file}; `taction verify {found.file}` verifies it"]
 
 
-def _new_job(options: Mapping[str, Any]) -> Command | None:
-    if options["schema"]:
-        return NEW_SCHEMA
-    return None if options["matrix"] is None else NEW_MATRIX
-
-
 NEW_MATRIX = Command(function="new", schema="new-matrix", files=_new_files)
-NEW_SCHEMA = Command(function="scene_schema", text=lambda found: print_json(found, ""), schema=None)
 SAMPLE = Command(
     function="verify_sample",
     outputs=(REPORT,),
@@ -137,7 +125,7 @@ TABLE = {
     "netlist": Command(
         about="Write the ngspice deck of a scene.",
         text=lambda found: None if found.written else sys.stdout.write(found.text),
-        after=_netlist_remarks,
+        after=lambda found, call: tell(f"warning: {visible(each)}" for each in found.warnings),
         files=own_file,
         parameters=(
             option(
@@ -313,10 +301,9 @@ TABLE = {
         about="Write a scene file with comments.",
         text=_nothing,
         files=_new_files,
-        other=_new_job,
+        other=lambda options: None if options["matrix"] is None else NEW_MATRIX,
         parameters=(
             argument("file", metavar="[FILE]", type=FILE, required=False, reads=False, writes=True),
-            option("schema", is_flag=True, help="Print the JSON schema of scene files instead."),
             option("noise", metavar="SIGMA"),
             option("lam", "--lambda", type=NumberRange(0, min_open=True)),
             option("prune", type=NumberRange(0, 1, max_open=True)),

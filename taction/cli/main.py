@@ -40,6 +40,7 @@ WITHDRAWN = {
     "verify --solve": "'taction solve SCENE' prints the numerical solution.",
     "verify --annotate": "--junit FILE writes what CI shows at the files.",
     "regress --annotate": "--junit FILE and --markdown FILE write what CI shows.",
+    "new --schema": "It is docs/scene.schema.json, and in Python taction.scene_schema().",
     "new -o": "The file is named alone: taction new FILE.",
     "new --from": "'taction scale SCENE -o FILE' writes the scene with scaled values.",
     "choose --topology": "A choice is of one topology: set design.topology of the scene.",

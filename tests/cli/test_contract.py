@@ -24,7 +24,6 @@ NAMES = {"models show": "opamp", "models import": "import_model"}  # `models` ha
 # Of the command alone: how the result is shown, and where the files stand.
 SHOWN = {
     "verify": {"scenes", "verbose"},
-    "new": {"schema"},
 }
 # Words with which a command ends with 0; those that are not named have their line of `LINES`.
 WORDS = {
