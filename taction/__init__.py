@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from taction.verification.design.fresh_scene import new as new
     from taction.verification.design.scaling import scale as scale
     from taction.verification.design.tune import tune as tune
+    from taction.verification.evidence.demonstration import demo as demo
     from taction.verification.evidence.paper.reproduce import reproduce as reproduce
     from taction.verification.evidence.stress.run_cases import stress as stress
     from taction.verification.studies.onset.onset import onset as onset

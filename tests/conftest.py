@@ -115,8 +115,9 @@ def _program(name: str, command: str) -> str:
 
 @pytest.fixture
 def quick_stories(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of `reproduce` and `accuracy` what takes no time."""
-    from taction.verification.evidence.paper import reproduce
+    """`demo` by the state-space engine; of `reproduce` and `accuracy` what takes no time."""
+    from taction.verification.evidence import demonstration
+    from taction.verification.evidence.paper import findings, reproduce
     from taction.verification.studies.work_precision import study
 
     few = tuple(replace(method, ladder=method.ladder[:2]) for method in study.METHODS[::3])
@@ -124,6 +125,11 @@ def quick_stories(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(study, "METHODS", few)
     quick = {name: reproduce.CHAPTERS[name] for name in ("kernels", "equations")}
     monkeypatch.setattr(reproduce, "CHAPTERS", quick)
+    monkeypatch.setattr(
+        demonstration,
+        "paper_scene",
+        lambda name: findings.paper_scene(name).with_engine("statespace"),
+    )
 
 
 @pytest.fixture

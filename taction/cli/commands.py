@@ -273,6 +273,12 @@ TABLE = {
         ends="Exit status: 1 if a verdict differs from the verdict that taction has on record, 3 if"
         " a claim could not be tested.",
     ),
+    "demo": Command(
+        about="Tell the paper's story on three boards; no file is needed.",
+        outputs=(picture("the outputs of the three boards"),),
+        files=lambda found, call: [found.file] if found.file else [],
+        ends="Exit status: 0 if the boards behave as told.",
+    ),
     "models": Command(
         about="List the op-amp presets, or import a vendor's model.",
         view="verification.report.views.opamp_view:list_view",

@@ -32,7 +32,6 @@ RENAMED = {"parts": "models", "waveforms": "simulate"}
 WITHDRAWN = {
     "refine": "It was withdrawn: simulate the board again with the residual as its strain;"
     " 'Refinement' in docs/closed-loop.md has the theory.",
-    "demo": "'taction new board.toml' writes a first board, 'taction reproduce' tests the paper.",
     "doctor": "What is missing is said where it is needed, with the command that installs it.",
     "netlist --explain": "--json lists what is left out, and so does the report of verify.",
     "netlist --split": "In Python: taction.write_deck(circuit, analysis, matrix_file=NAME).",
@@ -54,7 +53,7 @@ SECTIONS = {
     "Start": ("new", "verify", "netlist", "explore"),
     "Design": ("design", "onset", "sweep", "yield", "build", "export"),
     "Check": ("check", "solve", "regress", "diff", "reproduce"),
-    "": ("parts", "self", "mcp"),
+    "": ("parts", "self", "demo", "mcp"),
 }
 """The listed commands by their heading; the last ones have none."""
 HELP = {"--help", "-h"}

@@ -51,11 +51,12 @@ LINES: tuple[tuple[str, tuple[str, ...], dict[str, str]], ...] = (
     ("stress", ("--only", "one-channel", "--jobs", "1"), {"--report": "x.html"}),
     ("accuracy", ("a.toml",), PICTURES),
     ("reproduce", ("--quick",), {"--report": "x.html"}),
+    ("demo", (), {"-o": "x.html", "--plot": "x.png"}),
     ("models show", ("ua741",), {"--plot": "x.svg"}),
     ("models import", ("v.cir", *PINS.split()), {"-o": "x.json"}),
     ("new", (), {"FILE": "x.toml"}),
 )
-SLOW = ("accuracy", "choose", "tune", "onset", "stress", "reproduce")  # write as others do
+SLOW = ("accuracy", "choose", "tune", "onset", "demo", "stress", "reproduce")  # write as others do
 SINGLE = [
     (name, words, option, file) for name, words, files in LINES for option, file in files.items()
 ]

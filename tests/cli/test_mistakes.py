@@ -138,7 +138,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("self", "stress", "--only", "loop"): ("--only", "'loop'", "did you mean 'loops'?"),
     ("mcp", "none"): ("none", "No such file", "a folder with scene files"),
     ("mcp", "ok.toml"): ("ok.toml", "expected a folder"),
-    ("demo",): ("No such command 'demo'", "taction new board.toml"),
+    ("demo", "-o", "a.txt"): ("-o", "'a.txt'", ".html"),
     ("teach",): ("No such command 'teach'", "one of new, verify"),
     ("netlist", "ok.toml", "more"): ("extra argument (more)", "Expected no further word"),
 }  # fmt: skip
@@ -277,7 +277,12 @@ def test_names_are_shown_and_never_obeyed(
 
 def test_a_name_with_a_command_in_every_medium() -> None:
     from taction.verification.report.blocks import BOTH, Facts, Notes, Page, Section, Table, cell
-    from taction.verification.report.junit import JUnitTest, junit_suite, junit_text
+    from taction.verification.report.junit import (
+        JUnitTest,
+        annotation_lines,
+        junit_suite,
+        junit_text,
+    )
     from taction.verification.report.renderers.page import page_html
     from taction.verification.report.renderers.terminal import card, markdown, page_text
 
@@ -289,6 +294,9 @@ def test_a_name_with_a_command_in_every_medium() -> None:
     media = f"{BOTH} notebook"
     page = Page(ODD, ODD, "", ODD, (ODD,), (Section(ODD, blocks, ODD, media),), (ODD,))
     suite = junit_suite(ODD, [JUnitTest(ODD, "failure", ODD, ODD)], simulator=ODD)
+    document = {"file": ODD, "outcome": ODD, "error": {"message": ODD}}
     text = page_text(page) + markdown(page, "a") + card(page) + junit_text("demo", [suite])
     text += page_html(page).partition("<style>")[0] + page_html(page).rpartition("</header>")[2]
     unseen(text)
+    annotations = list(annotation_lines([document]))
+    assert all("\n" not in line and "\x1b" not in line for line in annotations)

@@ -19,6 +19,7 @@ LINES: dict[str, str] = {
     "check": "check filter.cir --check settling=1ms@1%",
     "check, failing": "check filter.cir --expect v(out)=1@1% --check noise=1nV",
     "check, onset": "check filter.cir --over Rf=1k:100k:9 --no-ngspice",
+    "demo": "demo -o told.html",
     "diff": "diff a.toml slow.toml",
     "netlist": "netlist a.toml",
     "bom": "bom a.toml",

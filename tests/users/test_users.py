@@ -168,8 +168,14 @@ USERS = {
     ),
     "student": (
         Step("taction"),
-        Step("taction new board.toml"),
-        Step("taction verify board.toml --engine statespace", (BUILT,)),
+        Step(
+            "taction demo",
+            (
+                BUILT,
+                r"a smaller lambda regularises less, .* noise",
+                r"Your own board: taction new board\.toml",
+            ),
+        ),
     ),
     "SPICE user": (
         Step(

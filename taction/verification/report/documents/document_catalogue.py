@@ -32,6 +32,7 @@ MODELS = {
     "verify": "verification.report.documents.verdict.VerdictBody",
     "verify-files": "verification.report.documents.plain.VerifyFilesDocument",
     "check": "verification.studies.decks.board_check.BoardCheck",
+    "demo": "verification.evidence.demonstration.Demonstration",
     "diff": "verification.studies.regression.difference.VerdictDifference",
     "netlist": "verification.verdict.scene_deck.Netlist",
     "bom": "verification.verdict.board_power.PartsList",

@@ -1,21 +1,24 @@
-"""What taction shows of itself: the paper, stress cases, error and run time."""
+"""What taction shows of itself: the paper, stress cases, the demonstration, error and run time."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from taction.system.charts import SERIES, Axis, Chart, Curve, Limit, Line, Mark, Outcome
 from taction.system.quantities import quantity
+from taction.verification.evidence.demonstration import Demonstration, DemonstrationStep
 from taction.verification.evidence.paper.findings import ClaimOutcome, Finding
 from taction.verification.evidence.paper.reproduce import Reproduction
 from taction.verification.evidence.stress.run_cases import CaseJudgement, CaseRun, StressReport
 from taction.verification.report.blocks import Content, Notes, Page, Section, Table
 from taction.verification.report.texts import Cell, Column, fields, outcome_cell, shown_by
-from taction.verification.report.views.answer_view import origin_section
+from taction.verification.report.views.answer_view import answer_text, decisive_text, origin_section
+from taction.verification.report.views.waveforms_view import outputs_chart, stress_chart
 from taction.verification.studies.work_precision.study import (
     ERRORS,
     Method,
@@ -146,6 +149,53 @@ def _results(runs: Iterable[CaseRun]) -> Table:
         **fields("time = seconds s 2"),
     }
     return Table.of("Results", runs, columns)
+
+
+TITLE = "Seven sensors, one board"
+NEXT = (
+    "Your own board: taction new board.toml, then taction verify board.toml --report board.html,"
+    " then taction explore board.toml."
+)
+
+
+BOARDS: dict[str, Column] = {
+    **fields("board = title; outcome = verdict.outcome outcome"),
+    "because": lambda step: decisive_text(step.verdict.checks, step.verdict.outcome.value),
+}
+
+
+def demonstration_view(found: Demonstration) -> Page:
+    """Return the page of the demonstration."""
+    told = "as told" if found.outcome == "pass" else "NOT as told"
+    steps = [part for number, step in enumerate(found.steps, 1) for part in _sections(number, step)]
+    return Page(
+        title=TITLE,
+        command="taction demo",
+        outcome=found.outcome if found.outcome == "fail" else "pass",
+        summary=f"Three boards, {told}, in {found.seconds:.0f} s.",
+        sections=(
+            *steps,
+            Section("Next", NEXT, media="terminal page"),
+            origin_section(None),
+        ),
+    )
+
+
+def _sections(number: int, step: DemonstrationStep) -> tuple[Section, Section]:
+    """Return the sentences and checks of a board, and its outputs; of the first also the answer."""
+    verdict, title, first = step.verdict, f"{number}. {step.title}", number == 1
+    answer = answer_text(verdict.answer) if first else ""
+    shown = (outputs_chart, stress_chart)[: 1 + first]
+    told = (step.text, answer, Table.of("", (step,), BOARDS))
+
+    def charts() -> Iterator[Chart]:
+        for made in (each(verdict) for each in shown):
+            yield replace(made, title=f"{title}. {made.title}")
+
+    return (
+        Section(title, told, media="terminal page"),
+        Section(f"{title}: outputs", charts, media="page picture"),
+    )
 
 
 MARKS = ("circle", "square", "diamond", "triangle-down", "triangle-up", "star", "cross", "hexagon")

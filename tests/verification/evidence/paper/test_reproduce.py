@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -9,18 +11,24 @@ import pytest
 from scipy import signal
 from scipy.linalg import toeplitz
 
+import taction
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import load_scene
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.evidence import demonstration
+from taction.verification.evidence.demonstration import Demonstration
 from taction.verification.evidence.paper.boards import stage_rise_time
 from taction.verification.evidence.paper.findings import (
     ClaimOutcome,
     Finding,
     load_claims,
+    paper_scene,
 )
 from taction.verification.evidence.paper.network import tikhonov
 from taction.verification.evidence.paper.reproduce import CHAPTERS, PaperSection, Reproduction
 from taction.verification.evidence.paper.sensing import FINE, Geometry, by_transform, gradient_flow
+from taction.verification.verdict.checks import Outcome
 from tests.support.paths import SCENES
 
 WITH_NGSPICE = ("breadboard", "console", "hardware")
@@ -148,3 +156,33 @@ def test_the_stage_with_its_capacitance_is_a_second_order_system(circuit):
     time, step = signal.step(([1.0], poles), T=np.linspace(0.0, 1e-4, 200_001))
     early, late = (time[np.argmax(step > level)] for level in (0.1, 0.9))
     assert stage_rise_time(single, loaded=True) == pytest.approx(late - early, rel=1e-3)
+
+
+@pytest.fixture(scope="module")
+def told() -> Iterator[Demonstration]:
+    """The story by the state-space engine; `tests/users` runs it as it is."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            demonstration, "paper_scene", lambda name: paper_scene(name).with_engine("statespace")
+        )
+        yield taction.demo(None)
+
+
+def test_the_boards_behave_as_told(told: Demonstration) -> None:
+    assert told.outcome == "pass"
+    assert [step.verdict.outcome.value for step in told.steps] == ["pass", "fail", "pass"]
+    surprise = dataclasses.replace(told.steps[0], expected=Outcome.FAIL)
+    assert dataclasses.replace(told, steps=(surprise, *told.steps[1:])).outcome == "fail"
+
+
+def test_the_numbers_of_the_story_are_those_of_the_boards(told: Demonstration) -> None:
+    """Frequency: of the rightmost eigenvalue by LAPACK; the others stand in the verdicts."""
+    works, oscillates, settles = (step.text for step in told.steps)
+    eigenvalues = np.linalg.eigvals(LinearBoard(told.steps[1].verdict.circuit).state_space.A)
+    rightmost = eigenvalues[eigenvalues.real.argmax()]
+    assert rightmost.real > 0.0
+    assert f"oscillates at {abs(rightmost.imag) / 2e3 / np.pi:.1f} kHz" in oscillates
+    assert "7 sensors" in works
+    assert all("2.42 ms" in text for text in (works, settles))
+    lam = {round(step.verdict.circuit.value("lambda"), 12) for step in told.steps}
+    assert len(lam) == 1
