@@ -13,13 +13,21 @@ from pathlib import Path
 import pytest
 
 from taction.verification.studies.running.versions import own_code
+from tests.support.entries import write_fast
 from tests.support.packages import FILES, LINKS, build_archives
 from tests.support.paths import ROOT
 
 FOLDERS = ("cli", "netlist_gen", "spice_models", "system", "verification")
 SHIPPED = (".py", ".toml", ".json", ".typed", ".html", ".css", ".js")
 RIVAL_TEST = """
+import sys
 from pathlib import Path
+
+LOADED = set(sys.modules)
+
+def test_the_plugin_is_there_and_light():
+    assert "taction.pytest_plugin" in LOADED
+    assert not LOADED & {"numpy", "pydantic", "taction.cli", "taction.netlist_gen"}
 
 def test_our_own_packages_are_found():
     import cli, netlist_gen, spice_models, system, verification
@@ -128,6 +136,8 @@ def test_packages_of_the_same_names_beside_the_tests_are_left_alone(
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text('OWNER = "somebody else"\n')
     (tmp_path / "test_rival.py").write_text(RIVAL_TEST)
+    write_fast(tmp_path / "z.scene.toml")
     run = installed(site, tmp_path, "-m", "pytest", "-v", "-p", "no:cacheprovider")
     assert run.returncode == 0, run.stdout + run.stderr
-    assert "1 passed" in run.stdout
+    assert "z.scene.toml" in run.stdout
+    assert "3 passed" in run.stdout
