@@ -76,9 +76,12 @@ def write_notebooks(folder: Path) -> None:
 
 
 def write_schemas() -> None:
-    """Write the schemas of all documents into docs/schemas; one that is none any more goes."""
+    """Write the schema of scenes, and those of all documents; one that is none any more goes."""
+    from taction.tools import scene_schema
     from taction.verification.report.documents.document_catalogue import schemas
 
+    scenes = json.dumps(scene_schema(), indent=2, ensure_ascii=False)
+    (HERE / "scene.schema.json").write_text(f"{scenes}\n", encoding="utf-8")
     texts = dict(schemas())
     for name, text in texts.items():
         (HERE / "schemas" / name).write_text(text, encoding="utf-8")

@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from taction.designs import bom as bom
     from taction.designs import build as build
-    from taction.designs import kicad as kicad
     from taction.designs import netlist as netlist
     from taction.designs import solve as solve
     from taction.netlist_gen.board.circuit import Circuit as Circuit
@@ -55,7 +54,6 @@ if TYPE_CHECKING:
     from taction.verification.evidence.stress.run_cases import stress as stress
     from taction.verification.studies.onset.onset import onset as onset
     from taction.verification.studies.regression.regress import regress as regress
-    from taction.verification.studies.running.versions import doctor as doctor
     from taction.verification.studies.sweep.sweep import sweep as sweep
     from taction.verification.studies.tolerance.corners import corners as corners
     from taction.verification.studies.tolerance.montecarlo import montecarlo as montecarlo

@@ -1,15 +1,14 @@
-"""Jobs on a board without a study: its deck, its parts, its drawing, and its problem's solution."""
+"""Jobs on a board without a study: its deck, its parts, its files, and its problem's solution."""
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from taction.netlist_gen.kicad.board import KicadProject
     from taction.netlist_gen.scene.scene import Scene
     from taction.system.progress import Progress
     from taction.verification.reference.problem import Solution
@@ -21,8 +20,6 @@ def netlist(
     scene: str | Path | Scene,
     *,
     output: str | Path | None = None,
-    explain: bool = False,
-    split: bool = False,
     dialect: str = "ngspice",
     measure: bool = False,
 ) -> Netlist:
@@ -35,13 +32,7 @@ def netlist(
     scene : path or Scene
         The board.
     output : path, optional
-        Write the deck into this file.
-    explain : bool
-        List the omitted parts, the reasons, and what pruning changes, on stderr.
-
-        In Python: `circuit.omissions` of the result, and its `pruning`.
-    split : bool
-        Write the amplifiers into FILE and the resistor matrix into a second file; needs -o.
+        Write the deck into this file; the command by default on stdout.
     dialect : {"ngspice", "ltspice", "hspice", "xyce", "spectre"}
         The simulator that reads the deck.
     measure : bool
@@ -50,7 +41,7 @@ def netlist(
     Returns
     -------
     Netlist
-        Its `text` is the deck; `files` holds the second file of a split deck.
+        Its `text` is the deck; `circuit.omissions` are the parts that the scene does not need.
 
     Raises
     ------
@@ -68,22 +59,19 @@ def netlist(
 
     refuse_unable(dialect, measures=measure)
     from taction.netlist_gen.board.part_warnings import part_warnings
+    from taction.system.output_files import write_atomically
     from taction.verification.reference.lambda_rule import read_scene
-    from taction.verification.verdict.scene_deck import Netlist, deck_of, write_files
+    from taction.verification.verdict.scene_deck import Netlist, deck_of
 
     scene = read_scene(scene)
-    circuit, deck = deck_of(scene, output=output, dialect=dialect, split=split, measures=measure)
-    pruning = None
-    if explain:
-        from taction.verification.verdict.scene_deck import pruning_of
-
-        pruning = pruning_of(scene)
+    circuit, deck = deck_of(scene, dialect=dialect, measures=measure)
+    if output is not None:
+        write_atomically(output, deck.text)
     return Netlist(
         **{each.name: getattr(deck, each.name) for each in fields(deck)},
         circuit=circuit,
         warnings=tuple(part_warnings(circuit)),
-        pruning=pruning,
-        written=() if output is None else tuple(map(str, write_files(deck, output))),
+        written=() if output is None else (str(output),),
     )
 
 
@@ -126,57 +114,6 @@ def bom(scene: str | Path | Scene, *, output: str | Path | None = None) -> Parts
     if output is not None:
         write_atomically(output, parts_csv(found.parts))
     return found
-
-
-def kicad(scene: str | Path | Scene, *, output: str | Path) -> KicadProject:
-    """Draw the board of SCENE for KiCad 8 or newer, and list its parts.
-
-    FOLDER gets a project with a sheet for each channel and each sensor row, its symbols, and the
-    parts as CSV. References are the names in the deck.
-
-    Parameters
-    ----------
-    scene : path or Scene
-        The board.
-    output : path
-        Folder of the project; files of the same names are replaced.
-
-    Returns
-    -------
-    KicadProject
-        What is drawn, and the files.
-
-    Raises
-    ------
-    InputError
-        The scene cannot be built, or the folder has the table of symbols of another project.
-
-    Examples
-    --------
-    >>> import taction, tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     drawn = taction.kicad("scenes/custom-matrix.toml", output=folder)
-    >>> len(drawn.written)
-    14
-    """
-    from taction.netlist_gen.board.synthesis import synthesise
-    from taction.netlist_gen.kicad.board import kicad_project
-    from taction.system.errors import Complaint, InputError
-    from taction.system.output_files import make_folder, write_together
-    from taction.verification.reference.lambda_rule import read_scene
-    from taction.verification.report.output_checks import check_separate
-
-    scene, place, table = read_scene(scene), Path(output), "sym-lib-table"
-    project = kicad_project(synthesise(scene), scene)
-    files = {place / name: text for name, text in project.files.items()}
-    there = place / table
-    if there.exists() and there.read_bytes() != project.files[table].encode():
-        reason = f"the folder has a {table} of another project; give another folder"
-        raise InputError("-o", Complaint("FOLDER", repr(str(place)), reason))
-    check_separate([str(scene.file)], {f"-o {output} ({f.name})": str(f) for f in files})
-    make_folder(place)
-    write_together(files)
-    return replace(project, written=tuple(map(str, files)))
 
 
 def build(
@@ -242,7 +179,7 @@ def build(
     scene, place = read_scene(scene, engine), Path(output)
     check_extra("report", "-o")
     circuit = synthesise(scene)
-    drawn = {f"{KICAD}/{name}": text for name, text in kicad_project(circuit, scene).files.items()}
+    drawn = {f"{KICAD}/{name}": text for name, text in kicad_project(circuit, scene).items()}
     check_own_folder(place, [*OWN, *drawn])
     parts = bill_of_materials(circuit, scene)
     texts = {

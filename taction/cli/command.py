@@ -152,8 +152,7 @@ class Command:
     outputs: tuple[CommandParameter, ...] = ()  # the files that show the result
     # Takes the `Call` and the progress, and returns the result in the place of the function.
     work: Callable[[Call, StageLine], Any] | None = None
-    # Of the document; by default the name of the command, None for a document without a head.
-    schema: str | None = ""
+    schema: str = ""  # of the document; by default the name of the command
     # Takes the `Call` before any work: questions and checks of its own.
     before: Callable[[Call], None] | None = None
     # Takes the result and the `Call` after the work: what is said on stderr.
@@ -278,12 +277,6 @@ OPTIONS = {
     )
 }
 """What options have beside their names, defaults and sentences, in every command that has them."""
-
-
-def is_given(name: str) -> bool:
-    """Whether an option of the command that runs is given, maybe with its default."""
-    source = click.get_current_context().get_parameter_source(name)
-    return source is not click.core.ParameterSource.DEFAULT
 
 
 def own_file(found: Any, call: Call) -> list[str]:
@@ -459,7 +452,7 @@ def _show(job: Command, result: Any, call: Call) -> None:
             say(line)
             click.echo(str(getattr(result, "outcome", "")).upper())
         return
-    print_json(load(job.document)(result), "" if job.schema is None else job.schema or None)
+    print_json(load(job.document)(result), job.schema or None)
 
 
 def _is_bad_input(error: Exception) -> bool:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -13,16 +11,13 @@ import click
 from taction.cli.command import (
     DATABASE,
     FILE,
-    OPTIONS,
     OUTPUT,
     REPORT,
     Call,
     Command,
-    CommandParameter,
     NumberRange,
     argument,
     folder,
-    is_given,
     option,
     output,
     own_file,
@@ -31,7 +26,6 @@ from taction.cli.command import (
 )
 from taction.cli.printing import print_json, say, tell
 from taction.cli.verify import VERIFY
-from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import visible
 
 if TYPE_CHECKING:
@@ -45,19 +39,6 @@ DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does no
 
 def _nothing(found: Any) -> None:
     """Print nothing: the files are the result."""
-
-
-def _output(text: str) -> CommandParameter:
-    return replace(OUTPUT, attributes={**OUTPUT.attributes, "help": text})
-
-
-def _netlist_remarks(found: Any, call: Call) -> None:
-    if call.options["explain"]:
-        tell([f"{visible(found.circuit.name)}: left out, not needed by the scene:"])
-        tell(f"  {item.what}: {item.why}" for item in found.circuit.omissions)
-        if found.pruning is not None:
-            tell([f"pruning: {found.pruning.text}"])
-    tell(f"warning: {visible(warning)}" for warning in found.warnings)
 
 
 def _announce(call: Call) -> None:
@@ -102,58 +83,13 @@ def _regression_markdown(found: RegressionReport) -> str:
     return markdown(found.page(), "taction regress")
 
 
-def _new_file(call: Call) -> None:
-    """Take the file from FILE or -o; by default the function knows its name."""
-    file, output = call.options["file"], call.options["output"]
-    if file is not None and output is not None:
-        raise InputError("-o", Complaint("FILE", repr(output), "give FILE or -o, not both"))
-    call.arguments["file"] = file or output
-    if call.arguments["file"] is None:
-        del call.arguments["file"]
-
-
 def _new_files(found: NewScene, call: Call) -> list[str]:
     if found.scaled is not None:
         return [found.file]
     return [f"{found.file}; `taction verify {found.file}` verifies it"]
 
 
-def _rescaled(call: Call) -> None:
-    """Take the file as for a new scene, and the op-amp of the scene where none is asked for."""
-    from taction.netlist_gen.scene.open_tables import refuse_unknown
-    from taction.verification.design.fresh_scene import refuse_existing
-
-    _new_file(call)
-    file = call.arguments.pop("file", "scene.toml")
-    refuse_existing(Path(file), force=call.options["force"])
-    call.arguments["output"] = file
-    if is_given("opamp"):
-        refuse_unknown(call.arguments["opamp"], "--opamp")
-    else:
-        del call.arguments["opamp"]
-
-
-def _new_job(options: Mapping[str, Any]) -> Command | None:
-    if options["schema"]:
-        return NEW_SCHEMA
-    if options["scene"] is not None:
-        for name in ("matrix", "strain", "noise", "lambda", "prune"):
-            if options["lam" if name == "lambda" else name] is not None:
-                raise click.UsageError(f"--from has the problem of its scene; leave out --{name}")
-        return NEW_SCALED
-    if is_given("share"):
-        raise click.UsageError("--share needs --from")
-    return None if options["matrix"] is None else NEW_MATRIX
-
-
-NEW_MATRIX = Command(function="new", schema="new-matrix", before=_new_file, files=_new_files)
-NEW_SCALED = Command(
-    function="scale",
-    schema="scale",
-    before=_rescaled,
-    files=lambda found, call: [call.arguments["output"]],
-)
-NEW_SCHEMA = Command(function="scene_schema", text=lambda found: print_json(found, ""), schema=None)
+NEW_MATRIX = Command(function="new", schema="new-matrix", files=_new_files)
 SAMPLE = Command(
     function="verify_sample",
     outputs=(REPORT,),
@@ -185,21 +121,21 @@ TABLE = {
     "netlist": Command(
         about="Write the ngspice deck of a scene.",
         text=lambda found: None if found.written else sys.stdout.write(found.text),
-        after=_netlist_remarks,
-        files=lambda found, call: found.written,
+        after=lambda found, call: tell(f"warning: {visible(each)}" for each in found.warnings),
+        files=own_file,
         parameters=(
-            _output("Deck file; by default stdout."),
+            option(
+                "output",
+                "-o",
+                "--output",
+                type=FILE,
+                writes=True,
+                help="Deck file; by default stdout.",
+            ),
             option("dialect", type=click.Choice(DIALECTS), show_default=True),
         ),
     ),
     "bom": Command(about="List the parts to buy, with packages and power.", files=own_file),
-    "kicad": Command(
-        about="Draw a board for KiCad, and list its parts.",
-        text=_nothing,
-        after=lambda found, call: tell(f"not drawn: {what}" for what in found.not_drawn),
-        files=lambda found, call: found.written,
-        parameters=(folder("output", "-o"),),
-    ),
     "build": Command(
         about="Write all files for building a board, with its verdict.",
         files=lambda found, call: [found.folder],
@@ -366,31 +302,14 @@ TABLE = {
     "new": Command(
         about="Write a scene file with comments.",
         text=_nothing,
-        before=_new_file,
         files=_new_files,
-        other=_new_job,
+        other=lambda options: None if options["matrix"] is None else NEW_MATRIX,
         parameters=(
             argument("file", metavar="[FILE]", type=FILE, required=False, reads=False, writes=True),
-            _output("The same as FILE."),
-            option("schema", is_flag=True, help="Print the JSON schema of scene files instead."),
-            option(
-                "scene",
-                "--from",
-                metavar="SCENE",
-                reads=True,
-                help="A scene for the problem of SCENE, with G0, U0, s and R that use the swing of"
-                " its op-amps and that can be bought; lambda stays. The state-space engine"
-                " verifies it.",
-            ),
-            OPTIONS["share"],
             option("noise", metavar="SIGMA"),
             option("lam", "--lambda", type=NumberRange(0, min_open=True)),
             option("prune", type=NumberRange(0, 1, max_open=True)),
         ),
-    ),
-    "doctor": Command(
-        about="List what is installed and what each part is for.",
-        ends="Exit status: 3 if ngspice is missing.",
     ),
 }
 COMMANDS = {

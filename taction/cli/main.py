@@ -1,14 +1,13 @@
 """The command ``taction``: the group of all commands, which are made when they are called.
 
-``taction --json --help`` prints every command with its arguments and options as one document.
+``taction --json --help`` prints every command as one document, as click describes it.
 """
 
 from __future__ import annotations
 
-import inspect
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NoReturn
 
 import click
@@ -16,20 +15,17 @@ import click
 from taction.cli.command import made
 from taction.cli.commands import COMMANDS
 from taction.cli.ending import run_command
-from taction.cli.printing import own_name, print_json
+from taction.cli.printing import print_json
 from taction.system.errors import nearest_question
 from taction.system.foreign_files import visible
 from taction.system.processes import THREADS
 
 PROGRAM = "taction"
 FAMILIES = {
-    "design": (("tune", "choose"), "Search for a better board: tune, choose."),
+    "design": (("tune", "choose", "scale"), "Search for a better board: tune, choose, scale."),
     "yield": (("montecarlo", "corners"), "See what tolerances of parts do: montecarlo, corners."),
-    "export": (
-        ("bom", "kicad", "waveforms"),
-        "Write parts list, drawing or waveforms: bom, kicad, waveforms.",
-    ),
-    "self": (("doctor", "accuracy", "stress"), "Examine taction: doctor, accuracy, stress."),
+    "export": (("bom", "waveforms"), "Write parts list or waveforms: bom, waveforms."),
+    "self": (("accuracy", "stress"), "Examine taction: accuracy, stress."),
 }
 """By name: the commands below it, and its line of --help."""
 RENAMED = {"parts": "models", "waveforms": "simulate"}
@@ -39,6 +35,14 @@ WITHDRAWN = {
     "check --matrix": "It was withdrawn: expect the optimum at every output, such as"
     " --expect 'v(out1)=1.25@0.1%'; 'taction new --matrix' and 'taction verify' find it.",
     "check -o": "The command 'listing expand' of ngspice has the flat cards of a deck.",
+    "doctor": "What is missing is said where it is needed, with the command that installs it.",
+    "netlist --explain": "--json lists what is left out, and so does the report of verify.",
+    "netlist --split": "In Python: taction.write_deck(circuit, analysis, matrix_file=NAME).",
+    "kicad": "'taction build SCENE -o FOLDER' writes the drawing into FOLDER/kicad.",
+    "verify --solve": "'taction solve SCENE' prints the numerical solution.",
+    "new --schema": "It is docs/scene.schema.json, and in Python taction.scene_schema().",
+    "new -o": "The file is named alone: taction new FILE.",
+    "new --from": "'taction scale SCENE -o FILE' writes the scene with scaled values.",
     "choose --topology": "A choice is of one topology: set design.topology of the scene.",
     "montecarlo --remedy": "Set a better grade in [tolerances] for parts that the corners name.",
     "montecarlo --no-remedy": "Leave it out: no samples are drawn again.",
@@ -52,17 +56,10 @@ WITHDRAWN = {
 SECTIONS = {
     "Start": ("new", "verify", "netlist", "explore"),
     "Design": ("design", "onset", "sweep", "yield", "build", "export"),
-    "Check": ("check", "regress", "diff", "reproduce"),
+    "Check": ("check", "solve", "regress", "diff", "reproduce"),
     "": ("parts", "self", "demo", "mcp"),
 }
 """The listed commands by their heading; the last ones have none."""
-FIRST_STEPS = """\
-taction demo                  the paper's story on three boards; needs no file
-taction new board.toml        write a scene with comments
-taction verify board.toml     simulate the board and judge it
-taction explore board.toml    move C, gain and more and watch the board
-taction --help                all commands
-"""
 HELP = {"--help", "-h"}
 
 
@@ -91,13 +88,11 @@ class LazyGroup(click.Group):
             self._main_shell_completion({}, PROGRAM)
             names = [word for word in words if word not in ("--json", *HELP)]
             if "--json" in words and HELP & {*words} and {*names} <= {*self.list_commands(None)}:
-                print_json(reference(self, names), "")
-                return
-            if not words:
-                click.echo(FIRST_STEPS, nl=False)
+                print_json({"commands": self._described(names or self.list_commands(None))}, "")
                 return
             try:
-                with self.make_context(PROGRAM, words.copy(), **more) as context:
+                given = words.copy() or ["--help"]
+                with self.make_context(PROGRAM, given, **more) as context:
                     self.invoke(context)
             except click.NoSuchOption as error:
                 name = error.ctx.command.name if error.ctx else ""
@@ -107,6 +102,12 @@ class LazyGroup(click.Group):
                 raise
 
         sys.exit(run_command(run, as_json="--json" in words))
+
+    def _described(self, names: Sequence[str]) -> dict[str, Any]:
+        """Return commands, and those below them, as plain data."""
+        with self.make_context(PROGRAM, [], resilient_parsing=True) as context:
+            made = {name: self.get_command(context, name) for name in names}
+            return {name: each.to_info_dict(context) for name, each in made.items() if each}
 
     def list_commands(self, ctx: click.Context | None) -> list[str]:
         """Return the listed commands in their order."""
@@ -164,74 +165,3 @@ def main() -> None:
     # channels took a minute instead of a second. Users with free cores can set the variables.
     for name in THREADS:
         os.environ.setdefault(name, "1")
-
-
-TYPES = {"Bool": "boolean", "Path": "path", "EngineChoice": "choice", "Choice": "choice",
-         "IntRange": "integer", "Int": "integer", "NumberRange": "number"}  # fmt: skip
-"""Of parameters, by click's names; any other is a text."""
-
-
-def reference(main: click.Group, names: Sequence[str] = ()) -> dict[str, Any]:
-    """Return the commands, or those of `names` and those below them; made from click."""
-    from taction.verification.report.documents.document_catalogue import document_head
-
-    with main.make_context("taction", [], resilient_parsing=True) as context:
-        commands = list(_commands(main, context, names))
-    return document_head("help") | {
-        "program": "taction",
-        "usage": "taction COMMAND [OPTIONS] [ARGUMENTS]; --json: one document on stdout",
-        "commands": commands,
-    }
-
-
-def _commands(
-    group: click.Group, context: click.Context, names: Sequence[str] = ()
-) -> Iterator[dict[str, Any]]:
-    for short in group.list_commands(context):
-        command = group.get_command(context, short)
-        if command is None or (names and short not in names):
-            continue
-        with click.Context(command, info_name=short, parent=context) as inner:
-            if command.name:  # a family of commands does nothing itself
-                yield _command(command, inner)
-            if isinstance(command, click.Group):
-                yield from _commands(command, inner)
-
-
-def _command(command: click.Command, context: click.Context) -> dict[str, Any]:
-    from taction.verification.report.documents.document_catalogue import ERROR, MODELS, schema_name
-
-    parameters = command.get_params(context)
-    schema = own_name(context)
-    documents = [key for key in MODELS if key == schema or key.startswith(f"{schema}-")]
-    path = context.command_path
-    return {
-        "name": path.partition(" ")[2],
-        "usage": " ".join([path, *command.collect_usage_pieces(context)]),
-        "help": inspect.cleandoc(command.help or ""),
-        "arguments": [_parameter(p, context) for p in parameters if isinstance(p, click.Argument)],
-        "options": [_parameter(p, context) for p in parameters if isinstance(p, click.Option)],
-        "schemas": [schema_name(key) for key in (*documents, ERROR)],
-    }
-
-
-def _parameter(parameter: click.Parameter, context: click.Context) -> dict[str, Any]:
-    """Return an argument or an option as plain data."""
-    info = parameter.to_info_dict()
-    kind = info["type"]
-    record: dict[str, Any] = {
-        "name": info["name"],
-        "type": TYPES.get(kind["param_type"], "text"),
-        "required": info["required"],
-        "several": bool(info["multiple"]) or info["nargs"] == -1,
-    }
-    limits = ("min", "max", "choices")
-    record |= {key: kind[key] for key in limits if kind.get(key) is not None}
-    if isinstance(parameter, click.Option):
-        default = parameter.get_default(context)
-        record |= {
-            "flags": [*parameter.opts, *parameter.secondary_opts],
-            "default": default if isinstance(default, str | int | float | bool) else None,
-            **{key: getattr(parameter, key) for key in ("is_flag", "metavar", "envvar", "help")},
-        }
-    return record

@@ -1,4 +1,4 @@
-"""``taction verify``: one scene with the changes that mend it, several scenes, or the problem."""
+"""``taction verify``: one scene with the changes that mend it, or several scenes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from taction.cli.command import (
     Command,
     NumberRange,
     argument,
-    is_given,
     is_of_stdout,
     load,
     option,
@@ -118,28 +117,13 @@ def _document(found: Verified) -> object:
 
 
 def _several(options: Mapping[str, Any]) -> Command | None:
-    """Return the job of several scenes, or that of --solve; None for one scene."""
+    """Return the job of several scenes; None for one scene."""
     scenes = options["scenes"]
-    alone = len(scenes) == 1 and not Path(scenes[0]).is_dir()
-    if options["solution"]:
-        if not alone:
-            raise click.UsageError("--solve is for one scene")
-        if is_given("engine"):
-            raise click.UsageError("--solve simulates no board: leave out --engine")
-        return SOLUTION
-    if alone and options["junit"] is None:
+    if len(scenes) == 1 and not Path(scenes[0]).is_dir() and options["junit"] is None:
         return None
     if options["settings"]:
         raise click.UsageError("--set is for one scene: several may have different keys")
     return VERIFY_FILES
-
-
-def _of_the_scene(call: Call) -> None:
-    from taction.netlist_gen.scene.axes import with_settings
-    from taction.netlist_gen.scene.scene import load_scene
-
-    scene, settings = call.options["scenes"][0], call.options["settings"]
-    call.arguments["scene"] = with_settings(load_scene(scene), settings) if settings else scene
 
 
 JUNIT = text_file("junit", "Write a JUnit XML report.", "verification.report.junit:files_junit")
@@ -149,12 +133,6 @@ VERIFY_FILES = Command(
     outputs=(JUNIT,),
     schema="verify-files",
     lacks="shows one board; give one scene file, without --junit",
-)
-SOLUTION = Command(
-    function="solve",
-    schema="solve",
-    before=_of_the_scene,
-    lacks="shows a verdict; --solve has none",
 )
 VERIFY = Command(
     about="Simulate a board and check it against the solution.",
@@ -173,12 +151,6 @@ VERIFY = Command(
     parameters=(
         argument("scenes", metavar="SCENE...", nargs=-1, required=True),
         option("margins", is_flag=True, of="verify_files"),
-        option(
-            "solution",
-            "--solve",
-            is_flag=True,
-            help="Print the numerical solution with its certificate, without any circuit.",
-        ),
         JUNIT,
         replace(OPTIONS["jobs"], of="verify_files"),
         option("changes", type=NumberRange(0), metavar="DESIGNS", of="what_to_change"),

@@ -162,19 +162,17 @@ class SimulationError(NoVerdictError):
     partial: object | None = None
 
     def __init__(self, message: str, *, log: str = "", folder: Path | None = None) -> None:
-        self.log, self.folder, self._message = log, folder, message
-        parts = [message]
-        if log:
-            parts.append("the log says:\n" + "\n".join("  " + line for line in log.splitlines()))
-        if folder is not None:
-            parts.append(f"reproducer: {folder} (`sh command.txt` in this folder repeats the run)")
-        super().__init__("\n".join(parts))
+        super().__init__(message)
+        self.log, self.folder = log, folder
 
-    def in_folder(self, folder: Path) -> SimulationError:
-        """Return the same error with another run folder."""
-        moved = type(self)(self._message, log=self.log, folder=folder)
-        moved.partial = self.partial
-        return moved
+    def __str__(self) -> str:
+        parts = [super().__str__()]
+        if self.log:
+            parts += ["the log says:", *("  " + line for line in self.log.splitlines())]
+        if self.folder is not None:
+            again = "`sh command.txt` in this folder repeats the run"
+            parts.append(f"reproducer: {self.folder} ({again})")
+        return shortened("\n".join(parts))
 
 
 def one_line(error: Exception) -> str:

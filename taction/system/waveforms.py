@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from taction.system.array_types import Floats, Indices
 from taction.system.quantities import quantity
-from taction.system.results import plot
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 PHYSICAL_BOUND = 1e6
 """No node of a working board is above this voltage, V, with a unit voltage of 1 V."""
@@ -97,22 +91,3 @@ class Waveforms:
             return self.values[:, self.nodes.index(node)]
         except ValueError:
             raise KeyError(node) from None
-
-    def plot(self, path: str | Path | None = None, *, nodes: Sequence[str] | None = None) -> Figure:
-        """Return a picture of the voltages over time.
-
-        Parameters
-        ----------
-        path : path, optional
-            Write the picture into this file: ``.png``, ``.svg`` or ``.pdf``.
-        nodes : sequence of str, optional
-            What to draw; by default every node.
-
-        Raises
-        ------
-        InputError
-            The file cannot be written, or matplotlib is missing (``taction[plot]``).
-        KeyError
-            A node was not saved.
-        """
-        return plot("waveforms_view:nodes_view", path, self, nodes)

@@ -161,31 +161,6 @@ def test_a_new_scene_has_the_op_amp_that_is_asked_for(
     assert load_scene(file).design.opamp.base == name
 
 
-def test_the_folder_holds_a_project(tmp_path: Path) -> None:
-    folder = tmp_path / "new" / "board"
-    found = document(taction("kicad", CUSTOM, "-o", str(folder), "--json"))
-    sheets = {f"{kind}-{n}.kicad_sch" for kind, count in (("channel", 4), ("row", 6))
-              for n in range(1, count + 1)}  # fmt: skip
-    assert {Path(name).name for name in found["files"]} == sheets | {
-        "custom-matrix.kicad_sch",
-        "custom-matrix.kicad_pro",
-        "custom-matrix.kicad_sym",
-        "sym-lib-table",
-    }
-    assert all(Path(name).is_file() for name in found["files"])
-    assert any("stray" in text for text in found["not_drawn"])
-
-
-def test_another_project_is_not_damaged(tmp_path: Path) -> None:
-    table = tmp_path / "sym-lib-table"
-    table.write_text("(sym_lib_table (version 7))\n")
-    result = taction("kicad", CUSTOM, "-o", str(tmp_path))
-    assert result.exit_code == 2
-    assert "give another folder" in result.stderr
-    assert [file.name for file in tmp_path.iterdir()] == ["sym-lib-table"]
-    assert table.read_text() == "(sym_lib_table (version 7))\n"
-
-
 def test_one_op_amp_is_shown_with_its_sources() -> None:
     shown = document(taction("models", "show", "ua741", "--json"))
     assert shown["figures"]["bias_current"] == {

@@ -37,7 +37,6 @@ LINES: tuple[tuple[str, tuple[str, ...], dict[str, str]], ...] = (
     ("diff", ("filter.cir", "filter.cir"), PICTURES),
     ("netlist", ("a.toml",), {"-o": "x.cir"}),
     ("bom", ("a.toml",), {"-o": "x.csv"}),
-    ("kicad", ("a.toml",), {"-o": "x"}),
     ("build", ("a.toml",), {"-o": "x"}),
     ("simulate", ("a.toml",), {"-o": "x.csv"}),
     ("montecarlo", ("a.toml", *DRAWN), {**PICTURES, "-o": "x.sqlite"}),
@@ -56,7 +55,6 @@ LINES: tuple[tuple[str, tuple[str, ...], dict[str, str]], ...] = (
     ("models show", ("ua741",), {"--plot": "x.svg"}),
     ("models import", ("v.cir", *PINS.split()), {"-o": "x.json"}),
     ("new", (), {"FILE": "x.toml"}),
-    ("new", (), {"-o": "x.toml"}),
 )
 SLOW = ("accuracy", "choose", "tune", "onset", "demo", "stress", "reproduce")  # write as others do
 SINGLE = [
@@ -126,7 +124,7 @@ def test_files_are_whole_although_the_reader_has_gone(
     monkeypatch.setattr(sys, "stdout", ReaderGone())
     with pytest.raises(SystemExit) as end:
         main([*name.split(), *words, *places, *mode])
-    silent = name in ("new", "netlist", "kicad") and not mode  # nothing on stdout
+    silent = name in ("new", "netlist") and not mode  # nothing on stdout
     assert end.value.code == (0 if silent else 141)
     for made in map(Path, files.values()):
         parts = [p for p in made.rglob("*") if p.is_file()] if made.is_dir() else [made]
@@ -236,7 +234,7 @@ def test_a_sweep_goes_on_with_room(tmp_path: Path) -> None:
         (("simulate", SCENE, "--engine", "statespace", "-o"), "a.csv"),
         (("simulate", SCENE, "--engine", "statespace", "-o"), "a.raw"),
         (("verify", SCENE, "--engine", "statespace", "--plot"), "a.svg"),
-        (("netlist", SCENE, "--split", "-o"), "a.cir"),
+        (("netlist", SCENE, "-o"), "a.cir"),
         (("new", "--force"), "a.toml"),
     ],
 )

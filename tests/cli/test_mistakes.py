@@ -78,14 +78,16 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("new", "there.toml"): ("there.toml", "the file exists", "--force"),
     ("new", "y.toml", "--matrix", "T.csv"): ("--strain", "belong together"),
     ("new", "y.toml", "--noise", "1%"): ("--noise", "needs --matrix"),
-    ("new", "y.toml", "-o", "z.toml"): ("not both",),
+    ("new", "-o", "z.toml"): ("No such option", "taction new FILE"),
     (*FRESH, "semicolon.csv"): ("semicolon.csv", "row 1, column 1", "',' between them"),
     (*FRESH, "ragged.csv"): ("ragged.csv", "the number of columns changed", "at row 6"),
     (*FRESH, "three.csv"): ("eps.csv", "shape 5", "expected 3"),
     (*GOOD, "--opamp", "TL074"): ("'TL074'", "did you mean 'tl074'?"),
     (*GOOD, "--supply", "12/-12"): ("12/-12", "'±15V'"),
-    (*GOOD, "--noise", "10"): ("--noise", "SIGMA = 10", "expected a number between 0.0037 and 0.48"),
-    ("new", "y.toml", "--from", "none.toml"): ("none.toml", "No such file", "a scene file"),
+    (*GOOD, "--noise", "10"): ("--noise", "SIGMA = 10", "a number between 0.0037 and 0.48"),
+    ("new", "y.toml", "--from", "a.toml"): ("No such option", "taction scale SCENE -o FILE"),
+    ("verify", "a.toml", "--solve"): ("No such option", "taction solve SCENE"),
+    ("regress", "--annotate"): ("No such option", "--junit FILE"),
     (*GOOD, "--lambda", "-1"): ("'--lambda'", "-1.0", "x>0"),
     ("new", "y.toml", "--matrix", "eps.csv", "--strain", "T.csv", "--any-part"):
         ("T.csv", "shape 5 x 4", "expected 5"),
@@ -159,7 +161,7 @@ NAMES = [
     "check {long}.cir", "check rc.cir --tolerances {long}.toml", "netlist ok.toml -o loop.cir",
     "new x.toml --matrix {long}.csv --strain e.csv", "build ok.toml -o {long}",
     "diff {long} ok.toml", "regress {long} --baseline b.json",
-    f"parts import {{long}}.lib {PINS}", "export kicad ok.toml -o {long}",
+    f"parts import {{long}}.lib {PINS}", "export bom ok.toml -o {long}.csv",
     "sweep ok.toml --over C=1pF -o {long}.csv", "mcp loop.cir",
 ]  # fmt: skip
 

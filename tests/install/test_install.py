@@ -158,13 +158,6 @@ def test_the_core_brings_no_extra(by_pip: Environment) -> None:
     assert not there & {name for names in EXTRAS.values() for name in names}
 
 
-def test_doctor_names_the_extra_of_everything_that_is_missing(by_pip: Environment) -> None:
-    run = by_pip.run("doctor", "--json")
-    missing = [each["found"] for each in json.loads(run.stdout)["findings"] if not each["ok"]]
-    named = set(re.findall(r"taction\[(\w+)\]", " ".join(missing)))
-    assert named == set(EXTRAS)
-
-
 def test_extras_bring_what_their_options_need(by_uv: Environment) -> None:
     shutil.copy(SCENES / BOARD, by_uv.folder)
     run = by_uv.run("verify", BOARD, "--plot", "a.png", "--report", "a.html", *LIGHT)

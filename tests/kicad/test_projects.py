@@ -44,7 +44,7 @@ class Opened:
     def of(cls, scene: Scene, folder: Path) -> Opened:
         """Write the project of the board of a scene into a folder."""
         circuit = synthesise(scene)
-        files = kicad_project(circuit, scene).files
+        files = kicad_project(circuit, scene)
         for name, text in files.items():
             (folder / name).write_text(text, encoding="utf-8")
         return cls(folder, scene, circuit, files)

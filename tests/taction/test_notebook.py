@@ -23,7 +23,7 @@ from tests.support.studying import one_thread, scene_file, small_scene
 
 MOST_BYTES = 30_000
 KINDS = ("failing", "oscillating", "64 channels")
-PICTURES = ("Scene", "Circuit", "Waveforms", "Verdict", "SweepResult", "YieldReport", "Onset")
+PICTURES = ("Scene", "Circuit", "Verdict", "SweepResult", "YieldReport", "Onset")
 T = [[1.0, 0.5, 0.1], [0.5, 1.0, 0.5], [0.1, 0.5, 1.0]]
 EPS = [0.3, 0.2, 0.1]
 STRAINS = [[0.3, 0.2, 0.1], [0.1, 0.0, -0.2], [0.0, 0.3, 0.0]]

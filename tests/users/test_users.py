@@ -141,7 +141,7 @@ USERS = {
     ),
     "researcher": (
         NEW,
-        Step("taction verify --solve board.toml"),
+        Step("taction solve board.toml"),
         Step(
             "taction onset board.toml --over C --no-confirm",
             (r"Stable for C: [\d.]+ pF to 3 nF\.",),

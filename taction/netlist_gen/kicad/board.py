@@ -229,20 +229,12 @@ TABLE = """(sym_lib_table
 """
 
 
-@dataclass(frozen=True, slots=True)
-class KicadProject:
-    """The drawing of a board, and the files that were written."""
+def kicad_project(circuit: Circuit, scene: Scene) -> dict[str, str]:
+    """Return the files of the KiCad project of a board, first the schematic to open.
 
-    DOCUMENT = ("scene = scene.name", "files = written", "not_drawn")
-
-    scene: Scene = field(repr=False)
-    files: dict[str, str] = field(repr=False)
-    not_drawn: tuple[str, ...] = field(repr=False)
-    written: tuple[str, ...] = ()
-
-
-def kicad_project(circuit: Circuit, scene: Scene) -> KicadProject:
-    """Return the KiCad project of the board of `scene`; its first file is the schematic to open."""
+    Not drawn are stray capacitances, the wires of the arrays and the inside of ideal amplifiers,
+    which are no parts.
+    """
     parts, ports, name = BoardParts(circuit, scene), count(1), circuit.name
     sheets = {}
     for branch in branches(parts):
@@ -267,20 +259,7 @@ def kicad_project(circuit: Circuit, scene: Scene) -> KicadProject:
         f"{scene.name}.kicad_sym": library(symbols.values()),
         "sym-lib-table": TABLE.format(scene.name),
     }
-    return KicadProject(scene, files, tuple(_not_drawn(circuit)))
-
-
-def _not_drawn(circuit: Circuit) -> Iterator[str]:
-    strays = len(circuit.capacitors) - len(circuit.real_capacitors)
-    if strays:
-        yield f"{strays} stray capacitances, which are no parts"
-    if any(matrix.wires is not None for matrix in circuit.matrices):
-        yield "the wires of the arrays, which are no parts"
-    for model in circuit.models.values():
-        if model.external_part:
-            yield f"the {model.external_part} of each op-amp"
-    if circuit.amplifiers:
-        yield f"parts of the {circuit.amplifier} amplifier, which is ideal in this scene"
+    return files
 
 
 def _draw_first(drawing: BranchDrawing, names: list[str]) -> None:

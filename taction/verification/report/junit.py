@@ -1,4 +1,4 @@
-"""Results for CI: JUnit XML for Jenkins, GitLab, and the actions of GitHub that read it.
+"""Results for CI: JUnit XML, for GitHub, GitLab and Jenkins.
 
 Every study is a list of suites of tests: a scene is a suite, and each of its checks is a test. A
 failed check is a failure, an undecided one an error, and what was not run is skipped.

@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
@@ -37,7 +37,8 @@ ABOUT = (
 )
 PROCESSES = 2  # that run at once
 LARGEST = 64 * MEGABYTE  # bytes of a document
-TYPES = ("integer", "number", "boolean")  # others are texts
+TYPES = {"integer range": "integer", "float range": "number", "boolean": "boolean"}
+"""Of a schema, by click's names; others are texts."""
 TOOLS: dict[str, tuple[str, tuple[str, ...]]] = {
     "verify": ("verify", ("engine", "settings", "margins", "changes")),
     "check": ("check", ("outputs", "checks", "expect", "over", "ngspice")),
@@ -105,8 +106,7 @@ def server(folder: str | Path, limit: float) -> Server[Any]:
     names = dict.fromkeys(command.split()[0] for command, _ in TOOLS.values())
     line = [sys.executable, "-P", "-m", "taction", *names, "--help", "--json"]
     told = json.loads(subprocess.run(line, capture_output=True, check=True).stdout)
-    known = {each["name"]: each for each in told["commands"]}
-    helps = {name: known[command] for name, (command, _) in TOOLS.items()}
+    helps = {name: _help(told, command.split()) for name, (command, _) in TOOLS.items()}
     tools = {
         name: Tool(name=name, description=command["help"], input_schema=_schema(name, command))
         for name, command in helps.items()
@@ -132,10 +132,21 @@ def server(folder: str | Path, limit: float) -> Server[Any]:
     )  # fmt: skip
 
 
+def _help(told: Mapping[str, Any], words: Sequence[str]) -> Mapping[str, Any]:
+    """Return the description of a command, maybe of one below another."""
+    found = told
+    for word in words:
+        found = found["commands"][word]
+    return found
+
+
 def _schema(name: str, command: Mapping[str, Any]) -> dict[str, Any]:
     """Return the JSON Schema of the arguments of a tool: those of its command, and options."""
-    taken = (each for each in command["options"] if each["name"] in TOOLS[name][1])
-    shown = [*command["arguments"], *taken]
+    shown = [
+        each
+        for each in command["params"]
+        if each["param_type_name"] == "argument" or each["name"] in TOOLS[name][1]
+    ]
     return {
         "type": "object",
         "properties": {each["name"]: _property(each) for each in shown},
@@ -145,15 +156,14 @@ def _schema(name: str, command: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _property(parameter: Mapping[str, Any]) -> dict[str, Any]:
-    form = f" ({parameter['metavar']})" if parameter.get("metavar") else ""
     about = parameter.get("help") or f"{parameter['name']}: a file of the server's folder"
     kind = parameter["type"]
-    made: dict[str, Any] = {"type": kind if kind in TYPES else "string"}
+    made: dict[str, Any] = {"type": TYPES.get(kind["name"], "string")}
     limits = {"enum": "choices", "minimum": "min", "maximum": "max"}
-    made |= {key: value for key, of in limits.items() if (value := parameter.get(of)) is not None}
-    if parameter["several"]:
+    made |= {key: value for key, of in limits.items() if (value := kind.get(of)) is not None}
+    if parameter["multiple"] or parameter["nargs"] == -1:
         made = {"type": "array", "items": made, "minItems": int(parameter["required"])}
-    return made | {"description": f"{about}{form}"}
+    return made | {"description": about}
 
 
 def _words(name: str, command: Mapping[str, Any], given: Mapping[str, Any]) -> Iterator[str]:
@@ -163,16 +173,17 @@ def _words(name: str, command: Mapping[str, Any], given: Mapping[str, Any]) -> I
         value = given.get(parameter["name"])
         return value if isinstance(value, list) else [] if value is None else [value]
 
+    arguments = [each for each in command["params"] if each["param_type_name"] == "argument"]
     yield from (*TOOLS[name][0].split(), "--json")
-    for option in command["options"]:
-        flags = [flag for flag in option["flags"] if flag.startswith("--")]
-        for value in values(option):
+    for option in command["params"]:
+        for value in values(option) if option not in arguments else ():
+            flag = option["opts"][-1]
             if not option["is_flag"]:
-                yield f"{flags[0]}={value}"
+                yield f"{flag}={value}"
             else:
-                yield from flags[:1] if value else (f for f in flags if f.startswith("--no-"))
+                yield from [flag] if value else option["secondary_opts"]
     yield "--"
-    for argument in command["arguments"]:
+    for argument in arguments:
         yield from map(str, values(argument))
 
 

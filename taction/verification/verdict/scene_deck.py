@@ -1,25 +1,22 @@
-"""The deck of a scene, the files that it is written to, and what pruning changes."""
+"""The deck of a scene, and what pruning changes."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.deck.deck import FILE_NAME, Deck, write_deck
+from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.deck.dialects import DIALECTS, NATIVE
-from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import pruned
 from taction.system.array_types import Floats
-from taction.system.errors import Complaint, InputError, SolverError
-from taction.system.output_files import write_together
+from taction.system.errors import InputError, SolverError
 from taction.system.quantities import show
-from taction.verification.reference.ideal_answer import IdealNetwork, ideal_network
+from taction.verification.reference.ideal_answer import IdealNetwork
 from taction.verification.reference.problem import Solution, solution_difference
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.simulation import build
@@ -58,12 +55,6 @@ class Pruning:
         return text + ", without a bound: a solution is not trusted" * unbounded
 
 
-def pruning_of(scene: Scene) -> Pruning | None:
-    """Compare the solution of `scene` with that of the whole T; None if nothing is pruned."""
-    network = ideal_network(make_problem(scene), scene)
-    return Pruning.of(network, scene.design.prune, network.rest)
-
-
 EVEN_POINTS = 125.0  # on a period of ringing: an error of about 1e-4 of the step in ngspice
 
 
@@ -77,43 +68,32 @@ class Netlist(Deck):
         The board; `omissions` are the parts that the scene does not need.
     warnings : tuple of str
         Values that cannot be bought, or that the layout undoes.
-    pruning : Pruning or None
-        What pruning changes; None unless asked for, or without pruning.
     written : tuple of str
-        The files that were written.
+        The file that was written, if any.
     """
 
     DOCUMENT = (
-        *("files = written", "deck = printed", "omissions = circuit.omissions", "pruning"),
-        *("warnings", "lambda = circuit.facts.lambda.value"),
+        *("files = written", "deck = printed", "omissions = circuit.omissions", "warnings"),
+        "lambda = circuit.facts.lambda.value",
     )
 
     circuit: Circuit = field(kw_only=True, repr=False)
     warnings: tuple[str, ...] = field(default=(), repr=False)
-    pruning: Pruning | None = field(default=None, repr=False)
     written: tuple[str, ...] = field(default=(), repr=False)
 
     @property
     def printed(self) -> str | None:
-        """The text; None where it is in files."""
+        """The text; None where it is in a file."""
         return None if self.written else self.text
 
 
-def deck_of(
-    scene: Scene,
-    *,
-    output: str | Path | None = None,
-    dialect: str = NATIVE,
-    split: bool = False,
-    measures: bool = False,
-) -> tuple[Circuit, Deck]:
+def deck_of(scene: Scene, *, dialect: str = NATIVE, measures: bool = False) -> tuple[Circuit, Deck]:
     """Return the board of a scene with a number for lambda, and the deck that `verify` would run.
 
     With `measures`, or in another `dialect`, the transient has even steps: step control is tuned
-    for ngspice alone, and a measure is exact only to the spacing of the points. With `split` the
-    resistor matrices go into a second file. The errors are those of `taction.netlist`.
+    for ngspice alone, and a measure is exact only to the spacing of the points. The errors are
+    those of `taction.netlist`.
     """
-    matrix_file = _matrix_file(output) if split else None
     if (measures or dialect != NATIVE) and scene.analysis.points_per_period is None:
         even = {"points_per_period": EVEN_POINTS, "error": "auto"}
         scene = scene.model_copy(update={"analysis": scene.analysis.model_copy(update=even)})
@@ -122,7 +102,7 @@ def deck_of(
     if complaints := list(DIALECTS[dialect].refusals(circuit)):
         raise InputError(scene.file, *complaints)
     ends = _measures(board) if measures else None
-    deck = write_deck(circuit, transient, matrix_file=matrix_file, dialect=dialect, measures=ends)
+    deck = write_deck(circuit, transient, dialect=dialect, measures=ends)
     return circuit, deck
 
 
@@ -136,22 +116,3 @@ def _measures(board: Board) -> Measures:
     signs = np.array([output.sign for output in board.circuit.outputs])
     targets, starts = (tuple((signs * u).tolist()) for u in (ideal.target, ideal.start))
     return Measures(targets, starts, ideal.band)
-
-
-def _matrix_file(output: str | Path | None) -> str:
-    if output is None:
-        text = "give -o FILE; the matrix is then written to FILE with the ending _matrix.inc"
-        raise InputError("--split", Complaint("-o", "", text))
-    name = f"{Path(output).stem}_matrix.inc"
-    if not FILE_NAME.fullmatch(name):
-        text = "with --split the name is part of the deck: letters, digits, '-', '_' and '.' only"
-        raise InputError("-o", Complaint("FILE", repr(str(output)), text))
-    return name
-
-
-def write_files(deck: Deck, output: str | Path) -> list[Path]:
-    """Write the files of `deck` beside each other, all or none; return their paths."""
-    path = Path(output)
-    files = {path: deck.text} | {path.with_name(n): text for n, text in deck.files.items()}
-    write_together(files)
-    return list(files)

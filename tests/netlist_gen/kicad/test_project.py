@@ -16,7 +16,7 @@ import pytest
 import taction
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.kicad.board import KicadProject, kicad_project
+from taction.netlist_gen.kicad.board import kicad_project
 from taction.netlist_gen.kicad.part_symbols import BoardParts, reference, wiring
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
@@ -73,7 +73,7 @@ def parsed(text: str) -> Any:
     return whole
 
 
-def project_of(scene: Scene) -> KicadProject:
+def project_of(scene: Scene) -> dict[str, str]:
     return kicad_project(synthesise(scene), scene)
 
 
@@ -81,14 +81,14 @@ def custom() -> Scene:
     return load_scene(SCENES / "custom-matrix.toml")
 
 
-def schematics(project: KicadProject) -> list[Any]:
+def schematics(project: dict[str, str]) -> list[Any]:
     """All sheets, each parsed."""
-    return [parsed(text) for name, text in project.files.items() if name.endswith(".kicad_sch")]
+    return [parsed(text) for name, text in project.items() if name.endswith(".kicad_sch")]
 
 
-def package_pins(project: KicadProject, name: str) -> list[str]:
+def package_pins(project: dict[str, str], name: str) -> list[str]:
     """The numbers of the pins of a package, as the library has them."""
-    symbols = items(parsed(project.files["scene.kicad_sym"]), "symbol")
+    symbols = items(parsed(project["scene.kicad_sym"]), "symbol")
     (package,) = (symbol for symbol in symbols if symbol[1] == name)
     drawn = [pin for unit in items(package, "symbol") for pin in items(unit, "pin")]
     return [items(pin, "number")[0][1] for pin in drawn]
@@ -199,7 +199,7 @@ def test_every_part_is_drawn_once(scene: Scene) -> None:
     circuit = synthesise(scene)
     drawn = Counter(
         (fields(symbol)["Reference"], items(symbol, "unit")[0][1])
-        for tree in sheets(kicad_project(circuit, scene).files).values()
+        for tree in sheets(kicad_project(circuit, scene)).values()
         for symbol in items(tree, "symbol")
     )
     assert set(drawn.values()) == {1}  # also symbols of supplies, whose numbers are of the project

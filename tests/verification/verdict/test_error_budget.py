@@ -19,6 +19,7 @@ from taction.system import progress
 from taction.system.array_types import Floats
 from taction.system.documents import plain, read
 from taction.system.errors import EngineError
+from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.report.blocks import Table
 from taction.verification.report.documents.verdict import budget_parts, verdict_document
 from taction.verification.report.views.verdict_view import budget_table
@@ -33,7 +34,7 @@ from taction.verification.verdict.record import (
     compare,
     within_uncertainties,
 )
-from taction.verification.verdict.scene_deck import pruning_of
+from taction.verification.verdict.scene_deck import Pruning
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import make_scene, matrix_problem
 from tests.support.oracle import optimum
@@ -242,6 +243,13 @@ def test_other_amplifiers_have_a_bound_too(amplifier: str) -> None:
 def small(prune: float, **design: Any) -> Scene:
     values = {"gain": "1Mohm", "unit_conductance": "10uS", "lam": 0.5, "prune": prune} | design
     return taction.Scene.from_arrays(SMALL_T, [1.0, 2.0, 0.1], **values)
+
+
+def pruning_of(scene: Scene) -> Pruning:
+    network = ideal_network(make_problem(scene), scene)
+    found = Pruning.of(network, scene.design.prune, network.rest)
+    assert found is not None
+    return found
 
 
 def test_pruning_moves_the_steady_state_in_proportion_to_the_unit_voltage() -> None:

@@ -196,8 +196,8 @@ def _explained(ending: Ending) -> Iterator[None]:
         check_log(ending)
         yield
     except SimulationError as error:
-        log = important_lines(ending.errors)
-        raise type(error)(str(error), log=log, folder=ending.folder) from None
+        error.log, error.folder = important_lines(ending.errors), ending.folder
+        raise
 
 
 def _check_plot(plot: Plot, name: str, vectors: Sequence[str]) -> None:

@@ -57,7 +57,7 @@ LONGEST_LOG = MEGABYTE
 LONGEST_RESULT = 8000 * MEGABYTE
 """Bytes of a file that ngspice may write; the system ends a run that writes more."""
 UNLIMITED = 1 << 62  # bytes
-LONGEST_POLL = 3600.0  # s that the system waits at once
+LONGEST_WAIT = 2e6  # s: the system counts milliseconds in 32 bits
 _ARGUMENTS = ("-b", "-n", "-r", RAW, "deck.cir")
 
 
@@ -145,8 +145,8 @@ class Simulation:
             )
             result = evidence(self._deck, ending)
         except SimulationError as error:
-            self.folder = keep_folder(self.folder)
-            raise error.in_folder(self.folder) from None
+            self.folder = error.folder = keep_folder(self.folder)
+            raise
         remove_own_folder(self.folder)
         return result
 
@@ -162,10 +162,8 @@ class Simulation:
             if over.poll(0):
                 written = [self.folder / name for name in (*STREAMS, RAW)]
                 return max((each.stat().st_mtime for each in written if each.exists()), default=0.0)
-            while (left := self._last - time.monotonic()) > 0.0:
-                if over.poll(1e3 * min(left, LONGEST_POLL)):
-                    return time.time()
-            return None
+            left = max(self._last - time.monotonic(), 0.0)
+            return time.time() if over.poll(1e3 * min(left, LONGEST_WAIT)) else None
         finally:
             os.close(number)
 

@@ -180,7 +180,7 @@ def _of_the_network(name: str, verdict: Verdict, truth: TrueValues) -> float:
 
 VERSIONS = ("taction", "numpy", "scipy", "ngspice")
 STOPPED = "interrupted"
-NO_NGSPICE = "ngspice was not found, or it is too old; `taction self doctor` says more"
+NO_NGSPICE = "ngspice was not found, or it is too old; see docs/install.md"
 
 
 class CaseJudgement(enum.Enum):

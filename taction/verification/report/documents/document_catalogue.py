@@ -36,7 +36,6 @@ MODELS = {
     "diff": "verification.studies.regression.difference.VerdictDifference",
     "netlist": "verification.verdict.scene_deck.Netlist",
     "bom": "verification.verdict.board_power.PartsList",
-    "kicad": "netlist_gen.kicad.board.KicadProject",
     "build": "verification.verdict.board_power.BuiltBoard",
     "explore": "verification.report.documents.plain.ExploreDocument",
     "solve": "verification.reference.problem.Solution",
@@ -58,8 +57,6 @@ MODELS = {
     "models-import": "verification.report.documents.plain.ImportDocument",
     "new": "verification.report.documents.plain.NewDocument",
     "new-matrix": "verification.report.documents.plain.NewMatrixDocument",
-    "help": "verification.report.documents.plain.HelpDocument",
-    "doctor": "verification.studies.running.versions.Installation",
     ERROR: "system.documents.ErrorDocument",
 }
 """By the name of the schema: that of the command, or of one of its documents."""

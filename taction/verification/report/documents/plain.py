@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, cast
 
 from taction.netlist_gen.board.opamp_choice import StoredOpAmp
-from taction.netlist_gen.scene.keys import Value
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.presets import Origin
 from taction.system.documents import INLINE, OPTIONAL, Failure, Number, taken
@@ -91,19 +90,6 @@ class ImportDocument:
     def of(found: ImportedModel) -> dict[str, Any]:
         """Return an imported model, without its netlist."""
         return {"file": found.file, **{k: v for k, v in found.model.items() if k != "netlist"}}
-
-
-Parameter = dict[str, Value | list[str] | None]
-"""An argument or an option of a command: its name, its type, and what it accepts."""
-
-
-@dataclass(frozen=True, slots=True)
-class HelpDocument:
-    """``taction --json --help``: of a command its usage, parameters, and the names of schemas."""
-
-    program: str
-    usage: str
-    commands: list[dict[str, str | list[str] | list[Parameter]]]
 
 
 @dataclass(frozen=True, slots=True)

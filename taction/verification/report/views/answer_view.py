@@ -11,15 +11,10 @@ from typing import Any
 from taction.netlist_gen.scene.keys import files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.quantities import percent, quantity, readable, spaced
-from taction.verification.report.blocks import Bar, Facts, Page, Section
+from taction.verification.report.blocks import Bar, Facts, Section
 from taction.verification.report.texts import KNOWN, LEAST_SHARE, figure, rounded_up, with_error
 from taction.verification.studies.decks.questions import QUESTIONS
-from taction.verification.studies.running.versions import (
-    Installation,
-    describe_machine,
-    digest,
-    own_code,
-)
+from taction.verification.studies.running.versions import describe_machine, digest, own_code
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checks import Check, Outcome, band_text, causes, listed, named
 from taction.verification.verdict.input_spread import SHARE
@@ -234,22 +229,3 @@ def _rows(scene: Scene | None, more: Rows) -> Iterator[tuple[str, str]]:
                 yield f"SHA-256 of {value}", hashlib.sha256(file.read_bytes()).hexdigest()
         elif value is not None:
             yield f"SHA-256 of {key}, an array", digest(value).hex()
-
-
-def installation_view(result: Installation) -> Page:
-    """Return what is installed, and what each part is needed for."""
-    lines = [
-        line
-        for each in result.findings
-        for line in (
-            f"{'ok     ' if each.ok else 'missing'}  {each.what}: {each.found}",
-            f"         {each.means}",
-        )
-    ]
-    missing = sum(not each.ok for each in result.findings)
-    return Page(
-        title="installation",
-        command="taction self doctor",
-        summary=f"missing: {missing}" if missing else "nothing is missing",
-        sections=(Section("Parts", lines, media="terminal page notebook"),),
-    )

@@ -242,7 +242,7 @@ def scaling_view(result: Scaled) -> Page:
     """Return the page of the scalings, the loads, and what the checks say."""
     return Page(
         title=result.scene.name,
-        command="taction new --from",
+        command="taction scale",
         outcome=result.verdict.outcome.value,
         sections=(Section("Scalings", tuple(_lines(result)), media="terminal page notebook"),),
         foot=("verified by the state-space engine",),

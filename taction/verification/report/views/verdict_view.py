@@ -367,7 +367,7 @@ def solution_view(result: Solution) -> Page:
         "" if result.trusted else f"inconclusive: {result.reason}",
     )
     section = Section("Solution", lines, media="terminal page notebook")
-    return Page("numerical solution", "taction verify --solve", sections=(section,))
+    return Page("numerical solution", "taction solve", sections=(section,))
 
 
 def transient_view(result: MeasuredTransient) -> Page:

@@ -15,7 +15,6 @@ from taction.system import charts
 from taction.system.array_types import Floats
 from taction.system.quantities import banded, counted, quantity
 from taction.system.waveforms import Waveforms
-from taction.verification.report.blocks import Page, Section
 from taction.verification.report.texts import figure
 from taction.verification.verdict.verify import Verdict
 
@@ -214,19 +213,6 @@ def difference_chart(verdict: Verdict) -> charts.Chart | None:
         f"The largest difference is {largest}, in u{channel + 1} at"
         f" {quantity(time, 's')}; accepted: {figure(agreement.limit, 'step')}.",
     )
-
-
-def nodes_view(wave: Waveforms, nodes: Sequence[str] | None = None) -> Page:
-    """Return the picture of node voltages over time; KeyError for a node that was not saved."""
-    drawn = wave.nodes if nodes is None else tuple(nodes)
-    pairs = zip(drawn, charts.spread_colours(len(drawn)), strict=True)
-    marks = tuple(
-        charts.Curve(wave.time, wave[node], node, look, width=1.0) for node, look in pairs
-    )
-    axes = _record_time(wave), charts.Axis("voltage", "V")
-    chart = charts.Chart("Voltages", *axes, marks, legend=len(drawn) <= LABELLED)
-    section = Section("", chart, media="picture")
-    return Page(wave.engine, "", summary=counted(len(drawn), "node"), sections=(section,))
 
 
 def _record_time(wave: Waveforms) -> charts.Axis:

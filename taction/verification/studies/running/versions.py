@@ -1,4 +1,4 @@
-"""What a study depends on: versions, the machine, digests of its inputs; and what is installed."""
+"""What a study depends on: versions, the machine, and digests of its inputs."""
 
 from __future__ import annotations
 
@@ -9,11 +9,9 @@ import os
 import platform
 import re
 import time
-from contextlib import suppress
-from dataclasses import dataclass
-from importlib import metadata, util
+from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel
@@ -21,11 +19,9 @@ from pydantic import BaseModel
 from taction import netlist_gen, spice_models, system, verification
 from taction.netlist_gen.scene.scene import Scene
 from taction.system import plugins
-from taction.system.documents import HIDDEN
 from taction.system.errors import SimulationError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.processes import THREADS
-from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
 
 
@@ -107,85 +103,3 @@ def _processor() -> str:
     text = listing.read_text(encoding="utf-8", errors="replace") if listing.exists() else ""
     named = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
     return named[1].strip() if named else platform.processor() or platform.machine()
-
-
-NEEDED = ("PySpice", "numpy", "scipy", "pydantic", "click", "rich")
-EXTRAS = (
-    ("matplotlib", "--plot", "pip install 'taction[plot]'"),
-    ("jinja2", "--report", "pip install 'taction[report]'"),
-    ("plotly", "--report", "pip install 'taction[report]'"),
-    ("starlette", "explore", "pip install 'taction[explore]'"),
-    ("pyarrow", "waveforms and sweeps as Parquet", "pip install 'taction[parquet]'"),
-    ("spicelib", "diff with raw files in text or of LTspice", "pip install 'taction[raw]'"),
-    ("mcp", "mcp: tools for programs", "pip install 'taction[mcp]'"),
-    ("pandas", "to_pandas() of studies, in Python", "pip install 'taction[data]'"),
-    ("distributed", "sweeps on a cluster", "pip install 'taction[cluster]'"),
-)
-"""Optional packages, what each is needed for, and how to install it."""
-
-
-@dataclass(frozen=True, slots=True)
-class InstalledPart:
-    """A part of the installation."""
-
-    what: str
-    ok: bool
-    found: str
-    means: str
-
-
-@dataclass(frozen=True, slots=True)
-class Installation(Result):
-    """The results of `taction.doctor`: what is installed, and what it is needed for."""
-
-    VIEW = "taction.verification.report.views.answer_view:installation_view"
-    SHOWN = ("ok",)
-
-    findings: tuple[InstalledPart, ...]
-
-    @property
-    def ok(self) -> bool:
-        """Whether nothing is missing."""
-        return all(each.ok for each in self.findings)
-
-    @property
-    def outcome(self) -> Annotated[str, HIDDEN]:
-        """``inconclusive`` if ngspice is missing."""
-        simulator = next(each for each in self.findings if each.what == "ngspice")
-        return "pass" if simulator.ok else "inconclusive"
-
-
-def doctor() -> Installation:
-    """List what is installed and what each part is needed for.
-
-    Returns
-    -------
-    Installation
-        `findings`: Python, ngspice and the optional packages.
-
-    Examples
-    --------
-    >>> import taction
-    >>> [finding.what for finding in taction.doctor().findings][:2]
-    ['Python', 'ngspice']
-    """
-    python = f"{platform.python_version()} on {platform.system()}, {os.cpu_count()} cores"
-    versions = ", ".join(f"{name} {metadata.version(name)}" for name in NEEDED)
-    extras = (
-        InstalledPart(name, there, "installed" if there else f"not installed: {remedy}", needed)
-        for name, purpose, remedy in EXTRAS
-        for there, needed in [(util.find_spec(name) is not None, f"needed only for {purpose}")]
-    )
-    first = InstalledPart("Python", True, python, versions)
-    return Installation((first, _simulator(), *extras))
-
-
-def _simulator() -> InstalledPart:
-    try:
-        simulator = find_simulator()
-    except SimulationError as error:
-        means = "taction uses its state-space engine only, without the comparison with ngspice"
-        return InstalledPart("ngspice", False, str(error), means)
-    slow = "without the matrix solver KLU: slow on boards of more than 32 channels"
-    means = "with the matrix solver KLU: fast on large boards" if simulator.klu else slow
-    return InstalledPart("ngspice", True, f"{simulator.version} at {simulator.executable}", means)

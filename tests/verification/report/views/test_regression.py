@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -157,12 +156,6 @@ def test_the_worst_scene_decides_the_exit_status(places: tuple[int, ...], status
     assert report(*(RESULTS[place] for place in places)).exit_status == status
 
 
-SLOW = Check("settling_time", Outcome.FAIL, 2e-3, 1e-6, 1e-3, None, "s", "", 0.05)
-LIMIT = "settles to ±5 % in 2 ms (limit: at most 1 ms)"
-BROKEN = replace(
-    scene("slow", Status.BROKEN, SLOW, replace(OFF, name="settling_time")),
-    notes=(NOTE,), reason=LIMIT,
-)  # fmt: skip
 FINE_CASE, OTHER = select(load_catalogue(), ("two-channels", "wrong-shape"))
 INSIDE = TruthComparison("overshoot of u_1", 0.101, 0.002, 0.1, "step", 0.0, 1e-3)
 OUTSIDE = TruthComparison("settling_time of u_2", 1.003e-3, 1e-6, 1e-3, "s", 0.0, 1e-5)
