@@ -24,6 +24,7 @@ from taction.verification.engines.statespace.linearised.rightmost_poles import (
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.poles import count_unstable, poles
+from tests.support import nightly
 from tests.support.boards import board, drawn_board, kernel, paper_board, strain, two_pole
 
 
@@ -76,7 +77,7 @@ def test_the_sensitivities_of_a_large_board_are_the_dense_ones(
     np.testing.assert_allclose(found, dense, rtol=0.0, atol=1e-9 * np.abs(dense).max())
 
 
-@pytest.mark.parametrize("C", [10e-12, 8e-12, 5e-12])
+@pytest.mark.parametrize("C", [8e-12, 5e-12, *nightly(10e-12)])
 def test_the_winding_number_counts_what_the_eigenvalues_say(C: float) -> None:
     circuit = paper_board(C)
     found = poles(circuit)
@@ -86,7 +87,9 @@ def test_the_winding_number_counts_what_the_eigenvalues_say(C: float) -> None:
         assert count_right(structure, line) == np.sum(found.poles.real > line)
 
 
-@pytest.mark.parametrize("circuit", [paper_board(), rectangular_board(), exponential_board(7)])
+@pytest.mark.parametrize(
+    "circuit", [paper_board(), *nightly(rectangular_board(), exponential_board(7))]
+)
 def test_a_pole_within_rounding_of_the_line_is_never_counted_wrong(circuit: Circuit) -> None:
     """Lines from the right to the left of a pole: right counts, none beside it, right counts.
 
@@ -95,9 +98,9 @@ def test_a_pole_within_rounding_of_the_line_is_never_counted_wrong(circuit: Circ
     made = LinearBoard(circuit)
     values, rates = made.state_space.modes.poles, cell_poles(made.structure)[0]
     rounding = np.finfo(np.float64).eps * rates.max()
-    for pole in (values[0], values[1], values[6]):
+    for pole in (values[0], values[6]):
         counts: list[int | None] = []
-        for offset in (99.0, 20.0, 8.0, 4.0, 2.0, 0.0, -2.0, -4.0, -8.0, -20.0, -99.0):
+        for offset in (99.0, 8.0, 2.0, 0.0, -2.0, -8.0, -99.0):
             counts.append(None)
             with suppress(EngineError):
                 counts[-1] = count_right(made.structure, float(pole.real + offset * rounding))
