@@ -55,10 +55,10 @@ test-kicad: ready ## the KiCad projects in a real kicad-cli, which is installed 
 test-processors: ready ## the numerical tests with every BLAS kernel that this processor executes
 	bash scripts/processors.sh $(ARGS) -- -n $(JOBS)
 
-test-pythons: ready ## the numerical tests with the newest other Python, in .venv-VERSION, and old BLAS kernels; ARGS=--all runs all tests with every newer one
-	bash scripts/pythons.sh $(ARGS) -n $(JOBS)
+test-pythons: ready ## stress catalogue, baseline, processes and files with the newest other Python, in .venv-VERSION, and old BLAS kernels; ARGS=--all runs all tests with every newer one
+	JOBS=$(JOBS) bash scripts/pythons.sh $(ARGS) -n $(JOBS)
 
-test-simulators: ready ## all shipped scenes with ngspice 39 (of Debian 12) and the installed one: solvers and methods, ARGS=--all for every combination
+test-simulators: ready ## all shipped scenes with ngspice 39 (of Debian 12), and with the installed one by another solver and method; ARGS=--all for every combination
 	$(PYTHON_IN_VENV) scripts/simulators.py --jobs $(JOBS) $$(bash scripts/older_ngspice.sh) $(ARGS)
 
 regress: ready ## verify scenes/ against scenes/baseline.json; ARGS=--update accepts what changed
@@ -74,13 +74,13 @@ proof: ready ## outcomes and readings of scenes, decks, stress and coverage agai
 	$(PYTHON_IN_VENV) scripts/proof.py $(ARGS)
 
 # Debian's testing suite (forky) has the newest Python, which no registry of packages has.
-NIGHTLY := processors pythons simulators random-scenes long-tests fuzz torture bare newer-debian newest-debian
+NIGHTLY := processors pythons simulators stress random-scenes long-tests fuzz torture bare newer-debian newest-debian
 nightly-processors: ; $(MAKE) test-processors ARGS=
 nightly-pythons: ; $(MAKE) test-pythons ARGS=--all
 nightly-simulators: ; $(MAKE) test-simulators ARGS=--all
 nightly-random-scenes: ; TACTION_ROUNDING_SCALE=20 TACTION_RANDOM_CIRCUITS=3000 $(MAKE) test ARGS=tests/verification
 nightly-long-tests: ; TACTION_NIGHTLY=yes $(MAKE) test ARGS="-m nightly"
-nightly-fuzz nightly-torture: nightly-%: ; $(MAKE) $* ARGS=
+nightly-stress nightly-fuzz nightly-torture: nightly-%: ; $(MAKE) $* ARGS=
 nightly-bare: ; $(MAKE) test-bare ARGS="make test-browser test-kicad test-install docs"
 nightly-newer-debian: ; $(MAKE) test-bare RELEASE=trixie ARGS="make demo test"
 nightly-newest-debian: ; $(MAKE) test-bare RELEASE=forky ARGS="make demo test"

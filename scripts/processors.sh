@@ -4,15 +4,15 @@
 #
 # processors.sh [KERNELS ...] [-- ARGUMENTS]    KERNELS are names of OpenBLAS, ARGUMENTS pytest's
 #
-# A name may stand for another one's kernels, so each set that is really loaded runs once. PYTHON
-# names the interpreter, ROOMS the folders of tests, THREADS the numbers of threads.
+# A name may stand for another one's kernels, so each set that is really loaded runs once, with one
+# thread and with two.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=scripts/system.sh
 source scripts/system.sh
 
-python=${PYTHON:-.venv/bin/python}
-read -ra rooms <<<"${ROOMS:-engines readings reference stability verdict test_rounding.py}"
+python=.venv/bin/python
+rooms=(engines readings reference stability verdict test_coverage.py)
 cores=()
 while [ $# -gt 0 ] && [ "$1" != -- ]; do cores+=("$1") && shift; done
 shift || true
@@ -37,7 +37,7 @@ for core in "${cores[@]}"; do
     kernels=$(loaded) || continue
     [[ "$seen" == *" $kernels "* ]] && continue
     seen+="$kernels "
-    for threads in ${THREADS:-1 2}; do
+    for threads in 1 2; do
         export OPENBLAS_NUM_THREADS=$threads OMP_NUM_THREADS=$threads
         say "$kernels kernels, threads: $threads"
         "$python" -m pytest "${rooms[@]/#/tests/verification/}" "$@" || status=1

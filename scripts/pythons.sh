@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Run tests with the newest Python on this machine that is newer than that of .venv: the pinned
-# packages go into .venv-VERSION, beside .venv. The numerical tests run with the BLAS kernels of
-# old processors at the same time: one run shows both. Without a newer Python that of .venv runs them.
+# packages go into .venv-VERSION, beside .venv. The stress catalogue, whose true readings are known,
+# and the baseline run with it and with the BLAS kernels of old processors at the same time: one run
+# shows both. Without a newer Python that of .venv runs them.
 #
 # pythons.sh [--all] [ARGUMENTS]    --all: all tests with every newer Python; ARGUMENTS are pytest's
 set -euo pipefail
@@ -13,6 +14,8 @@ unset PYTHONPATH PYTHONHOME PIP_TARGET PIP_PREFIX
 export PIP_USER=0 PIP_NO_INPUT=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
 # What else depends on Python: processes, files, plugins, documents of types, all commands once.
 OTHERS=(tests/verification/studies/running/test_pool.py tests/system tests/cli/test_contract.py)
+# The packages that these need beside those of a user.
+TOOLS=(hypothesis jsonschema pytest pytest-xdist)
 all=
 [ "${1-}" = --all ] && shift && all=yes
 
@@ -28,13 +31,17 @@ find_python() {
 
 prepare() {
     local python=$1 venv=$2 wanted
-    wanted=$({ pwd && cat requirements/dev.txt pyproject.toml; } | sha256sum)
+    wanted=$({ pwd && echo "$all" && cat requirements/*.txt pyproject.toml "$0"; } | sha256sum)
     [ -f "$venv/.set-up" ] && [ "$(<"$venv/.set-up")" = "$wanted" ] && return
     say "creating $venv with $("$python" --version)"
-    "$python" -m venv --clear "$venv"
-    "$venv/bin/python" -m pip install -q --no-compile -r requirements/dev.txt
-    "$venv/bin/python" -m pip install -q --no-deps --no-build-isolation \
-        --config-settings editable_mode=compat -e .
+    "$python" -m venv --clear --without-pip "$venv"
+    local pip=(.venv/bin/python -m pip --python "$venv/bin/python" install -q)
+    if [ -n "$all" ]; then
+        "${pip[@]}" --no-compile -r requirements/dev.txt
+    else
+        "${pip[@]}" --no-compile -r requirements/demo.txt -c requirements/dev.txt "${TOOLS[@]}"
+    fi
+    "${pip[@]}" --no-deps --no-build-isolation --config-settings editable_mode=compat -e .
     printf '%s\n' "$wanted" >"$venv/.set-up"
 }
 
@@ -53,6 +60,10 @@ for version in 3.14 3.13 3.12; do
         break
     fi
 done
-[ -n "$all" ] || PYTHON=$newest/bin/python ROOMS="engines readings reference" THREADS=1 \
-    bash scripts/processors.sh Prescott -- "$@" || status=1
+if [ -z "$all" ]; then
+    export OPENBLAS_CORETYPE=Prescott
+    say "stress catalogue and baseline with $("$newest/bin/python" --version), kernels of $OPENBLAS_CORETYPE"
+    "$newest/bin/python" -m taction self stress --jobs "${JOBS:-2}" || status=1
+    "$newest/bin/python" -m taction regress scenes/ --baseline scenes/baseline.json || status=1
+fi
 exit $status

@@ -47,8 +47,8 @@ WITHDRAWN = {
     "montecarlo --remedy": "Set a better grade in [tolerances] for parts that the corners name.",
     "montecarlo --no-remedy": "Leave it out: no samples are drawn again.",
     "verify --exclude": "Name the scenes, or keep drafts in a folder of their own.",
-    "verify --annotate": "An action that publishes the file of --junit shows it on GitHub.",
-    "regress --annotate": "An action that publishes the file of --junit shows it on GitHub.",
+    "verify --annotate": "--junit FILE writes what CI shows at the files.",
+    "regress --annotate": "--junit FILE and --markdown FILE write what CI shows.",
     "sweep --retry": "The same command computes points without a verdict again.",
     "sweep --keep-waveforms": "Write the waveforms of a board with 'taction export waveforms'.",
 }

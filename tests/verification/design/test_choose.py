@@ -238,11 +238,11 @@ stability = { margin = 1.5 }
 def test_a_worst_value_below_1_is_a_written_scene_that_passes(
     tmp_path: Path, rng: np.random.Generator
 ) -> None:
-    """Twenty drawn designs; those of a failed check other than headroom do not pass."""
+    """Ten drawn designs; those of a failed check other than headroom do not pass."""
     file = tmp_path / "two.toml"
     file.write_text(TWO_CHANNELS, encoding="utf-8")
     start, ranges = load_scene(file), {CAPACITANCE: "20pF:300pF", GAIN: "20k:100k"}
-    plan = choice_plan(start, ["tl084", "opa189", "ua741"], ranges, 4)
+    plan = choice_plan(start, ["opa189", "ua741"], ranges, 3)
     with Store(":memory:") as store:
         computed(plan, store, jobs=1)
         found = designs(plan, store)
@@ -252,7 +252,7 @@ def test_a_worst_value_below_1_is_a_written_scene_that_passes(
             lacking = [name for name in each.record.failed if each.record.check(name).value is None]
             assert each.worst_share is None or not lacking  # such as: it never enters the band
     passed = []
-    for rank, place in enumerate(rng.permutation(len(found))[:20]):
+    for rank, place in enumerate(rng.permutation(len(found))[:10]):
         each = found[place]
         written = tmp_path / f"{rank}.toml"
         written.write_text(scene_text(design_scene(plan, start, each, rank)), encoding="utf-8")
@@ -263,4 +263,4 @@ def test_a_worst_value_below_1_is_a_written_scene_that_passes(
         elif set(each.record.failed) - {"headroom"}:
             # Beyond 90 % of an op-amp's limit the written board is simulated with the limit.
             assert not passed[-1], each.values
-    assert 4 <= sum(passed) <= 16
+    assert 2 <= sum(passed) <= 8

@@ -73,7 +73,7 @@ def test_the_boundary_is_that_of_onset_from_a_stable_and_from_an_unstable_board(
     control = start.control(CAPACITANCE)
     onset = taction.onset(start.original, over="C=5pF:20pF", transients=False)
     edge = max(each.crossing.value for each in onset.findings)  # below it more poles cross
-    for value in (5e-12, 1e-11, 1e-10):
+    for value in (5e-12, 1e-10):
         view = BoardView(start.moved({CAPACITANCE: value}).scene())
         found = view.boundary("C", control.low, control.high)
         assert [low for low, _ in found.stable_ranges] == pytest.approx([edge], rel=1e-6)
@@ -205,7 +205,7 @@ def test_a_limit_on_the_settling_time_of_a_slow_board() -> None:
 
 def test_rounded_resistors_are_named_as_the_cause() -> None:
     scene = paper({"design.resistor_series": "E24"}, "tuned-breadboard")
-    found = find_remedies(verify(scene), LONG)
+    found = find_remedies(verify(scene), 600.0)
     assert found.changes[0].values == {"design.resistor_series": "exact"}
 
 

@@ -24,6 +24,7 @@ from taction.verification.report.views.answer_view import answer_text, yield_tex
 from taction.verification.verdict import answer_error
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.verify import Verdict, verify
+from tests.support import nightly
 from tests.support.boards import outputs_at_rest
 from tests.support.making import make_scene
 from tests.support.oracle import optimum
@@ -179,7 +180,7 @@ def test_a_noiseless_problem_that_cannot_be_solved(monkeypatch: pytest.MonkeyPat
     assert verdict.budget.summed == pytest.approx(verdict.budget.total.channels, rel=1e-9)
 
 
-@pytest.mark.parametrize("distribution", ["normal", "uniform"])
+@pytest.mark.parametrize("distribution", ["normal", *nightly("uniform")])
 def test_the_sentence_about_the_yield_is_true_of_drawn_boards(distribution: str) -> None:
     """Both numbers that a verdict says of built boards, in the unit of its check."""
     opamp = {"base": "ua741", "input_errors": "typical"}

@@ -25,6 +25,7 @@ from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.headroom import Load, PartLoads
 from taction.verification.verdict.simulation import begin, build, own_error
 from taction.verification.verdict.verify import verify
+from tests.support import nightly
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
 from tests.support.measured import named
 from tests.support.paths import CASES, SCENES
@@ -210,7 +211,7 @@ def test_the_level_changes_neither_the_equilibrium_nor_the_poles() -> None:
 
 
 @pytest.mark.usefixtures("ngspice")
-@pytest.mark.parametrize("volts", [1.0, 8.0])
+@pytest.mark.parametrize("volts", [8.0, *nightly(1.0)])
 def test_both_engines_agree_on_a_board_that_slews_and_clips(volts: float) -> None:
     """At U0 = 1 V op-amps slew, at 8 V they reach 14 V on the way, too."""
     changes = {"design.unit_voltage": volts, "analysis.error": 5e-5}
@@ -249,7 +250,7 @@ SLEWING = {
 @pytest.mark.usefixtures("ngspice")
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(n, marks=pytest.mark.nightly) if n == "many unknowns" else n for n in SLEWING],
+    [*(name for name in SLEWING if name != "many unknowns"), *nightly("many unknowns")],
 )
 def test_both_engines_agree_on_every_kind_of_board_that_slews(
     name: str, monkeypatch: pytest.MonkeyPatch

@@ -39,12 +39,14 @@ from taction.verification.verdict.run import (
 from taction.verification.verdict.simulation import StateSpaceError, Waiting, build, choose_engine
 from taction.verification.verdict.transient_plan import AIM, TransientPlan
 from taction.verification.verdict.verify import Verdict, verify
+from tests.support import nightly
 from tests.support.making import make_scene, ringing_scene
 from tests.support.measured import named
 from tests.support.oracle import optimum
 from tests.support.paths import SCENES
 
 NAMES = sorted(path.stem for path in SCENES.glob("*.toml"))
+QUICK = ("custom-matrix", "eleven-channel", "ridge", "tangential-exponential", "tuned-breadboard")
 LINEAR = ["custom-matrix", "eleven-channel", "paper-breadboard", "tuned-breadboard"]
 
 
@@ -72,9 +74,9 @@ def assert_named(verdict: Verdict, other: Verdict) -> None:
 
 
 @pytest.mark.usefixtures("ngspice")
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*QUICK, *nightly(*sorted({*NAMES} - {*QUICK}))])
 def test_every_shipped_scene_passes_with_both_engines(name: str) -> None:
-    """One test a scene: its verdicts are computed once, whoever runs it."""
+    """One test a scene: its verdicts are computed once. All are in `make regress`."""
     verdict, other = verdict_of(name, "ngspice"), verdict_of(name, "statespace")
     for found in (verdict, other):
         outcomes = {check.name: check.outcome for check in found.checks}

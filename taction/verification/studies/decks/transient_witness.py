@@ -7,6 +7,7 @@ is the error of the steps: a difference to the exact response within it decides 
 from __future__ import annotations
 
 import math
+import re
 from functools import partial
 
 import numpy as np
@@ -30,6 +31,7 @@ LEFT = 0.5  # of what a run differs by from one with steps four times as long: i
 SETTLED = 0.05  # of a difference beyond the limit: what finer steps may still change of it
 FIRST = 0.1  # of the fastest time constant: the first steps of ngspice are of this size
 EDGE = 1e-3  # of the first step: the edge of a step in ngspice
+_CHARGE = re.compile(r"\bic\s*=\s*\S+")  # which does not count
 TIMEOUT, LEAST_SECONDS = 20.0, 0.1  # s, of a run; of one for which no time is left
 
 
@@ -85,7 +87,7 @@ def _written(
     deck: ForeignBoard, stop: float, first: float, longest: float, reltol: float, solver: str
 ) -> Deck:
     """Return the flat cards with the step at t = 0, and a transient with these steps, s."""
-    cards = [line for line in deck.flat_text.split("\n")[1:-2] if line[0] not in "vi"]
+    cards = [_CHARGE.sub("", line) for line in deck.point.cards if line[0] not in "vi"]
     for part in deck.flat.parts:
         if isinstance(part, Source):
             wave = f"dc {part.value!r}"

@@ -9,6 +9,7 @@ import os
 import platform
 import re
 import time
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Any

@@ -20,7 +20,9 @@ from taction.system.errors import InputError, NoVerdictError
 from taction.verification.studies.running import cluster as module
 from taction.verification.studies.running.cluster import cluster
 from taction.verification.studies.running.store import Store
+from taction.verification.studies.running.study import HERE
 from taction.verification.studies.sweep.sweep import all_records, sweep_points
+from tests.support import nightly
 from tests.support.entries import grid_plan
 from tests.support.paths import ROOT
 from tests.support.running import taction as command
@@ -94,8 +96,13 @@ def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:
         rows = list(all_records(plan, store))
     assert outcomes == {"pass": POINTS}
     assert len(rows) == ran == POINTS
+    with Store(":memory:") as own:
+        sweep_points(plan, own, HERE)
+        expected = [row["settling_time"] for row in all_records(plan, own)]
+    assert [row["settling_time"] for row in rows] == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.nightly  # a cluster of its own
 def test_a_yield_is_that_of_one_process(tmp_path: Path) -> None:
     words = ["montecarlo", scene_file(tmp_path), "-n", "5", "--seed", "3", "--engine", "statespace"]
 
@@ -170,7 +177,7 @@ def test_a_worker_computes_for_its_own_versions_only(monkeypatch: pytest.MonkeyP
             module._computed(other, max, 1, 2)
 
 
-@pytest.mark.parametrize("victim", ["scheduler", "worker"])
+@pytest.mark.parametrize("victim", ["scheduler", *nightly("worker")])
 def test_a_cluster_that_dies_keeps_what_is_stored(
     victim: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -24,6 +24,7 @@ from taction.verification.studies.running import store as module
 from taction.verification.studies.running.store import FORMAT, Store
 from taction.verification.studies.running.study import RUNS, attempted, for_each
 from taction.verification.studies.running.versions import digest
+from tests.support import nightly
 from tests.support.making import write_matrix_scene
 from tests.support.paths import ROOT
 from tests.support.studying import IDEAL, scene_file
@@ -273,7 +274,10 @@ def resumed(folder: Path) -> dict[str, Any]:
 
 @pytest.mark.parametrize(
     ("number", "status", "says"),
-    [(signal.SIGKILL, -9, ""), (signal.SIGINT, 130, "the same command continues")],
+    [
+        (signal.SIGINT, 130, "the same command continues"),
+        *nightly((signal.SIGKILL, -9, "")),  # `tests/torture` has a kill with every commit
+    ],
 )
 def test_a_sweep_that_is_ended_goes_on_where_it_was(
     number: signal.Signals, status: int, says: str, tmp_path: Path
@@ -320,6 +324,7 @@ def wait_for_results(file: Path, process: subprocess.Popen[str]) -> None:
         time.sleep(0.01)
 
 
+@pytest.mark.nightly  # the signal and the report, each with every commit, at once
 def test_ctrl_c_keeps_the_samples_and_says_so(tmp_path: Path) -> None:
     scene, file = scene_file(tmp_path), tmp_path / "s.sqlite"
     words = ["montecarlo", scene, "-n", "100000", "--jobs", "1", "-o", str(file), "--json"]

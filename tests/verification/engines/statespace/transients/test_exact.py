@@ -21,6 +21,7 @@ from taction.verification.stability.poles import poles
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.simulation import state_space_error
 from taction.verification.verdict.verify import verify
+from tests.support import nightly
 from tests.support.boards import (
     IDEAL,
     board,
@@ -113,7 +114,7 @@ def test_a_diverging_board_gives_what_comes_before_the_range_of_floats_ends() ->
 STOP = 3e-3  # s
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [1, *nightly(0, 2, 3)])
 def test_a_board_of_patterns_has_the_exact_transient(seed: int) -> None:
     board = LinearBoard(drawn_board(seed))
     times = np.concatenate([[0.0], np.geomspace(1e-9, STOP, 500)])
@@ -136,7 +137,7 @@ def test_a_board_of_patterns_has_the_exact_transient(seed: int) -> None:
         reduced_transient.refined(replace(found, curve=None))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [3, *nightly(0, 1, 2)])
 def test_the_stated_error_of_a_large_board_holds(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -193,8 +194,8 @@ KINDS = (
     ("exponential", "large-signal"),
 )
 OPAMPS = ("tl084", "opa2134", "ua741")
-SEEDS = (1, 3, 4, 32, 218, 361, 657, 20048, 31100)
-"""Bounds of the last five were too small by 1.1 to 3.5: two runs erred alike."""
+SEEDS = (3, 218, 361, 20048, 31100, *nightly(1, 4, 32, 657))
+"""Bounds of five of these were too small by 1.1 to 3.5: two runs erred alike."""
 RESTS = 3  # numbers of a verdict without readings
 
 
