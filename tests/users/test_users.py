@@ -167,7 +167,6 @@ USERS = {
         ),
     ),
     "student": (
-        Step("taction"),
         Step("taction new board.toml"),
         Step("taction verify board.toml --engine statespace", (BUILT,)),
     ),
