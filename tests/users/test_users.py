@@ -168,7 +168,7 @@ USERS = {
     ),
     "student": (
         Step("taction new board.toml"),
-        Step("taction verify board.toml --engine statespace", (BUILT,)),
+        Step("taction verify board.toml --engine statespace", (BUILT, r"^PASS: board, \d+ checks")),
     ),
     "SPICE user": (
         Step(
