@@ -67,11 +67,9 @@ class AnalysisChoice(Model):
 
 
 class Scene(StatedProblem, Result):
-    """Problem, design, analysis and checks; file names are relative to `folder`.
+    """Problem, design, analysis and checks; file names are relative to `folder`."""
 
-    `plot` draws the problem: the matrix with its signs, the strain, and the truth.
-    """
-
+    # Its picture: the matrix with its signs, the strain, and the truth.
     VIEW: ClassVar[str] = "taction.verification.report.views.board_view:scene_view"
     CARD: ClassVar[str] = "Scene"
 
