@@ -98,16 +98,3 @@ class Result:
 def check_plot_file(path: str | Path) -> None:
     """Refuse, before any work is done, a picture that could not be drawn or written."""
     check_file(str(path), "--plot", dict.fromkeys((".png", ".svg", ".pdf"), "plot"))
-
-
-def plot(view: str, path: str | Path | None, *shown: Any) -> Figure:
-    """Draw what ``"module:function"`` of the report's views makes of `shown`; see `Result.plot`."""
-    page = load(f"{REPORT}.views.{view}")(*shown)
-    figure: Figure = load(f"{RENDERERS}.picture:draw_page")(page, path)
-    return figure
-
-
-def card(view: str, kind: str, shown: Any) -> str:
-    """Return the card of what a function of the report's views makes of a value; see `plot`."""
-    made: str = load(f"{RENDERERS}.terminal:card")(load(f"{REPORT}.views.{view}")(shown), kind)
-    return made

@@ -7,7 +7,7 @@ import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, PrivateAttr, model_validator
 
@@ -30,10 +30,9 @@ from taction.netlist_gen.scene.problem_keys import (
 from taction.system.errors import Complaint, InputError, listed
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_text
 from taction.system.quantities import number, quantity, sizes
-from taction.system.results import card, plot
+from taction.system.results import Result
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
 DEFAULT_RESISTANCE = 1.786e6
@@ -67,8 +66,12 @@ class AnalysisChoice(Model):
         return self
 
 
-class Scene(StatedProblem):
+class Scene(StatedProblem, Result):
     """Problem, design, analysis and checks; file names are relative to `folder`."""
+
+    # Its picture: the matrix with its signs, the strain, and the truth.
+    VIEW: ClassVar[str] = "taction.verification.report.views.board_view:scene_view"
+    CARD: ClassVar[str] = "Scene"
 
     design: Design = Design()
     wires: WiresTable = WiresTable()
@@ -92,26 +95,6 @@ class Scene(StatedProblem):
 
     def __str__(self) -> str:
         return repr(self)
-
-    def _repr_html_(self) -> str:
-        """Return the scene as a card for a notebook."""
-        return card("board_view:scene_view", "Scene", self)
-
-    def plot(self, path: str | Path | None = None) -> Figure:
-        """Return a picture of the problem: the matrix with its signs, the strain, the truth.
-
-        Parameters
-        ----------
-        path : path, optional
-            Write the picture into this file: ``.png``, ``.svg`` or ``.pdf``.
-
-        Raises
-        ------
-        InputError
-            The scene's files cannot be used, the picture cannot be written, or matplotlib is
-            missing (``taction[plot]``).
-        """
-        return plot("board_view:problem_view", path, self)
 
     @classmethod
     def from_arrays(

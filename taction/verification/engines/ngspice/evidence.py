@@ -55,9 +55,7 @@ from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.executable import REMEDY
 
 LONGEST_LINE = 300  # characters of a line of the error stream in a message
-
-
-RAW = "out.raw"
+RAW = "out.raw"  # the result
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +68,6 @@ class Ending:
     seconds: float
     errors: str
     folder: Path
-
-    @property
-    def raw(self) -> Path:
-        """The result file."""
-        return self.folder / RAW
 
 
 FAILURES: tuple[tuple[str, type[SimulationError], str], ...] = (
@@ -173,7 +166,9 @@ def accepted_waveforms(
     """
 
     def waveforms(partial: bool) -> Waveforms:
-        return _waveforms(deck, read_raw(ending.raw, partial=partial), ending, engine, solver)
+        return _waveforms(
+            deck, read_raw(ending.folder / RAW, partial=partial), ending, engine, solver
+        )
 
     try:
         with _explained(ending):
@@ -274,7 +269,8 @@ def integrated_noise(deck: SimulatedDeck, ending: Ending) -> float:
       asked for, or has other frequencies.
     """
     with _explained(ending):
-        bands, plots = cast(NoiseAnalysis, deck.analysis).bands, read_plots(ending.raw)
+        bands = cast(NoiseAnalysis, deck.analysis).bands
+        plots = read_plots(ending.folder / RAW)
         if len(plots) != 2 * len(bands):
             raise BadEvidence(f"{len(plots)} plots; {2 * len(bands)} were asked for")
         for k, plot in enumerate(plots):

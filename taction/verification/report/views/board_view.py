@@ -12,7 +12,6 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import all_keys, own_value
-from taction.netlist_gen.scene.problem_keys import StatedProblem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene, opamp_words, size_words
 from taction.spice_models.presets import opamp_name
 from taction.system.array_types import Floats
@@ -62,24 +61,24 @@ def board_blocks(circuit: Circuit) -> tuple[Content, ...]:
     return matrix_chart(circuit), rows | {"level of the op-amp models": level}
 
 
-def problem_view(scene: StatedProblem) -> Page:
-    """Return the picture of a problem: the matrix with its signs, the strain, and the truth."""
+def _problem_charts(scene: Scene) -> list[Chart]:
+    """Return the matrix of a problem with its signs, the strain, and the truth."""
     problem = make_problem(scene)
     rows, columns = problem.matrix.shape
+    title = f"matrix T: eps = T u, {rows} sensors, {columns} channels"
     empty, entries = "an empty square has no resistor", (_entries(problem.matrix),)
     charts = [
-        Chart("matrix T", CHANNEL, SENSOR, entries, empty),
+        Chart(title, CHANNEL, SENSOR, entries, empty),
         _stems("strain eps: the input", "sensor", problem.strain, BLUE),
     ]
     if problem.stress is not None:
         title = "true stress u: what the board shall recover"
         charts.append(_stems(title, "channel", problem.stress, GREY))
-    size = f"eps = T u, {rows} sensors, {columns} channels"
-    return Page(scene.name, "", "", size, (), (Section("", charts, media="picture"),))
+    return charts
 
 
 def scene_view(scene: Scene) -> Page:
-    """Return the card of a scene; its files are not read."""
+    """Return the card of a scene, which reads no file, and its pictures."""
     design, rule = scene.design, scene.lambda_rule
     ohms = DEFAULT_RESISTANCE if design.resistance is None else design.resistance
     weight = {"R": quantity(ohms, "ohm")}
@@ -97,7 +96,8 @@ def scene_view(scene: Scene) -> Page:
         "checks": "; ".join(_check_words(scene)),
         "file": str(scene.file),
     }
-    return Page(scene.name, "", sections=(Section("", facts, media="notebook"),))
+    charts = Section("", lambda: _problem_charts(scene), media="page picture")
+    return Page(scene.name, "", sections=(Section("", facts, media="page notebook"), charts))
 
 
 def _check_words(scene: Scene) -> Iterator[str]:
