@@ -25,6 +25,7 @@ from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.verify import Verdict, verify
+from tests.support import nightly
 from tests.support.paths import SCENES
 from tests.support.report_pages import VERDICTS, page, verdicts
 
@@ -209,9 +210,7 @@ NIGHTLY = {  # boards of amplifiers by steps, and more of one kind
 }
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.nightly) if n in NIGHTLY else n for n in SHIPPED]
-)
+@pytest.mark.parametrize("name", [*sorted({*SHIPPED} - NIGHTLY), *nightly(*sorted(NIGHTLY))])
 def test_a_shipped_scene_has_a_screen(name: str) -> None:
     assert faults(drawn(load_scene(SHIPPED[name]).with_engine("statespace"))) == []
 
