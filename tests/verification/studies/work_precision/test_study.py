@@ -15,15 +15,12 @@ from taction.verification.studies.work_precision import study as study_module
 from taction.verification.studies.work_precision.study import (
     METHODS,
     Method,
-    SettingResult,
     WorkPrecisionStudy,
     accuracy,
-    convergence,
 )
 from tests.support.making import ringing_scene
 
 BUDGET = 120.0  # s: far more than it takes, also on a machine that is busy
-STEPS = [2.0**-k for k in range(8)]
 
 
 def named(name: str, **changes: Any) -> Method:
@@ -113,17 +110,3 @@ def test_a_time_out_and_a_failure_are_points_with_their_reasons(
     found = accuracy(ringing_scene(), budget=1e-9)
     assert (found.points[0].status, found.outcome) == ("failed", "inconclusive")
     assert found.points[0].note == "EngineError: no answer"
-
-
-def order(errors: list[float], floor: float = 0.0) -> float | None:
-    points = (
-        SettingResult(FEW[0], k, mean_step=step, error=error)
-        for k, (step, error) in enumerate(zip(STEPS, errors, strict=False))
-    )
-    return convergence(list(points), floor)
-
-
-def test_a_clean_ladder_gives_its_order_and_an_outlier_does_not_change_it() -> None:
-    errors = [0.05 * h**3 for h in STEPS]
-    assert order(errors) == pytest.approx(3.0, abs=1e-12)
-    assert order([1e-5, *errors[1:]]) == pytest.approx(3.0, abs=1e-12)
