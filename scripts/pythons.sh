@@ -31,7 +31,7 @@ find_python() {
 
 prepare() {
     local python=$1 venv=$2 wanted
-    wanted=$({ pwd && echo "$all" && cat requirements/*.txt pyproject.toml "$0"; } | sha256sum)
+    wanted=$({ pwd && echo "$all ${TOOLS[*]}" && cat requirements/*.txt pyproject.toml; } | sha256sum)
     [ -f "$venv/.set-up" ] && [ "$(<"$venv/.set-up")" = "$wanted" ] && return
     say "creating $venv with $("$python" --version)"
     "$python" -m venv --clear --without-pip "$venv"

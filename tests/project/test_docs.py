@@ -19,6 +19,7 @@ from taction.cli.main import main
 from taction.system import progress as after_result
 from taction.verification.report import tool_server
 from taction.verification.report.explorer import server
+from tests.support import nightly
 from tests.support.paths import ROOT
 
 DOCS = ROOT / "docs"
@@ -121,7 +122,14 @@ WITH_EXAMPLES = [
 ]
 
 
-@pytest.mark.parametrize("name", WITH_EXAMPLES)
+# Of these the page above uses the function, too.
+SLOW = {
+    *("verification.design.tune", "verification.evidence.demonstration"),
+    "verification.studies.onset.onset",
+}
+
+
+@pytest.mark.parametrize("name", [*sorted({*WITH_EXAMPLES} - SLOW), *nightly(*sorted(SLOW))])
 def test_the_examples_of_a_module(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr(after_result, "FAILURES", (Exception,))  # as users have it

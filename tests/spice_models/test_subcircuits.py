@@ -49,12 +49,6 @@ def simulate(ngspice: str, folder: Path, *lines: str) -> dict[str, NDArray[np.ge
     return dict(zip(names, np.frombuffer(data, kind).reshape(-1, len(names)).T, strict=True))
 
 
-def elements(model: OpAmp, *, noninverting_grounded: bool) -> list[str]:
-    """The names of the cards, in order."""
-    text = str(opamp_subcircuit(model, noninverting_grounded=noninverting_grounded))
-    return [line.split()[0] for line in text.splitlines() if not line.startswith(".")]
-
-
 @pytest.mark.parametrize("model", PRESETS.values(), ids=PRESETS)
 def test_a_preset_has_its_figures(ngspice: str, tmp_path: Path, model: OpAmp) -> None:
     f_u = unity_gain_bandwidth(model) if math.isfinite(model.gbw) else 1e6

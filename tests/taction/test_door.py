@@ -17,6 +17,7 @@ import taction
 from scripts.rooms import below, short
 from taction.verification.studies.sweep.sweep import SweepResult
 from tests.project.test_imports import reached
+from tests.support import nightly
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT, SCENES
 from tests.support.running import python
@@ -148,8 +149,11 @@ def test_a_job_documents_its_parameters_and_has_its_sections(name: str) -> None:
     assert list(documented(name)) == list(parameters(name))
 
 
+SLOW = ("onset", "scale", "tune")  # `docs/tour.md` has them with every commit
+
+
 @pytest.mark.usefixtures("quick_stories")
-@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize("name", [*sorted({*FUNCTIONS} - {*SLOW}), *nightly(*SLOW)])
 def test_the_examples_run(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     examples = doctest.DocTestFinder(recurse=False).find(public(name), name, globs={})

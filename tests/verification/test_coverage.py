@@ -24,13 +24,14 @@ from taction.verification.evidence.stress.run_cases import TruthComparison, comp
 from taction.verification.readings.settling import ChannelState
 from taction.verification.verdict import run
 from taction.verification.verdict.verify import Verdict, verify
+from tests.support import nightly
 from tests.support.making import make_scene
 from tests.support.paths import ROOT
 from tests.support.random_scenes import AMPLIFIERS, random_scene, random_setting
 from tests.support.true_values import true_values
 
-SEEDS = (0, 1, 2, 3, 5, 7, 8, 9, 10, 14, 18, 20)  # stable boards whose runs are short
-EXPONENTIAL = (0, 2, 5, 11, 14, 15, 18, 26, 27, 28, 29, 32, 33)  # the same, with amplifiers
+SEEDS = (0, 1, 2, 3, 5, 8, 9, 14)  # stable boards whose runs are short
+EXPONENTIAL = (0, 5, 14, 18, 27, 29, 33)  # the same, with amplifiers
 LOOSE = 0.01  # analysis.error: far above the error of the run that counts as true
 READINGS = ("settling_time", "rise_time", "overshoot", "undershoot", "steady_state")
 COVERED, TIGHT = 0.99, 5.0  # share of the numbers; times the true error: median of the bounds
@@ -63,7 +64,7 @@ def test_the_uncertainties_of_linear_boards_cover_their_errors() -> None:
     for compared in by_engine.values():
         check_coverage(compared)
     found = ratios(by_engine["ngspice"])
-    assert len(found) > 50
+    assert len(found) > 25
     assert np.median(found) < TIGHT
     times = [c for c in by_engine["statespace"] if c.unit == "s" and c.value]
     assert np.quantile([c.uncertainty / c.value for c in times], 0.9) < LEVEL
@@ -96,6 +97,7 @@ ONSET = ("9.2pF", "8.7pF")  # the paper's breadboard beside its onset: stable, u
 DRAWN = tuple(map(str, range(10)))  # seeds, two of each amplifier
 LARGE = {"capacitance": "1nF", "lambda": 0.05, "opamp": "lf353", "gain": "100kohm"}
 NAMES = [*(path.stem for path in SHIPPED), *ONSET, *DRAWN, "large"]
+QUICK = ("custom-matrix", "ridge", "tangential-exponential", "tuned-breadboard", *ONSET, *DRAWN[:5])
 
 SIZE = 4e-16  # relative; standard deviation
 TRANSIENTS = (exact, stepped)
@@ -165,7 +167,7 @@ def assert_within(wanted: Verdict, found: Verdict) -> None:
     assert moved <= wanted.poles.resolution + found.poles.resolution
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*QUICK, *nightly(*sorted({*NAMES} - {*QUICK}))])
 def test_rounding_changes_no_verdict_and_no_state(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -110,12 +110,6 @@ def data(**tables: object) -> dict[str, object]:
     return {"problem": {"kind": "tactile"}, **tables}
 
 
-def complaints(**tables: object) -> str:
-    with pytest.raises(InputError) as refused:
-        parse_scene(data(**tables), "scene.toml")
-    return str(refused.value)
-
-
 def test_a_scene_has_the_tables_and_names_of_plugins(plugin: Plugin) -> None:
     before = parse_scene(data(), "scene.toml")
     plugin("acme", GROUPS, SOURCE)

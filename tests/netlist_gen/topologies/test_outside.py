@@ -87,17 +87,7 @@ def test_verify_has_a_margin_in_its_knob(folder: Path) -> None:
     assert stable == [True, False]
 
 
-@pytest.mark.parametrize(
-    ("options", "confirmed"),
-    [
-        (("--no-confirm",), None),
-        # by transients of ngspice: 15 s
-        pytest.param((), True, marks=pytest.mark.nightly),
-    ],
-)
-def test_a_sweep_and_an_onset_move_its_key(
-    options: tuple[str, ...], confirmed: bool | None, folder: Path
-) -> None:
+def test_a_sweep_moves_its_key(folder: Path) -> None:
     scene = written(folder)
     found = json.loads(
         run(
@@ -108,9 +98,14 @@ def test_a_sweep_and_an_onset_move_its_key(
     points = found["points"]
     assert [point["values"]["shielded.cable"] for point in points] == [100e-12, 10e-9]
     assert [point["stable"] for point in points] == [True, False]
-    found = json.loads(run("onset", str(scene), "--over", "shielded.cable", "--json", *options))
+
+
+@pytest.mark.nightly  # confirmed by transients of ngspice: 25 s
+def test_an_onset_moves_its_key(folder: Path) -> None:
+    scene = str(written(folder))
+    found = json.loads(run("onset", scene, "--over", "shielded.cable", "--json"))
     crossings = found["crossings"]
-    assert [each["confirmed"] for each in crossings] == [confirmed] * 2
+    assert [each["confirmed"] for each in crossings] == [True] * 2
     assert 100e-12 < min(each["value"] for each in crossings) < 10e-9
 
 

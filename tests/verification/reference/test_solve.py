@@ -26,9 +26,6 @@ from tests.support.oracle import (
     random_problems,
 )
 
-NONLINEAR = ("exponential", "sinh", "softplus", "tanh")
-EVERY = ("linear", *NONLINEAR)
-
 
 def tactile(channels: int, depth: float, seed: int = 0, noise: float = 0.05) -> Problem:
     """The paper's problem, half a cylinder load, sensors and channels over [-3, 3]."""

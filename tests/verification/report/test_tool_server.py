@@ -19,14 +19,16 @@ from mcp.client.stdio import StdioServerParameters, stdio_client
 from taction.verification.report import tool_server
 from taction.verification.report.documents.document_catalogue import schema
 from taction.verification.report.tool_server import TOOLS, server
+from tests.support import nightly
 from tests.support.entries import write_fast
 from tests.support.running import taction
 
 SCENE = "a.toml"
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    tmp_path = tmp_path_factory.mktemp("served")
     place = tmp_path / "boards"
     place.mkdir()
     write_fast(place / SCENE)
@@ -37,6 +39,7 @@ def folder(tmp_path: Path) -> Path:
     (place / "matrix.toml").write_text(f"[problem]\n{problem}\n")
     (tmp_path / "T.csv").write_text("2.0\n")
     (place / "json.py").write_text("raise SystemExit('a module of the folder was imported')\n")
+    (place / "rc.cir").write_text("rc\nV1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n\n.end\n")
     return place
 
 
@@ -46,10 +49,6 @@ def asked(folder: Path, limit: float, ask: Callable[[Any], Awaitable[Any]]) -> A
             return await ask(client)
 
     return anyio.run(run)
-
-
-def call(folder: Path, name: str, *, limit: float = 300.0, **given: Any) -> Any:
-    return asked(folder, limit, lambda client: client.call_tool(name, given))
 
 
 def test_a_program_speaks_with_the_command_over_stdin(folder: Path) -> None:
@@ -78,14 +77,6 @@ def test_a_program_speaks_with_the_command_over_stdin(folder: Path) -> None:
     jsonschema.validate(found.structured_content, schema("verify"))
 
 
-def test_options_reach_the_command_and_a_failed_check_is_a_result(folder: Path) -> None:
-    (folder / "rc.cir").write_text("rc\nV1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n\n.end\n")
-    found = call(folder, "check", deck="rc.cir", checks=["settling=2us@1%"], ngspice=False)
-    assert not found.is_error
-    assert found.structured_content["outcome"] == "fail"
-    assert found.structured_content["poles"][0]["real"] == pytest.approx(-1e6)
-
-
 REFUSED: tuple[tuple[str, dict[str, Any], str], ...] = (
     ("verify", {"scenes": ["../outside.toml"]}, "outside of the folders that are read"),
     ("verify", {"scenes": ["link.toml"]}, "outside of the folders that are read"),
@@ -100,17 +91,45 @@ REFUSED: tuple[tuple[str, dict[str, Any], str], ...] = (
 )
 
 
-def test_what_is_refused_is_an_error_with_its_reason(folder: Path) -> None:
-    async def ask(client: Any) -> list[Any]:
-        return [await client.call_tool(name, given) for name, given, _ in REFUSED]
+CHECK = {"deck": "rc.cir", "checks": ["settling=2us@1%"], "ngspice": False}
 
-    for found, (_, given, reason) in zip(asked(folder, 300.0, ask), REFUSED, strict=True):
+
+@pytest.fixture(scope="module")
+def answers(folder: Path) -> list[Any]:
+    """What one server says of all that is refused, of a check, and of a document over its limit."""
+
+    async def ask(client: Any) -> list[Any]:
+        calls = [*((name, given) for name, given, _ in REFUSED), ("check", CHECK)]
+        found = [await client.call_tool(*each) for each in calls]
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(tool_server, "LARGEST", 1000)
+            return [*found, await client.call_tool("models", {})]
+
+    found: list[Any] = asked(folder, 300.0, ask)
+    return found
+
+
+def test_what_is_refused_is_an_error_with_its_reason(answers: list[Any]) -> None:
+    for found, (_, given, reason) in zip(answers[:-2], REFUSED, strict=True):
         assert found.is_error, given
         assert reason in " ".join(block.text for block in found.content)
 
 
+def test_options_reach_the_command_and_a_failed_check_is_a_result(answers: list[Any]) -> None:
+    assert not answers[-2].is_error
+    found = answers[-2].structured_content
+    assert found["outcome"] == "fail"
+    assert found["poles"][0]["real"] == pytest.approx(-1e6)
+
+
+def test_a_document_that_is_too_large_is_an_answer(answers: list[Any]) -> None:
+    assert answers[-1].is_error
+    assert "over 0.001 MB, the largest document that is sent" in answers[-1].content[0].text
+
+
 def test_a_call_ends_at_its_limit(folder: Path) -> None:
-    found = call(folder, "onset", limit=0.05, scene=SCENE, over="C")
+    given = {"scene": SCENE, "over": "C"}
+    found = asked(folder, 0.05, lambda client: client.call_tool("onset", given))
     assert found.is_error
     assert "no result within the limit of 0.05 s" in found.content[0].text
 
@@ -121,15 +140,6 @@ def test_a_folder_is_needed(tmp_path: Path) -> None:
     assert "expected a folder" in result.stderr
 
 
-def test_a_document_that_is_too_large_is_an_answer(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(tool_server, "LARGEST", 1000)
-    found = call(folder, "models")
-    assert found.is_error
-    assert "over 0.001 MB, the largest document that is sent" in found.content[0].text
-
-
 def first_words() -> bytes:
     about = {"name": "test", "version": "1"}
     given = {"protocolVersion": "2024-11-05", "capabilities": {}, "clientInfo": about}
@@ -137,7 +147,7 @@ def first_words() -> bytes:
     return json.dumps(asked).encode() + b"\n"
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGINT, *nightly(signal.SIGTERM)])
 def test_a_signal_ends_the_server_while_stdin_is_open(folder: Path, number: int) -> None:
     words = [sys.executable, "-P", "-m", "taction", "mcp", str(folder)]
     pipe = subprocess.PIPE

@@ -29,14 +29,13 @@ from taction.verification.evidence.paper.network import tikhonov
 from taction.verification.evidence.paper.reproduce import CHAPTERS, PaperSection, Reproduction
 from taction.verification.evidence.paper.sensing import FINE, Geometry, by_transform, gradient_flow
 from taction.verification.verdict.checks import Outcome
+from tests.support import nightly
 from tests.support.paths import SCENES
 
 WITH_NGSPICE = ("breadboard", "console", "hardware")
 SHORTENED = ("reconstruction", "console", "simnon", "energy", "conditioning")
-SLOW = ("breadboard", "speed")  # `.ci/run` has all chapters: step reproduce
 LONG = ("energy", "reconstruction")  # long when shortened, too
 BY_CLOCK = {"digital-impossible", "digital-quadratic"}  # as fast as the machine is today
-WHOLE = pytest.mark.nightly  # up to a minute; with every commit these chapters run shortened
 
 
 def test_every_claim_has_a_chapter_and_its_own_name() -> None:
@@ -95,9 +94,9 @@ def test_the_fourier_transform_inverts_a_circular_convolution() -> None:
 @pytest.mark.parametrize(
     ("name", "quick"),
     [
-        *(pytest.param(n, False, marks=[WHOLE] * (n in (*SHORTENED, *SLOW))) for n in CHAPTERS),
-        # `.ci/run` runs all chapters whole.
-        *(pytest.param(n, True, marks=[WHOLE] * (n in LONG)) for n in SHORTENED),
+        *((name, True) for name in SHORTENED if name not in LONG),
+        # `.ci/run` has all chapters whole: step reproduce.
+        *nightly(*((name, False) for name in CHAPTERS), *((name, True) for name in LONG)),
     ],
 )
 def test_the_verdicts_are_the_expected_ones(

@@ -33,22 +33,15 @@ from taction.verification.report.blocks import (
 from taction.verification.report.renderers import picture, plotly, terminal
 from taction.verification.report.renderers.page import FILES, page_html
 from taction.verification.report.renderers.terminal import card
+from tests.support import nightly
 from tests.support.report_pages import HOSTILE, hostile, page
 
 EVERYWHERE = "terminal page notebook"
 
 TOUCH = 1.0  # pixels by which boxes may overlap: a box is larger than its letters
 MOST = 6_000_000  # bytes
-DRAWN = (
-    "passing",
-    "64 channels",
-    "montecarlo",
-    "tune",
-    "sweep, a map",
-    "accuracy",
-    "choose",
-    "onset",
-)
+DRAWN = ("passing", "64 channels", "tune", "sweep, a map")
+DRAWN += tuple(nightly("montecarlo", "accuracy", "choose", "onset"))
 SAMPLE = ("passing", "exponential", "64 channels", "sweep, a map", "regress")
 
 

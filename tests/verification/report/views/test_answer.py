@@ -26,10 +26,9 @@ from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.output_checks import export
 from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.report.texts import KNOWN, figure, with_error
+from taction.verification.report.texts import KNOWN, with_error
 from taction.verification.report.views.answer_view import answer_text, check_bar, true_error_text
 from taction.verification.report.views.verdict_view import screen, view
-from taction.verification.report.views.waveforms_view import outputs_chart
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checks import Check, Outcome, cause
 from taction.verification.verdict.record import Channel, Record, finite
@@ -57,13 +56,6 @@ def one(eps: float, lam: float, stress: float | None, board: float | None = 1e-5
         # 0.9 / 1.25 = 0.72: 0.2 lost by lambda, 0.08 by noise.
         (0.9, 0.25, "28 % OF from the true stress, because of regularisation (20 %) and"
                      " strain noise (8 %)"),
-        # 1.1 / 1.25 = 0.88: 0.2 lost by lambda, 0.08 won back.
-        (
-            1.1,
-            0.25,
-            "12 % OF from the true stress, because of regularisation (20 %), partly cancelled by"
-            " strain noise (8 %)",
-        ),
         # 1.5 / 1.25 = 1.2: noise of 0.4, of which lambda takes 0.2.
         (
             1.5,
@@ -71,15 +63,9 @@ def one(eps: float, lam: float, stress: float | None, board: float | None = 1e-5
             "20 % OF from the true stress, because of strain noise (40 %), partly cancelled by"
             " regularisation (20 %)",
         ),
-        # 0.5 / 1.25 = 0.4.
-        (0.5, 0.25, "60 % OF from the true stress, because of strain noise (40 %) and"
-                     " regularisation (20 %)"),
         (1.0, 0.25, "20 % OF from the true stress, because of regularisation alone"),
-        (1.1, 1e-9, "10 % OF from the true stress, because of strain noise (10 %), partly"
-                    " cancelled by regularisation (under 1 ppm)"),
         (1.0 + 1e-10, 1.0, "50 % OF from the true stress, because of regularisation (50 %), partly"
                            " cancelled by strain noise (under 1 ppm)"),
-        (1.0, 1e-9, "the true stress within 1 ppm"),
         (1.25, 0.25, "the true stress within 1 ppm"),  # noise cancels lambda
     ],
 )  # fmt: skip
@@ -154,18 +140,6 @@ def test_verdicts_in_every_medium(file: Path) -> None:
     assert late.text.startswith(f"settles {BAND} in ")
 
 
-def test_a_board_that_grows_opens_on_its_growth() -> None:
-    """At the end of the first view the outputs are far above those of its first tenth."""
-    board = with_values(load_scene(BOARD), {"design.capacitance": 1e-12})
-    verdict = verify(board.with_engine("statespace"))
-    assert verdict.poles.known_unstable
-    shown = outputs_chart(verdict).x.limits
-    assert shown is not None
-    time, sizes = verdict.waveforms.time, abs(verdict.u).max(axis=1)
-    early = sizes[time <= 0.1 * shown[1]].max()
-    assert sizes[time <= shown[1]].max() > 3.0 * early
-
-
 def test_a_board_that_grows_has_no_excursions_in_any_record() -> None:
     """That of its record depends on its length."""
     boards = (with_values(load_scene(BOARD), {"design.capacitance": c}) for c in (1e-12, 1e-11))
@@ -176,23 +150,6 @@ def test_a_board_that_grows_has_no_excursions_in_any_record() -> None:
         for name in ("overshoot", "undershoot"):
             assert one.figure(name).value is None
             assert other.figure(name).value is not None
-
-
-@pytest.mark.parametrize(
-    ("value", "unit", "text"),
-    [
-        (None, "s", "–"),
-        (math.nan, "step", "–"),
-        (1.5e-5, "s", "15 µs"),
-        (0.0123, "step", "1.23 %"),
-        (-1234.5, "1/s", "-1.234 k/s"),
-        (2.0, "ratio", "2"),
-        (12345, "", "12345"),
-        ("ua741", "", "ua741"),
-    ],
-)
-def test_values_with_their_units(value: float | str | None, unit: str, text: str) -> None:
-    assert figure(value, unit) == text
 
 
 @pytest.mark.parametrize("value", [1.0, 3.2e-9, -4.7e5])

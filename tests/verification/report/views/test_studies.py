@@ -16,11 +16,8 @@ from taction.verification.evidence.paper import reproduce
 from taction.verification.evidence.paper.findings import Chapter, Finding, chart, load_claims
 from taction.verification.report.blocks import PAGE, Bars, Block, Page, Table
 from taction.verification.report.renderers.plotly import plotly_spec
-from taction.verification.report.views import tolerance_view as tolerance
 from taction.verification.report.views.sweep_view import Plane
-from taction.verification.studies.tolerance.montecarlo import YieldReport
-from taction.verification.studies.tolerance.varied_board import Quantity
-from tests.support.entries import grid_plan, make_sample
+from tests.support.entries import grid_plan
 from tests.support.report_pages import STUDIES, VERDICTS, page
 
 MARKED = "#123456"  # in the place of a colour of the style sheet
@@ -96,41 +93,6 @@ def test_what_fails_is_told_apart_by_colour_and_mark() -> None:
     }  # fmt: skip
     assert len({(each.colour, each.mark) for each in points}) == len(points)
     assert sum(np.size(each.x) for each in points) == 4 * 3
-
-
-SAMPLES = [
-    make_sample(
-        k, "pass" if k < 30 else "fail", settling_time=1e-5 * (1 + k / 40), growth_rate=-5.0
-    )
-    for k in range(40)
-]
-TIME = Quantity(
-    "settling_time", "s", at_most=1.76e-5, low=1e-5, median=1.5e-5, high=2e-5, missing=0
-)
-RATE = Quantity("growth_rate", "1/s", at_most=0.0, low=-5.0, median=-5.0, high=-5.0, missing=0)
-REPORT = YieldReport(
-    name="three",
-    engine="statespace",
-    seed=1,
-    boards=tuple(SAMPLES),
-    samples=40,
-    passed=30,
-    without_verdict=0,
-    fraction=0.75,
-    low=0.59,
-    high=0.87,
-    failures={"settling_time": 10},
-    reasons={},
-    quantities=(TIME, RATE),
-)
-
-
-def charts(report: YieldReport) -> list[Any]:
-    return [*tolerance.histograms(report)]
-
-
-def marks(chart: Chart, kind: type) -> list[Any]:
-    return [mark for mark in chart.marks if isinstance(mark, kind)]
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.verify import Verdict, verify
+from tests.support import nightly
 from tests.support.paths import SCENES
 from tests.support.report_pages import VERDICTS, page, verdicts
 
@@ -210,27 +211,9 @@ NIGHTLY = {  # boards of amplifiers by steps, and more of one kind
 }
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.nightly) if n in NIGHTLY else n for n in SHIPPED]
-)
+@pytest.mark.parametrize("name", [*sorted({*SHIPPED} - NIGHTLY), *nightly(*sorted(NIGHTLY))])
 def test_a_shipped_scene_has_a_screen(name: str) -> None:
     assert faults(drawn(load_scene(SHIPPED[name]).with_engine("statespace"))) == []
-
-
-def test_the_screen_of_a_pass_names_nearest_limit_distance_answer_and_warnings() -> None:
-    verdict = verify(load_scene(SHIPPED["paper-breadboard"]).with_engine("statespace"))
-    first, *bars = lines_of(screen(verdict))[:6]
-    text = " ".join(lines_of(screen(verdict)))
-    assert first == "PASS: paper-breadboard, 5 checks; nearest to its limit: overshoot (95.8 %)"
-    assert bars[1] == "  settling to ±1 %  #####.......|     2.42 ms, at most 5 ms (48.4 %)"
-    assert "Distance to oscillation: damping ratio 0.0048 at 37.3 kHz" in text
-    assert "within 0.0025 % of the step, 95 % of built boards within 0.91 %" in text
-    assert "is 77 % (of the largest, 955 mV) from the true stress in channel 4" in text
-    assert (
-        "passes as drawn; at most 11 % of built boards pass: the others rest beyond 0.1 %" in text
-    )
-    assert "of the step (resistors 1 %, op-amp gains 50 %; the check counts none of these)" in text
-    assert "more: -v (2 warnings), --report FILE" in text
 
 
 def test_an_unstable_board_has_its_cause_once() -> None:

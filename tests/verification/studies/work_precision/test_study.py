@@ -21,7 +21,6 @@ from taction.verification.studies.work_precision.study import (
 from tests.support.making import ringing_scene
 
 BUDGET = 120.0  # s: far more than it takes, also on a machine that is busy
-STEPS = [2.0**-k for k in range(8)]
 
 
 def named(name: str, **changes: Any) -> Method:
