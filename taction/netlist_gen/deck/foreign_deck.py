@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from taction.netlist_gen.deck.elements import spelt_card
+from taction.netlist_gen.deck.elements import ACCEPTED, spelt_card
 from taction.netlist_gen.deck.expressions import OWN
 from taction.netlist_gen.deck.foreign_cards import (
     LIBRARY,
@@ -88,10 +88,6 @@ REFUSED = (
 )
 """What no card may hold, and the reason, with what was found."""
 _NODE = re.compile(r"\b[vi] ?\([^()=]*\)")  # may have the name of anything
-LINEAR = (
-    "accepted: R C L K V I E F G H B, devices D Q J M and switches S W with a .model, and"
-    " subcircuits X of them"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -327,7 +323,7 @@ def _screen(card: Card) -> None:
         raise card.refused(f"the card {word!r} is not accepted; accepted: {accepted}")
     if word[0] not in f".{LETTERS}":
         what = CODE_MODEL if word[0] == "a" else f"a device {word[0].upper()!r} is not accepted"
-        raise card.refused(f"{what}; {LINEAR}")
+        raise card.refused(f"{what}; {ACCEPTED}")
     if reason := forbidden(text):
         raise card.refused(reason)
 
