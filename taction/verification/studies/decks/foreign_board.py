@@ -39,7 +39,7 @@ from taction.verification.studies.decks.measured_board import Start
 
 VALUE_SECONDS = 1.0  # that a value of a .param adds to the time of all runs
 NAMED = 12  # elements in a note
-IN_BRACES = "an expression stands in braces, such as 'R1 in out {2*1k}'"
+IN_BRACES = "a value has no blanks, and an expression stands in braces, such as {2*1k}"
 _TEMPERATURE = re.compile(r"^\.(?:temp|opt\w* (?:.* )?(?:temp|tnom) ?=) ?(\S+)")
 _OPTION = re.compile(r"\b(gmin|scale) ?= ?([-+\w.]+)")  # that change a circuit
 
