@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from taction.system.documents import Hertz, Number, Rate
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import linear_matrices
+from taction.verification.stability.edges import Edge
 from taction.verification.stability.families import Family, find_edges
 from taction.verification.stability.margin import REACH
 from taction.verification.stability.poles import Poles
@@ -101,31 +103,43 @@ def influences(board: LinearBoard, found: Poles) -> tuple[PartRow, ...]:
     if board.descriptor.size > MOST_UNKNOWNS or not found.certain or board.state_space.lost:
         most = 0
     for k, name in enumerate(order):
-        edges = _edges(families[name], found) if k < most else (None, None, UNKNOWN)
+        near = _nearest(families[name], found) if k < most else Nearest(doubt=UNKNOWN)
         rate, own, unit = rates[name], c.value(name), c.facts[name].unit
-        rows.append(PartRow(name, own, unit, rate.real, rate.imag / math.tau, *edges))
+        rate_of = rate.real, rate.imag / math.tau
+        rows.append(PartRow(name, own, unit, *rate_of, *near.values(own), near.doubt))
     return tuple(rows)
 
 
-def _edges(family: Family, found: Poles) -> tuple[float | None, float | None, str]:
-    """Return the values at the nearest edges below and above, and why these are not known.
+class Nearest(NamedTuple):
+    """The nearest edges over a value's factor, and why they are not known."""
 
-    A value keeps its sign; of 0 there are none. Of a board that is not stable they are the nearest
-    ends of ranges in which it is.
+    below: Edge | None = None
+    above: Edge | None = None
+    doubt: str = ""
+
+    def values(self, own: float) -> tuple[float | None, float | None]:
+        """Return the value at the edge below `own`, and at that above."""
+        low, high = (None if e is None else own * e.value for e in (self.below, self.above))
+        return (low, high) if own > 0.0 else (high, low)
+
+
+def _nearest(family: Family, found: Poles) -> Nearest:
+    """Return the nearest edges of a value, which keeps its sign; of 0 none.
+
+    Of a board that is not stable they are the nearest ends of ranges in which it is.
     """
-    own, reach = family.own, REACH * MORE
-    if not own:
-        return None, None, ""
-    over = replace(family, board=lambda factor: family.board(own * factor), own=1.0)
+    reach, stable = REACH * MORE, found.known_stable
+    if not family.own:
+        return Nearest()
+    over = replace(family, board=lambda factor: family.board(family.own * factor), own=1.0)
     try:
         edges = find_edges(over, 1.0 / reach, reach, found)
     except EngineError as error:
-        return None, None, str(error)
+        return Nearest(doubt=str(error))
     seen = [edge for edge in edges.edges if edge.frequency <= BAND]  # no pole of a model beyond
-    factors = [edge.value for edge in seen if found.known_stable or edge.changes_stability]
-    low = max((factor for factor in factors if factor < 1.0), default=0.0)
-    high = min((factor for factor in factors if factor > 1.0), default=math.inf)
-    below, above = own * low if low else None, own * high if math.isfinite(high) else None
-    close = any(low <= factor <= high for factor in edges.near)
-    doubt = "a pole comes close to the axis" if close else ""
-    return (below, above, doubt) if own > 0.0 else (above, below, doubt)
+    every = [edge for edge in seen if stable or edge.changes_stability]
+    below = max((e for e in every if e.value < 1.0), key=lambda e: e.value, default=None)
+    above = min((e for e in every if e.value > 1.0), key=lambda e: e.value, default=None)
+    low, high = below.value if below else 0.0, above.value if above else math.inf
+    near = any(low <= factor <= high for factor in edges.near)
+    return Nearest(below, above, "a pole comes close to the axis" if near else "")

@@ -16,18 +16,18 @@ import pytest
 from scipy.optimize import brentq
 
 import taction
-from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
 from taction.netlist_gen.topologies.frame.topology import TOPOLOGIES
 from taction.system import documents
 from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.readings.readings import Reading
 from taction.verification.report.documents import document_catalogue
+from taction.verification.stability.edges import Edge
 from taction.verification.stability.poles import poles
 from taction.verification.studies.decks.board_check import BoardCheck
 from taction.verification.studies.decks.foreign_board import read_board
 from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
-from taction.verification.studies.decks.part_influence import influences
+from taction.verification.studies.decks.part_influence import Nearest
 from taction.verification.studies.decks.questions import QUESTIONS, Question
 from tests.support.running import taction as command
 
@@ -103,12 +103,9 @@ def test_a_part_between_one_node_and_itself_moves_nothing(tmp_path: Path, ngspic
 
 
 def test_the_edges_of_a_negative_value_are_in_the_order_of_values() -> None:
-    """A source of -1 mS into a node with 1 kohm beside 1 kohm: it grows below -2 mS."""
-    cards = ["v1 in 0 1", "r1 in a 1e3", "c1 a 0 1e-9", "r2 a 0 1e3", "g1 a 0 a 0 -1e-3"]
-    board = LinearBoard(circuit_of(read_cards(cards), "negative", ["a"]))
-    (row,) = (row for row in influences(board, poles(board)) if row.name == "G1")
-    assert row.below == pytest.approx(-2e-3, rel=1e-6)
-    assert row.above is None
+    nearest = Nearest(Edge(0.5, 0.0, 0, 1), Edge(2.0, 0.0, 0, 1))
+    assert nearest.values(10.0) == (5.0, 20.0)
+    assert nearest.values(-10.0) == (-20.0, -5.0)
 
 
 def test_an_output_that_returns_settles_in_shares_of_its_exact_peak(tmp_path: Path) -> None:
