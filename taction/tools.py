@@ -237,6 +237,7 @@ def check(
         the deck prints, plots or saves, else the node called out, else every node.
     checks : str or iterable of str
         Limit of a reading: settling=1ms@1%, rise=10us, overshoot=5%, undershoot=5%, noise=1mV,
+        margin=2 (factor by which the value of any part may change; no gain or phase margin),
         stable, oscillates. A circuit has to be stable unless it has to oscillate.
     expect : str or iterable of str
         Expected voltage at rest: v(out)=1.25@0.1%.

@@ -116,7 +116,8 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("check", "none.cir"): ("none.cir", "No such file", "a SPICE deck"),
     ("check", "rc.cir", "--check", "settling=abc"):
         ("--check", "settling_time.max = 'abc'", "such as '5ms'"),
-    ("check", "rc.cir", "--check", "margin=2"): ("--check", "margin = '2'", "--tolerances FILE"),
+    ("check", "rc.cir", "--check", "margin=0.5"):
+        ("--check", "margin = '0.5'", "expected a factor from 1 to 100"),
     ("check", "rc.cir", "--check", "foo=1"): ("--check", "'foo'", "settling=1ms@1%"),
     ("check", "rc.cir", "--over", "R2"): ("--over", "'R2'", "one of R1, C1"),
     ("check", "rc.cir", "--output", "nowhere"): ("'nowhere'", "it has in, out"),

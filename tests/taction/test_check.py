@@ -37,7 +37,7 @@ def deck(tmp_path: Path) -> str:
     [
         ((), 0), (("--check", "settling=1ms@1%"), 0), (("--check", "settling=1us@1%"), 1),
         (("--check", "overshoot=1%"), 1), (("--expect", "v(out)=1@0.1%"), 0),
-        (("--expect", "v(out)=1.1@0.1%"), 1), (("--check", "margin=3"), 2),
+        (("--expect", "v(out)=1.1@0.1%"), 1), (("--check", "margin=3"), 0),
         (("--expect", "v(nowhere)=1"), 2), (("--check", "settling"), 2),
         (("--check", "noise=1mV"), 0), (("--check", "noise=1nV"), 1),
     ],
@@ -87,7 +87,8 @@ def test_an_oscillator_is_named_with_its_frequency_and_the_nearest_stable_values
     assert "for an oscillator: --check oscillates" in check.reason
     text = run(str(DECK_CASES / "wienosc.cir"), "--no-ngspice")[1]
     assert "Nearest stable value: E1 below 3 (now 3.1" in " ".join(text.split())
-    headline = " ".join(text.split()).partition("FAILS")[0]  # before the reasons
+    margin = run(str(DECK_CASES / "wienosc.cir"), "--no-ngspice", "--check", "margin=2")[1]
+    headline = " ".join(margin.split()).partition("FAILS")[0]  # before the reasons
     assert headline.count("oscillates at") == 1
     rows = {row.name: row for row in found.parts}
     # Barkhausen: stable up to a gain of 1 + R1/R2 + C2/C1
@@ -112,14 +113,22 @@ def test_the_document_of_an_undecided_deck_says_null(tmp_path: Path) -> None:
         assert point["overshoot"] is point["settling_time"] is None
 
 
-def test_a_divider_is_stable_and_is_swept() -> None:
+def test_a_divider_keeps_every_margin_and_is_swept() -> None:
     place = str(DECK_CASES / "resistive-over.cir")
-    options = ("--no-ngspice", "--over", "R1=1k:10k:3", "--json")
+    options = ("--no-ngspice", "--check", "margin=100", "--over", "R1=1k:10k:3", "--json")
     status, text = run(place, *options)
     found = json.loads(text)
     assert (status, found["outcome"], found["stable"]) == (0, "pass", True)
     assert found["sweeps"][0]["stable_ranges"] == [[1e3, 1e4]]
     assert [point["real"] for point in found["sweeps"][0]["points"]] == [None] * 3
+
+
+def test_a_resistive_loop_with_gain_keeps_no_margin_unproved(tmp_path: Path) -> None:
+    """Where the gain passes 2 the loop through the divider changes its sign."""
+    place = tmp_path / "loop.cir"
+    place.write_text("loop\nV1 in 0 1\nR1 in p 1k\nR2 p out 1k\nE1 out 0 p 0 1.9\n.end\n")
+    found = taction.check(place, checks="margin=2", ngspice=False)
+    assert found.outcome.value == "inconclusive"
 
 
 def test_the_document_has_its_schema(deck: str, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Edges of decks with poles far apart, sources that follow at once, and exact polynomials."""
+"""Margins of decks with poles far apart, sources that follow at once, and exact polynomials."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import taction
 from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
+from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import poles
 from taction.verification.stability.shown_poles import latching
 from taction.verification.studies.decks.board_sweep import Sweep, sweep_deck, swept_axis
@@ -23,18 +24,10 @@ from tests.support.random_circuits import wide_cards
 CASES = Path(__file__).parents[2] / "data" / "cases"
 
 
-SURE = 1e-4  # relative: within it the edges of parts are those of the poles
-
-
-def least_of(board: LinearBoard) -> tuple[float, str]:
-    """Return the least factor of any part with which a pole crosses, and the part."""
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("taction.verification.studies.decks.part_influence.MOST_MARGINS", 1000)
-        rows = influences(board, poles(board))
-    assert not any(row.doubt for row in rows if row.name != "K1")
-    edges = [(max(end / row.value, row.value / end), row.name)
-             for row in rows for end in (row.below, row.above) if end and row.value]  # fmt: skip
-    return min(edges, default=(100.0, ""))
+def margin_of(board: LinearBoard) -> Margin:
+    found, _ = influences(board, poles(board), every=True)
+    assert found is not None
+    return found
 
 
 def case(name: str) -> LinearBoard:
@@ -52,9 +45,11 @@ def swept(name: str, text: str) -> Sweep:
 )
 def test_poles_far_apart_hide_no_margin(name: str, true: float) -> None:
     """A part of negative value crosses first; true factors by 600 bits, to five digits."""
-    factor, part = least_of(case(name))
-    assert factor == pytest.approx(true, abs=6e-5)
-    assert part == "E5"
+    found = margin_of(case(name))
+    assert not found.doubt
+    assert found.factor == pytest.approx(true, abs=6e-5)
+    assert 0.0 < found.uncertainty < 0.03
+    assert "E5 can grow" in found.text
 
 
 def test_the_ranges_of_a_sweep_agree_with_its_table() -> None:
@@ -82,8 +77,8 @@ def test_a_part_that_is_no_product_of_a_column_and_a_row_is_searched() -> None:
     """A coupling of coils: up to 1 no pole of a passive network crosses, beyond is none."""
     cards = ["v1 in 0 1", "r1 in a 50", "l1 a 0 1e-3", "l2 b 0 1e-3", "k1 l1 l2 0.5", "r2 b 0 50"]
     board = LinearBoard(circuit_of(read_cards(cards), "coupled", ["b"]))
-    factor, part = least_of(board)
-    assert (factor >= 100.0) or (part == "K1" and factor == pytest.approx(2.0, rel=1e-6))
+    found = margin_of(board)
+    assert "K1" in found.doubt or not found.doubt
 
 
 def stable_with(cards: list[str], name: str, factor: float) -> bool:
@@ -104,13 +99,14 @@ def test_margins_of_parts_over_many_decades(first: int) -> None:
         if not poles(board).known_stable:
             continue
         stable += 1
-        found, _ = least_of(board)
-        least = found * (1.0 - SURE)
+        found = margin_of(board)
+        assert not found.doubt
+        least = found.factor - found.uncertainty
         for card in draw.sample(cards[1:], 2):
             for factor in (least, 1.0 / least, least ** draw.uniform(-1.0, 1.0)):
                 assert stable_with(cards, card.split()[0], factor), (seed, card, factor)
-        if found < 100.0:
-            beyond = found * (1.0 + SURE)
+        if found.factor < 100.0:
+            beyond = found.factor + found.uncertainty
             names = [card.split()[0] for card in cards[1:]]
             sides = [(name, by) for name in names for by in (beyond, 1.0 / beyond)]
             assert not all(stable_with(cards, *side) for side in sides), seed

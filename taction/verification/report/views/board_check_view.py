@@ -28,7 +28,7 @@ from taction.verification.studies.decks.board_check import BoardCheck, OutputRow
 from taction.verification.studies.decks.board_sweep import PointRow, Sweep
 from taction.verification.studies.decks.part_influence import PartRow
 from taction.verification.studies.decks.questions import QUESTIONS, Question
-from taction.verification.verdict.checks import overall
+from taction.verification.verdict.checks import Check, overall
 
 POLES, PARTS, POINTS = 12, 12, 31  # rows in a terminal
 LEADS = {"pass": "", "fail": "Fails: ", "inconclusive": "Not decided: "}
@@ -68,11 +68,10 @@ def view(found: BoardCheck) -> Page:
 
 
 def _summary(found: BoardCheck) -> str:
-    text = _stability(found)
-    others = [check for check in found.checks if check.name != "stability"]
-    undecided = any(
-        check.name == "stability" and check.outcome.value != "pass" for check in found.checks
-    )
+    text, stable = _stability(found), found.poles.stable is True
+    said = {"stability"} if stable else {"stability", "margin"}
+    others = [check for check in found.checks if _kind(check) not in said]
+    undecided = any(_kind(c) in said and c.outcome.value != "pass" for c in found.checks)
     counted = others if undecided else found.checks  # the text says why it is not stable
     if others and not (undecided and overall(others).value == "pass"):
         outcome = overall(counted).value
@@ -83,6 +82,11 @@ def _summary(found: BoardCheck) -> str:
     failing = f"{', '.join(map(spaced, worst))} not kept" if worst else "all checks pass"
     share = found.yields
     return f"{text} Worst cases: {failing}; {share.sentence}."
+
+
+def _kind(check: Check) -> str:
+    """Return the name of a check; a margin has that of stability, and a ratio for its unit."""
+    return "margin" if check.name == "stability" and check.unit == "ratio" else check.name
 
 
 def _stability(found: BoardCheck) -> str:

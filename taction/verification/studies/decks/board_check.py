@@ -83,6 +83,7 @@ class BoardCheck(MeasuredBoard, Result):
     )
 
     notes: tuple[str, ...]
+    looked: tuple[PartRow, ...]  # all parts with their margins, where a margin was asked for
     checks: tuple[Check, ...]
     sweeps: tuple[Sweep, ...]
     corners: CornerStudy | None = None
@@ -99,7 +100,7 @@ class BoardCheck(MeasuredBoard, Result):
     @cached_property
     def parts(self) -> tuple[PartRow, ...]:
         """What each part does to the stability, the most important first."""
-        return influences(self.board, self.poles)
+        return self.looked or influences(self.board, self.poles)[1]
 
     @property
     def name(self) -> str:
@@ -154,8 +155,12 @@ def check_board(
     progress("poles")
     board, band = LinearBoard(deck.circuit), asked.limits.settling_time.band
     found = measure_board(board, deck.initial, band, asked.lowest)
+    margin, rows = None, tuple[PartRow, ...]()
+    if asked.margin:
+        progress("parts")
+        margin, rows = influences(board, found.poles, every=True)
     progress("ngspice")
-    checks, why = [*judge(found, asked)], ["" if ngspice else "without ngspice"]
+    checks, why = [*judge(found, asked, margin)], ["" if ngspice else "without ngspice"]
     if ngspice:
         every = np.append(found.poles.poles, found.apart.hidden)
         checks.append(compare_ac(deck.point, board, every, deck.flat.absent))
@@ -177,6 +182,7 @@ def check_board(
     made = BoardCheck(
         **{each.name: getattr(found, each.name) for each in fields(found)},
         notes=tuple(filter(None, (*found.apart.sentences, *deck.notes, *why))),
+        looked=rows,
         checks=tuple(checks),
         sweeps=sweeps,
         corners=corners,

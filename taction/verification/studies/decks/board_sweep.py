@@ -29,6 +29,7 @@ from taction.verification.stability.poles import poles
 from taction.verification.stability.shown_poles import told_apart
 from taction.verification.studies.decks.foreign_board import ForeignBoard
 from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
+from taction.verification.studies.decks.part_influence import influences
 from taction.verification.studies.decks.questions import QUESTIONS, Wanted, judge, record_of, units
 from taction.verification.studies.tolerance.varied_board import BoardSample, Quantity, Varied
 
@@ -60,14 +61,16 @@ class VariedDeck(Varied):
 
     def measured(self, number: int, z: Floats) -> BoardSample:
         """Return the sample with deviations `z`; `EngineError` where it cannot be measured."""
-        band = self.asked.limits.settling_time.band
+        band, margin = self.asked.limits.settling_time.band, None
         found = measure_board(
             LinearBoard(vary(self.nominal, self.tolerances, z)),
             self.deck.initial,
             band,
             self.asked.lowest,
         )
-        record = record_of(found, judge(found, self.asked), self.asked)
+        if self.asked.margin:
+            margin, _ = influences(found.board, found.poles, every=True)
+        record = record_of(found, judge(found, self.asked, margin), self.asked, margin)
         errors = (found.rest - self.target) / self.step_amplitude
         off = float(np.abs(errors).max(initial=0.0))
         figures = {**record.figures, "steady_state_error": off}
@@ -90,6 +93,8 @@ def _quantities(asked: Wanted) -> Iterator[Quantity]:
         yield Quantity("growth_rate", "1/s", -1.0, at_least=0.0)
     else:
         yield Quantity("growth_rate", "1/s", at_most=0.0)
+    if asked.margin:
+        yield Quantity("margin", "ratio", -1.0, at_least=asked.limits.stability.margin)
 
 
 AROUND = 30.0  # range of a value without one

@@ -1,4 +1,4 @@
-"""What each part does to the stability of a linear board: sensitivities, and edges both ways."""
+"""What each part does to the stability of a linear board: sensitivities, and margins both ways."""
 
 from __future__ import annotations
 
@@ -9,19 +9,21 @@ from typing import NamedTuple
 
 import numpy as np
 
+from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes
 from taction.system.documents import Hertz, Number, Rate
 from taction.system.errors import EngineError
+from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import linear_matrices
 from taction.verification.stability.edges import Edge
 from taction.verification.stability.families import Family, find_edges
-from taction.verification.stability.margin import REACH
+from taction.verification.stability.margin import REACH, Margin
 from taction.verification.stability.poles import Poles
 from taction.verification.stability.shown_poles import BAND
 
-MOST_MARGINS = 12  # parts of a stable board whose edges are found
-MOST_UNKNOWNS = 150  # of a board of which edges are found
+MOST_MARGINS = 12  # parts whose margins are found unless a margin is checked
+MOST_UNKNOWNS = 150  # of a board with margins unless one is checked
 MORE = 1.001  # of the largest factor: an edge at it is found with certainty
 MOVED = 1e-5  # relative change of a value for a sensitivity
 UNKNOWN = "not looked for"
@@ -88,34 +90,50 @@ def pole_vectors(board: LinearBoard, p: complex) -> tuple[Complexes, Complexes]:
     return V[-1].conj() / columns, U[:, -1].conj() / rows[:, 0]
 
 
-def influences(board: LinearBoard, found: Poles) -> tuple[PartRow, ...]:
-    """Return the rows of all parts, the most important first.
+def influences(
+    board: LinearBoard, found: Poles, every: bool = False
+) -> tuple[Margin | None, tuple[PartRow, ...]]:
+    """Return the least margin of any part, and the rows of all parts, the most important first.
 
-    The edges of a stable board are those of the `MOST_MARGINS` parts that move the rightmost pole
-    most, and of a board of more than `MOST_UNKNOWNS` those of none.
+    The margin is None unless `every` part was to be looked at; else the edges of a stable board are
+    those of the `MOST_MARGINS` parts that move the rightmost pole most, and of a board of more than
+    `MOST_UNKNOWNS` those of none.
     """
     c = board.circuit
     knobs = [knob for knob in c.knobs if knob.role]
     families = dict(zip([k.name for k in knobs], Family.of_each(board, knobs), strict=True))
-    rates, rows = sensitivities(board, found, families), list[PartRow]()
+    rates = sensitivities(board, found, families)
     order = sorted(rates, key=lambda name: -abs(rates[name].real))
-    most = len(order) if found.known_unstable else MOST_MARGINS
-    if board.descriptor.size > MOST_UNKNOWNS or not found.certain or board.state_space.lost:
+    most = len(order) if every or found.known_unstable else MOST_MARGINS
+    large = not every and board.descriptor.size > MOST_UNKNOWNS
+    if large or not found.certain or board.state_space.lost:
         most = 0
+    nearest, rows = dict[str, Nearest](), list[PartRow]()
     for k, name in enumerate(order):
-        near = _nearest(families[name], found) if k < most else Nearest(doubt=UNKNOWN)
-        rate, own, unit = rates[name], c.value(name), c.facts[name].unit
+        near = _nearest(families[name], found) if k < most else Nearest(doubt=UNKNOWN, sure=1.0)
+        rate, own, unit, nearest[name] = rates[name], c.value(name), c.facts[name].unit, near
         rate_of = rate.real, rate.imag / math.tau
         rows.append(PartRow(name, own, unit, *rate_of, *near.values(own), near.doubt))
-    return tuple(rows)
+    margin = None
+    if every and not found.known_stable:
+        margin = Margin(0.0, 0.0, "the board is not stable")
+    elif every and not len(found.poles):
+        gains = c.opamps or any(part.control for part in c.branches)
+        active = gains or any(part.ohms <= 0.0 for part in c.resistors)
+        doubt = "a source with gain may have another sign of its feedback" * bool(active)
+        margin = Margin(REACH, 0.0, "no part makes a pole", doubt)
+    elif every:
+        margin = _least(c, nearest)
+    return margin, tuple(rows)
 
 
 class Nearest(NamedTuple):
-    """The nearest edges over a value's factor, and why they are not known."""
+    """The nearest edges over a value's factor; a doubt, and the factor up to which is none."""
 
     below: Edge | None = None
     above: Edge | None = None
     doubt: str = ""
+    sure: float = math.inf
 
     def values(self, own: float) -> tuple[float | None, float | None]:
         """Return the value at the edge below `own`, and at that above."""
@@ -135,11 +153,32 @@ def _nearest(family: Family, found: Poles) -> Nearest:
     try:
         edges = find_edges(over, 1.0 / reach, reach, found)
     except EngineError as error:
-        return Nearest(doubt=str(error))
+        return Nearest(doubt=str(error), sure=1.0)
     seen = [edge for edge in edges.edges if edge.frequency <= BAND]  # no pole of a model beyond
     every = [edge for edge in seen if stable or edge.changes_stability]
     below = max((e for e in every if e.value < 1.0), key=lambda e: e.value, default=None)
     above = min((e for e in every if e.value > 1.0), key=lambda e: e.value, default=None)
     low, high = below.value if below else 0.0, above.value if above else math.inf
-    near = any(low <= factor <= high for factor in edges.near)
-    return Nearest(below, above, "a pole comes close to the axis" if near else "")
+    near = [max(factor, 1.0 / factor) for factor in edges.near if low <= factor <= high]
+    doubt = "a pole comes close to the axis" if near else ""
+    return Nearest(below, above, doubt, min(near, default=math.inf))
+
+
+def _least(circuit: Circuit, nearest: Mapping[str, Nearest]) -> Margin:
+    """Return the least margin of all parts."""
+    if not nearest:
+        return Margin(1.0, 0.0, "no margin is known", "the board is too large")
+    factor, bound, text = REACH, 0.0, f"no crossing up to a factor of {REACH:g} of any part"
+    every = ((name, edge) for name, each in nearest.items() for edge in (each.below, each.above))
+    for name, edge in every:
+        if edge and (by := max(edge.value, 1.0 / edge.value)) < factor:
+            factor, bound = by, edge.bound * by / edge.value
+            moves, value = "grow" if edge.value > 1.0 else "shrink", circuit.value(name)
+            end = show(value * edge.value, circuit.facts[name].unit)
+            text = f"{circuit.knob(name).words} can {moves} by the factor {by:.4g}, to {end}"
+    doubts = (
+        f"{part}: {edges.doubt}"
+        for part, edges in nearest.items()
+        if edges.doubt and edges.sure <= factor
+    )
+    return Margin(factor, bound, text, next(doubts, ""))

@@ -23,6 +23,7 @@ from taction.system.errors import Complaint, InputError
 from taction.system.quantities import fraction, number, parse, show_rate
 from taction.system.reading_definitions import READINGS
 from taction.verification.readings.readings import Reading
+from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles
 from taction.verification.studies.decks.measured_board import LATCH, WANTED, MeasuredBoard
 from taction.verification.verdict import record
@@ -42,6 +43,7 @@ from taction.verification.verdict.run_checks import run_checks
 
 SHARE = 1e-3  # default tolerance of an expected value
 LISTED = 20  # nodes in a message
+LARGEST = 100.0  # factor of a value up to which `stability.margin` searches
 OSCILLATES = "oscillates"
 Answers = Sequence[Reading | None]  # of the outputs
 
@@ -190,6 +192,11 @@ class Wanted:
         """Lowest frequency of the noise, Hz, where it was given."""
         return None if self.limits.noise is None else self.limits.noise.lowest
 
+    @property
+    def margin(self) -> bool:
+        """Whether a margin is asked for."""
+        return self.limits.stability.margin > 1.0
+
     def refuse_unknown(self, nodes: Collection[str]) -> None:
         """Refuse an expected value of a node that is not one of `nodes`."""
         for each in self.expected:
@@ -223,8 +230,11 @@ def _check_of(text: str) -> tuple[str, dict[str, Any]]:
         if word in (question.asked, question.name):
             return question.name, question.limits(limit, extra)
     if word == "margin" or (word == "stability" and value):
-        text = "it was withdrawn: --tolerances FILE judges stability at the worst corners of parts"
-        raise _refused(word, repr(value), text)
+        with suppress(ValueError):
+            if 1.0 <= (factor := float(value)) <= LARGEST:  # margins are searched up to it
+                return "stability", {"margin": factor}
+        accepted = f"expected a factor from 1 to {LARGEST:g}, such as {word}=2"
+        raise _refused(word, repr(value), accepted)
     if word in ("agree", "engines_agree"):
         text = "it was withdrawn: `taction diff DECK FILE.raw` compares a transient of ngspice"
         raise _refused(word, repr(value), text)
@@ -233,7 +243,7 @@ def _check_of(text: str) -> tuple[str, dict[str, Any]]:
     if word in ("stable", OSCILLATES):
         raise _refused(word, repr(value), "expected no value")
     known = ", ".join(f"{each.asked}={each.example}" for each in QUESTIONS.values())
-    raise _refused("check", repr(word), f"expected {known}, stable or {OSCILLATES}")
+    raise _refused("check", repr(word), f"expected {known}, margin=2, stable or {OSCILLATES}")
 
 
 def _expected(text: str) -> Expected:
@@ -265,7 +275,11 @@ def _refused(key: str, value: str, text: str, option: str = "--check") -> InputE
     return InputError(option, Complaint(key, value, text))
 
 
-def judge(found: MeasuredBoard, asked: Wanted) -> Iterator[Check]:
+def judge(
+    found: MeasuredBoard,
+    asked: Wanted,
+    margin: Margin | None = None,
+) -> Iterator[Check]:
     """Yield the expected values, then the limits that were asked for."""
     yield from (_at_rest(found, each) for each in asked.expected)
     evidence = Evidence(
@@ -278,7 +292,7 @@ def judge(found: MeasuredBoard, asked: Wanted) -> Iterator[Check]:
         wanted=WANTED,
         agreement=None,
         poles=found.poles,
-        margin=None,
+        margin=margin if asked.margin else None,
         reference_error=0.0,
         reference_problem="",
         noise=found.noise if asked.limits.noise is not None else None,
@@ -329,6 +343,7 @@ def record_of(
     found: MeasuredBoard,
     checks: Iterable[Check] = (),
     asked: Wanted | None = None,
+    margin: Margin | None = None,
 ) -> Record:
     """Return what is known of a board as a record; its outcome is that of the checks."""
     judged, poles = tuple(checks), found.poles
@@ -345,6 +360,7 @@ def record_of(
         "growth_rate": Figure(rate, "1/s", bound),
         "frequency": Figure(hertz, "Hz", None if bound is None else bound / math.tau),
         "step_amplitude": Figure(found.measurements.amplitude, "V", 2.0 * found.rest_error),
+        "margin": Figure(None if margin is None else margin.factor),
     }
     channels = found.measurements.channels
     rests = [{"equilibrium": Figure(v, "V", found.rest_error)} for v in found.rest.tolist()]

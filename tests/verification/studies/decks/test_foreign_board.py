@@ -137,6 +137,14 @@ def test_margins_are_edges_of_the_poles(read: Read) -> None:
     assert rows["E1"].above == pytest.approx(3.0, rel=1e-6)
 
 
+def test_a_margin_counts_every_part(read: Read) -> None:
+    found = checked(read(DECKS["wien"]), checks=("margin=1.01",))
+    assert found.outcome.value == "pass"
+    (check,) = found.checks
+    assert check.value == pytest.approx(3.0 / 2.9, rel=1e-6)
+    assert checked(read(DECKS["wien"]), checks=("margin=1.1",)).outcome.value == "fail"
+
+
 @pytest.mark.parametrize(
     ("cards", "says"),
     [

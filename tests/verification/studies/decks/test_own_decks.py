@@ -16,6 +16,7 @@ import pytest
 from scipy.optimize import brentq
 
 import taction
+from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
 from taction.netlist_gen.topologies.frame.topology import TOPOLOGIES
 from taction.system import documents
 from taction.system.errors import InputError
@@ -27,7 +28,7 @@ from taction.verification.stability.poles import poles
 from taction.verification.studies.decks.board_check import BoardCheck
 from taction.verification.studies.decks.foreign_board import read_board
 from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
-from taction.verification.studies.decks.part_influence import Nearest
+from taction.verification.studies.decks.part_influence import Nearest, _least
 from taction.verification.studies.decks.questions import QUESTIONS, Question
 from tests.support.running import taction as command
 
@@ -92,14 +93,43 @@ def test_a_deck_read_back_has_the_poles_and_readings_of_its_board(
                 assert abs(value.value - there.value) <= 1e-7 * abs(value.value) + apart + 1e-9
 
 
+@pytest.mark.nightly  # margins of 150 parts: a minute of processor time
+def test_a_real_pole_that_crosses_beyond_the_margin_is_decided(
+    tmp_path: Path, ngspice: str
+) -> None:
+    """The margin is 3.27; det(-K) in rational numbers changes its sign at 22.70 to 22.72 Rf_2_2."""
+    place = tmp_path / "board.cir"
+    place.write_text(taction.netlist("scenes/tuned-breadboard.toml").text)
+    found = taction.check(place, checks="margin=2", ngspice=False)
+    assert found.outcome.value == "pass"
+    (check,) = found.checks
+    assert check.value == pytest.approx(3.269, rel=1e-3)
+    (row,) = (row for row in found.parts if row.name == "Rf_2_2")
+    assert row.above is not None
+    assert 22.70 < row.above / row.value < 22.72
+    assert not any(row.doubt for row in found.parts)
+
+
 def test_a_part_between_one_node_and_itself_moves_nothing(tmp_path: Path, ngspice: str) -> None:
     place = tmp_path / "rc.cir"
     parts = "R1 in out 1k\nC1 out 0 1n\nR5 0 0 1k\nC5 0 0 1n\nR6 out out 2k\n"
     place.write_text(f"t\nV1 in 0 PULSE(0 1)\n{parts}.end\n")
-    found = taction.check(place, ngspice=False)
+    found = taction.check(place, checks="margin=2", ngspice=False)
     assert found.outcome.value == "pass"
     rates = {row.name: row.real for row in found.parts}
     assert rates == {"R1": pytest.approx(1e6), "C1": pytest.approx(1e6), "R5": 0, "C5": 0, "R6": 0}
+
+
+@pytest.mark.parametrize(("sure", "doubt"), [(1.5, "R1: a pole comes close"), (9.0, "")])
+def test_a_doubt_counts_within_the_margin_only(sure: float, doubt: str) -> None:
+    """A loop gain of 2 at R1/R2 = 1: the edge is at R2 of twice its value."""
+    cards = ["v1 in 0 1", "r1 in a 1e3", "c1 a 0 1e-9", "g1 0 a a 0 5e-4", "r2 a 0 1e6"]
+    circuit = circuit_of(read_cards(cards), "negative", ["a"])
+    edge = Edge(2.002, 0.0, 0, 1, 1e-9)  # over the factor of the part
+    doubtful = Nearest(doubt="a pole comes close", sure=sure)
+    least = _least(circuit, {"G1": Nearest(above=edge), "R1": doubtful})
+    assert least.factor == pytest.approx(2.002, rel=1e-6)
+    assert least.doubt == doubt
 
 
 def test_the_edges_of_a_negative_value_are_in_the_order_of_values() -> None:
