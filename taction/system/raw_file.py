@@ -223,12 +223,12 @@ def _columns(path: Path) -> tuple[list[str], Floats]:
 
     try:
         found = RawRead(path, "*", "ltspice", verbose=False)
-        plots = [p for p in found.plots if p.get_plot_name().lower().startswith(TRANSIENT)]
-        if len(plots) != 1:
-            raise UnusableFileError(f"it has {len(plots)} transients")
-        names = plots[0].get_trace_names()
-        columns = [np.abs(plots[0].get_axis()), *(plots[0].get_wave(name) for name in names[1:])]
-        promised = int(plots[0].get_raw_property("No. Points"))
+        traced = [p for p in found.plots if p.get_plot_name().lower().startswith(TRANSIENT)]
+        if len(traced) != 1:
+            raise UnusableFileError(f"it has {len(traced)} transients")
+        names = traced[0].get_trace_names()
+        columns = [np.abs(traced[0].get_axis()), *(traced[0].get_wave(name) for name in names[1:])]
+        promised = int(traced[0].get_raw_property("No. Points"))
     except UnusableFileError:
         raise
     except Exception as error:

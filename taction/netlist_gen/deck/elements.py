@@ -27,7 +27,9 @@ _VOLTAGE = re.compile(r"(?<![\w.#])v ?\( ?([^,() ]+) ?(?:, ?([^,() ]+) ?)?\)")
 _CURRENT = re.compile(r"(?<![\w.#])i ?\( ?([^,() ]+) ?\)")
 _TAKES = re.compile(r"(?<![\w.#])[vi] ?\(")
 _GIVEN = re.compile(r"(\w+) ?= ?([^\s(),]+)")
-ACCEPTED = "accepted are R C L K V I E F G H B, D Q J M with a .model, and switches S W"
+ACCEPTED = (
+    "accepted are R C L K V I E F G H B, D Q J M with a .model, switches S W, and subcircuits X"
+)
 Models = Mapping[str, tuple[str, str]]
 """Kind and card of each model, by name."""
 

@@ -11,10 +11,11 @@ import itertools
 import os
 import re
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from taction.netlist_gen.deck.elements import spelt_card
+from taction.netlist_gen.deck.elements import ACCEPTED, spelt_card
 from taction.netlist_gen.deck.expressions import OWN
 from taction.netlist_gen.deck.foreign_cards import (
     LIBRARY,
@@ -39,6 +40,7 @@ from taction.netlist_gen.deck.foreign_lines import (
     check_functions,
     file_of,
     logical_lines,
+    number,
 )
 from taction.spice_models.imported import DEVICE, Subcircuit
 from taction.system.errors import Complaint, InputError
@@ -60,6 +62,7 @@ KEPT = (
 LETTERS = "rclkviefghxbdqjmsw"
 """Devices that may stand in the text: no A, which may start programs."""
 NOT_LINEAR = re.compile(r"[dqjmswb]|[efgh].*(?:\bvalue\b|\bvol\b|\bcur\b|\{v)")
+_DIGITS = re.compile(r"(?:(?<=^\.model )\S+|(?<=[ =(])[-+]?[\d.]+(?:e[-+]?\d+)?[a-z]*(?=[ )]|$))")
 _SET = re.compile(r"\b([a-z_][a-z0-9_]*) ?=(?!=)")
 REFUSED = (
     (
@@ -85,10 +88,6 @@ REFUSED = (
 )
 """What no card may hold, and the reason, with what was found."""
 _NODE = re.compile(r"\b[vi] ?\([^()=]*\)")  # may have the name of anything
-LINEAR = (
-    "accepted: R C L K V I E F G H B, devices D Q J M and switches S W with a .model, and"
-    " subcircuits X of them"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +186,18 @@ def vendor_subcircuit(file: str | Path, name: str) -> Subcircuit:
 
 def flat_subcircuit(cards: Iterable[str], nodes: Sequence[str], name: str) -> Subcircuit:
     """Return the subcircuit of a bench, its ports at `nodes`, from the cards of its listing."""
+
+    def plain(match: re.Match[str]) -> str:
+        """Return a number in plain digits, as in all of a deck; a name as it is.
+
+        ngspice reads 200.0e-6 with another rounding, which an offset of microvolts shows.
+        """
+        with suppress(ValueError):
+            return repr(number(match[0])) if set(match[0]) & set(".e") else match[0]
+        return match[0]
+
     own = [spelt_card(card) for card in cards]
+    own = [card if card[0] in "dqjmsw" else _DIGITS.sub(plain, card) for card in own]
     own = [c for c in own if c.startswith(".model ") or f".{DEVICE}." in c.split(maxsplit=1)[0]]
     return _subcircuit(f"m_{re.sub(r'[^a-z0-9]', '_', name.lower())}", nodes, own)
 
@@ -313,7 +323,7 @@ def _screen(card: Card) -> None:
         raise card.refused(f"the card {word!r} is not accepted; accepted: {accepted}")
     if word[0] not in f".{LETTERS}":
         what = CODE_MODEL if word[0] == "a" else f"a device {word[0].upper()!r} is not accepted"
-        raise card.refused(f"{what}; {LINEAR}")
+        raise card.refused(f"{what}; {ACCEPTED}")
     if reason := forbidden(text):
         raise card.refused(reason)
 

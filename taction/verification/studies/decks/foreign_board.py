@@ -23,7 +23,7 @@ from taction.netlist_gen.deck.flat_cards import (
     read_cards,
     stepped,
 )
-from taction.netlist_gen.deck.foreign_deck import LINEAR, ForeignDeck, read_deck
+from taction.netlist_gen.deck.foreign_deck import ForeignDeck, read_deck
 from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
 from taction.system.processes import one_limit
 from taction.verification.characterise.operating_point import (
@@ -39,7 +39,7 @@ from taction.verification.studies.decks.measured_board import Start
 
 VALUE_SECONDS = 1.0  # that a value of a .param adds to the time of all runs
 NAMED = 12  # elements in a note
-IN_BRACES = "an expression stands in braces, such as 'R1 in out {2*1k}'"
+IN_BRACES = "a value has no blanks, and an expression stands in braces, such as {2*1k}"
 _TEMPERATURE = re.compile(r"^\.(?:temp|opt\w* (?:.* )?(?:temp|tnom) ?=) ?(\S+)")
 _OPTION = re.compile(r"\b(gmin|scale) ?= ?([-+\w.]+)")  # that change a circuit
 
@@ -116,7 +116,7 @@ def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
             if reason:
                 raise card.refused(f"{before}: {reason}") from None
         of_card = isinstance(error, CardError) and not said.startswith(("ngspice", "the deck"))
-        accepted = f"; {LINEAR}" if of_card and ACCEPTED not in said else ""
+        accepted = f"; {ACCEPTED}" if of_card and ACCEPTED not in said else ""
         raise InputError(deck.file, Complaint("deck", "", said + accepted)) from None
     nodes = outputs_of(flat, outputs, (card.text for card in deck.left))
     immediate = any(re.search(r"\buic\b", c.text) for c in deck.left if c.word == ".tran")

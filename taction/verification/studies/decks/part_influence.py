@@ -135,15 +135,6 @@ class Nearest(NamedTuple):
     doubt: str = ""
     sure: float = math.inf
 
-    @property
-    def least(self) -> tuple[float, float, float]:
-        """The least factor above 1 to an edge, the bound on it, and the edge; infinite without."""
-        found = [(math.inf, 0.0, math.inf)]
-        for edge in filter(None, (self.below, self.above)):
-            factor = max(edge.value, 1.0 / edge.value)
-            found.append((factor, edge.bound * (factor / edge.value), edge.value))
-        return min(found)
-
     def values(self, own: float) -> tuple[float | None, float | None]:
         """Return the value at the edge below `own`, and at that above."""
         low, high = (None if e is None else own * e.value for e in (self.below, self.above))
@@ -177,15 +168,14 @@ def _least(circuit: Circuit, nearest: Mapping[str, Nearest]) -> Margin:
     """Return the least margin of all parts."""
     if not nearest:
         return Margin(1.0, 0.0, "no margin is known", "the board is too large")
-    name = min(nearest, key=lambda each: nearest[each].least)
-    factor, bound, at = nearest[name].least
-    text = f"no crossing up to a factor of {REACH:g} of any part"
-    if factor < math.inf:
-        moves = "grow" if at > 1.0 else "shrink"
-        value = show(circuit.value(name) * at, circuit.facts[name].unit)
-        text = f"{circuit.knob(name).words} can {moves} by the factor {factor:.4g}, to {value}"
-    else:
-        factor = REACH
+    factor, bound, text = REACH, 0.0, f"no crossing up to a factor of {REACH:g} of any part"
+    every = ((name, edge) for name, each in nearest.items() for edge in (each.below, each.above))
+    for name, edge in every:
+        if edge and (by := max(edge.value, 1.0 / edge.value)) < factor:
+            factor, bound = by, edge.bound * by / edge.value
+            moves, value = "grow" if edge.value > 1.0 else "shrink", circuit.value(name)
+            end = show(value * edge.value, circuit.facts[name].unit)
+            text = f"{circuit.knob(name).words} can {moves} by the factor {by:.4g}, to {end}"
     doubts = (
         f"{part}: {edges.doubt}"
         for part, edges in nearest.items()
