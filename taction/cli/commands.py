@@ -163,12 +163,6 @@ NEW_SCALED = Command(
     files=lambda found, call: [call.arguments["output"]],
 )
 NEW_SCHEMA = Command(function="scene_schema", text=lambda found: print_json(found, ""), schema=None)
-SAMPLE = Command(
-    function="verify_sample",
-    outputs=(REPORT,),
-    schema="montecarlo-sample",
-    lacks="shows many samples; leave out --sample",
-)
 TABLE = {
     "verify": VERIFY,
     "check": Command(
@@ -232,9 +226,7 @@ TABLE = {
     "montecarlo": Command(
         about="Estimate the yield under component tolerances.",
         outputs=(picture("histograms with limits"), REPORT),
-        other=lambda options: None if options["sample"] is None else SAMPLE,
         parameters=(
-            option("sample", type=click.IntRange(0), of="verify_sample", required=False),
             option("min_yield", type=NumberRange(0, 1)),
             DATABASE,
         ),

@@ -40,6 +40,7 @@ WITHDRAWN = {
     "montecarlo --remedy": "Set a better grade in [tolerances] for parts that the corners name.",
     "montecarlo --no-remedy": "Leave it out: no samples are drawn again.",
     "verify --exclude": "Name the scenes, or keep drafts in a folder of their own.",
+    "montecarlo --sample": "Verify a board of your own by 'taction yield corners --corner'.",
     "sweep --retry": "The same command computes points without a verdict again.",
     "sweep --keep-waveforms": "Write the waveforms of a board with 'taction export waveforms'.",
 }

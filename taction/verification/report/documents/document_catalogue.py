@@ -42,7 +42,6 @@ MODELS = {
     "solve": "verification.reference.problem.Solution",
     "simulate": "verification.verdict.run.MeasuredTransient",
     "montecarlo": "verification.studies.tolerance.montecarlo.YieldReport",
-    "montecarlo-sample": "verification.studies.tolerance.varied_board.VerifiedSample",
     "corners": "verification.studies.tolerance.corners.CornerStudy",
     "tune": "verification.design.tune.Tuned",
     "scale": "verification.design.scaling.Scaled",

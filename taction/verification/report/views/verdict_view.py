@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,9 +33,6 @@ from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.record import Channel, Record, channels_of
 from taction.verification.verdict.run import MeasuredTransient
 from taction.verification.verdict.verify import Verdict
-
-if TYPE_CHECKING:
-    from taction.verification.studies.tolerance.varied_board import VerifiedSample
 
 LOADS = 16  # of op-amps that are shown
 ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of the step: a smaller part is rounding
@@ -101,11 +97,6 @@ def view(
         ),
         foot=(_cost(verdict),),
     )
-
-
-def sample_view(found: VerifiedSample) -> Page:
-    """Return what the verdict of one sample shows."""
-    return view(found.verdict, f"taction yield montecarlo --sample {found.sample.number}")
 
 
 def _cost(verdict: Verdict) -> str:
