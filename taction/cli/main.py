@@ -41,6 +41,7 @@ WITHDRAWN = {
     "montecarlo --no-remedy": "Leave it out: no samples are drawn again.",
     "verify --exclude": "Name the scenes, or keep drafts in a folder of their own.",
     "montecarlo --sample": "Verify a board of your own by 'taction yield corners --corner'.",
+    "montecarlo --until": "Give the samples by -n; the same command with more of them goes on.",
     "sweep --retry": "The same command computes points without a verdict again.",
     "sweep --keep-waveforms": "Write the waveforms of a board with 'taction export waveforms'.",
 }
