@@ -208,12 +208,10 @@ def parts_view(result: PartsList) -> Page:
     """Return the page of the parts of a board."""
     parts, power = result.parts, result.power
     columns = part_columns(SHOWN, "not a standard value; nearest")
-    watts = [quantity(each, "W", 3) for each in (power.total, power.quiescent, power.outputs)]
     lines = (
         packages_text(parts),
-        f"supply current {quantity(power.supply_current, 'A', 3)}, dissipation {watts[0]} at rest:"
-        f" op-amps {watts[1]} quiescent and {watts[2]} by their load,"
-        f" resistors {quantity(power.resistors, 'W', 3)}",
+        f"supply current {quantity(power.supply_current, 'A', 3)}, dissipation"
+        f" {quantity(power.total, 'W', 3)} at rest",
         *(f"not included: {what}" for what in parts.not_listed),
     )
     return Page(
