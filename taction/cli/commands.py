@@ -219,9 +219,11 @@ TABLE = {
         ends="Exit status: 3 if the solution has no certificate.",
     ),
     "simulate": Command(
-        about="Run the transient: waveforms and measurements.",
+        about="Verify a board, and write the waveforms of its record.",
+        text=lambda found: sys.stdout.write(f"{found}\n"),
         files=own_file,
         parameters=(replace(OUTPUT, check="verification.report.output_checks:check_export"),),
+        ends="Exit status: that of the verdict.",
     ),
     "montecarlo": Command(
         about="Estimate the yield under component tolerances.",

@@ -40,7 +40,7 @@ MODELS = {
     "build": "verification.verdict.board_power.BuiltBoard",
     "explore": "verification.report.documents.plain.ExploreDocument",
     "solve": "verification.reference.problem.Solution",
-    "simulate": "verification.verdict.run.MeasuredTransient",
+    "simulate": "verification.report.documents.verdict.VerdictBody",
     "montecarlo": "verification.studies.tolerance.montecarlo.YieldReport",
     "corners": "verification.studies.tolerance.corners.CornerStudy",
     "tune": "verification.design.tune.Tuned",

@@ -30,8 +30,7 @@ from taction.verification.verdict.answer_error import ErrorPart, worst_channel
 from taction.verification.verdict.board_power import KICAD, OWN, REPORT, BuiltBoard
 from taction.verification.verdict.checks import Outcome, cause
 from taction.verification.verdict.headroom import Load
-from taction.verification.verdict.record import Channel, Record, channels_of
-from taction.verification.verdict.run import MeasuredTransient
+from taction.verification.verdict.record import Channel, Record
 from taction.verification.verdict.verify import Verdict
 
 LOADS = 16  # of op-amps that are shown
@@ -359,15 +358,3 @@ def solution_view(result: Solution) -> Page:
     )
     section = Section("Solution", lines, media="terminal page notebook")
     return Page("numerical solution", "taction verify --solve", sections=(section,))
-
-
-def transient_view(result: MeasuredTransient) -> Page:
-    """Return the page of the measurements of a transient, and what it cost."""
-    cost, channels = result.waveforms.cost, channels_of(result.measurements)
-    table = channel_table(channels, result.measurements.band)
-    return Page(
-        title=result.circuit.name,
-        command="taction export waveforms",
-        sections=(Section("Channels", table, media="terminal page notebook"),),
-        foot=(f"{result.waveforms.simulator}: {cost.points} points, {cost.seconds:.3g} s",),
-    )
