@@ -257,9 +257,6 @@ class Accuracy:
     wanted: float  # error that the checks allow, fraction of the step amplitude (`wanted_error`)
     achieved: float | None  # bound of the error, measured after the run; None if that is not known
     seconds: float  # wall time of all tries, s
-    points: int  # time points or steps of the run
-    points_per_period: float  # of the fastest ringing, averaged over the record
-    engine: str
     method: str  # of integration
     how: str  # how `achieved` was measured
     tries: int = 1  # number of runs
@@ -333,14 +330,10 @@ class Run:
     def accuracy(self) -> Accuracy:
         """The error over all time, and what it cost."""
         board, cost = self.board, self.waveforms.cost
-        periods = board.transient.stop / board.scales.max_step_for(1.0)
         return Accuracy(
             wanted=board.plan.wanted,
             achieved=self.achieved,
             seconds=cost.seconds + self.before,
-            points=cost.points,
-            points_per_period=max(cost.points, 1) / periods,
-            engine=self.ends.engine,
             method=str(board.transient.method) if self.own is None else self.ends.method,
             how=self.error[2],
             tries=self.tries,
