@@ -229,7 +229,6 @@ def what_to_change(
     verdict: Verdict,
     *,
     changes: float = 2000.0,
-    any_part: bool = False,
     progress: Progress = lambda stage: None,
 ) -> Remedies | None:
     """Return the nearest changes of the design that mend a failed verdict; None for any other.
@@ -242,8 +241,6 @@ def what_to_change(
         Most work of the search for changes that mend a failed verdict, in designs; 0: no search.
 
         A verdict is 10 designs; a board of n states counts ``1 + (n / 70)^3`` times.
-    any_part : bool
-        Propose also parts beyond the limits of real ones.
     progress : callable, optional
         Receives the name of the stage.
 
@@ -269,7 +266,7 @@ def what_to_change(
     from taction.verification.design.remedies import find_remedies
 
     progress(f"what to change, at most the work of {changes:g} designs")
-    return find_remedies(verdict, changes, any_part=any_part)
+    return find_remedies(verdict, changes)
 
 
 def diff(
