@@ -84,7 +84,8 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     (*FRESH, "three.csv"): ("eps.csv", "shape 5", "expected 3"),
     (*GOOD, "--opamp", "TL074"): ("'TL074'", "did you mean 'tl074'?"),
     (*GOOD, "--supply", "12/-12"): ("12/-12", "'±15V'"),
-    (*GOOD, "--noise", "10"): ("--noise", "SIGMA = 10", "expected a number between 0.0037 and 0.48"),
+    (*GOOD, "--noise", "10"):
+        ("--noise", "SIGMA = 10", "expected a number between 0.0037 and 0.48"),
     ("new", "y.toml", "--from", "none.toml"): ("none.toml", "No such file", "a scene file"),
     (*GOOD, "--lambda", "-1"): ("'--lambda'", "-1.0", "x>0"),
     ("new", "y.toml", "--matrix", "eps.csv", "--strain", "T.csv"):
