@@ -42,7 +42,7 @@ def of_board(name: str, rounds: int) -> Figure:
     scene = with_values(load_scene(SCENES / f"{name}.toml"), {"analysis.error": ERROR})
     with mock.patch.object(process, "Simulation", recorded):
         verdict = verify(scene.with_engine("ngspice"))
-    points = max(verdict.accuracy.points, 2)
+    points = max(verdict.waveforms.cost.points, 2)
     transient = replace(verdict.transient, max_step=verdict.transient.stop / points)
     run = partial(process.simulate, decks[-1], find_simulator(), timeout=600.0)
     jobs = {

@@ -57,7 +57,6 @@ if TYPE_CHECKING:
     from taction.verification.studies.sweep.sweep import sweep as sweep
     from taction.verification.studies.tolerance.corners import corners as corners
     from taction.verification.studies.tolerance.montecarlo import montecarlo as montecarlo
-    from taction.verification.studies.tolerance.varied_board import verify_sample as verify_sample
     from taction.verification.studies.work_precision.study import accuracy as accuracy
     from taction.verification.verdict.verify import Verdict as Verdict
 

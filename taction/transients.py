@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
@@ -15,7 +14,6 @@ if TYPE_CHECKING:
     from taction.verification.design.remedies import Remedies
     from taction.verification.studies.regression.difference import VerdictDifference
     from taction.verification.studies.scene_files import VerifiedFiles
-    from taction.verification.verdict.run import MeasuredTransient
     from taction.verification.verdict.verify import Verdict
 
 AnyScene: TypeAlias = "str | Path | Scene"
@@ -28,8 +26,8 @@ def simulate(
     engine: str | None = None,
     output: str | Path | None = None,
     progress: Progress = lambda stage: None,
-) -> MeasuredTransient:
-    """Run the transient of SCENE and measure the waveforms, without any check.
+) -> Verdict:
+    """Verify SCENE, and write the waveforms of its record.
 
     Parameters
     ----------
@@ -44,8 +42,8 @@ def simulate(
 
     Returns
     -------
-    MeasuredTransient
-        `waveforms` and `measurements`.
+    Verdict
+        With its `waveforms` and `measurements`.
 
     Raises
     ------
@@ -63,16 +61,15 @@ def simulate(
     """
     from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.report.output_checks import check_export, export
-    from taction.verification.verdict.run import record_transient
+    from taction.verification.verdict.verify import verify as verify_one
 
     scene = read_scene(scene, engine)
     if output is not None:
         check_export(str(output))
-    record = record_transient(scene, progress)
-    if output is None:
-        return record
-    export(record.circuit, record.waveforms, str(output))
-    return replace(record, output=str(output))
+    verdict = verify_one(scene, progress)
+    if output is not None:
+        export(verdict.circuit, verdict.waveforms, str(output))
+    return verdict
 
 
 @overload
@@ -232,7 +229,6 @@ def what_to_change(
     verdict: Verdict,
     *,
     changes: float = 2000.0,
-    any_part: bool = False,
     progress: Progress = lambda stage: None,
 ) -> Remedies | None:
     """Return the nearest changes of the design that mend a failed verdict; None for any other.
@@ -245,8 +241,6 @@ def what_to_change(
         Most work of the search for changes that mend a failed verdict, in designs; 0: no search.
 
         A verdict is 10 designs; a board of n states counts ``1 + (n / 70)^3`` times.
-    any_part : bool
-        Propose also parts beyond the limits of real ones.
     progress : callable, optional
         Receives the name of the stage.
 
@@ -272,7 +266,7 @@ def what_to_change(
     from taction.verification.design.remedies import find_remedies
 
     progress(f"what to change, at most the work of {changes:g} designs")
-    return find_remedies(verdict, changes, any_part=any_part)
+    return find_remedies(verdict, changes)
 
 
 def diff(

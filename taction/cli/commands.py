@@ -90,12 +90,6 @@ def _new_files(found: NewScene, call: Call) -> list[str]:
 
 
 NEW_MATRIX = Command(function="new", schema="new-matrix", files=_new_files)
-SAMPLE = Command(
-    function="verify_sample",
-    outputs=(REPORT,),
-    schema="montecarlo-sample",
-    lacks="shows many samples; leave out --sample",
-)
 TABLE = {
     "verify": VERIFY,
     "check": Command(
@@ -148,16 +142,16 @@ TABLE = {
         ends="Exit status: 3 if the solution has no certificate.",
     ),
     "simulate": Command(
-        about="Run the transient: waveforms and measurements.",
+        about="Verify a board, and write the waveforms of its record.",
+        text=lambda found: sys.stdout.write(f"{found}\n"),
         files=own_file,
         parameters=(replace(OUTPUT, check="verification.report.output_checks:check_export"),),
+        ends="Exit status: that of the verdict.",
     ),
     "montecarlo": Command(
         about="Estimate the yield under component tolerances.",
         outputs=(picture("histograms with limits"), REPORT),
-        other=lambda options: None if options["sample"] is None else SAMPLE,
         parameters=(
-            option("sample", type=click.IntRange(0), of="verify_sample", required=False),
             option("min_yield", type=NumberRange(0, 1)),
             DATABASE,
         ),

@@ -49,6 +49,12 @@ WITHDRAWN = {
     "verify --exclude": "Name the scenes, or keep drafts in a folder of their own.",
     "verify --annotate": "--junit FILE writes what CI shows at the files.",
     "regress --annotate": "--junit FILE and --markdown FILE write what CI shows.",
+    "montecarlo --sample": "Verify a board of your own by 'taction yield corners --corner'.",
+    "montecarlo --until": "Give the samples by -n; the same command with more of them goes on.",
+    **{
+        f"{name} --any-part": "Parts that the scene itself has are accepted, and no worse ones."
+        for name in ("verify", "new", "scale", "tune", "choose")
+    },
     "sweep --retry": "The same command computes points without a verdict again.",
     "sweep --keep-waveforms": "Write the waveforms of a board with 'taction export waveforms'.",
 }

@@ -75,8 +75,8 @@ def verify_scene(call: Call, progress: StageLine) -> Verified:
     found = Verified(verdict, document, options["verbose"])
     if not call.as_json:
         attempt("the text", partial(_print_verdict, found, progress), None, say, is_of_stdout)
-    given = {name: options[name] for name in ("changes", "any_part")}
-    search = partial(taction.what_to_change, verdict, **given, progress=progress)
+    changes = options["changes"]
+    search = partial(taction.what_to_change, verdict, changes=changes, progress=progress)
     try:
         return replace(found, remedies=attempt("the search for changes", search, None, say))
     except KeyboardInterrupt:
@@ -154,7 +154,6 @@ VERIFY = Command(
         JUNIT,
         replace(OPTIONS["jobs"], of="verify_files"),
         option("changes", type=NumberRange(0), metavar="DESIGNS", of="what_to_change"),
-        option("any_part", is_flag=True, of="what_to_change"),
         option(
             "verbose",
             "-v",

@@ -8,7 +8,7 @@ written. Each of these is optional.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import TypeVar
 
 from taction.system.foreign_files import shortened, visible
@@ -20,12 +20,6 @@ class Notice(str):
     """A line of progress that is shown even where stages are not, such as how long a run takes."""
 
     __slots__ = ()
-
-
-def ask(questions: Iterable[str], progress: Progress) -> None:
-    """Ask what may be a slip in the input; nobody waits for an answer."""
-    for question in questions:
-        progress(Notice(f"question: {question}"))
 
 
 class Clock:

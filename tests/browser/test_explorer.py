@@ -185,25 +185,6 @@ def test_wrong_values_are_refused_and_change_nothing(explore: Callable[..., Open
     assert page.inner_text("#mistake-0") == ""
 
 
-def test_a_saved_scene_has_the_same_reading(
-    explore: Callable[..., Opened], serve: Callable[[str], Server]
-) -> None:
-    page = explore().page
-    type_value(page, 0, "33 pF")
-    for expected in ("wrote", "the file exists"):
-        page.fill("#save-name", "kept.toml")
-        page.click("#save button")
-        page.wait_for_function(
-            f"document.getElementById('saved').textContent.includes('{expected}')"
-        )
-    verdict = taction.verify(
-        serve("paper-breadboard").scene.parent / "kept.toml", engine="statespace"
-    )
-    assert verdict.measurements.settling_time is not None
-    shown = quantity(verdict.measurements.settling_time.value, "s")
-    assert shown in page.inner_text("#readings")
-
-
 @pytest.mark.parametrize(("scheme", "capacitance"), [("light", "10 pF"), ("dark", "5 pF")])
 def test_axe_finds_nothing_serious(
     explore: Callable[..., Opened], scheme: str, capacitance: str

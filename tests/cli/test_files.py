@@ -40,7 +40,6 @@ LINES: tuple[tuple[str, tuple[str, ...], dict[str, str]], ...] = (
     ("build", ("a.toml",), {"-o": "x"}),
     ("simulate", ("a.toml",), {"-o": "x.csv"}),
     ("montecarlo", ("a.toml", *DRAWN), {**PICTURES, "-o": "x.sqlite"}),
-    ("montecarlo", ("a.toml", "--sample", "2"), {"--report": "x.html"}),
     ("corners", ("a.toml", *CORNER), {"--report": "x.html"}),
     ("tune", ("a.toml",), {**PICTURES, "-o": "x.toml"}),
     ("choose", ("a.toml", *DESIGNS), {**PICTURES, "-o": "x", "--store": "x.sqlite"}),

@@ -89,7 +89,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("verify", "a.toml", "--solve"): ("No such option", "taction solve SCENE"),
     ("regress", "--annotate"): ("No such option", "--junit FILE"),
     (*GOOD, "--lambda", "-1"): ("'--lambda'", "-1.0", "x>0"),
-    ("new", "y.toml", "--matrix", "eps.csv", "--strain", "T.csv", "--any-part"):
+    ("new", "y.toml", "--matrix", "eps.csv", "--strain", "T.csv"):
         ("T.csv", "shape 5 x 4", "expected 5"),
     ("verify", "ok.toml", "--set", "C"): ("--set", "'C'", "such as C=12pF"),
     ("verify", "ok.toml", "--set", "C=10"): ("--set", "10 F is what no board has", "'10pF'"),

@@ -27,7 +27,6 @@ LINES: dict[str, str] = {
     "solve": "solve a.toml",
     "simulate": "simulate a.toml -o w.csv",
     "montecarlo": "montecarlo a.toml -n 4 --jobs 1",
-    "montecarlo-sample": "montecarlo a.toml --sample 3",
     "corners": "corners a.toml --jobs 1",
     "corners, named": "corners a.toml --corner capacitor=-1",
     "tune": "tune a.toml",

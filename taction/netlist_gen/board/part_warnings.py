@@ -117,19 +117,14 @@ class AcceptedParts:
     """What a proposal may have beyond the limits: what the scene itself has, but for rounding."""
 
     own: Mapping[str, BrokenLimit]  # what the scene has, by the kind of part and the limit
-    any_part: bool = False  # whether any part may be proposed
 
     def refused(self, broken: Mapping[str, BrokenLimit]) -> str:
         """Return which parts are beyond a limit, and farther than those of the scene."""
         return ", ".join(
             name
             for name, limit in broken.items()
-            if not self.any_part
-            and (name not in self.own or limit.factor > ROUNDING * self.own[name].factor)
+            if name not in self.own or limit.factor > ROUNDING * self.own[name].factor
         )
-
-
-ANY_PART = AcceptedParts({}, any_part=True)
 
 
 def broken_limits(circuit: Circuit, rest: Rest | None = None) -> dict[str, BrokenLimit]:

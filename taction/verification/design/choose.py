@@ -15,7 +15,6 @@ from pathlib import Path
 from types import MappingProxyType
 
 from taction.netlist_gen.board.opamp_choice import choose_opamp
-from taction.netlist_gen.board.part_warnings import ANY_PART, AcceptedParts
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import (
     LIMITS,
@@ -253,9 +252,9 @@ class Choice(Result):
         return next((name for name in ("pass", "inconclusive") if name in outcomes), "fail")
 
 
-def designs(plan: Plan, store: Store, accepted: AcceptedParts | None = None) -> list[ChosenDesign]:
-    """Return the stored designs of a choice, the best first; refused are parts not `accepted`."""
-    found, accepted = list[ChosenDesign](), accepted or accepted_parts(plan.scene)
+def designs(plan: Plan, store: Store) -> list[ChosenDesign]:
+    """Return the stored designs of a choice, the best first."""
+    found, accepted = list[ChosenDesign](), accepted_parts(plan.scene)
     keys = topology_of(plan.scene).searched
     for place, values, key in grid_points(plan):
         record, refused = store.record_of(key, Record), ""
@@ -307,7 +306,6 @@ def choose(
     c_range: str = "",
     gain_range: str = "",
     points: int = 9,
-    any_part: bool = False,
     output: str | Path | None = None,
     store: str | Path | None = None,
     jobs: int | None = None,
@@ -344,8 +342,6 @@ def choose(
         By default the scene's gain from a tenth to ten times its value.
     points : int
         Values of C and of gain.
-    any_part : bool
-        Accept parts beyond the limits of real ones.
     output : path, optional
         Write the best three designs as scene files into FOLDER.
     store : path, optional
@@ -402,7 +398,7 @@ def choose(
     )
     with Store(":memory:" if store is None else str(store)) as results:
         computed(plan, results, jobs=jobs, cluster=cluster, progress=progress)
-        ranked = designs(plan, results, ANY_PART if any_part else None)
+        ranked = designs(plan, results)
     best = []
     for rank, design in enumerate(best_designs(ranked), 1):
         one = design_scene(plan, original, design, rank)

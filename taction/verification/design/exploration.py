@@ -7,20 +7,17 @@ What the page shows is found in steps, each a function of the results before it;
 from __future__ import annotations
 
 import math
-import re
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import OPAMP, mistakes_of, with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.keys import Value, find_key, own_value, read_value, scene_text
-from taction.netlist_gen.scene.problem_keys import MOST_NAME, NAME_PATTERN
+from taction.netlist_gen.scene.keys import Value, find_key, own_value, read_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.array_types import Floats
@@ -49,8 +46,6 @@ LEAST_STRAY, MOST_STRAY = 1e-14, 1e-10  # F
 LEAST_NOISE, MOST_NOISE = 1e-8, 1.0  # variance, of the mean square of the strain
 STEPS, DIGITS = 1000, 4  # places of a slider, and digits of their values
 ZERO_PART = 0.04  # of a slider whose value may be zero: its lower end
-
-SUFFIX = ".toml"
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,30 +167,6 @@ class Settings:
         for path, value in self.changes().items():
             words += ["--set", f"{path}={value if isinstance(value, str) else repr(value)}"]
         return shlex.join(words)
-
-    def save(self, name: str) -> Path:
-        """Write the scene with these values as a new file beside the scene's own; return it."""
-
-        def refused(reason: str) -> InputError:
-            return InputError("save", Complaint("file", repr(name), reason))
-
-        stem = name.removesuffix(SUFFIX)
-        plain = re.fullmatch(NAME_PATTERN, stem) and len(stem) <= MOST_NAME
-        if not name.endswith(SUFFIX) or not plain:
-            raise refused(
-                f"expected the name of a new file that ends with {SUFFIX!r}, without a folder, as"
-                f" scenes have it: letters, digits, '.', '_' and '-', {MOST_NAME} at most"
-            )
-        file = self.original.folder / name
-        try:
-            with file.open("x", encoding="utf-8") as stream:
-                stream.write(scene_text(self.scene(), self.original.folder))
-        except FileExistsError:
-            text = "the file exists, and stays as it is; expected the name of a new file"
-            raise refused(text) from None
-        except (OSError, ValueError) as error:
-            raise refused(str(error)) from None
-        return file
 
 
 POINTS = 500  # of a curve without fast ringing

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.board.part_warnings import ANY_PART, LEAST_OHMS, MOST_OHMS, AcceptedParts
+from taction.netlist_gen.board.part_warnings import LEAST_OHMS, MOST_OHMS, AcceptedParts
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import read_problem
 from taction.netlist_gen.scene.keys import scene_text
@@ -132,7 +132,6 @@ def _for_matrix(
     noise: str | float | None,
     lam: float | None,
     asked: dict[str, Any],
-    accepted: AcceptedParts,
     progress: Progress,
 ) -> NewScene:
     """Write a scene for the files of a matrix and a strain; `asked` are keys of its design."""
@@ -151,7 +150,7 @@ def _for_matrix(
         },
         "checks": LOOSE,
     }
-    scaled, found = find_scaling(parse_scene(data, path), accepted=accepted)
+    scaled, found = find_scaling(parse_scene(data, path), accepted=AcceptedParts({}))
     limited, limits = with_limits(scaled)
     notes = [pruning] if pruning else []
     rows, columns = T.shape
@@ -222,7 +221,6 @@ def new(
     opamp: str = "opa2134",
     supply: str | None = None,
     prune: float | None = None,
-    any_part: bool = False,
     force: bool = False,
     progress: Progress = lambda stage: None,
 ) -> NewScene:
@@ -250,8 +248,6 @@ def new(
         Supply as ±12V, with --matrix.
     prune : float, optional
         design.prune.
-    any_part : bool
-        Accept parts beyond the limits of real ones.
     force : bool
         Overwrite FILE.
     progress : callable, optional
@@ -293,8 +289,7 @@ def new(
     progress("scalings")
     design = {"opamp": opamp, "supply": supply, "prune": prune}
     asked = {key: value for key, value in design.items() if value is not None}
-    accepted = ANY_PART if any_part else AcceptedParts({})
-    return _for_matrix(path, (matrix, strain), noise, lam, asked, accepted, progress)
+    return _for_matrix(path, (matrix, strain), noise, lam, asked, progress)
 
 
 def _name_of(path: Path) -> str:

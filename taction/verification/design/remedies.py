@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from taction.netlist_gen.board.opamp_choice import choose_opamp
-from taction.netlist_gen.board.part_warnings import ANY_PART
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
@@ -97,14 +96,12 @@ def mending_keys(scene: Scene) -> dict[str, tuple[str, ...]]:
     return {name: tuple(k for k in keys if k not in idle) for name, keys in mending.items()}
 
 
-def find_remedies(
-    verdict: Verdict, work: float = LIMIT, *, any_part: bool = False
-) -> Remedies | None:
+def find_remedies(verdict: Verdict, work: float = LIMIT) -> Remedies | None:
     """Return the nearest changes that mend a failed verdict, as `taction.what_to_change`."""
     failed = tuple(check.name for check in verdict.checks if check.outcome is Outcome.FAIL)
     if not failed:
         return None
-    trials = Trials(verdict.scene, work, ANY_PART if any_part else None, rest_first=True)
+    trials = Trials(verdict.scene, work, rest_first=True)
     follows, keys = following(verdict.checks), mending_keys(verdict.scene)
     causes = [name for name in failed if name not in follows]
     unmendable = tuple(name for name in failed if name not in keys)

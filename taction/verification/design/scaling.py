@@ -20,7 +20,6 @@ import numpy as np
 
 from taction.netlist_gen.board.bill_of_materials import buyable
 from taction.netlist_gen.board.part_warnings import (
-    ANY_PART,
     LEAST_OHMS,
     MOST_OHMS,
     ROUNDING,
@@ -66,28 +65,25 @@ MIDDLE = 1e5  # ohm: geometric mean of the largest and the smallest matrix resis
 SHARE = 0.5  # of the swing, for the highest output voltage
 SMALLER = (1.0, 0.3, 0.1)  # times the balanced s, while slopes or currents set U0
 ROUNDS = 4  # of U0 on a board whose loads are not proportional to it
-LIMITED = (LEAST_OHMS, MOST_OHMS)
-EVERY_OHM = (1e-3, 1e12)  # of resistors that need not be real
 
 
 def with_resistors(
     scene: Scene,
     factor: float,
     notes: list[str],
-    limits: tuple[float, float] = LIMITED,
 ) -> Scene:
     """Return the scene with other s and G0; R, which follows from lambda, is in the series, too.
 
     Lambda stays, and the op-amps are at the small-signal level. s is `factor` times the value that
-    balances constraint plane and outputs; resistors are within `limits`, ohm, and `notes` receives
-    what could not be reached. `InputError` where T or lambda need others.
+    balances constraint plane and outputs; `notes` receives what could not be reached. `InputError`
+    where T or lambda need resistors that cannot be bought.
     """
     problem = make_problem(scene)
     answer = ideal_answer(ideal_network(problem, scene), scene)
     sizes = np.abs(problem.matrix[problem.matrix != 0.0])
     largest = float(sizes.max())
     smallest = float(sizes[sizes >= scene.design.prune * largest].min())
-    least, most = limits
+    least, most = LEAST_OHMS, MOST_OHMS
     ratio = least / most
     if largest * ratio > smallest:
         text = (
@@ -170,7 +166,6 @@ def scale(
     share: float = 0.5,
     opamp: str | None = None,
     supply: str | float | None = None,
-    any_part: bool = False,
     output: str | Path | None = None,
     progress: Progress = lambda stage: None,
 ) -> Scaled:
@@ -189,8 +184,6 @@ def scale(
         Preset in the place of the scene's op-amp.
     supply : str or float, optional
         Supply in the place of the scene's, as ±12V.
-    any_part : bool
-        Accept parts beyond the limits of real ones.
     output : path, optional
         Write the scene with the proposed scalings.
     progress : callable, optional
@@ -217,7 +210,7 @@ def scale(
     changes = {"design.opamp": opamp, "design.supply": supply}
     asked = with_values(read_scene(scene), {k: v for k, v in changes.items() if v is not None})
     progress("scalings")
-    scaled, notes = find_scaling(asked, share, accepted=ANY_PART if any_part else None)
+    scaled, notes = find_scaling(asked, share)
     verdict = verify(scaled.with_engine("statespace"), progress)
     if output is not None:
         write_scene(scaled, output)
@@ -241,11 +234,10 @@ def find_scaling(
         )
         raise InputError(scene.file, Complaint("design.topology", repr(topology.name), text))
     accepted = accepted or accepted_parts(scene)
-    limits = EVERY_OHM if accepted.any_part else LIMITED
     found = list[tuple[bool, float, Scene, tuple[Load, ...], list[str]]]()
     for factor in SMALLER:
         notes = list[str]()
-        scaled = with_resistors(scene, factor, notes, limits)
+        scaled = with_resistors(scene, factor, notes)
         scaled = _with_capacitance(scaled, accepted, notes, _damped) or scaled
         scaled, loads = _with_loads(scaled, share, notes)
         volts = max((load.share for load in loads if load.quantity == "voltage"), default=0.0)
@@ -260,7 +252,7 @@ def find_scaling(
     scaled = scaled.model_copy(update={"design": design})
     circuit = synthesise(scaled)
     if refused := accepted.refused(broken_at_rest(LinearBoard(circuit))):
-        text = f"the scalings need {refused}, which the scene does not have; --any-part accepts it"
+        text = f"the scalings need {refused}, which the scene does not have"
         raise InputError(scene.file, Complaint("design", "", text))
     return scaled, tuple(dict.fromkeys((*notes, *part_warnings(circuit))))
 

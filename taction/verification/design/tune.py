@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 
-from taction.netlist_gen.board.part_warnings import ANY_PART
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.keys import write_scene
 from taction.netlist_gen.scene.scene import Scene
@@ -91,7 +90,6 @@ def tune(
     reach: float = 20.0,
     overshoot: float | None = None,
     margin: float | None = None,
-    any_part: bool = False,
     output: str | Path | None = None,
     progress: Progress = lambda stage: None,
 ) -> Tuned:
@@ -113,8 +111,6 @@ def tune(
         Largest overshoot, fraction of the step; by default the scene's limit, or 0.05.
     margin : float, optional
         Factor by which C must be able to shrink; by default the scene's margin.
-    any_part : bool
-        Accept parts beyond the limits of real ones.
     output : path, optional
         Write the scene with the best design.
     progress : callable, optional
@@ -151,7 +147,7 @@ def tune(
     limit = (OVERSHOOT if check is None else check.max) if overshoot is None else overshoot
     margin = scene.checks.stability.margin if margin is None else margin
     limited = with_values(scene, {"checks.overshoot.max": limit, "checks.stability.margin": margin})
-    trials = Trials(limited, accepted=ANY_PART if any_part else None)
+    trials = Trials(limited)
     after = _search(trials, ranges, limit, progress)
     if not (after.good and after.overshoot <= RESERVE * limit):
         raise _no_design(trials, ranges, after, f"{100 * limit:g} % and a margin of {margin:g}")

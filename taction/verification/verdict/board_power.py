@@ -17,21 +17,12 @@ from taction.verification.verdict.verify import Verdict
 
 @dataclass(frozen=True, slots=True)
 class BoardPower:
-    """Power in W and current in A; ideal antilog stages take part in neither."""
+    """What a board takes at rest; ideal antilog stages take part in neither."""
 
-    DOCUMENT = (
-        *("supply_current [A]", "quiescent [W]", "outputs [W]", "resistors [W]", "total [W]"),
-    )
+    DOCUMENT = ("supply_current [A]", "total [W]")
 
-    quiescent: float  # of the op-amps without load
-    outputs: float  # in the output stages, which carry the load currents from a supply
-    resistors: float  # in all resistors
-    supply_current: float  # of the supply that carries more: quiescent current and load currents
-
-    @property
-    def total(self) -> float:
-        """Dissipation of the board, W."""
-        return self.quiescent + self.outputs + self.resistors
+    supply_current: float  # of the supply that carries more: quiescent and load currents, A
+    total: float  # dissipation in op-amps and resistors, W
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,12 +68,9 @@ def board_power(board: LinearBoard) -> BoardPower:
     load, height = leaving[loaded], volts[loaded]
     quiet = sum(circuit.models[cell.model].supply_current for cell in circuit.opamps)
     sourced, sunk = np.maximum(load, 0.0), np.maximum(-load, 0.0)
-    return BoardPower(
-        quiescent=2.0 * circuit.supply * quiet,
-        outputs=float((circuit.supply - height) @ sourced + (circuit.supply + height) @ sunk),
-        resistors=float(across @ current),
-        supply_current=quiet + float(max(sourced.sum(), sunk.sum())),
-    )
+    stages = (circuit.supply - height) @ sourced + (circuit.supply + height) @ sunk
+    total = 2.0 * circuit.supply * quiet + float(stages + across @ current)
+    return BoardPower(quiet + float(max(sourced.sum(), sunk.sum())), total)
 
 
 KICAD, REPORT = "kicad", "report.html"

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +20,6 @@ from taction.netlist_gen.scene.check_keys import Checks
 from taction.netlist_gen.scene.fields import Model
 from taction.system.array_types import Floats
 from taction.system.quantities import percent, show, show_rate, spaced
-from taction.system.reading_definitions import READINGS
 from taction.verification.readings.measurements import Measurements, describe_states
 from taction.verification.readings.settling import ChannelState
 from taction.verification.stability.margin import Margin
@@ -87,17 +85,6 @@ class Evidence:
     spread: InputSpread | None = None  # where boards with other op-amps of the type rest
     unwitnessed: str = ""  # which of the two witnesses the board lacks, or empty
     run: Run | None = None  # the record with its error; None in evidence made by hand
-
-    @property
-    def reading_errors(
-        self,
-    ) -> Annotated[
-        Mapping[str, float], {"inline": {name: kind.unit for name, kind in READINGS.items()}}
-    ]:
-        """Bounds on the errors of the readings: 0 for a time that no channel has."""
-        found = {n: r.uncertainty if r else 0.0 for n, r in self.measurements.readings.items()}
-        rises = (channel.rise_time for channel in self.measurements.channels)
-        return found | {"rise_time": max((r.uncertainty for r in rises if r), default=0.0)}
 
     @property
     def no_step(self) -> str:

@@ -187,7 +187,6 @@ class PartLoads:
     # The largest load of each quantity, and all others above `FULL` of their limit, largest first.
     loads: tuple[Load, ...] = ()
     unknown: str = ""  # why the loads are not known, or empty
-    unit_voltage: float | None = None  # U0, V, of a board whose loads are proportional to U0
     simulated: tuple[Load, ...] = ()  # of the small-signal board, where the simulated op-amps limit
 
     @classmethod
@@ -203,40 +202,19 @@ class PartLoads:
         circuit = board.circuit
         if not any(model.is_limited for model in circuit.models.values()):
             return NOT_LIMITED
-        volts = circuit.value("U0") if circuit.is_linear else None
         try:
             loads = _loads(board, initial, transient, tolerance)
         except EngineError as error:
-            return cls((), f"the loads of the op-amps are not known: {error}", volts)
+            return cls((), f"the loads of the op-amps are not known: {error}")
         first = {load.quantity: load for load in reversed(loads)}
         chosen = (load for load in loads if load.is_above or first[load.quantity] is load)
-        return cls(tuple(chosen), "", volts)
+        return cls(tuple(chosen))
 
     @property
     def impossible(self) -> tuple[Load, ...]:
         """The loads that are above their limit at rest, the largest first."""
         above = (load for load in self.loads if load.rest > load.limit + load.error)
         return tuple(sorted(above, key=lambda load: -load.rest / load.limit))
-
-    @property
-    def largest_unit_voltage(self) -> float | None:
-        """The largest U0 with which no part limits the board, V, two digits; None if unknown."""
-        if self.unit_voltage is None or not self.loads:
-            return None
-        worst = self.loads[0]
-        most = FULL * self.unit_voltage / (worst.share + worst.error / worst.limit)
-        if not most > 0.0:  # the error of the load has no bound
-            return None
-        digit = 10.0 ** (math.floor(math.log10(most)) - 1)
-        return digit * math.floor(most / digit)  # rounded down
-
-    @property
-    def remedy(self) -> str:
-        """The unit voltage with which no part limits the board, or empty."""
-        most = self.largest_unit_voltage
-        if most is None:
-            return ""
-        return f"; unit_voltage = {show(most, 'V', 2)} keeps every op-amp below {FULL:.0%}"
 
 
 NOT_LIMITED = PartLoads()

@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
 from taction.system.array_types import Floats
 from taction.system.reading_definitions import EXCURSIONS, READINGS
-from taction.verification.readings.measurements import ChannelMeasure, Measurements
+from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
 from taction.verification.verdict.checks import Check, Outcome, band_text, cause
@@ -253,11 +253,6 @@ def decisive_reason(verdict: Verdict) -> str:
     """Return why a verdict is no pass; empty of a pass."""
     found = cause(verdict.checks)
     return "" if found is None else found.text
-
-
-def channels_of(measurements: Measurements) -> tuple[Channel, ...]:
-    """Return the figures of all channels of a transient, without their equilibrium."""
-    return tuple(map(Channel.of, measurements.channels))
 
 
 def _channels(verdict: Verdict) -> tuple[Channel, ...]:

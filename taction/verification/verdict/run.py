@@ -18,12 +18,10 @@ import numpy as np
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.check_keys import AGREE
-from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.documents import HIDDEN
 from taction.system.errors import EngineError, StepTooSmall, TimedOut
-from taction.system.progress import Clock, Progress
-from taction.system.results import Result
+from taction.system.progress import Clock
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import is_exact
@@ -35,7 +33,6 @@ from taction.verification.verdict.simulation import (
     StateSpaceError,
     Waiting,
     begin,
-    build,
     on_curve,
     own_error,
     state_space_error,
@@ -260,9 +257,6 @@ class Accuracy:
     wanted: float  # error that the checks allow, fraction of the step amplitude (`wanted_error`)
     achieved: float | None  # bound of the error, measured after the run; None if that is not known
     seconds: float  # wall time of all tries, s
-    points: int  # time points or steps of the run
-    points_per_period: float  # of the fastest ringing, averaged over the record
-    engine: str
     method: str  # of integration
     how: str  # how `achieved` was measured
     tries: int = 1  # number of runs
@@ -336,14 +330,10 @@ class Run:
     def accuracy(self) -> Accuracy:
         """The error over all time, and what it cost."""
         board, cost = self.board, self.waveforms.cost
-        periods = board.transient.stop / board.scales.max_step_for(1.0)
         return Accuracy(
             wanted=board.plan.wanted,
             achieved=self.achieved,
             seconds=cost.seconds + self.before,
-            points=cost.points,
-            points_per_period=max(cost.points, 1) / periods,
-            engine=self.ends.engine,
             method=str(board.transient.method) if self.own is None else self.ends.method,
             how=self.error[2],
             tries=self.tries,
@@ -419,41 +409,3 @@ def _planned(board: Board, stop: float, aim: float | None = None) -> TransientPl
     analysis = board.scene.analysis.model_copy(update={"stop": stop})
     scene, steps = board.scene.model_copy(update={"analysis": analysis}), board.plan.by_steps
     return plan_transient(scene, board.linear, board.scales, steps=steps, stable=True, aim=aim)
-
-
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class MeasuredTransient(Result):
-    """Waveforms of one transient, their measurements, and their file, if there is one."""
-
-    VIEW = "taction.verification.report.views.verdict_view:transient_view"
-    DOCUMENT = (
-        *("scene = circuit.name", "simulator = waveforms.engine"),
-        *("solver = waveforms.solver or null", "method = waveforms.method or null"),
-        *("points = waveforms.cost.points", "seconds [s] = waveforms.cost.seconds", "stop [s]"),
-        *("step_amplitude [V] = measurements.amplitude",),
-        "settling_time [s] = measurements.settling_time.value",
-        "channels = verification.verdict.record:channels_of(measurements)",
-        "output",
-    )
-
-    circuit: Circuit
-    transient: Transient
-    waveforms: Waveforms
-    measurements: Measurements
-    output: str | None = None
-
-    @property
-    def stop(self) -> float:
-        """The last instant, s."""
-        return float(self.waveforms.time[-1])
-
-
-def record_transient(scene: Scene, progress: Progress = lambda stage: None) -> MeasuredTransient:
-    """Simulate the transient of `scene`, and measure it without its error."""
-    clock = Clock(progress)
-    board = build(scene, clock)
-    clock.begin("simulation")
-    waveforms = begin(board)().filled
-    clock.begin("measures")
-    measurements = measure_outputs(board, waveforms)
-    return MeasuredTransient(board.circuit, board.transient, waveforms, measurements)

@@ -230,6 +230,9 @@ def stability(evidence: Evidence) -> Check:
     return check(outcome, value, error, reason=reason)
 
 
+REMEDY = "; a smaller unit_voltage lowers it"
+
+
 def headroom(evidence: Evidence) -> Check | None:
     """Fail if the steady state is beyond a part; above `FULL` of a limit nothing is known."""
     parts = evidence.parts
@@ -256,11 +259,11 @@ def headroom(evidence: Evidence) -> Check | None:
         outcome, value, error = FAIL, worst.rest / worst.limit, worst.error / worst.limit
         reason = (
             f"at rest the output {worst.quantity} of op-amp {worst.part} would be"
-            f" {amount(worst, worst.rest)}, the limit is {amount(worst, worst.limit)}{parts.remedy}"
+            f" {amount(worst, worst.rest)}, the limit is {amount(worst, worst.limit)}{REMEDY}"
         )
     elif outcome is UNDECIDED:
         reason += f", and above {FULL:.0%} of a limit the small-signal board is not true"
-        reason += parts.remedy
+        reason += REMEDY
     return check(outcome, value, error, reason=reason)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ import taction
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import Point, with_settings, with_values
 from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
-from taction.system.errors import InputError
 from taction.verification.design import trials
 from taction.verification.design.exploration import (
     LAMBDA,
@@ -99,45 +97,6 @@ def test_the_gain_leaves_lambda(start: Settings) -> None:
     )
     assert after.targets == pytest.approx(before.targets, rel=1e-9)
     assert settings.changes()[LAMBDA] == start.control(LAMBDA).own
-
-
-def test_a_saved_scene_reads_as_the_values(start: Settings, tmp_path: Path) -> None:
-    file = tmp_path / "board.toml"
-    file.write_text(BREADBOARD.read_text("utf-8"), encoding="utf-8")
-    start = Settings.of(load_scene(file))
-    settings = start.moved({CAPACITANCE: 2e-11, LAMBDA: 0.5})
-    saved = settings.save("new.toml")
-    assert saved == tmp_path / "new.toml"
-    assert load_scene(saved).model_dump() == settings.scene().model_dump()
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "board.toml",
-        "../new.toml",
-        "new",
-        ".toml",
-        "",
-        "a/b.toml",
-        "a\n.toml",
-        "a b.toml",
-        "é.toml",
-        "\x1b.toml",
-        "::x.toml",
-        "x" * 65 + ".toml",
-        "a\x00.toml",
-    ],
-)
-def test_a_file_is_never_replaced(tmp_path: Path, name: str) -> None:
-    file = tmp_path / "board.toml"
-    text = BREADBOARD.read_text("utf-8")
-    file.write_text(text, encoding="utf-8")
-    start = Settings.of(load_scene(file))
-    with pytest.raises(InputError):
-        start.moved({CAPACITANCE: 2e-11}).save(name)
-    assert file.read_text("utf-8") == text
-    assert list(tmp_path.iterdir()) == [file]
 
 
 def test_a_verdict_is_that_of_verify(start: Settings) -> None:

@@ -169,8 +169,6 @@ def test_resistors_that_nobody_sells_are_refused(monkeypatch: pytest.MonkeyPatch
     huge = make_scene({"channels": 2, "span": 1.2}, design=design | {"opamp": "ideal"})
     found = tune(huge, ["gain=10M:400M"], overshoot=0.9)
     assert found.after.values["design.gain"] <= 1.05 * 40e6
-    found = tune(huge, ["gain=10M:400M"], overshoot=0.9, any_part=True)
-    assert found.after.values["design.gain"] > 1.05 * 40e6
 
 
 def shipped(name: str, opamp: str) -> Scene:
@@ -240,7 +238,6 @@ def test_a_matrix_that_no_resistors_have(tmp_path: Path) -> None:
     path = write_matrix_scene(tmp_path, [[1.0, 1e-7], [1e-7, 1.0]], [1.0, 0.5])
     with pytest.raises(InputError, match=r"small entries with design\.prune = 1e-06"):
         scaled(load_scene(path))
-    assert scaled(load_scene(path), any_part=True).matrix_ohms[1] > 10e6
     other = load_scene(write_matrix_scene(tmp_path, [[1.0, 1e-3]], [1.0]))
     assert scaled(other).matrix_ohms[1] < 10e6
 

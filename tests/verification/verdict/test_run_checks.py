@@ -374,7 +374,7 @@ def test_a_stability_margin(
 def test_two_engines_agree_but_not_within_an_error_that_was_not_reached(
     agreed: Agreement, achieved: float | None, outcome: Outcome
 ) -> None:
-    accuracy = Accuracy(1e-4, achieved, 1.0, 100, 60.0, "ngspice", "trapezoidal", "")
+    accuracy = Accuracy(1e-4, achieved, 1.0, "trapezoidal", "")
     run: Any = SimpleNamespace(accuracy=accuracy)
     found = check("engines_agree", replace(evidence(agreement=agreed), run=run))
     assert found.outcome is outcome

@@ -39,7 +39,6 @@ from taction.verification.stability.margin import find_margin
 from taction.verification.stability.poles import poles
 from taction.verification.studies.onset.onset import onset
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.run import record_transient
 from taction.verification.verdict.verify import Verdict, verify
 
 CENTRE = 3  # channel 4 of 7
@@ -215,7 +214,7 @@ def console(quick: bool) -> Chapter:
 
 def _by_gain(scene: Scene, gain: float, **others: float) -> tuple[float, float]:
     board = redesigned(scene, gain=gain, **others).with_engine("statespace")
-    return _times(record_transient(board).measurements)
+    return _times(verify(board).measurements)
 
 
 def _times(measurements: Measurements) -> tuple[float, float]:

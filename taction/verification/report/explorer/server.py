@@ -187,7 +187,6 @@ async def _talk(socket: Any, settings: Settings, judging: ExplorerJob) -> None:
     actions: dict[str, Callable[[Any], None]] = {
         "move": session.move,
         "window": lambda name: session.show(str(name)),
-        "save": lambda name: session.save(str(name)),
     }
     try:
         async for kind, given in socket.iter_json():
@@ -203,7 +202,7 @@ def _templates() -> Environment:
 
 
 PLACES = ("command", "doubts", "limits", "facts", "stable", "stable_text", "verdict_text", "checks",
-          "readings", "warnings", "saved")  # fmt: skip
+          "readings", "warnings")  # fmt: skip
 """Parts that are shown as markup, by the name of their element."""
 
 

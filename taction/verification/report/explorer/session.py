@@ -170,10 +170,3 @@ class Session:
         """End what is still to be found."""
         if self.work is not None:
             self.work.cancel()
-
-    def save(self, name: str) -> None:
-        """Write the present values to a new file."""
-        try:
-            self._tell(saved=f"wrote {self.settings.save(name.strip())}")
-        except InputError as error:
-            self._tell(saved=readable(str(error)))

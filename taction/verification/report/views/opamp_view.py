@@ -225,13 +225,11 @@ def parts_view(result: PartsList) -> Page:
 
 def parts_content(parts: BillOfMaterials, power: BoardPower, shown: int) -> tuple[Content, ...]:
     """Return the parts, `shown` references of each value, then packages, power, what is missing."""
-    watts = [quantity(each, "W", 3) for each in (power.total, power.quiescent, power.outputs)]
     return (
         Table.of("Parts", parts.lines, part_columns(shown)),
         packages_text(parts),
-        f"supply current {quantity(power.supply_current, 'A', 3)}, dissipation {watts[0]} at rest:"
-        f" op-amps {watts[1]} quiescent and {watts[2]} by their load,"
-        f" resistors {quantity(power.resistors, 'W', 3)}",
+        f"supply current {quantity(power.supply_current, 'A', 3)}, dissipation"
+        f" {quantity(power.total, 'W', 3)} at rest",
         *(f"not included: {readable(what)}" for what in parts.not_listed),
     )
 

@@ -205,7 +205,7 @@ def view(result: SweepResult) -> Page:
         title=plan.scene.name,
         command="taction sweep",
         summary=f"{result.done} of {plan.points} points: {outcomes}.",
-        lines=(f"Over {names}; engine: {ENGINES[plan.engine]}.", *map(readable, result.notes)),
+        lines=(f"Over {names}; engine: {ENGINES[plan.engine]}.",),
         sections=(
             Section("Pictures", text),
             Section(

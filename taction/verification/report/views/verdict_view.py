@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,12 +30,8 @@ from taction.verification.verdict.answer_error import ErrorPart, worst_channel
 from taction.verification.verdict.board_power import KICAD, OWN, REPORT, BuiltBoard
 from taction.verification.verdict.checks import Outcome, cause
 from taction.verification.verdict.headroom import Load
-from taction.verification.verdict.record import Channel, Record, channels_of
-from taction.verification.verdict.run import MeasuredTransient
+from taction.verification.verdict.record import Channel, Record
 from taction.verification.verdict.verify import Verdict
-
-if TYPE_CHECKING:
-    from taction.verification.studies.tolerance.varied_board import VerifiedSample
 
 LOADS = 16  # of op-amps that are shown
 ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of the step: a smaller part is rounding
@@ -101,11 +96,6 @@ def view(
         ),
         foot=(_cost(verdict),),
     )
-
-
-def sample_view(found: VerifiedSample) -> Page:
-    """Return what the verdict of one sample shows."""
-    return view(found.verdict, f"taction yield montecarlo --sample {found.sample.number}")
 
 
 def _cost(verdict: Verdict) -> str:
@@ -368,15 +358,3 @@ def solution_view(result: Solution) -> Page:
     )
     section = Section("Solution", lines, media="terminal page notebook")
     return Page("numerical solution", "taction solve", sections=(section,))
-
-
-def transient_view(result: MeasuredTransient) -> Page:
-    """Return the page of the measurements of a transient, and what it cost."""
-    cost, channels = result.waveforms.cost, channels_of(result.measurements)
-    table = channel_table(channels, result.measurements.band)
-    return Page(
-        title=result.circuit.name,
-        command="taction export waveforms",
-        sections=(Section("Channels", table, media="terminal page notebook"),),
-        foot=(f"{result.waveforms.simulator}: {cost.points} points, {cost.seconds:.3g} s",),
-    )

@@ -6,7 +6,6 @@ import importlib
 import logging
 import pickle
 import platform
-import re
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
@@ -27,8 +26,6 @@ PATIENCE = 15.0  # s to wait for an answer of a scheduler
 WORKER_PATIENCE = 60.0  # s to wait for a worker, at the start and after the loss of the last one
 CLOSING = 5.0  # s to take leave of a scheduler
 SPARE = 100  # calls that wait for a worker: others may join
-ADDRESS = re.compile(r"(?:(?:tcp|tls)://)?(?:[\w.-]+|\[[0-9A-Fa-f:.%\w]+\]):([0-9]{1,5})", re.ASCII)
-EXPECTED = "expected tcp://HOST:PORT or tls://HOST:PORT, with a port from 1 to 65535"
 
 
 @contextmanager
@@ -38,7 +35,6 @@ def cluster(address: str, announce: Callable[[str], None] = lambda text: None) -
     `announce` receives a line of text when a wait for workers begins. InputError: no such address,
     no dask.distributed, or no scheduler answers. NoVerdictError: no worker comes.
     """
-    check_address(address)
     check_extra("cluster", "--cluster")
     distributed: Any = importlib.import_module("distributed")
     before, client = logging.root.manager.disable, None
@@ -67,13 +63,6 @@ def workers_at(
     if address is None:
         return study.local(jobs)
     return cluster(address, lambda text: progress(Notice(text)))
-
-
-def check_address(address: str) -> None:
-    """Refuse what cannot be an address, with `InputError`."""
-    found = ADDRESS.fullmatch(address)
-    if found is None or not 1 <= int(found[1]) <= 65535:
-        raise _refusal(address, EXPECTED)
 
 
 def _refusal(address: str, text: str) -> InputError:

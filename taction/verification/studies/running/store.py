@@ -38,6 +38,7 @@ NOT_A_DATABASE = f"the file is no SQLite database; {ACCEPTED}. It was not change
 MESSAGES = {  # by the beginnings of SQLite's error names
     "SQLITE_NOTADB": NOT_A_DATABASE,
     "SQLITE_CORRUPT": CORRUPT,
+    "SQLITE_BUSY": "another process has locked the file for a minute",
 }
 SCHEMA = f"""
 begin immediate;

@@ -25,7 +25,6 @@ from taction.netlist_gen.scene.axes import (
     SweepAxis,
     check_axes,
     fixed_values,
-    kept_figures,
     parse_axes,
     with_values,
 )
@@ -35,7 +34,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import INLINE
 from taction.system.errors import MACHINE_FAILURES, Complaint, InputError, Interrupted, TactionError
 from taction.system.output_files import check_extra, check_file, replacing
-from taction.system.progress import Notice, Progress, ask
+from taction.system.progress import Notice, Progress
 from taction.system.results import Result
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.cluster import workers_at
@@ -222,7 +221,6 @@ class SweepResult(Result):
         "axes = plan.axes",
         *("engine = plan.engine", "total = plan.points", "done", "ran", "outcomes"),
         "seconds [s]",
-        "notes # what may be a slip in the scene, and the figures that every op-amp keeps",
         "points",
     )
 
@@ -237,12 +235,6 @@ class SweepResult(Result):
     def done(self) -> int:
         """Number of points that were computed now, or stored before."""
         return sum(self.outcomes.values())
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What may be a slip in the scene, and which of its figures every op-amp keeps."""
-        scene, paths = self.plan.scene, [axis.key.path for axis in self.plan.axes]
-        return (*scene.written_questions, *kept_figures(scene, paths))
 
     @property
     def points(self) -> tuple[SweepPoint, ...]:
@@ -356,7 +348,6 @@ def sweep(
     axes = parse_axes(scene, over)
     check_axes(axes, fixed)
     plan = Plan(scene, axes, choose_engine(scene if engine is None else scene.with_engine(engine)))
-    ask(kept_figures(plan.scene, [axis.key.path for axis in plan.axes]), progress)
     store, start = Store(":memory:" if output is None else str(output)), time.perf_counter()
     counts = computed(plan, store, jobs=jobs, cluster=cluster, progress=progress)
     return SweepResult(plan, store, *counts, time.perf_counter() - start, strict)

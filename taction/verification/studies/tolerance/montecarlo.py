@@ -7,11 +7,9 @@ database is a digest of board, checks, seed and versions.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,10 +17,9 @@ import numpy as np
 
 from taction.netlist_gen.scene.keys import files_of
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.array_types import Floats
-from taction.system.errors import Complaint, InputError, Interrupted
+from taction.system.errors import Interrupted
 from taction.system.progress import Progress
-from taction.system.quantities import fraction, percent
+from taction.system.quantities import percent
 from taction.system.results import Result
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.cluster import workers_at
@@ -44,7 +41,6 @@ from taction.verification.studies.tolerance.varied_board import (
 )
 
 CONFIDENCE = 0.95
-MIN_SAMPLES = 30  # for the test of the interval's width
 QUANTILES = (0.05, 0.5, 0.95)
 CHECK_OF = {"growth_rate": "stability", "margin": "stability"}  # of a quantity of another name
 
@@ -110,6 +106,7 @@ class YieldReport(Result):
 
 def summarise_samples(board: Varied, samples: list[BoardSample], seed: int) -> YieldReport:
     """Return the yield with its interval, failed checks and spreads."""
+    samples = sorted(samples, key=lambda sample: sample.number)
     passed = sum(sample.outcome == "pass" for sample in samples)
     low, high = interval(passed, len(samples))
     failures = Counter(name for sample in samples for name in sample.failed)
@@ -167,37 +164,22 @@ def sample_keys(board: VariedBoard, seed: int) -> Callable[[int], bytes]:
 def run_samples(
     board: Varied, limit: int, seed: int, workers: Workers, store: Store | None = None
 ) -> Iterator[BoardSample]:
-    """Yield the samples in the order of their numbers, not of their ends; compute what is missing.
+    """Yield the samples, those that `store` has first, and each other one as it ends.
 
     `store` keeps each sample at once; what it has is not computed.
     """
     key = sample_keys(board, seed) if store and isinstance(board, VariedBoard) else None
-    known, following = dict[int, BoardSample](), 0
-
-    def missing() -> Iterator[tuple[int, Floats]]:
-        for number in range(limit):
-            stored = key and store and store.record_of(key(number), BoardSample)
-            if stored:
-                known[number] = stored
-            else:
-                yield number, board.drawn(seed, number)
-
-    for sample in itertools.chain(evaluate_all(board, missing(), workers), [None]):
-        if sample is not None:
-            known[sample.number] = sample
-            if key and store:
-                store.put(key(sample.number), sample)
-        while following in known:
-            yield known.pop(following)
-            following += 1
-
-
-def is_narrow(passed: int, count: int, width: float | None) -> bool:
-    """Return whether the half width of the confidence interval is at most `width`."""
-    if width is None or count < MIN_SAMPLES:
-        return False
-    low, high = interval(passed, count)
-    return 0.5 * (high - low) <= width
+    missing = list[int]()
+    for number in range(limit):
+        stored = key and store and store.record_of(key(number), BoardSample)
+        if stored:
+            yield stored
+        else:
+            missing.append(number)
+    for sample in evaluate_all(board, ((n, board.drawn(seed, n)) for n in missing), workers):
+        if key and store:
+            store.put(key(sample.number), sample)
+        yield sample
 
 
 def montecarlo(
@@ -206,7 +188,6 @@ def montecarlo(
     engine: str | None = "statespace",
     samples: int = 1000,
     seed: int = 1,
-    until: str | float | None = None,
     min_yield: float | None = None,
     output: str | Path | None = None,
     jobs: int | None = None,
@@ -224,13 +205,11 @@ def montecarlo(
 
         ``"auto"``, ``"ngspice"`` or ``"statespace"``; None for the scene's own engine.
     samples : int
-        Most samples to draw.
+        Samples to draw.
     seed : int
         Seed of the samples.
 
         Sample 17 of a seed is the same board on every machine.
-    until : str or float, optional
-        Stop when the half width of the 95 % interval is below this: 1% or 0.01.
     min_yield : float, optional
         Smallest yield that passes.
     output : path, optional
@@ -265,7 +244,7 @@ def montecarlo(
     >>> taction.montecarlo("scenes/tuned-breadboard.toml", samples=4, jobs=1).samples
     4
     """
-    width, board, found, passed = half_width(until), prepare(read_scene(scene, engine)), [], 0
+    board, found, passed = prepare(read_scene(scene, engine)), list[BoardSample](), 0
     complete, path = True, ":memory:" if output is None else str(output)
     try:
         with Store(path) as store, workers_at(cluster, jobs, progress) as workers:
@@ -273,8 +252,6 @@ def montecarlo(
                 found.append(sample)
                 passed += sample.outcome == "pass"
                 progress(f"yield: {len(found)} of {samples} samples, {passed} pass")
-                if is_narrow(passed, len(found), width):
-                    break
     except KeyboardInterrupt:
         complete = False
     report = summarise_samples(board, found, seed)
@@ -282,12 +259,3 @@ def montecarlo(
     if not complete:
         raise Interrupted("the report holds the finished samples", report)
     return report
-
-
-def half_width(until: str | float | None) -> float | None:
-    """Return the requested half width of the confidence interval, from ``"1%"`` or 0.01."""
-    with suppress(ValueError):
-        if until is None or 0 < fraction(until) < 0.5:
-            return None if until is None else fraction(until)
-    accepted = "expected a half width such as 1% or 0.01"
-    raise InputError("--until", Complaint("WIDTH", repr(until), accepted))

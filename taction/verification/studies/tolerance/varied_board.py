@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -27,14 +26,12 @@ from taction.system.documents import HIDDEN, INLINE
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import banded
 from taction.system.reading_definitions import EXCURSIONS
-from taction.system.results import Result
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.study import Workers, attempted, study
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import ERROR, Record, finite, signed_errors
 from taction.verification.verdict.simulation import choose_engine
-from taction.verification.verdict.verify import Verdict, verify
+from taction.verification.verdict.verify import verify
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,24 +151,6 @@ def evaluate_all(
         yield sample
 
 
-@dataclass(frozen=True, slots=True)
-class VerifiedSample(Result):
-    """One sample of a Monte Carlo study in full: verdict, and the sample as the study has it."""
-
-    VIEW = "taction.verification.report.views.verdict_view:sample_view"
-    DOCUMENT = ("seed", "sample", "deviations", "* = verdict")
-
-    verdict: Verdict
-    sample: BoardSample
-    seed: int
-    deviations: Mapping[str, float] = field(repr=False)  # of each part, in its tolerances
-
-    @property
-    def outcome(self) -> str:
-        """The outcome of the verdict."""
-        return str(self.verdict.outcome.value)
-
-
 def quantities(scene: Scene) -> tuple[Quantity, ...]:
     """Return the quantities that are reported of the samples of `scene`, with their limits."""
     checks = scene.checks
@@ -242,47 +221,3 @@ def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
         ideal=ideal,
         full_margin=full_margin,
     )
-
-
-def verify_sample(
-    scene: str | Path | Scene, *, sample: int, engine: str | None = "statespace", seed: int = 1
-) -> VerifiedSample:
-    """Verify one sample of a Monte Carlo study in full.
-
-    Parameters
-    ----------
-    scene : path or Scene
-        The board, with its table ``[tolerances]``.
-    sample : int
-        Verify only the sample with this number.
-    engine : str, optional
-        Engine of all samples.
-
-        ``"auto"``, ``"ngspice"`` or ``"statespace"``; None for the scene's own engine.
-    seed : int
-        Seed of the samples.
-
-    Returns
-    -------
-    VerifiedSample
-        The verdict, the sample as the study has it, and the deviation of each part.
-
-    Raises
-    ------
-    InputError
-        The scene or the tolerances cannot be used.
-    NoVerdictError
-        The sample has no verdict.
-
-    Examples
-    --------
-    >>> import taction
-    >>> found = taction.verify_sample("scenes/tuned-breadboard.toml", sample=2)
-    >>> found.outcome == found.sample.outcome
-    True
-    """
-    study = prepare(read_scene(scene, engine))
-    z = study.drawn(seed, sample)
-    verdict = verify(study.scene, problem=study.problem, circuit=study.at(z), ideal=study.ideal)
-    deviations = {p.name: float(v) for p, v in zip(study.varied, z, strict=True)}
-    return VerifiedSample(verdict, evaluate(study, sample, z), seed, deviations)

@@ -112,7 +112,6 @@ const wire = () => {
   get("opamp").addEventListener("change", () => ask({ opamp: get("opamp").value }));
   get("reset").addEventListener("click", () => ask({ reset: true }));
   get("hand").addEventListener("submit", (event) => event.preventDefault());
-  get("save").addEventListener("submit", (event) => { event.preventDefault(); send("save", get("save-name").value); });
   tactionCharts.follow(() => draw({}, true));
 };
 

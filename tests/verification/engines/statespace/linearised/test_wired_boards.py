@@ -131,7 +131,7 @@ def test_noise_and_power_count_the_wires() -> None:
     circuit = taction.synthesise(scene(4, BOARDS["inv"], word_line=300.0, bit_line=200.0))
     few, many = LinearBoard(circuit), LinearBoard(whole(circuit))
     power, wanted = board_power(few), board_power(many)
-    assert power.resistors == pytest.approx(wanted.resistors, rel=1e-9)
+    assert power.total == pytest.approx(wanted.total, rel=1e-9)
     assert power.supply_current == pytest.approx(wanted.supply_current, rel=1e-9)
     rows = [many.descriptor.place(name) for name in few.descriptor.names]
     assert spectrum(few, 1e5) == pytest.approx(spectrum(many, 1e5), rel=1e-9)
