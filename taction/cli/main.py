@@ -41,6 +41,7 @@ WITHDRAWN = {
     "montecarlo --no-remedy": "Leave it out: no samples are drawn again.",
     "verify --annotate": "An action that publishes the file of --junit shows it on GitHub.",
     "regress --annotate": "An action that publishes the file of --junit shows it on GitHub.",
+    "reproduce --quick": "Leave it out: all claims take a minute.",
     "sweep --retry": "The same command computes points without a verdict again.",
     "sweep --keep-waveforms": "Write the waveforms of a board with 'taction export waveforms'.",
 }

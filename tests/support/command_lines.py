@@ -53,7 +53,7 @@ LINES: dict[str, str] = {
     "error, a command": "verfy a.toml",
     "error, no ngspice": "verify ngspice.toml",
     "help": "--help",
-    "reproduce": "reproduce --quick",
+    "reproduce": "reproduce",
 }
 
 

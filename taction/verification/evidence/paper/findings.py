@@ -43,7 +43,6 @@ class Claim:
     ours: str
     expected: ClaimOutcome
     printed: str = ""
-    quick: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,6 @@ from taction.system.results import Result
 from taction.verification.evidence.paper.boards import breadboard, console, hardware
 from taction.verification.evidence.paper.findings import (
     Chapter,
-    Claim,
     ClaimOutcome,
     Finding,
     load_claims,
@@ -22,7 +21,7 @@ from taction.verification.evidence.paper.network import conditioning, energy, si
 from taction.verification.evidence.paper.sensing import equations, kernels, reconstruction
 from taction.verification.studies.running.versions import describe_machine
 
-Run = Callable[[bool], Chapter]
+Run = Callable[[], Chapter]
 CHAPTERS: dict[str, tuple[str, Run]] = {
     "reconstruction": ("Stress from noisy strain", reconstruction),
     "breadboard": ("The seven-channel breadboard", breadboard),
@@ -35,8 +34,8 @@ CHAPTERS: dict[str, tuple[str, Run]] = {
     "kernels": ("Kernel and load as printed", kernels),
     "equations": ("The network's equations as printed", equations),
 }
-"""Title and function of every chapter; the function gets whether the run is quick."""
-WHOLE, SHORT = 75, 22  # s, of all chapters on one core of 2.5 GHz
+"""Title and function of every chapter."""
+ABOUT = 45  # s, of all chapters on one core of 2.5 GHz
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,28 +52,18 @@ class PaperSection:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reproduction(Result):
-    """The result of all chapters; `left_out` are the claims that only a full run judges."""
+    """The result of all chapters."""
 
     VIEW = "taction.verification.report.views.evidence_view:paper_view"
-    DOCUMENT = (
-        *("outcome", "quick", "seconds [s]", "machine", "claims = findings"),
-        *("left_out = omitted", "chapters = sections"),
-    )
+    DOCUMENT = (*("outcome", "seconds [s]", "machine", "claims = findings", "chapters = sections"),)
 
     sections: tuple[PaperSection, ...]
-    left_out: tuple[Claim, ...]
-    quick: bool
     seconds: float
 
     @property
     def machine(self) -> dict[str, str | int | float | None]:
         """Versions, processor, load and threads."""
         return describe_machine()
-
-    @property
-    def omitted(self) -> tuple[str, ...]:
-        """The names of the claims that were left out."""
-        return tuple(claim.id for claim in self.left_out)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -90,13 +79,11 @@ class Reproduction(Result):
         return "pass" if len(ran) == len(self.findings) else "inconclusive"
 
 
-def reproduce(*, quick: bool = False, progress: Progress = lambda stage: None) -> Reproduction:
+def reproduce(*, progress: Progress = lambda stage: None) -> Reproduction:
     """Test every claim of the paper.
 
     Parameters
     ----------
-    quick : bool
-        Run fewer seeds and sizes, for CI.
     progress : callable, optional
         Receives how long the run takes, then each chapter.
 
@@ -107,28 +94,25 @@ def reproduce(*, quick: bool = False, progress: Progress = lambda stage: None) -
 
     Examples
     --------
-    The quick run takes half a minute.
+    It takes a minute.
 
     >>> import taction
-    >>> taction.reproduce(quick=True).outcome  # doctest: +SKIP
+    >>> taction.reproduce().outcome  # doctest: +SKIP
     'pass'
     """
     began = time.perf_counter()
     claims = load_claims()
-    selected = [claim for claim in claims if claim.quick or not quick]
-    about = SHORT if quick else WHOLE
-    progress(Notice(f"{len(selected)} claims in {len(CHAPTERS)} chapters: about {about} s"))
+    progress(Notice(f"{len(claims)} claims in {len(CHAPTERS)} chapters: about {ABOUT} s"))
     sections: list[PaperSection] = []
     for name, (title, run) in CHAPTERS.items():
         start = time.perf_counter()
         progress(Notice(f"{title} ({len(sections) + 1} of {len(CHAPTERS)})"))
         try:
-            chapter = run(quick)
+            chapter = run()
         except NoVerdictError as error:
-            reason, left = str(error).splitlines()[0], [c for c in selected if c.chapter == name]
+            reason, left = str(error).splitlines()[0], [c for c in claims if c.chapter == name]
             not_run = (Finding(c, "nothing", reason, ClaimOutcome.NOT_RUN) for c in left)
             chapter = Chapter(tuple(not_run))
         findings = tuple(sorted(chapter.findings, key=lambda each: claims.index(each.claim)))
         sections.append(PaperSection(title, findings, chapter.charts, time.perf_counter() - start))
-    left_out = tuple(claim for claim in claims if claim not in selected)
-    return Reproduction(tuple(sections), left_out, quick, time.perf_counter() - began)
+    return Reproduction(tuple(sections), time.perf_counter() - began)

@@ -32,11 +32,9 @@ from taction.verification.verdict.checks import Outcome
 from tests.support.paths import SCENES
 
 WITH_NGSPICE = ("breadboard", "console", "hardware")
-SHORTENED = ("reconstruction", "console", "simnon", "energy", "conditioning")
-SLOW = ("breadboard", "speed")  # `.ci/run` has all chapters: step reproduce
-LONG = ("energy", "reconstruction")  # long when shortened, too
+SLOW = ("breadboard", "speed", "reconstruction", "console", "simnon", "energy")
 BY_CLOCK = {"digital-impossible", "digital-quadratic"}  # as fast as the machine is today
-WHOLE = pytest.mark.nightly  # up to a minute; with every commit these chapters run shortened
+NIGHTLY = pytest.mark.nightly  # `.ci/run` has all chapters: step reproduce
 
 
 def test_every_claim_has_a_chapter_and_its_own_name() -> None:
@@ -50,7 +48,7 @@ def test_every_claim_has_a_chapter_and_its_own_name() -> None:
 def reproduction(*outcomes: ClaimOutcome) -> Reproduction:
     claim = replace(load_claims()[0], expected=ClaimOutcome.HOLDS)
     found = tuple(Finding(claim, "run", "ours", each) for each in outcomes)
-    return Reproduction((PaperSection("title", found, (), 0.0),), (), True, 0.0)
+    return Reproduction((PaperSection("title", found, (), 0.0),), 0.0)
 
 
 @pytest.mark.parametrize(
@@ -92,22 +90,13 @@ def test_the_fourier_transform_inverts_a_circular_convolution() -> None:
     np.testing.assert_allclose(found, stress, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("name", "quick"),
-    [
-        *(pytest.param(n, False, marks=[WHOLE] * (n in (*SHORTENED, *SLOW))) for n in CHAPTERS),
-        # `.ci/run` runs all chapters whole.
-        *(pytest.param(n, True, marks=[WHOLE] * (n in LONG)) for n in SHORTENED),
-    ],
-)
-def test_the_verdicts_are_the_expected_ones(
-    name: str, quick: bool, request: pytest.FixtureRequest
-) -> None:
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[NIGHTLY] * (n in SLOW)) for n in CHAPTERS])
+def test_the_verdicts_are_the_expected_ones(name: str, request: pytest.FixtureRequest) -> None:
     if name in WITH_NGSPICE:
         request.getfixturevalue("ngspice")
-    found = {finding.claim.id: finding for finding in CHAPTERS[name][1](quick).findings}
+    found = {finding.claim.id: finding for finding in CHAPTERS[name][1]().findings}
     asked = [claim for claim in load_claims() if claim.chapter == name]
-    wanted = {claim.id: claim.expected for claim in asked if claim.quick or not quick}
+    wanted = {claim.id: claim.expected for claim in asked}
     assert found.keys() == wanted.keys()
     judged = found.keys() - BY_CLOCK
     assert {id_: found[id_].outcome for id_ in judged} == {id_: wanted[id_] for id_ in judged}

@@ -167,7 +167,7 @@ DRAWN = chart(
 )
 
 
-def chapter(quick: bool) -> Chapter:
+def chapter() -> Chapter:
     wanted = [claim for claim in load_claims() if claim.chapter == "reconstruction"]
     found = (Finding(c, "run", "a | b <c>", c.expected, {"value": 1.0}) for c in wanted)
     return Chapter(tuple(found), (DRAWN,))
@@ -193,6 +193,5 @@ def test_the_page_holds_every_claim_and_the_pictures(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("short")
 def test_the_document_names_verdict_and_expectation() -> None:
-    found = plain(reproduce.reproduce(quick=True))
-    assert found["quick"] is True
+    found = plain(reproduce.reproduce())
     assert all(each["as_expected"] for each in found["claims"])
