@@ -78,34 +78,15 @@ def choice_view(choice: Choice) -> Page:
         Section("Picture", lambda: _picture(designs, best), media="page picture"),
         Section("All designs", lambda: _table(designs)),
     )
-    lines = tuple(_moved(scene, designs))
-    if not best:
-        none = "No design passes; the table of op-amps has the nearest of each with its reason."
-        lines = (none, *lines)
+    none = "No design passes; the table of op-amps has the nearest of each with its reason."
     return Page(
         title=scene.name,
         command="taction design choose",
         outcome=choice.outcome,
         summary=summary,
-        lines=lines,
+        lines=() if best else (none,),
         sections=own,
     )
-
-
-def _moved(scene: Scene, designs: Sequence[ChosenDesign]) -> Iterator[str]:
-    """Yield which op-amps have another G0 than the scene, and why."""
-    own = scene.design.unit_conductance
-    moved = {
-        one.opamp: float(one.values[G0])
-        for one in designs
-        if G0 not in one.keys and one.values.get(G0, own) != own
-    }
-    if moved:
-        values = ", ".join(f"{name} {quantity(G0, 'S')}" for name, G0 in moved.items())
-        yield (
-            f"G0 is moved from {quantity(own, 'S')}, with U0, s and C, for op-amps whose input"
-            f" errors miss the limit of the steady state with the scene's resistors: {values}."
-        )
 
 
 def _place(design: ChosenDesign) -> str:

@@ -35,7 +35,7 @@ def yield_view(result: YieldReport) -> Page:
     return Page(
         title=result.name,
         command="taction yield montecarlo",
-        summary=f"{text[:1].upper()}{text[1:]}. {_worst(result)}".rstrip(),
+        summary=f"{text[:1].upper()}{text[1:]}.",
         sections=(
             Section("Checks that do not pass", tuple(failures(result)), media=shown),
             Section("Quantities", spreads(result), media=shown),
@@ -43,23 +43,6 @@ def yield_view(result: YieldReport) -> Page:
             Section("Causes", causes(result), media=shown),
             origin_section(result.scene, origin),
         ),
-    )
-
-
-def _worst(result: YieldReport) -> str:
-    """Return which check costs most yield, and which part moves it most; empty without losses."""
-    worst = next(iter(result.failures), "")
-    if not (worst and result.samples):
-        return ""
-    share = percent(result.failures[worst] / result.samples, 4)
-    text = f"{share} of the boards do not pass the check of the {spaced(worst)}"
-    own = (each for each in result.sensitivities if _check(each.quantity) == worst)
-    if (first := next(own, None)) is None:
-        return f"{text}."
-    place = f" in channel {first.channel}" * (first.channel is not None)
-    return (
-        f"{text}; {first.parameter} moves it most: it is behind {100 * first.correlation**2:.0f} %"
-        f" of the variance of the {spaced(first.quantity)}{place}."
     )
 
 
@@ -161,22 +144,10 @@ def _histogram(title: str, spread: Quantity, values: Floats, text: str) -> Chart
     return Chart(f"{title}: {message}", x, y, tuple(marks), COUNTED)
 
 
-def _no_causes(result: YieldReport) -> str:
-    if not result.samples:
-        return ""
-    if not result.failures:
-        return "No sample fails a check: no part costs yield."
-    samples = counted(result.samples, "sample")
-    return (
-        "No part's influence on a quantity whose check costs yield stands out of the scatter of"
-        f" these {samples}."
-    )
-
-
 def causes(result: YieldReport) -> Content:
     """Return the parts behind the spread of what costs yield, or why none is listed."""
     if not result.sensitivities:
-        return _no_causes(result)
+        return "No part costs yield, as far as the scatter of these samples shows."
     columns: dict[str, Column] = {
         "quantity": "quantity words",
         "channel": lambda each: "" if each.channel is None else each.channel,
