@@ -24,7 +24,6 @@ from taction.verification.engines.ngspice.process import simulate
 from taction.verification.evidence.paper.findings import (
     Chapter,
     Finding,
-    chart,
     finding,
     paper_scene,
     redesigned,
@@ -187,7 +186,8 @@ def _figure_10(verdict: Verdict, unstable: Waveforms) -> tuple[Chart, ...]:
         shown = time <= end
         lines = (Limit(share * target, "y", f"{share:.0%} of the target") for share in levels)
         curve = Curve(time[shown], u[shown], width=0.6)
-        return chart(title, text, Axis("time", "s"), Axis("centre output", "V"), curve, *lines)
+        axes = Axis("time", "s"), Axis("centre output", "V")
+        return Chart(title, *axes, (curve, *lines), text)
 
     return (
         output("C = 10 pF: the rise", *stable, 60e-6, 0.1, 0.9),

@@ -22,6 +22,7 @@ from taction.verification.evidence.paper.sensing import Geometry, difference, en
 from taction.verification.reference.ideal_answer import (
     TOLERANCE,
     IdealNetwork,
+    Response,
     ScaledNetwork,
     ideal_linear,
     ideal_transient,
@@ -185,17 +186,15 @@ def simnon() -> Chapter:
     network = unit_network(STIFF.matrix, STIFF.strain(1, 0.01), STIFF_MU)
     scaled, rest = ScaledNetwork(network), _rest(network)
     fastest = float(np.max(-np.linalg.eigvals(scaled.jacobian(0.0, rest)).real))
-    exact = ideal_transient(network, np.zeros(STIFF.channels))
-    settling, truth = np.nan, np.full((len(INSTANTS), STIFF.channels), np.nan)
-    if exact is not None:
-        settling, truth = exact.settling_time(), exact.outputs(INSTANTS)
+    exact = _transient(network, np.zeros(STIFF.channels))
+    truth = exact.outputs(INSTANTS)
     explicit = partial(_integrated, scaled, EXPLICIT, FIXED, SHARE * REAL_AXIS / fastest)
     implicit = [partial(_integrated, scaled, "Radau", tolerance) for tolerance in TOLERANCES]
     second = difference(_integrated(scaled, "LSODA", TOLERANCE)[0], truth)
     accuracy = finding(
         "simnon-accuracy",
         weigh(not second <= AGREEMENT),
-        settling_time_rc=settling,
+        settling_time_rc=exact.settling_time(),
         second_opinion=second,
     )
     costs = [_cheapest(truth, [explicit]), _cheapest(truth, implicit)]
@@ -294,14 +293,13 @@ def _descent(network: IdealNetwork, scaled: ScaledNetwork) -> Finding:
         slope = scaled.slope(0.0, state[:-1])
         return np.append(slope, np.sum(scaled.g.slope(state[:-1]) * slope**2))
 
-    x0, rising, residual = np.zeros(SMALL.channels), np.inf, np.inf
-    if (run := ideal_transient(network, x0)) is not None:
-        levels = np.array([scaled.energy(row) for row in np.log(run.outputs(run.time))])
-        lost = float(levels[0] - levels[-1])
-        rising = float(np.max(np.diff(levels), initial=0.0)) / lost
-        span, start = (0.0, float(run.time[-1])), np.append(x0, 0.0)
-        second = solve_ivp(slopes, span, start, "Radau", rtol=TOLERANCE, atol=TOLERANCE)
-        residual = abs(float(second.y[-1, -1]) / lost - 1.0) if second.success else np.nan
+    run = _transient(network, np.zeros(SMALL.channels))
+    levels = np.array([scaled.energy(row) for row in np.log(run.outputs(run.time))])
+    lost = float(levels[0] - levels[-1])
+    rising = float(np.max(np.diff(levels), initial=0.0)) / lost
+    span, start = (0.0, float(run.time[-1])), np.zeros(SMALL.channels + 1)
+    second = solve_ivp(slopes, span, start, "Radau", rtol=TOLERANCE, atol=TOLERANCE)
+    residual = abs(float(second.y[-1, -1]) / lost - 1.0) if second.success else np.nan
     return finding(
         "lyapunov",
         weigh(residual <= AGREEMENT and rising <= 1e-9),
@@ -321,10 +319,17 @@ def _gradient(scaled: ScaledNetwork) -> Finding:
     return finding("gradient-system", weigh(off <= 1e-6), difference=off)
 
 
+def _transient(network: IdealNetwork, start: Floats) -> Response:
+    """Return a transient of an ideal network; SolverError if none ends."""
+    if (run := ideal_transient(network, start)) is None:
+        raise SolverError("a transient of the ideal network failed")
+    return run
+
+
 def _final(network: IdealNetwork, start: Floats) -> Floats:
-    """Return the outputs (N,) at the end of a transient; NaN for a transient that failed."""
-    run = ideal_transient(network, start)
-    return np.full(SMALL.channels, np.nan) if run is None else run.outputs(run.time[-1:])[0]
+    """Return the outputs (N,) at the end of a transient."""
+    run = _transient(network, start)
+    return np.asarray(run.outputs(run.time[-1:])[0])
 
 
 def _minima() -> Finding:

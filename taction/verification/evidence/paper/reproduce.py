@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from taction.system.charts import Chart
 from taction.system.errors import NoVerdictError
 from taction.system.progress import Notice, Progress
 from taction.system.results import Result
@@ -39,25 +38,13 @@ ABOUT = 45  # s, of all chapters on one core of 2.5 GHz
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PaperSection:
-    """One chapter of the report; `seconds` is its wall time."""
-
-    DOCUMENT = ("title", "seconds [s]")
-
-    title: str
-    findings: tuple[Finding, ...]
-    charts: tuple[Chart, ...]
-    seconds: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Reproduction(Result):
     """The result of all chapters."""
 
     VIEW = "taction.verification.report.views.evidence_view:paper_view"
     DOCUMENT = (*("outcome", "seconds [s]", "machine", "claims = findings", "chapters = sections"),)
 
-    sections: tuple[PaperSection, ...]
+    sections: tuple[Chapter, ...]
     seconds: float
 
     @property
@@ -103,7 +90,7 @@ def reproduce(*, progress: Progress = lambda stage: None) -> Reproduction:
     began = time.perf_counter()
     claims = load_claims()
     progress(Notice(f"{len(claims)} claims in {len(CHAPTERS)} chapters: about {ABOUT} s"))
-    sections: list[PaperSection] = []
+    sections = list[Chapter]()
     for name, (title, run) in CHAPTERS.items():
         start = time.perf_counter()
         progress(Notice(f"{title} ({len(sections) + 1} of {len(CHAPTERS)})"))
@@ -114,5 +101,5 @@ def reproduce(*, progress: Progress = lambda stage: None) -> Reproduction:
             not_run = (Finding(c, "nothing", reason, ClaimOutcome.NOT_RUN) for c in left)
             chapter = Chapter(tuple(not_run))
         findings = tuple(sorted(chapter.findings, key=lambda each: claims.index(each.claim)))
-        sections.append(PaperSection(title, findings, chapter.charts, time.perf_counter() - start))
+        sections.append(Chapter(findings, chapter.charts, title, time.perf_counter() - start))
     return Reproduction(tuple(sections), time.perf_counter() - began)

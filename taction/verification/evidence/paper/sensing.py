@@ -21,7 +21,6 @@ from taction.system.charts import Axis, Chart, Curve
 from taction.verification.evidence.paper.findings import (
     Chapter,
     Finding,
-    chart,
     finding,
     paper_scene,
     weigh,
@@ -276,24 +275,6 @@ class _Trials:
     scanned: Floats
     least: Floats
 
-    @property
-    def better(self) -> Floats:
-        """Shares (2,) of seeds for which each flow is better than the transform."""
-        return np.asarray(np.mean(self.flow < self.transform, axis=0))
-
-    @property
-    def ten_wins(self) -> float:
-        """Share of seeds for which 10 is the best of the three printed values."""
-        return float(np.mean(np.argmin(self.printed, axis=1) == 1))
-
-    @property
-    def over_zero(self) -> tuple[float, float]:
-        """Median errors at lambda = 10 and at the best lambda over that of the answer 0."""
-        of_zero = float(np.mean(self.geometry.stress**2))
-        each = (self.printed[:, 1], self.scanned.min(axis=1))
-        ten, best = (float(np.median(errors)) / of_zero for errors in each)
-        return ten, best
-
 
 def reconstruction() -> Chapter:
     """Judge section 4.2 over many seeds of the noise, on a coarse wide and a fine narrow grid."""
@@ -325,7 +306,8 @@ def _unregularised(coarse: _Trials, fine: _Trials) -> tuple[Finding, ...]:
     scaled = ScaledNetwork(unit_network(FINE.matrix, strain, mu=1e-6))
     least = float(scaled.g.g(np.linspace(-700.0, 0.0, 1401)).min())
     least_u = float(entropy(FINE.matrix, strain, 0.01).min())
-    stopped, converged = np.transpose([t.better for t in both]).tolist()
+    better = [np.mean(t.flow < t.transform, axis=0) for t in both]  # than the transform
+    stopped, converged = np.transpose(better).tolist()
     condition = [float(np.linalg.cond(t.geometry.matrix)) for t in both]
     at_rest = min(converged) >= MOST
     positive = weigh(min(least, least_u) <= 0.0)
@@ -347,8 +329,13 @@ def _regularised(coarse: _Trials, fine: _Trials) -> tuple[Finding, ...]:
     strong = [entropy(t.geometry.matrix, t.geometry.strain(PICTURE_SEED), PRINTED[2]) for t in both]
     peaks = [float(u.max() / truth.max()) for u, truth in zip(strong, truths, strict=True)]
     floors = [float(u[truth == 0.0].min()) for u, truth in zip(strong, truths, strict=True)]
-    ten, best = zip(*(t.over_zero for t in both), strict=True)
-    everywhere, wins = positive == 1.0, [t.ten_wins for t in both]
+    zero = [float(np.mean(truth**2)) for truth in truths]  # error of the answer 0
+    ten, best = (
+        [float(np.median(errors)) / size for errors, size in zip(each, zero, strict=True)]
+        for each in ([t.printed[:, 1] for t in both], [t.scanned.min(axis=1) for t in both])
+    )
+    wins = [float(np.mean(np.argmin(t.printed, axis=1) == 1)) for t in both]  # 10 is the best
+    everywhere = positive == 1.0
     too_weak = weigh(everywhere and min(weak) >= 0.5, everywhere and max(weak) >= 0.5)
     too_strong = weigh(max(peaks) < 0.6 and min(floors) > 0.1)
     medians = [np.median(t.printed, axis=0).tolist() for t in both]
@@ -384,6 +371,6 @@ def _figures() -> list[Chart]:
     axes = Axis("y (in depths)"), Axis("stress")
     truth = Curve(FINE.y, FINE.stress, "true", "ink", "dash")
     return [
-        chart(title, text, *axes, truth, Curve(FINE.y, u, "recovered"))
+        Chart(title, *axes, (truth, Curve(FINE.y, u, "recovered")), text)
         for title, u in answers.items()
     ]

@@ -20,13 +20,14 @@ from taction.verification.evidence import demonstration
 from taction.verification.evidence.demonstration import Demonstration
 from taction.verification.evidence.paper.boards import stage_rise_time
 from taction.verification.evidence.paper.findings import (
+    Chapter,
     ClaimOutcome,
     Finding,
     load_claims,
     paper_scene,
 )
 from taction.verification.evidence.paper.network import tikhonov
-from taction.verification.evidence.paper.reproduce import CHAPTERS, PaperSection, Reproduction
+from taction.verification.evidence.paper.reproduce import CHAPTERS, Reproduction
 from taction.verification.evidence.paper.sensing import FINE, Geometry, by_transform, gradient_flow
 from taction.verification.verdict.checks import Outcome
 from tests.support.paths import SCENES
@@ -48,7 +49,7 @@ def test_every_claim_has_a_chapter_and_its_own_name() -> None:
 def reproduction(*outcomes: ClaimOutcome) -> Reproduction:
     claim = replace(load_claims()[0], expected=ClaimOutcome.HOLDS)
     found = tuple(Finding(claim, "run", "ours", each) for each in outcomes)
-    return Reproduction((PaperSection("title", found, (), 0.0),), 0.0)
+    return Reproduction((Chapter(found),), 0.0)
 
 
 @pytest.mark.parametrize(

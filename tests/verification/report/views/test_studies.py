@@ -13,7 +13,7 @@ import pytest
 from taction.system.charts import Axis, Chart, Curve, Limit, thinned
 from taction.system.documents import plain
 from taction.verification.evidence.paper import reproduce
-from taction.verification.evidence.paper.findings import Chapter, Finding, chart, load_claims
+from taction.verification.evidence.paper.findings import Chapter, Finding, load_claims
 from taction.verification.report.blocks import PAGE, Bars, Block, Page, Table
 from taction.verification.report.renderers.plotly import plotly_spec
 from taction.verification.report.views import tolerance_view as tolerance
@@ -157,13 +157,12 @@ def test_the_boundary_is_where_the_growth_rate_passes_through_zero() -> None:
     assert "interpolated between the points" in plane.note
 
 
-DRAWN = chart(
+DRAWN = Chart(
     "title",
-    "What <is> seen | here.",
     Axis("x", scale="log"),
     Axis("y"),
-    Curve([1, 2], [3, 4], "line"),
-    Limit(3.5, "y", "mark: 3.5"),
+    (Curve([1, 2], [3, 4], "line"), Limit(3.5, "y", "mark: 3.5")),
+    "What <is> seen | here.",
 )
 
 
