@@ -200,7 +200,6 @@ TABLE = {
     "kicad": Command(
         about="Draw a board for KiCad, and list its parts.",
         text=_nothing,
-        after=lambda found, call: tell(f"not drawn: {what}" for what in found.not_drawn),
         files=lambda found, call: found.written,
         parameters=(folder("output", "-o"),),
     ),

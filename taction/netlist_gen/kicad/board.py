@@ -231,13 +231,15 @@ TABLE = """(sym_lib_table
 
 @dataclass(frozen=True, slots=True)
 class KicadProject:
-    """The drawing of a board, and the files that were written."""
+    """The drawing of a board, and the files that were written.
 
-    DOCUMENT = ("scene = scene.name", "files = written", "not_drawn")
+    What is no part is not drawn: strays, wires of arrays, and what an op-amp needs beside it.
+    """
+
+    DOCUMENT = ("scene = scene.name", "files = written")
 
     scene: Scene = field(repr=False)
     files: dict[str, str] = field(repr=False)
-    not_drawn: tuple[str, ...] = field(repr=False)
     written: tuple[str, ...] = ()
 
 
@@ -267,20 +269,7 @@ def kicad_project(circuit: Circuit, scene: Scene) -> KicadProject:
         f"{scene.name}.kicad_sym": library(symbols.values()),
         "sym-lib-table": TABLE.format(scene.name),
     }
-    return KicadProject(scene, files, tuple(_not_drawn(circuit)))
-
-
-def _not_drawn(circuit: Circuit) -> Iterator[str]:
-    strays = len(circuit.capacitors) - len(circuit.real_capacitors)
-    if strays:
-        yield f"{strays} stray capacitances, which are no parts"
-    if any(matrix.wires is not None for matrix in circuit.matrices):
-        yield "the wires of the arrays, which are no parts"
-    for model in circuit.models.values():
-        if model.external_part:
-            yield f"the {model.external_part} of each op-amp"
-    if circuit.amplifiers:
-        yield f"parts of the {circuit.amplifier} amplifier, which is ideal in this scene"
+    return KicadProject(scene, files)
 
 
 def _draw_first(drawing: BranchDrawing, names: list[str]) -> None:

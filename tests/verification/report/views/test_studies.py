@@ -24,8 +24,6 @@ from tests.support.entries import grid_plan, make_sample
 from tests.support.report_pages import STUDIES, VERDICTS, page
 
 MARKED = "#123456"  # in the place of a colour of the style sheet
-LISTS = ("opamp.base=ua741,op27", "C=10pF,20pF")
-NONE = float("nan")
 
 
 def coloured(value: Any) -> Any:
@@ -134,27 +132,12 @@ def marks(chart: Chart, kind: type) -> list[Any]:
     return [mark for mark in chart.marks if isinstance(mark, kind)]
 
 
-@pytest.mark.parametrize(
-    ("growth", "sentence"),
-    [
-        ([[-1.0, -2.0], [-1.0, -3.0]], "The board is stable at every point."),
-        ([[1.0, 2.0], [1.0, 3.0]], "The board is unstable at every point."),
-        ([[-1.0, 2.0], [-1.0, -3.0]], "Stable at some points, unstable at others"),
-        ([[-1.0, NONE], [-1.0, -3.0]], "The board is stable where it is known."),
-    ],
-)
-def test_a_map_of_lists_says_whether_its_points_are_stable(
-    growth: list[list[float]], sentence: str
-) -> None:
-    assert sentence in Plane(grid_plan(*LISTS), np.array(growth)).note
-
-
 def test_the_boundary_is_where_the_growth_rate_passes_through_zero() -> None:
     plan = grid_plan("C=10pF:30pF:2:lin", "gain=1k:2k:2:lin")
     plane = Plane(plan, np.array([[3.0, 3.0], [-1.0, -1.0]]))
     assert plane.edge is not None
     assert plane.edge.x[:2] == pytest.approx([25e-12, 25e-12])
-    assert "interpolated between the points" in plane.note
+    assert "interpolated between the points" in plane.chart("", (), "").summary
 
 
 DRAWN = Chart(
