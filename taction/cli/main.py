@@ -55,6 +55,7 @@ WITHDRAWN = {
         f"{name} --any-part": "Parts that the scene itself has are accepted, and no worse ones."
         for name in ("verify", "new", "scale", "tune", "choose")
     },
+    "reproduce --quick": "Leave it out: all claims take a minute.",
     "sweep --retry": "The same command computes points without a verdict again.",
     "sweep --keep-waveforms": "Write the waveforms of a board with 'taction export waveforms'.",
 }

@@ -49,7 +49,7 @@ LINES: tuple[tuple[str, tuple[str, ...], dict[str, str]], ...] = (
     ("regress", (".", *TABLE), {"--junit": "x.xml", "--markdown": "x.md", "--report": "x.html"}),
     ("stress", ("--only", "one-channel", "--jobs", "1"), {"--report": "x.html"}),
     ("accuracy", ("a.toml",), PICTURES),
-    ("reproduce", ("--quick",), {"--report": "x.html"}),
+    ("reproduce", (), {"--report": "x.html"}),
     ("demo", (), {"-o": "x.html", "--plot": "x.png"}),
     ("models show", ("ua741",), {"--plot": "x.svg"}),
     ("models import", ("v.cir", *PINS.split()), {"-o": "x.json"}),

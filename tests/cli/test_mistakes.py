@@ -128,7 +128,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("regress", "empty", "--baseline", "T.csv"): ("T.csv", "no JSON", "`--update` writes"),
     ("diff", "ok.toml", "none.raw"): ("none.raw", "No such file", "of one transient"),
     ("diff", "ok.toml", "ok.toml", "--agree", "abc"): ("'--agree'", "'abc'", "a number in 0<x"),
-    ("reproduce", "--quik"): ("'--quik'", "Did you mean '--quick'?"),
+    ("reproduce", "--quick"): ("'--quick'", "Leave it out"),
     ("parts", "list"): ("No such command 'list'", "one of import, show"),
     ("parts", "show"): ("Missing argument 'NAME'", "`taction parts` lists them"),
     ("parts", "import"): ("Missing argument 'FILE'", "as a subcircuit"),

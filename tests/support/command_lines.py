@@ -49,7 +49,7 @@ LINES: dict[str, str] = {
     "error, an option": "verify a.toml --jobs 0",
     "error, a command": "verfy a.toml",
     "error, no ngspice": "verify ngspice.toml",
-    "reproduce": "reproduce --quick",
+    "reproduce": "reproduce",
 }
 
 

@@ -24,7 +24,6 @@ from taction.verification.engines.ngspice.process import simulate
 from taction.verification.evidence.paper.findings import (
     Chapter,
     Finding,
-    chart,
     finding,
     paper_scene,
     redesigned,
@@ -58,7 +57,7 @@ THICKER = 1.2  # depth of the layer that the other matrix chip is made for
 CLOSE = 1e-3  # of the largest output
 
 
-def breadboard(quick: bool) -> Chapter:
+def breadboard() -> Chapter:
     """Judge section 4.2.1 by ngspice on the scene that was fitted to its numbers."""
     scene = paper_scene("paper-breadboard")
     verdict = verify(scene)
@@ -186,7 +185,8 @@ def _figure_10(verdict: Verdict, unstable: Waveforms) -> tuple[Chart, ...]:
         shown = time <= end
         lines = (Limit(share * target, "y", f"{share:.0%} of the target") for share in levels)
         curve = Curve(time[shown], u[shown], width=0.6)
-        return chart(title, text, Axis("time", "s"), Axis("centre output", "V"), curve, *lines)
+        axes = Axis("time", "s"), Axis("centre output", "V")
+        return Chart(title, *axes, (curve, *lines), text)
 
     return (
         output("C = 10 pF: the rise", *stable, 60e-6, 0.1, 0.9),
@@ -195,8 +195,8 @@ def _figure_10(verdict: Verdict, unstable: Waveforms) -> tuple[Chart, ...]:
     )
 
 
-def console(quick: bool) -> Chapter:
-    """Judge what the gain does, and in a full run tune it and verify the result by ngspice."""
+def console() -> Chapter:
+    """Judge what the gain does, tune it, and verify the result by ngspice."""
     scene = paper_scene("paper-breadboard")
     own, shown = float(scene.design.gain), [FACTORS.index(factor) for factor in (0.25, 0.5, 1.0)]
     gains = [factor * own for factor in FACTORS]
@@ -209,7 +209,7 @@ def console(quick: bool) -> Chapter:
         settling=[settling[k] for k in shown],
         overshoot=[overshoot[k] for k in shown],
     )
-    return Chapter((controls,) if quick else (controls, _tuned(scene)))
+    return Chapter((controls, _tuned(scene)))
 
 
 def _by_gain(scene: Scene, gain: float, **others: float) -> tuple[float, float]:
@@ -255,7 +255,7 @@ def _tuned(scene: Scene) -> Finding:
     )
 
 
-def hardware(quick: bool) -> Chapter:
+def hardware() -> Chapter:
     """Judge the second breadboard, the steady state, and the two-chip partition by ngspice."""
     verdict = verify(paper_scene("paper-exponential"))
     final, ideal, measured = verdict.u[-1], verdict.ideal, verdict.measurements

@@ -13,7 +13,7 @@ from typing import Any
 
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene, load_scene
-from taction.system.charts import Axis, Chart, Mark
+from taction.system.charts import Chart
 from taction.system.quantities import UNITS, show
 from taction.verification.readings.readings import Reading
 
@@ -43,7 +43,6 @@ class Claim:
     ours: str
     expected: ClaimOutcome
     printed: str = ""
-    quick: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +70,14 @@ class Finding:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chapter:
-    """The findings of one chapter, and its charts."""
+    """The findings of one chapter, and its charts; `seconds` is its wall time."""
+
+    DOCUMENT = ("title", "seconds [s]")
 
     findings: tuple[Finding, ...]
     charts: tuple[Chart, ...] = ()
+    title: str = ""
+    seconds: float = 0.0
 
 
 class Sentence(string.Formatter):
@@ -133,8 +136,3 @@ def redesigned(scene: Scene, **design: Any) -> Scene:
 def seconds(reading: Reading | None) -> float:
     """Return a measured time, s; infinity for a time that does not exist."""
     return math.inf if reading is None else reading.value
-
-
-def chart(title: str, caption: str, x: Axis, y: Axis, *marks: Mark) -> Chart:
-    """Return a chart of a chapter."""
-    return Chart(title, x, y, marks, caption, height=330)

@@ -22,6 +22,7 @@ from taction.verification.evidence.paper.sensing import Geometry, difference, en
 from taction.verification.reference.ideal_answer import (
     TOLERANCE,
     IdealNetwork,
+    Response,
     ScaledNetwork,
     ideal_linear,
     ideal_transient,
@@ -30,26 +31,25 @@ from taction.verification.reference.problem import Problem
 from taction.verification.reference.regularisers import REGULARISERS
 from taction.verification.reference.solve import solve
 
-SIZES, QUICK = (7, 25, 51, 101, 201, 401), (7, 201, 401)
+SIZES = (7, 25, 51, 101, 201, 401)
 SPAN = 6.0  # depths
 MU = 10.0  # 1 / (s R)
 SENSORS, RATE = 25, 1e5  # the paper's comparison: sensors, solutions a second
-LARGE, QUICK_LARGE = (16_403, 147_623), (5_468, 49_208)
+LARGE = (16_403, 147_623)
 """Sizes of the Toeplitz solves: 2 N - 1 has the factors 3 and 5 alone, so its FFT is fast."""
 TRIES = 5
 RESIDUAL = 1e-6  # relative, of the normal equations
-RATIOS, QUICK_RATIOS = (2.0, 4.0, 8.0, 10.0), 2  # depth / spacing; at the last cond(T) is 3e11
+RATIOS = (2.0, 4.0, 8.0, 10.0)  # depth / spacing; at the last cond(T) is 3e11
 BEYOND = 20.0  # a ratio whose condition number double precision, up to some 1e16, cannot hold
 WIDE, NARROW = 20.0, 6.0  # depths; the ends of a wide range matter little
 
 Times = tuple[list[float], list[float]]  # rise time of the centre, 1 % settling time; R C
 
 
-def speed(quick: bool) -> Chapter:
+def speed() -> Chapter:
     """Judge the comparison of analog and digital."""
-    sizes = QUICK if quick else SIZES
-    rise, settling = plain = _times(sizes, weighted=False)
-    weighted = _times(sizes, weighted=True)
+    rise, settling = plain = _times(weighted=False)
+    weighted = _times(weighted=True)
     falling = [bool(np.all(np.diff(times) < 0.0)) for times in (*plain, *weighted)]
     decreases = finding(
         "time-over-channels",
@@ -59,7 +59,7 @@ def speed(quick: bool) -> Chapter:
         settling_first=settling[0],
         settling_last=settling[-1],
         mu=MU,
-        sizes=sizes,
+        sizes=SIZES,
         plain=plain,
         weighted=weighted,
     )
@@ -67,13 +67,13 @@ def speed(quick: bool) -> Chapter:
     operations = finding(
         "operations", weigh(rate == 62.5e6), operations_per_second=rate, millions=rate / 1e6
     )
-    return Chapter((decreases, operations, _impossible(), _quadratic(quick)))
+    return Chapter((decreases, operations, _impossible(), _quadratic()))
 
 
-def _times(sizes: tuple[int, ...], *, weighted: bool) -> Times:
+def _times(*, weighted: bool) -> Times:
     """Return rise time of the centre and 1 % settling time for each size, in R C."""
     rise, settling = [], []
-    for N in sizes:
+    for N in SIZES:
         geometry = Geometry(N, SPAN)
         T = geometry.matrix * (geometry.spacing if weighted else 1.0)
         network = unit_network(T, T @ geometry.stress, MU, "linear")
@@ -101,14 +101,14 @@ def _impossible() -> Finding:
     )
 
 
-def _quadratic(quick: bool) -> Finding:
-    times, sizes = [], QUICK_LARGE if quick else LARGE
-    for N in sizes:
+def _quadratic() -> Finding:
+    times = []
+    for N in LARGE:
         column = kernel(0.2 * np.arange(N, dtype=np.float64), depth=1.0, modulus=1.0, poisson=0.5)
         strain = np.random.default_rng(1).normal(size=N)
         times.append(_best(partial(tikhonov, column, strain, 1.0), tries=3))
-    exponent = math.log(times[1] / times[0]) / math.log(sizes[1] / sizes[0])
-    found = {"exponent": exponent, "seconds": times[1], "sizes": sizes, "times": times}
+    exponent = math.log(times[1] / times[0]) / math.log(LARGE[1] / LARGE[0])
+    found = {"exponent": exponent, "seconds": times[1], "sizes": LARGE, "times": times}
     return finding("digital-quadratic", weigh(exponent > 1.8), **found)
 
 
@@ -128,17 +128,16 @@ def _best(run: Callable[[], object], *, repeats: int = 1, tries: int = TRIES) ->
     return min(timeit.repeat(run, repeat=tries, number=repeats)) / repeats
 
 
-def conditioning(quick: bool) -> Chapter:
+def conditioning() -> Chapter:
     """Judge how the condition number grows with the number of channels (appendix A)."""
-    ratios = RATIOS[:QUICK_RATIOS] if quick else RATIOS
-    wide, narrow = ([condition_number(r, span) for r in ratios] for span in (WIDE, NARROW))
-    off = max(abs(a / asymptotic(ratio) - 1.0) for a, ratio in zip(wide, ratios, strict=True))
+    wide, narrow = ([condition_number(r, span) for r in RATIOS] for span in (WIDE, NARROW))
+    off = max(abs(a / asymptotic(ratio) - 1.0) for a, ratio in zip(wide, RATIOS, strict=True))
     grows = bool(np.all(np.diff([wide, narrow]) > 0.0))
     result = finding(
         "ill-conditioned",
         weigh(grows and off <= 0.1),
-        **{f"cond_{ratio:g}": value for ratio, value in zip(ratios, wide, strict=True)},
-        ratios=ratios,
+        **{f"cond_{ratio:g}": value for ratio, value in zip(RATIOS, wide, strict=True)},
+        ratios=RATIOS,
         span=WIDE,
         conditions=wide,
         off=off,
@@ -182,22 +181,20 @@ STATES = 200  # random states for each regulariser
 Solved = tuple[Floats, int]  # outputs (P, N), evaluations of the slope
 
 
-def simnon(quick: bool) -> Chapter:
+def simnon() -> Chapter:
     """Judge section 4.2's remarks on simulation with the exponential network."""
     network = unit_network(STIFF.matrix, STIFF.strain(1, 0.01), STIFF_MU)
     scaled, rest = ScaledNetwork(network), _rest(network)
     fastest = float(np.max(-np.linalg.eigvals(scaled.jacobian(0.0, rest)).real))
-    exact = ideal_transient(network, np.zeros(STIFF.channels))
-    settling, truth = np.nan, np.full((len(INSTANTS), STIFF.channels), np.nan)
-    if exact is not None:
-        settling, truth = exact.settling_time(), exact.outputs(INSTANTS)
+    exact = _transient(network, np.zeros(STIFF.channels))
+    truth = exact.outputs(INSTANTS)
     explicit = partial(_integrated, scaled, EXPLICIT, FIXED, SHARE * REAL_AXIS / fastest)
     implicit = [partial(_integrated, scaled, "Radau", tolerance) for tolerance in TOLERANCES]
     second = difference(_integrated(scaled, "LSODA", TOLERANCE)[0], truth)
     accuracy = finding(
         "simnon-accuracy",
         weigh(not second <= AGREEMENT),
-        settling_time_rc=settling,
+        settling_time_rc=exact.settling_time(),
         second_opinion=second,
     )
     costs = [_cheapest(truth, [explicit]), _cheapest(truth, implicit)]
@@ -270,7 +267,7 @@ def _unstable(scaled: ScaledNetwork, fastest: float) -> Finding:
     )
 
 
-def energy(quick: bool) -> Chapter:
+def energy() -> Chapter:
     """Judge the Lyapunov property on the exponential network and the convexity of eq (17)."""
     network = unit_network(SMALL.matrix, SMALL.strain(1, 0.01), SMALL_MU)
     scaled = ScaledNetwork(network)
@@ -279,12 +276,12 @@ def energy(quick: bool) -> Chapter:
     in_v, in_u = (
         float(np.linalg.norm(J - J.T) / np.linalg.norm(J)) for J in (by_v, by_v / np.exp(x))
     )
-    rng, starts = np.random.default_rng(3), 2 if quick else STARTS
-    ends = [_final(network, rng.normal(0.0, 2.0, SMALL.channels)) for _ in range(starts)]
+    rng = np.random.default_rng(3)
+    ends = [_final(network, rng.normal(0.0, 2.0, SMALL.channels)) for _ in range(STARTS)]
     off = float(np.max([difference(u, network.rest.u) for u in ends]))
-    attraction = finding("asymptotically-stable", weigh(off <= 1e-6), difference=off, starts=starts)
+    attraction = finding("asymptotically-stable", weigh(off <= 1e-6), difference=off, starts=STARTS)
     symmetry = finding("hypothesis-2", weigh(in_v <= 1e-12), in_v=in_v, in_u=in_u)
-    findings = (_descent(network, scaled), _gradient(scaled), attraction, symmetry, _minima(quick))
+    findings = (_descent(network, scaled), _gradient(scaled), attraction, symmetry, _minima())
     return Chapter(findings)
 
 
@@ -296,14 +293,13 @@ def _descent(network: IdealNetwork, scaled: ScaledNetwork) -> Finding:
         slope = scaled.slope(0.0, state[:-1])
         return np.append(slope, np.sum(scaled.g.slope(state[:-1]) * slope**2))
 
-    x0, rising, residual = np.zeros(SMALL.channels), np.inf, np.inf
-    if (run := ideal_transient(network, x0)) is not None:
-        levels = np.array([scaled.energy(row) for row in np.log(run.outputs(run.time))])
-        lost = float(levels[0] - levels[-1])
-        rising = float(np.max(np.diff(levels), initial=0.0)) / lost
-        span, start = (0.0, float(run.time[-1])), np.append(x0, 0.0)
-        second = solve_ivp(slopes, span, start, "Radau", rtol=TOLERANCE, atol=TOLERANCE)
-        residual = abs(float(second.y[-1, -1]) / lost - 1.0) if second.success else np.nan
+    run = _transient(network, np.zeros(SMALL.channels))
+    levels = np.array([scaled.energy(row) for row in np.log(run.outputs(run.time))])
+    lost = float(levels[0] - levels[-1])
+    rising = float(np.max(np.diff(levels), initial=0.0)) / lost
+    span, start = (0.0, float(run.time[-1])), np.zeros(SMALL.channels + 1)
+    second = solve_ivp(slopes, span, start, "Radau", rtol=TOLERANCE, atol=TOLERANCE)
+    residual = abs(float(second.y[-1, -1]) / lost - 1.0) if second.success else np.nan
     return finding(
         "lyapunov",
         weigh(residual <= AGREEMENT and rising <= 1e-9),
@@ -323,17 +319,24 @@ def _gradient(scaled: ScaledNetwork) -> Finding:
     return finding("gradient-system", weigh(off <= 1e-6), difference=off)
 
 
+def _transient(network: IdealNetwork, start: Floats) -> Response:
+    """Return a transient of an ideal network; SolverError if none ends."""
+    if (run := ideal_transient(network, start)) is None:
+        raise SolverError("a transient of the ideal network failed")
+    return run
+
+
 def _final(network: IdealNetwork, start: Floats) -> Floats:
-    """Return the outputs (N,) at the end of a transient; NaN for a transient that failed."""
-    run = ideal_transient(network, start)
-    return np.full(SMALL.channels, np.nan) if run is None else run.outputs(run.time[-1:])[0]
+    """Return the outputs (N,) at the end of a transient."""
+    run = _transient(network, start)
+    return np.asarray(run.outputs(run.time[-1:])[0])
 
 
-def _minima(quick: bool) -> Finding:
+def _minima() -> Finding:
     """Search for a direction in which an energy of the class (17) curves down."""
     rng, T = np.random.default_rng(5), SMALL.matrix
     least, apart = np.inf, 0.0
-    kinds = [name for name in REGULARISERS if name != "linear"][:: 2 if quick else 1]
+    kinds = [name for name in REGULARISERS if name != "linear"]
     for name in kinds:
         network = unit_network(T, SMALL.strain(1, 0.01), SMALL_MU, name)
         for _ in range(STATES):

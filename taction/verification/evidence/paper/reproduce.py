@@ -6,14 +6,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from taction.system.charts import Chart
 from taction.system.errors import NoVerdictError
 from taction.system.progress import Notice, Progress
 from taction.system.results import Result
 from taction.verification.evidence.paper.boards import breadboard, console, hardware
 from taction.verification.evidence.paper.findings import (
     Chapter,
-    Claim,
     ClaimOutcome,
     Finding,
     load_claims,
@@ -22,7 +20,7 @@ from taction.verification.evidence.paper.network import conditioning, energy, si
 from taction.verification.evidence.paper.sensing import equations, kernels, reconstruction
 from taction.verification.studies.running.versions import describe_machine
 
-Run = Callable[[bool], Chapter]
+Run = Callable[[], Chapter]
 CHAPTERS: dict[str, tuple[str, Run]] = {
     "reconstruction": ("Stress from noisy strain", reconstruction),
     "breadboard": ("The seven-channel breadboard", breadboard),
@@ -35,46 +33,24 @@ CHAPTERS: dict[str, tuple[str, Run]] = {
     "kernels": ("Kernel and load as printed", kernels),
     "equations": ("The network's equations as printed", equations),
 }
-"""Title and function of every chapter; the function gets whether the run is quick."""
-WHOLE, SHORT = 75, 22  # s, of all chapters on one core of 2.5 GHz
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PaperSection:
-    """One chapter of the report; `seconds` is its wall time."""
-
-    DOCUMENT = ("title", "seconds [s]")
-
-    title: str
-    findings: tuple[Finding, ...]
-    charts: tuple[Chart, ...]
-    seconds: float
+"""Title and function of every chapter."""
+ABOUT = 45  # s, of all chapters on one core of 2.5 GHz
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reproduction(Result):
-    """The result of all chapters; `left_out` are the claims that only a full run judges."""
+    """The result of all chapters."""
 
     VIEW = "taction.verification.report.views.evidence_view:paper_view"
-    DOCUMENT = (
-        *("outcome", "quick", "seconds [s]", "machine", "claims = findings"),
-        *("left_out = omitted", "chapters = sections"),
-    )
+    DOCUMENT = (*("outcome", "seconds [s]", "machine", "claims = findings", "chapters = sections"),)
 
-    sections: tuple[PaperSection, ...]
-    left_out: tuple[Claim, ...]
-    quick: bool
+    sections: tuple[Chapter, ...]
     seconds: float
 
     @property
     def machine(self) -> dict[str, str | int | float | None]:
         """Versions, processor, load and threads."""
         return describe_machine()
-
-    @property
-    def omitted(self) -> tuple[str, ...]:
-        """The names of the claims that were left out."""
-        return tuple(claim.id for claim in self.left_out)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -90,13 +66,11 @@ class Reproduction(Result):
         return "pass" if len(ran) == len(self.findings) else "inconclusive"
 
 
-def reproduce(*, quick: bool = False, progress: Progress = lambda stage: None) -> Reproduction:
+def reproduce(*, progress: Progress = lambda stage: None) -> Reproduction:
     """Test every claim of the paper.
 
     Parameters
     ----------
-    quick : bool
-        Run fewer seeds and sizes, for CI.
     progress : callable, optional
         Receives how long the run takes, then each chapter.
 
@@ -107,28 +81,25 @@ def reproduce(*, quick: bool = False, progress: Progress = lambda stage: None) -
 
     Examples
     --------
-    The quick run takes half a minute.
+    It takes a minute.
 
     >>> import taction
-    >>> taction.reproduce(quick=True).outcome  # doctest: +SKIP
+    >>> taction.reproduce().outcome  # doctest: +SKIP
     'pass'
     """
     began = time.perf_counter()
     claims = load_claims()
-    selected = [claim for claim in claims if claim.quick or not quick]
-    about = SHORT if quick else WHOLE
-    progress(Notice(f"{len(selected)} claims in {len(CHAPTERS)} chapters: about {about} s"))
-    sections: list[PaperSection] = []
+    progress(Notice(f"{len(claims)} claims in {len(CHAPTERS)} chapters: about {ABOUT} s"))
+    sections = list[Chapter]()
     for name, (title, run) in CHAPTERS.items():
         start = time.perf_counter()
         progress(Notice(f"{title} ({len(sections) + 1} of {len(CHAPTERS)})"))
         try:
-            chapter = run(quick)
+            chapter = run()
         except NoVerdictError as error:
-            reason, left = str(error).splitlines()[0], [c for c in selected if c.chapter == name]
+            reason, left = str(error).splitlines()[0], [c for c in claims if c.chapter == name]
             not_run = (Finding(c, "nothing", reason, ClaimOutcome.NOT_RUN) for c in left)
             chapter = Chapter(tuple(not_run))
         findings = tuple(sorted(chapter.findings, key=lambda each: claims.index(each.claim)))
-        sections.append(PaperSection(title, findings, chapter.charts, time.perf_counter() - start))
-    left_out = tuple(claim for claim in claims if claim not in selected)
-    return Reproduction(tuple(sections), left_out, quick, time.perf_counter() - began)
+        sections.append(Chapter(findings, chapter.charts, title, time.perf_counter() - start))
+    return Reproduction(tuple(sections), time.perf_counter() - began)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -11,15 +10,13 @@ from taction.netlist_gen.board.bill_of_materials import bill_of_materials
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.keys import all_keys, own_value
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene, opamp_words, size_words
 from taction.spice_models.presets import opamp_name
 from taction.system.array_types import Floats
-from taction.system.charts import BLUE, GREY, Axis, Chart, Curve, Grid, Limit, segments
-from taction.system.quantities import counted, quantity, readable, sizes, spaced
+from taction.system.charts import BLUE, GREY, Axis, Chart, Curve, Grid, Limit
+from taction.system.quantities import counted, quantity, readable, sizes
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.report.blocks import Code, Content, Page, Section, Table
-from taction.verification.report.texts import figure
 from taction.verification.report.views.opamp_view import parts_content
 from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.verify import Verdict
@@ -69,11 +66,11 @@ def _problem_charts(scene: Scene) -> list[Chart]:
     empty, entries = "an empty square has no resistor", (_entries(problem.matrix),)
     charts = [
         Chart(title, CHANNEL, SENSOR, entries, empty),
-        _stems("strain eps: the input", "sensor", problem.strain, BLUE),
+        _marks("strain eps: the input", "sensor", problem.strain, BLUE),
     ]
     if problem.stress is not None:
         title = "true stress u: what the board shall recover"
-        charts.append(_stems(title, "channel", problem.stress, GREY))
+        charts.append(_marks(title, "channel", problem.stress, GREY))
     return charts
 
 
@@ -93,26 +90,15 @@ def scene_view(scene: Scene) -> Page:
         "gain s": quantity(design.gain, "ohm"),
         **weight,
         "engine": scene.analysis.engine,
-        "checks": "; ".join(_check_words(scene)),
         "file": str(scene.file),
     }
     charts = Section("", lambda: _problem_charts(scene), media="page picture")
     return Page(scene.name, "", sections=(Section("", facts, media="page notebook"), charts))
 
 
-def _check_words(scene: Scene) -> Iterator[str]:
-    """Yield the numbers of the checks, as a scene file has them."""
-    for key in all_keys(scene):
-        first, _, name = key.path.partition(".")
-        if first == "checks" and (value := own_value(scene, key)) is not None:
-            yield f"{spaced(name.replace('.', ' '))} {figure(value, key.unit)}"
-
-
-def _stems(title: str, along: str, values: Floats, colour: str) -> Chart:
+def _marks(title: str, along: str, values: Floats, colour: str) -> Chart:
     x = np.arange(1.0, len(values) + 1.0)
-    ends = [((n, 0.0), (n, value)) for n, value in zip(x.tolist(), values.tolist(), strict=True)]
-    heads = Curve(x, values, "", colour, "", "circle", size=4.0)
-    marks = heads, Curve(*segments(ends), "", colour, width=1.2), Limit(0.0, "y", line="solid")
+    marks = Curve(x, values, "", colour, "", "circle"), Limit(0.0, "y", line="solid")
     return Chart(title, Axis(along, whole=True), Axis(), marks)
 
 

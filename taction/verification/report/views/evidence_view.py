@@ -65,7 +65,6 @@ def paper_view(result: Reproduction) -> Page:
         lines=(f"{SOURCE}.",),
         sections=(
             *chapters,
-            Section("Left out of a quick run", ", ".join(result.omitted), media="terminal page"),
             Section("Unexpected", Notes("", unexpected, "fail"), media="terminal page"),
             origin_section(None),
         ),

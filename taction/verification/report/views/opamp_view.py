@@ -107,7 +107,7 @@ def stated_figures(opamp: OpAmp) -> dict[str, float]:
 
 def _rows(opamp: OpAmp, origins: Origins, documents: dict[str, str]) -> Iterator[tuple[Cell, ...]]:
     """Yield the figures; `documents` takes the number of each document that they name."""
-    limits, nothing = dict(opamp.guaranteed), Cell("")
+    limits = dict(opamp.guaranteed)
     for name, value in stated_figures(opamp).items():
         title, unit = TITLES[name]
         origin = origins.get(name, Origin("", "", ""))
@@ -120,10 +120,6 @@ def _rows(opamp: OpAmp, origins: Origins, documents: dict[str, str]) -> Iterator
                 documents.setdefault(each, f"[{len(documents) + 1}]")
         source = Cell(" ".join(documents.get(each, each) for each in named))
         yield Cell(title), _cell(value, unit), limit, source, Cell(origin.note)
-        if name == "saturation":
-            supply = min(15.0, opamp.most_supply)
-            swing, note = _cell(opamp.swing(supply), "V"), Cell(f"at ±{supply:g} V")
-            yield Cell("output swing"), swing, nothing, nothing, note
 
 
 def _cell(value: float | None, unit: str) -> Cell:

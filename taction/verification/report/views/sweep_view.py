@@ -86,25 +86,11 @@ class Plane:
             charts.Curve(*charts.segments(ends), "", "ink", width=2.5, label="") if ends else None
         )
 
-    @property
-    def note(self) -> str:
-        """Where the board is stable, for the caption."""
-        if self.edge is not None:
-            return EDGE
-        if (self.growth > 0.0).any() and (self.growth < 0.0).any():
-            return " Stable at some points, unstable at others: no line is between listed values."
-        signs = {*np.sign(self.growth[np.isfinite(self.growth)]).tolist()}
-        if len(signs) != 1:
-            return ""
-        how = {-1.0: "stable", 1.0: "unstable", 0.0: "at the edge of stability"}[signs.pop()]
-        where = "at every point" if np.isfinite(self.growth).all() else "where it is known"
-        return f" The board is {how} {where}."
-
     def chart(self, title: str, marks: Iterable[charts.Mark], summary: str) -> charts.Chart:
         """Return a chart of `marks` with the boundary."""
         (x, _), (y, _) = self.axes
         marks = (*marks, *filter(None, [self.edge]))
-        text = f"{summary.format(x=x.title, y=y.title)}{self.note}"
+        text = summary.format(x=x.title, y=y.title) + EDGE * (self.edge is not None)
         return charts.Chart(title, x, y, marks, text, height=420)
 
     def outcomes(self, names: Names, looks: dict[str, charts.Look]) -> charts.Chart:

@@ -34,7 +34,7 @@ def yield_view(result: YieldReport) -> Page:
     return Page(
         title=result.name,
         command="taction yield montecarlo",
-        summary=f"{text[:1].upper()}{text[1:]}. {_worst(result)}".rstrip(),
+        summary=f"{text[:1].upper()}{text[1:]}.",
         sections=(
             Section("Checks that do not pass", tuple(failures(result)), media=shown),
             Section("Quantities", spreads(result), media=shown),
@@ -42,16 +42,6 @@ def yield_view(result: YieldReport) -> Page:
             origin_section(result.scene, origin),
         ),
     )
-
-
-def _worst(result: YieldReport) -> str:
-    """Return which check costs most yield; empty without losses."""
-    worst = next(iter(result.failures), "")
-    if not (worst and result.samples):
-        return ""
-    share = percent(result.failures[worst] / result.samples, 4)
-    text = f"{share} of the boards do not pass the check of the {spaced(worst)}"
-    return f"{text}; the corners name the parts behind it."
 
 
 def _check(quantity: str) -> str:

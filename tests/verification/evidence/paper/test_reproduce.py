@@ -20,22 +20,22 @@ from taction.verification.evidence import demonstration
 from taction.verification.evidence.demonstration import Demonstration
 from taction.verification.evidence.paper.boards import stage_rise_time
 from taction.verification.evidence.paper.findings import (
+    Chapter,
     ClaimOutcome,
     Finding,
     load_claims,
     paper_scene,
 )
 from taction.verification.evidence.paper.network import tikhonov
-from taction.verification.evidence.paper.reproduce import CHAPTERS, PaperSection, Reproduction
+from taction.verification.evidence.paper.reproduce import CHAPTERS, Reproduction
 from taction.verification.evidence.paper.sensing import FINE, Geometry, by_transform, gradient_flow
 from taction.verification.verdict.checks import Outcome
-from tests.support import nightly
 from tests.support.paths import SCENES
 
 WITH_NGSPICE = ("breadboard", "console", "hardware")
-SHORTENED = ("reconstruction", "console", "simnon", "energy", "conditioning")
-LONG = ("energy", "reconstruction")  # long when shortened, too
+SLOW = ("breadboard", "speed", "reconstruction", "console", "simnon", "energy")
 BY_CLOCK = {"digital-impossible", "digital-quadratic"}  # as fast as the machine is today
+NIGHTLY = pytest.mark.nightly  # `.ci/run` has all chapters: step reproduce
 
 
 def test_every_claim_has_a_chapter_and_its_own_name() -> None:
@@ -49,7 +49,7 @@ def test_every_claim_has_a_chapter_and_its_own_name() -> None:
 def reproduction(*outcomes: ClaimOutcome) -> Reproduction:
     claim = replace(load_claims()[0], expected=ClaimOutcome.HOLDS)
     found = tuple(Finding(claim, "run", "ours", each) for each in outcomes)
-    return Reproduction((PaperSection("title", found, (), 0.0),), (), True, 0.0)
+    return Reproduction((Chapter(found),), 0.0)
 
 
 @pytest.mark.parametrize(
@@ -91,22 +91,13 @@ def test_the_fourier_transform_inverts_a_circular_convolution() -> None:
     np.testing.assert_allclose(found, stress, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("name", "quick"),
-    [
-        *((name, True) for name in SHORTENED if name not in LONG),
-        # `.ci/run` has all chapters whole: step reproduce.
-        *nightly(*((name, False) for name in CHAPTERS), *((name, True) for name in LONG)),
-    ],
-)
-def test_the_verdicts_are_the_expected_ones(
-    name: str, quick: bool, request: pytest.FixtureRequest
-) -> None:
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[NIGHTLY] * (n in SLOW)) for n in CHAPTERS])
+def test_the_verdicts_are_the_expected_ones(name: str, request: pytest.FixtureRequest) -> None:
     if name in WITH_NGSPICE:
         request.getfixturevalue("ngspice")
-    found = {finding.claim.id: finding for finding in CHAPTERS[name][1](quick).findings}
+    found = {finding.claim.id: finding for finding in CHAPTERS[name][1]().findings}
     asked = [claim for claim in load_claims() if claim.chapter == name]
-    wanted = {claim.id: claim.expected for claim in asked if claim.quick or not quick}
+    wanted = {claim.id: claim.expected for claim in asked}
     assert found.keys() == wanted.keys()
     judged = found.keys() - BY_CLOCK
     assert {id_: found[id_].outcome for id_ in judged} == {id_: wanted[id_] for id_ in judged}

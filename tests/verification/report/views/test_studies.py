@@ -13,7 +13,7 @@ import pytest
 from taction.system.charts import Axis, Chart, Curve, Limit, thinned
 from taction.system.documents import plain
 from taction.verification.evidence.paper import reproduce
-from taction.verification.evidence.paper.findings import Chapter, Finding, chart, load_claims
+from taction.verification.evidence.paper.findings import Chapter, Finding, load_claims
 from taction.verification.report.blocks import PAGE, Bars, Block, Page, Table
 from taction.verification.report.renderers.plotly import plotly_spec
 from taction.verification.report.views.sweep_view import Plane
@@ -21,8 +21,6 @@ from tests.support.entries import grid_plan
 from tests.support.report_pages import STUDIES, VERDICTS, page
 
 MARKED = "#123456"  # in the place of a colour of the style sheet
-LISTS = ("opamp.base=ua741,op27", "C=10pF,20pF")
-NONE = float("nan")
 
 
 def coloured(value: Any) -> Any:
@@ -95,40 +93,24 @@ def test_what_fails_is_told_apart_by_colour_and_mark() -> None:
     assert sum(np.size(each.x) for each in points) == 4 * 3
 
 
-@pytest.mark.parametrize(
-    ("growth", "sentence"),
-    [
-        ([[-1.0, -2.0], [-1.0, -3.0]], "The board is stable at every point."),
-        ([[1.0, 2.0], [1.0, 3.0]], "The board is unstable at every point."),
-        ([[-1.0, 2.0], [-1.0, -3.0]], "Stable at some points, unstable at others"),
-        ([[-1.0, NONE], [-1.0, -3.0]], "The board is stable where it is known."),
-    ],
-)
-def test_a_map_of_lists_says_whether_its_points_are_stable(
-    growth: list[list[float]], sentence: str
-) -> None:
-    assert sentence in Plane(grid_plan(*LISTS), np.array(growth)).note
-
-
 def test_the_boundary_is_where_the_growth_rate_passes_through_zero() -> None:
     plan = grid_plan("C=10pF:30pF:2:lin", "gain=1k:2k:2:lin")
     plane = Plane(plan, np.array([[3.0, 3.0], [-1.0, -1.0]]))
     assert plane.edge is not None
     assert plane.edge.x[:2] == pytest.approx([25e-12, 25e-12])
-    assert "interpolated between the points" in plane.note
+    assert "interpolated between the points" in plane.chart("", (), "").summary
 
 
-DRAWN = chart(
+DRAWN = Chart(
     "title",
-    "What <is> seen | here.",
     Axis("x", scale="log"),
     Axis("y"),
-    Curve([1, 2], [3, 4], "line"),
-    Limit(3.5, "y", "mark: 3.5"),
+    (Curve([1, 2], [3, 4], "line"), Limit(3.5, "y", "mark: 3.5")),
+    "What <is> seen | here.",
 )
 
 
-def chapter(quick: bool) -> Chapter:
+def chapter() -> Chapter:
     wanted = [claim for claim in load_claims() if claim.chapter == "reconstruction"]
     found = (Finding(c, "run", "a | b <c>", c.expected, {"value": 1.0}) for c in wanted)
     return Chapter(tuple(found), (DRAWN,))
@@ -154,6 +136,5 @@ def test_the_page_holds_every_claim_and_the_pictures(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("short")
 def test_the_document_names_verdict_and_expectation() -> None:
-    found = plain(reproduce.reproduce(quick=True))
-    assert found["quick"] is True
+    found = plain(reproduce.reproduce())
     assert all(each["as_expected"] for each in found["claims"])
