@@ -121,7 +121,7 @@ def _edges(trials: Trials, path: str, own: float) -> Edges:
         if not edges.near:
             return edges
     values = np.geomspace(own / REACH, own * REACH, POINTS).tolist()
-    return boards.scan(values, fine=False)
+    return boards.scan(values)
 
 
 LIMIT = 2000.0  # designs: the work of a search

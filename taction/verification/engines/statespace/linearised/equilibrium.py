@@ -22,7 +22,7 @@ import numpy as np
 
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.amplifier_gains import Gain, gain_of
+from taction.verification.engines.statespace.equations.amplifier_gains import Gain
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.equations.structured_solve import Response, Structure
 
@@ -188,7 +188,7 @@ def _by_loop(descriptor: Descriptor, response: Response, sources_on: bool) -> Fl
     z = solve(-descriptor.drive(sources_on=sources_on))
     if not devices.count:
         return z
-    gain = gain_of(devices.kinds)
+    gain = devices.gain
     H = columns[devices.input] * devices.u_scale / devices.v_scale[:, None]
     y = solve_loop(H, z[devices.input] / devices.v_scale, gain, near=True)
     z -= columns @ (devices.u_scale * gain.value(y))
@@ -324,7 +324,7 @@ def balance(
     In these, z is at least `QUIET`. The sum is zero at the equilibrium.
     """
     devices, f = descriptor.devices, np.zeros(descriptor.size)
-    gain, drive = gain_of(devices.kinds), descriptor.drive(sources_on=sources_on)
+    gain, drive = devices.gain, descriptor.drive(sources_on=sources_on)
     y = np.minimum(z[devices.input] / devices.v_scale, gain.upper)
     f[devices.output] = -devices.u_scale * gain.value(y)
     least = np.maximum(np.abs(z), QUIET * np.abs(z).max(initial=0.0))

@@ -8,10 +8,11 @@ import numpy as np
 
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.descriptor import Devices
 from taction.verification.engines.statespace.equations.structured_solve import Structure
 from taction.verification.engines.statespace.linearised.equilibrium import charge_rates, euler
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.transients.amplifiers import BEYOND, Amplifiers
+from taction.verification.engines.statespace.transients.modal_steps import BEYOND
 from taction.verification.engines.statespace.transients.radau import SIGMA, TABLE
 
 INSTANT = 1e-9  # of the fastest time constant: a step without charge
@@ -48,7 +49,7 @@ class StructuredBoard:
         rate[self.outputs] += outputs
         return np.asarray(rate)
 
-    def start(self, state: Floats, amplifiers: Amplifiers) -> tuple[Floats, Floats]:
+    def start(self, state: Floats, devices: Devices) -> tuple[Floats, Floats]:
         """Return the state, and inputs and watched nodes, V, (m + K,), just after the strain step.
 
         In a step in which no charge moves, unknowns without a charge jump.
@@ -58,7 +59,7 @@ class StructuredBoard:
         fastest = float(charge_rates(self.descriptor).max(initial=1.0))
         now = euler(self.descriptor, state, INSTANT / fastest, corrections=SETTLING_STEPS)
         watched = np.full(len(self.places), np.inf) if now is None else now[self.places]
-        if now is None or not np.isfinite(amplifiers.outputs(watched[: self.count, None])).all():
+        if now is None or not np.isfinite(devices.outputs(watched[: self.count, None])).all():
             raise EngineError(BEYOND)
         return now, watched
 
