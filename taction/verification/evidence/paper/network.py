@@ -18,14 +18,14 @@ from taction.system.array_types import Floats
 from taction.system.errors import SolverError
 from taction.system.reading_definitions import RISE_LEVELS
 from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
-from taction.verification.evidence.paper.sensing import Geometry, difference, entropy, unit_network
-from taction.verification.reference.ideal_answer import (
+from taction.verification.evidence.paper.ideal_flow import (
     TOLERANCE,
-    IdealNetwork,
     ScaledNetwork,
-    ideal_linear,
-    ideal_transient,
+    linear_outputs,
+    settling_time,
 )
+from taction.verification.evidence.paper.sensing import Geometry, difference, entropy, unit_network
+from taction.verification.reference.ideal_answer import IdealNetwork
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.regularisers import REGULARISERS
 from taction.verification.reference.solve import solve
@@ -77,11 +77,11 @@ def _times(sizes: tuple[int, ...], *, weighted: bool) -> Times:
         geometry = Geometry(N, SPAN)
         T = geometry.matrix * (geometry.spacing if weighted else 1.0)
         network = unit_network(T, T @ geometry.stress, MU, "linear")
-        response = ideal_linear(network, np.zeros(N))
-        shares = response.outputs(response.time)[:, N // 2] / response.target[N // 2]
-        reached = np.interp(RISE_LEVELS, np.maximum.accumulate(shares), response.time)
+        instants, u = linear_outputs(network)
+        shares = u[:, N // 2] / u[-1, N // 2]
+        reached = np.interp(RISE_LEVELS, np.maximum.accumulate(shares), instants)
         rise.append(float(np.diff(reached)[0]))
-        settling.append(response.settling_time())
+        settling.append(settling_time(instants, u))
     return rise, settling
 
 
@@ -176,6 +176,7 @@ INSTANTS = np.linspace(0.0, END, 51)[1:]
 SHARE = 0.7  # of the largest step that is stable at rest, with which the start is stable, too
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5)
 STARTS = 4
+FINE_POINTS = 4001  # of a trajectory
 LEAST_SLOPE = 1e-9  # of an amplifier in the curvature: where its slope is 0 the energy is steeper
 STATES = 200  # random states for each regulariser
 
@@ -187,10 +188,9 @@ def simnon(quick: bool) -> Chapter:
     network = unit_network(STIFF.matrix, STIFF.strain(1, 0.01), STIFF_MU)
     scaled, rest = ScaledNetwork(network), _rest(network)
     fastest = float(np.max(-np.linalg.eigvals(scaled.jacobian(0.0, rest)).real))
-    exact = ideal_transient(network, np.zeros(STIFF.channels))
-    settling, truth = np.nan, np.full((len(INSTANTS), STIFF.channels), np.nan)
-    if exact is not None:
-        settling, truth = exact.settling_time(), exact.outputs(INSTANTS)
+    exact = scaled.trajectory(np.zeros(STIFF.channels), rest)
+    truth, instants = np.exp(exact(INSTANTS).T), np.linspace(0.0, exact.t_max, FINE_POINTS)
+    settling = settling_time(instants, np.exp(exact(instants).T))
     explicit = partial(_integrated, scaled, EXPLICIT, FIXED, SHARE * REAL_AXIS / fastest)
     implicit = [partial(_integrated, scaled, "Radau", tolerance) for tolerance in TOLERANCES]
     second = difference(_integrated(scaled, "LSODA", TOLERANCE)[0], truth)
@@ -296,14 +296,14 @@ def _descent(network: IdealNetwork, scaled: ScaledNetwork) -> Finding:
         slope = scaled.slope(0.0, state[:-1])
         return np.append(slope, np.sum(scaled.g.slope(state[:-1]) * slope**2))
 
-    x0, rising, residual = np.zeros(SMALL.channels), np.inf, np.inf
-    if (run := ideal_transient(network, x0)) is not None:
-        levels = np.array([scaled.energy(row) for row in np.log(run.outputs(run.time))])
-        lost = float(levels[0] - levels[-1])
-        rising = float(np.max(np.diff(levels), initial=0.0)) / lost
-        span, start = (0.0, float(run.time[-1])), np.append(x0, 0.0)
-        second = solve_ivp(slopes, span, start, "Radau", rtol=TOLERANCE, atol=TOLERANCE)
-        residual = abs(float(second.y[-1, -1]) / lost - 1.0) if second.success else np.nan
+    x0 = np.zeros(SMALL.channels)
+    run = scaled.trajectory(x0, _rest(network))
+    levels = np.array([scaled.energy(x) for x in run(np.linspace(0.0, run.t_max, FINE_POINTS)).T])
+    lost = float(levels[0] - levels[-1])
+    rising = float(np.max(np.diff(levels), initial=0.0)) / lost
+    span, start = (0.0, float(run.t_max)), np.append(x0, 0.0)
+    second = solve_ivp(slopes, span, start, "Radau", rtol=TOLERANCE, atol=TOLERANCE)
+    residual = abs(float(second.y[-1, -1]) / lost - 1.0) if second.success else np.nan
     return finding(
         "lyapunov",
         weigh(residual <= AGREEMENT and rising <= 1e-9),
@@ -324,9 +324,10 @@ def _gradient(scaled: ScaledNetwork) -> Finding:
 
 
 def _final(network: IdealNetwork, start: Floats) -> Floats:
-    """Return the outputs (N,) at the end of a transient; NaN for a transient that failed."""
-    run = ideal_transient(network, start)
-    return np.full(SMALL.channels, np.nan) if run is None else run.outputs(run.time[-1:])[0]
+    """Return the outputs (N,) at the end of a transient."""
+    scaled = ScaledNetwork(network)
+    run = scaled.trajectory(start, _rest(network))
+    return scaled.g.g(run(run.t_max))
 
 
 def _minima(quick: bool) -> Finding:

@@ -44,17 +44,6 @@ class Triplets:
         fields = ("rows", "columns", "values")
         return Triplets(*(np.concatenate([getattr(p, f) for p in (self, other)]) for f in fields))
 
-    def times(self, z: Floats) -> Floats:
-        """Return the product with z, (size,)."""
-        sums = np.bincount(self.rows, self.values * z[self.columns], minlength=len(z))
-        return sums.astype(np.float64, copy=False)
-
-    def largest(self, size: int) -> Floats:
-        """Return the largest element of each row, (size,)."""
-        found = np.zeros(size)
-        np.maximum.at(found, self.rows, np.abs(self.values))
-        return found
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coupling:
