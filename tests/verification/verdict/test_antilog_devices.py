@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import taction
-from taction.netlist_gen.analysis import OperatingPoint
+from taction.netlist_gen.analysis import OperatingPoint, Transient
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.variation import DEVICE, draw, parameters, vary
 from taction.netlist_gen.deck.deck import write_deck
@@ -19,7 +19,9 @@ from taction.spice_models.transistor import load_pairs
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
 from taction.verification.engines.ngspice.process import Simulation, find_simulator
+from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.simulation import build
 from taction.verification.verdict.verify import Verdict, verify
@@ -121,6 +123,16 @@ def test_the_budget_has_the_stages_as_a_part(verified: Verdict) -> None:
     off = stage_output("ssm2220", v) / np.exp(v / 0.1) - 1.0
     assert u / np.exp(v / 0.1) - 1.0 == pytest.approx(off, rel=0.01)
     assert off == pytest.approx(2.976e-3, rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["ssm2220", "ssm2212"])
+def test_large_boards_have_the_same_transient(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    circuit = synthesise(changed(antilog={"stage": "device", "transistors": name}))
+    analysis, times = Transient(5e-5, 1e-6, initial="rest"), np.linspace(0.0, 5e-5, 11)
+    reduced = simulate(circuit, analysis, times=times)
+    monkeypatch.setattr(descriptor, "LARGE", 10)
+    whole = simulate(circuit, analysis, times=times)
+    np.testing.assert_allclose(whole.values, reduced.values, atol=2e-8)
 
 
 @pytest.mark.parametrize(

@@ -77,10 +77,7 @@ class StateBoard:
         return self.space.state_of(unknowns)
 
     def start(self, state: Floats, devices: Devices) -> tuple[Floats, Floats]:
-        """Return the state, and inputs and watched nodes, V, (m + K,), just after the strain step.
-
-        EngineError: an amplifier is beyond the range of floats.
-        """
+        """See `StructuredBoard`."""
         m, watched = self.count, self.C @ state + self.D
         inputs, H = watched[:m], self.H[:m]
         if H.any():

@@ -10,7 +10,7 @@ stages since the start are separate systems
 half of them by symmetry, where r is the rate at the start and nu are the remainders n of the stages
 in this basis. So a step of a linear board needs no iteration, and the stages of any other board are
 found by iterating on the m inputs alone. `modal_steps` have these systems in the basis of the
-modes, where they are divisions.
+modes, where they are divisions, `structured_steps` solve them in all unknowns.
 
 Each iteration is a simplified Newton step, whose slopes are kept over steps until convergence is
 slow. The lengths of steps are powers of two. The length follows from the last Legendre coefficients
@@ -35,6 +35,7 @@ from taction.system.array_types import EPS, Floats
 from taction.verification.engines.statespace.transients.dense import Dense
 from taction.verification.engines.statespace.transients.modal_steps import ModalBoard
 from taction.verification.engines.statespace.transients.radau import STAGES, TABLE
+from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
 
 ITERATIONS = 12  # of the inputs in a step
 SHARE = 0.02  # of the tolerance: the last change of the iterations, which leave less
@@ -59,7 +60,7 @@ MAX_STEPS = 1_000_000
 class Integration:
     """A board on its way from t = 0."""
 
-    board: ModalBoard  # the linear part
+    board: ModalBoard | StructuredBoard  # the linear part
     reported: Any  # the amplifiers, and what is reported of the watched voltages
     # An integration of the same board: steps are at most half as long as its own, and none is
     # refused for its error. Where None the tolerance decides.

@@ -10,7 +10,7 @@ smooth kernel, or 40 of a random matrix, it holds the strain step to 1e-6.
 
 Patterns are added until two boards of patterns in turn have the same outputs, and until the
 residual of the board's own equations, solved at each rate, leaves the outputs in place. A board
-with growing modes, or one that needs too many patterns, is refused.
+with growing modes, or one that needs too many patterns, is integrated by steps (`stepped`).
 """
 
 from __future__ import annotations
@@ -95,7 +95,9 @@ PER_DECADE = 1.3  # rates
 # Vectors at each rate, and the least share of a pattern.
 LEVELS = ((2, 1e-7), (3, 1e-8), (4, 1e-9), (6, 1e-10), (8, 1e-11))
 COMPARED = 300  # instants
-STATES = 900  # of a board of patterns: the cost of its eigenproblem grows with their cube
+# The cost of an eigenproblem grows with the cube of the states: above this number, steps by
+# structured solves are quicker.
+STATES = 900
 
 
 @dataclass(frozen=True, slots=True, eq=False)

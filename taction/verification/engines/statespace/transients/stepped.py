@@ -1,4 +1,4 @@
-"""Transients of boards without an exact solution: with amplifiers that are not linear.
+"""Transients of boards without an exact solution: with amplifiers, or with many unknowns.
 
 The reported voltage of an amplifier's output is g of its interpolated input, so that a small
 voltage keeps its relative accuracy.
@@ -19,7 +19,6 @@ from taction.system.array_types import EPS, Floats, Indices
 from taction.system.errors import DivergesError, EngineError
 from taction.system.quantities import show
 from taction.system.waveforms import Cost, Waveforms
-from taction.verification.engines.statespace.equations.descriptor import LARGE
 from taction.verification.engines.statespace.linearised.find_modes import refined_modes
 from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
@@ -33,6 +32,7 @@ from taction.verification.engines.statespace.transients.modal_steps import (
 )
 from taction.verification.engines.statespace.transients.radau import NODES, STAGES, TABLE
 from taction.verification.engines.statespace.transients.radau_integrator import Integration
+from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
 
 METHOD = "Radau IIA"
 TOLERANCE = 1e-9  # of a step, in step amplitudes
@@ -149,7 +149,11 @@ class SteppedCurve:
         board, analysis, nodes = task.board, task.analysis, task.board.reported(task.nodes)
         reported, slopes = ReportedOutputs(board, nodes, task.beside), board.equilibrium.slopes
         unknowns = initial_unknowns(board, analysis.initial, analysis.voltages)
-        equations = _equations(task, reported, slopes)
+        equations: StateBoard | StructuredBoard
+        if board.descriptor.is_large:
+            equations = StructuredBoard(board, reported.others)
+        else:
+            equations = _equations(task, reported, slopes)
         state, start = equations.start(equations.state(unknowns), reported.devices)
         largest = _largest(board, unknowns, start)
         unit = max(reported.distance(start), FLOOR * largest) or 1.0
@@ -158,7 +162,11 @@ class SteppedCurve:
             allowed = BESIDE * max(float(away.max()), FLOOR * largest)
             weight = min(task.tolerance * unit / allowed, 1.0)
             reported.weights[-len(task.beside) :] = weight
-        steps, slopes = _modal(task, reported, equations, unknowns, largest)
+        steps: ModalBoard | StructuredBoard
+        if isinstance(equations, StructuredBoard):
+            steps = equations
+        else:
+            steps, slopes = _modal(task, reported, equations, unknowns, largest)
         whole = None if task.whole is None else task.whole.dense
         tolerance = task.tolerance * unit * (BENT if reported.devices.steepest.any() else 1.0)
         work = Integration(
@@ -267,16 +275,9 @@ def simulate(
 
     DivergesError: the board diverges before the last of `times`; the exception has the record,
       which ends beyond any physical bound.
-    EngineError: a large board, no equilibrium, no state space, or the solution leaves the range of
-      floats.
+    EngineError: no equilibrium, no state space, or the solution leaves the range of floats.
     """
     board = LinearBoard.of(circuit)
-    if board.descriptor.is_large:
-        raise EngineError(
-            f"the board has {board.descriptor.size} unknowns: beyond {LARGE} the state-space engine"
-            " has the transients of stable linear boards with few patterns alone; try --engine"
-            " ngspice"
-        )
     curve = _curve(Task(board, analysis, nodes, times, tolerance, beside))
     dense = curve.dense.checked(board.circuit.name)
     ended = min(dense.ends[-1], curve.task.stop)

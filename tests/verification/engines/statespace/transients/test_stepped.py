@@ -35,16 +35,10 @@ from taction.verification.engines.statespace.linearised.linear_board import (
 )
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.simulate import simulate
-from taction.verification.engines.statespace.transients.stepped import SteppedCurve, halved
+from taction.verification.engines.statespace.transients.stepped import SteppedCurve, Task, halved
+from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
 from taction.verification.verdict.simulation import large_signal, on_curve, state_space_error
-from tests.support.boards import (
-    bare,
-    board,
-    kernel,
-    lone_amplifier,
-    strain,
-    two_pole,
-)
+from tests.support.boards import bare, board, kernel, lone_amplifier, strain, two_pole
 
 
 def breadboard(**design: float) -> Circuit:
@@ -160,12 +154,24 @@ def test_an_op_amp_that_rests_beyond_its_current_limit(ngspice: str, current: st
     assert found == pytest.approx(wanted, abs=1e-3)
 
 
-def test_a_large_board_without_an_exact_solution_is_refused(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize("offset", ["-20mV", "3mV"])
+def test_inputs_without_charge_jump_on_a_large_board_too(
+    ngspice: str, offset: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """The offset is between the inputs at once; no step was found from the discharged board."""
     monkeypatch.setattr(descriptor, "LARGE", 0)
-    with pytest.raises(EngineError, match="try --engine ngspice"):
-        simulate(lone_amplifier(), Transient(1e-4, 1e-6))
+    opamp = {"base": "tl084", "offset_voltage": offset, "level": "large-signal"}
+    scene = Scene.from_arrays(
+        np.array([[1.0, 0.4], [0.3, -0.8]]), np.array([1.0, 0.5]), capacitance=2.2e-10,
+        gain=5e5, opamp=opamp, lam=0.1, unit_conductance="2uS", stray_capacitance=2e-12,
+    )  # fmt: skip
+    circuit, times = large_signal(synthesise(scene)), np.array([1e-7, 1e-6, 1e-5, 1e-4, 4e-4])
+    nodes = LinearBoard(circuit).reported(None)
+    run = SteppedCurve.of(Task(LinearBoard(circuit), Transient(4e-4, 2e-8), nodes, None, 5e-5))
+    assert isinstance(run.work.board, StructuredBoard)
+    found, wanted = beside_ngspice(circuit, Transient(4e-4, 2e-8), times)
+    assert np.abs(wanted).max() > 0.3
+    assert found == pytest.approx(wanted, abs=2e-4)
 
 
 def beside_ngspice(circuit: Circuit, analysis: Transient, times: Floats) -> tuple[Floats, Floats]:
