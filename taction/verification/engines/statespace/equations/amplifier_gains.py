@@ -61,6 +61,7 @@ class Gain:
                 curved = h * self.value(y)
                 excess = y + curved - q
                 done = np.abs(excess) <= EPS * (np.abs(y) + np.abs(curved) + np.abs(q))
+                done &= np.isfinite(curved)
                 if np.all(done):
                     break
                 low, high = np.where(excess <= 0, y, low), np.where(excess >= 0, y, high)
