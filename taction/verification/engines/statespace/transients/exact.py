@@ -170,10 +170,6 @@ class Exact:
         """Bound on the rounding error of any node at any time, V, to first order."""
         return self.flow.error + float(self.rest_error.max(initial=0.0))
 
-    def bounds(self, times: Floats) -> Floats:
-        """Return bounds on the rounding error at `times` (P,), V, to first order; shape (P, K)."""
-        return self.flow.bounds(times) + self.rest_error
-
     def at(self, times: Floats) -> Floats:
         """Return voltages at `times` (P,), s; shape (P, K)."""
         return self.final + self.flow.at(times)
