@@ -21,9 +21,9 @@ from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
+from taction.verification.engines.statespace.equations.descriptor import Devices
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import ModeShares
-from taction.verification.engines.statespace.transients.amplifiers import Amplifiers
 from taction.verification.readings.readings import Step
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
 from taction.verification.verdict import run, simulation
@@ -83,7 +83,7 @@ of_equations = station("equations of the state space", planting.in_the_equations
 of_reduction = station("reduction of the wires", planting.result(Wires, "at_ports"), NGSPICE)
 of_modes = station("modes of the state space", planting.result(ModeShares, "amplitudes"), NGSPICE)
 of_amplifiers = station(
-    "amplifiers of the state space", planting.result(Amplifiers, "outputs"), NGSPICE
+    "amplifiers of the state space", planting.result(Devices, "outputs"), NGSPICE
 )
 of_rest = station(
     "equilibrium of the state space",

@@ -64,12 +64,6 @@ class ChannelMeasure:
         return found.value if found else 0.0
 
     @property
-    def undershoot(self) -> float:
-        """Undershoot, fraction of A."""
-        found = self.readings["undershoot"]
-        return found.value if found else 0.0
-
-    @property
     def fragile(self) -> dict[str, Reading]:
         """The readings that a small shift of their level changes, by name."""
         return {name: found for name, found in self.readings.items() if found and found.fragile}

@@ -1,14 +1,12 @@
-"""The ideal network of a scene: steady state and transient.
+"""The ideal network of a scene: its steady state.
 
 ``C dv/dt = -v/R - I_b - s G0 T^T (G0 T u - G0 U0 eps)``, ``u = U0 g(v/Ve)`` (eq 9 as corrected). In
 ``x = v/Ve`` and ``t/(R C)`` this is ``dx = -(x + beta) - T^T (T g(x) - eps) / mu``: of all its
-components only mu, a multiple of lambda, is left. Its rest state solves the reference problem. The
-transient follows from modes for linear amplifiers, by Radau for all others.
+components only mu, a multiple of lambda, is left. Its rest state solves the reference problem.
 """
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
@@ -18,11 +16,10 @@ from taction.netlist_gen.scene.fields import LARGE, SMALL
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from taction.system import plugins
-from taction.system.array_types import Bools, Floats
+from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
-from taction.system.reading_definitions import SETTLING_BAND
 from taction.verification.reference.problem import Problem, Solution
-from taction.verification.reference.regularisers import REGULARISERS, Regulariser
+from taction.verification.reference.regularisers import REGULARISERS
 from taction.verification.reference.solve import solve, solve_square
 
 
@@ -51,7 +48,7 @@ class IdealNetwork:
 
     @property
     def flows(self) -> bool:
-        """Whether it comes to rest by the flow of this module, and not at once."""
+        """Whether it comes to rest by the flow of eq (9), and not at once."""
         return self.RC > 0.0
 
     @property
@@ -94,159 +91,11 @@ def lambda_times_resistance(
     return volts / REGULARISERS[amplifier].weight / G0 / G0 / s
 
 
-HALVINGS = 50  # of an interval in the search for an instant
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Response:
-    """Outputs of the ideal network as a function of time."""
-
-    time: Floats  # s, increasing from 0, dense enough for at most one crossing in an interval
-    outputs: Callable[[Floats], Floats]  # ``t (K,) -> u (K, N)``, V, for t within `time`
-    start: Floats  # outputs at time 0 (N,), V
-    target: Floats  # outputs at rest (N,), V
-
-    @property
-    def amplitude(self) -> float:
-        """Step amplitude ``max |u(inf) - u(0)|``, V."""
-        return float(np.max(np.abs(self.target - self.start)))
-
-    def settling_time(self, band: float = SETTLING_BAND) -> float:
-        """Return the last instant, s, at which any channel is outside the band around its target.
-
-        `band` is the half-width over the step amplitude. 0 if no channel moves; infinite if the
-        record ends outside the band.
-        """
-        limit = band * self.amplitude
-
-        def outside(time: Floats) -> Bools:
-            return np.asarray(np.max(np.abs(self.outputs(time) - self.target), axis=1) > limit)
-
-        places = np.flatnonzero(outside(self.time))
-        if limit == 0.0 or not places.size:
-            return 0.0
-        if places[-1] == len(self.time) - 1:
-            return float("inf")
-        begin, end = self.time[places[-1] : places[-1] + 2].tolist()
-        for _ in range(HALVINGS):
-            middle = 0.5 * (begin + end)
-            begin, end = (middle, end) if outside(np.array([middle]))[0] else (begin, middle)
-        return float(end)
-
-
-TOLERANCE = 1e-10
-"""Relative tolerance of the integrator."""
-
-
-def ideal_linear(network: IdealNetwork, v0: Floats, rest: Solution | None = None) -> Response:
-    """Return the exact response of linear amplifiers in modal form.
-
-    It is ``v(t) = v_inf + sum_i V_i exp(-(1 + sigma_i^2/mu) t/(R C)) V_i . (v0 - v_inf)``.
-
-    `v0` (N,): signal-node voltages at time 0, V.
-    `rest`: solution of the network's problem, if the caller has it already.
-    ValueError: the amplifiers are not linear, or the network has no capacitors.
-    """
-    if network.amplifier != "linear":
-        raise ValueError(f"modes are for linear amplifiers, not {network.amplifier}")
-    if not network.flows:
-        raise ValueError("a network without capacitors has no modes")
-    M, N = network.T.shape
-    _, sigma, Vt = np.linalg.svd(network.T, full_matrices=M < N)
-    rates = np.ones(N)
-    rates[: len(sigma)] += sigma**2 / network.mu
-    rates /= network.RC
-    target = (network.rest if rest is None else rest).u * network.U0
-    start = np.asarray(v0, dtype=np.float64)
-    amplitudes = Vt @ (start - target)
-
-    def outputs(t: Floats) -> Floats:
-        return np.asarray(target + (np.exp(-np.outer(t, rates)) * amplitudes) @ Vt)
-
-    grid = np.geomspace(1e-3 / rates.max(), 40.0 / rates.min(), 4000)
-    return Response(np.concatenate([[0.0], grid]), outputs, start, target)
-
-
-class ScaledNetwork:
-    """Right-hand side, Jacobian and energy in x and ``t/(R C)``, for any integrator."""
-
-    def __init__(self, network: IdealNetwork) -> None:
-        self.T, self.eps, self.mu = network.T, network.eps, network.mu
-        self.beta, self.removed = float(network.bias), 1.0 - network.ridge_share
-        self.g: Regulariser = REGULARISERS[network.amplifier]
-        self.gram = self.T.T @ self.T / self.mu
-
-    def slope(self, _: float, x: Floats) -> Floats:
-        """dx/dt for x (N,) or (N, K)."""
-        u = self.g.g(x)
-        misfit = (self.T @ u).T - self.eps
-        return np.asarray(-(x + self.beta) + self.removed * u - (misfit @ self.T).T / self.mu)
-
-    def jacobian(self, _: float, x: Floats) -> Floats:
-        """Return the derivative of `slope`, shape (N, N)."""
-        slope = self.g.slope(x)
-        return np.asarray(-self.gram * slope - np.diag(1.0 - self.removed * slope))
-
-    def energy(self, x: Floats) -> float:
-        """Return the dimensionless energy P of x (N,), up to a constant."""
-        u = self.g.g(x)
-        misfit = self.T @ u - self.eps
-        penalty = self.g.energy(x) + self.beta * u - 0.5 * self.removed * u * u
-        return float(misfit @ misfit / (2.0 * self.mu) + np.sum(penalty))
-
-    def stiffness(self, x: Floats) -> float:
-        """Return fastest over slowest rate; a similar matrix is symmetric, so rates are real."""
-        A = self.T * np.sqrt(self.g.slope(x))
-        sigma = np.linalg.svd(A, compute_uv=False) ** 2 / self.mu
-        slowest = sigma[-1] if A.shape[0] >= A.shape[1] else 0.0
-        return float((1.0 + sigma[0]) / (1.0 + slowest))
-
-
-def ideal_transient(
-    network: IdealNetwork, v0: Floats, stop: float | None = None, rest: Solution | None = None
-) -> Response | None:
-    """Integrate the ideal network with any amplifier by Radau.
-
-    None where a value overflows, or the network is too stiff for double precision.
-
-    `v0` (N,): signal-node voltages at time 0, V.
-    `stop`: end time, s; by default long enough for the slowest mode to decay by 1e-8.
-    `rest`: solution of the network's problem, if the caller has it already.
-    SolverError: the steady state cannot be computed.
-    """
-    from scipy.integrate import solve_ivp
-
-    scaled, unit = ScaledNetwork(network), network.RC
-    rest = solve(network.problem) if rest is None else rest
-    x0 = np.asarray(v0, dtype=np.float64) / network.unit
-    at_rest = rest.u if rest.v is None else rest.v
-    end = np.log(1e8 * (1.0 + np.max(np.abs(x0 - at_rest)))) if stop is None else stop / unit
-    with np.errstate(all="ignore"):
-        if not np.all(np.isfinite(scaled.slope(0.0, x0))):
-            return None
-        run = solve_ivp(
-            scaled.slope, (0.0, float(end)), x0, "Radau", dense_output=True,
-            jac=scaled.jacobian, rtol=TOLERANCE, atol=TOLERANCE,
-        )  # fmt: skip
-    dense = run.sol
-    if not run.success or dense is None or not np.all(np.isfinite(run.y)):
-        return None
-
-    def outputs(t: Floats) -> Floats:
-        return np.asarray(network.U0 * scaled.g.g(dense(np.asarray(t) / unit)).T)
-
-    inner = np.linspace(0.0, 1.0, 8, endpoint=False)
-    grid = (run.t[:-1, None] + np.diff(run.t)[:, None] * inner).ravel()
-    time = np.append(grid, run.t[-1]) * unit
-    return Response(time, outputs, network.U0 * scaled.g.g(x0), network.U0 * rest.u)
-
-
 @dataclass(frozen=True, eq=False)
 class IdealAnswer:
-    """Steady state and transient of the ideal network."""
+    """Start and steady state of the ideal network."""
 
     network: IdealNetwork
-    band: float  # half-width of the settling band, a fraction of the step amplitude
     solution: Solution  # the reference steady state, dimensionless, with its certificate
     # `start`, `target`: (N,): u at t = 0 and at rest, V.
     start: Floats
@@ -254,19 +103,6 @@ class IdealAnswer:
     error: float  # bound on the error of `target`, as a fraction of the step amplitude
     initial: Floats  # (N,): voltages of the signal nodes at t = 0, V
     problem: str  # why the steady state cannot be trusted; empty for a trusted one
-
-    @functools.cached_property
-    def settling_time(self) -> float:
-        """Settling time of the transient to the scene's band, s; computed at the first use.
-
-        Not a number where the transient cannot be integrated.
-        """
-        if not self.network.flows:
-            return 0.0
-        if self.network.amplifier == "linear":
-            return ideal_linear(self.network, self.start, self.solution).settling_time(self.band)
-        found = ideal_transient(self.network, self.initial, rest=self.solution)
-        return np.nan if found is None else found.settling_time(self.band)
 
 
 def ideal_network(problem: InverseProblem, scene: Scene) -> IdealNetwork:
@@ -349,7 +185,6 @@ def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
     amplitude = float(np.abs(target - start).max()) or 1.0
     return IdealAnswer(
         network=network,
-        band=scene.checks.settling_time.band,
         solution=solution,
         start=start,
         target=target,

@@ -12,10 +12,10 @@ from operator import itemgetter
 import numpy as np
 
 from taction.system.errors import Complaint, InputError
+from taction.verification.reference.least_squares import SVD
 from taction.verification.reference.problem import Problem, Solution
 from taction.verification.reference.regularisers import REGULARISERS
 from taction.verification.reference.solve import solve
-from taction.verification.reference.stacked_least_squares import SVD
 
 TAU = 1.3
 """Discrepancy principle: ``|T u - eps|^2 = TAU M sigma^2``."""

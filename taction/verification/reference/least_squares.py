@@ -38,11 +38,47 @@ from taction.verification.reference.problem import (
     Solution,
     norm,
 )
-from taction.verification.reference.stacked_least_squares import SVD
 
 STEPS_PER_ENTRY = 20  # of the search, before it gives up
 VIOLATED = 64.0 * EPS  # of the terms of a condition: a smaller violation is rounding
 FAR = 1e6  # length of a step along which the objective only falls
+
+
+class SVD:
+    """Singular values `sigma` (N,) of T, 0 where rounding hides them; mu may be 0.
+
+    `least` is a lower bound on the least singular value of the stacked matrix (0 if it is
+    rank-deficient), `condition` the condition number of the stacked matrix.
+
+    SolverError: the decomposition does not converge.
+    """
+
+    def __init__(self, T: Floats, mu: float) -> None:
+        rows, N = T.shape
+        whole = np.vstack([T, np.zeros((max(N - rows, 0), N))])  # so that V has N columns
+        try:
+            U, sigma, self._Vt = np.linalg.svd(whole, full_matrices=False)
+        except np.linalg.LinAlgError as error:
+            raise SolverError(f"singular value decomposition of T: {error}") from error
+        self._U = U[:rows]
+        doubt = 4.0 * max(T.shape) * EPS * sigma[0]
+        self.sigma = np.where(sigma > doubt, sigma, 0.0)
+        square = self.sigma**2 + mu
+        self._gain = np.divide(1.0, square, out=np.zeros(N), where=square > 0.0)
+        last = float(sigma[-1]) if rows >= N else 0.0
+        self.least = float(np.hypot(max(last - doubt, 0.0), np.sqrt(mu)))
+        largest, smallest = (float(np.hypot(x, np.sqrt(mu))) for x in (sigma[0], last))
+        self.condition = largest / smallest if smallest > 0.0 else float("inf")
+
+    def solve(self, f1: Floats, f2: Floats) -> Floats:
+        """Return y (N,) for f1 (M,), f2 (N,); if mu = 0, without components in T's null space."""
+        y = self._gain * (self.sigma * (f1 @ self._U) + self._Vt @ f2)
+        return np.asarray(y @ self._Vt)
+
+    def along_null(self, f2: Floats) -> Floats:
+        """Return the part of f2 that T does not see, (N,)."""
+        hidden = self._Vt[self.sigma == 0.0]
+        return np.asarray((hidden @ f2) @ hidden)
 
 
 @dataclass(slots=True)

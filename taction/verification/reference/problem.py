@@ -17,7 +17,7 @@ RELATIVE_ERROR = 1e-6
 """A solution is trusted when its error bound is below this times its largest entry."""
 ENOUGH = 1e-3 * RELATIVE_ERROR
 """Relative error bound at which refinement ends."""
-SMALLEST_SCALE = 1e-12
+SMALLEST_SCALE = 1e-11
 """Least value of that largest entry (times |eps| / |T| for the linear regulariser)."""
 
 

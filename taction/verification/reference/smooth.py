@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +32,6 @@ from taction.verification.reference.problem import (
     Solution,
     norm,
 )
-from taction.verification.reference.stacked_least_squares import factorise
 
 STAGE, CONVERGED = 1.0, 1e-10  # squared relative errors of u that end a stage, and the last one
 MAX_STEPS, MAX_REFINEMENTS = 100, 60
@@ -43,6 +43,28 @@ FUNCTION_ERROR = 4.0
 # Refinement ends if the gap shrinks by less than `STALLED` in so many steps in turn. A step that
 # increases the gap can lead to where Newton's method converges; the best point is kept.
 STALLED, PATIENCE = 0.5, 6
+
+
+Solver = Callable[[Floats, Floats], Floats]
+"""Return y (N,) for f1 (M,) and f2 (N,)."""
+CHOLESKY_LIMIT = 1e-12  # of mu over ``|A|^2``: from here on normal equations are accurate enough
+
+
+def factorise(A: Floats, mu: float) -> Solver:
+    """Factorise A (M, N) by Cholesky where it is accurate enough, else by QR; mu is positive."""
+    from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
+
+    one = np.eye(A.shape[1])
+    if mu > CHOLESKY_LIMIT * float(np.sum(A * A)):
+        L, failed = dpotrf(A.T @ A + mu * one, lower=1)
+        if not failed:
+            return lambda f1, f2: np.asarray(dpotrs(L, f1 @ A + f2, lower=1)[0])
+    Q, R = np.linalg.qr(np.vstack([A, np.sqrt(mu) * one]))
+
+    def solve(f1: Floats, f2: Floats) -> Floats:
+        return np.asarray(dtrtrs(R, f1 @ Q[: len(A)] + dtrtrs(R, f2, trans=1)[0])[0])
+
+    return solve
 
 
 def _objective(s: ScaledProblem, v: Floats, mu: float) -> float:

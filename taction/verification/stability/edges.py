@@ -244,27 +244,20 @@ class Scan(Edges):
 
 
 def scan(
-    values: Sequence[float],
-    read: Read,
-    *,
-    logarithmic: bool = True,
-    fine: bool = True,
-    start: float | None = None,
+    values: Sequence[float], read: Read, *, logarithmic: bool = True, start: float | None = None
 ) -> Scan:
     """Find every edge between the least and the largest of `values`.
 
     Of incomplete poles, as those of a large board, only crossings of the rightmost one are listed.
 
     `logarithmic`: whether to interpolate and halve in the logarithm of the value, which is above 0.
-    `fine`: whether to look between the values, too. If not, only the edges at which the board
-      becomes stable or unstable are found, and ranges between two values may be missed.
     `start`: the least or the largest of `values`, of a stable board, if only the edge next to it is
       wanted: the scan goes no further than the first value of a board that is certainly unstable.
     InputError, EngineError: no value gives poles. If only some values fail, see `Sample.failure`.
     """
-    search = _Search(read, logarithmic, fine)
+    search = _Search(read, logarithmic)
     search.begin(values, start)
-    for _ in range(ROUNDS if fine else 1):
+    for _ in range(ROUNDS):
         search.refine()
         search.close()
     samples = tuple(search.samples)
@@ -281,7 +274,6 @@ class _Search:
 
     read: Read
     logarithmic: bool
-    fine: bool
     samples: list[Sample] = field(default_factory=list)
 
     def begin(self, values: Sequence[float], start: float | None) -> None:
@@ -306,23 +298,21 @@ class _Search:
 
     def refine(self) -> None:
         """Halve steps until interpolation shows that poles stay on their side of the axis."""
-        places = {math.nan} if self.fine else set[float]()
-        while places:
-            places = set()
+        found = True
+        while found:
+            places = set[float]()
             for a, m, b in zip(self.samples, self.samples[1:], self.samples[2:], strict=False):
                 if len({a.unstable, m.unstable, b.unstable}) == 1 and _bends((a, m, b)):
                     steps = [each for each in ((a, m), (m, b)) if _width(*each) > FINEST]
                     places |= {0.5 * (left.place + right.place) for left, right in steps}
-            self.take(places)
+            found = self.take(places)
 
     def changes(self, samples: Sequence[Sample]) -> list[tuple[Sample, Sample]]:
         """Return neighbours with different numbers of unstable poles."""
         return [
             (a, b)
             for a, b in pairwise(samples)
-            if not (a.failure or b.failure)
-            and a.unstable != b.unstable
-            and (self.fine or not (a.unstable and b.unstable))
+            if not (a.failure or b.failure) and a.unstable != b.unstable
         ]
 
     def close(self) -> None:

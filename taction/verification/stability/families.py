@@ -113,7 +113,6 @@ class Family:
         values: Sequence[float],
         *,
         logarithmic: bool = True,
-        fine: bool = True,
         start: float | None = None,
     ) -> Scan:
         """Find every edge among `values`, with the poles at samples; see `scan`.
@@ -121,13 +120,7 @@ class Family:
         With samples beside the edges of the loci no edge is too narrow to be found.
         """
         beside = self._beside_edges(min(values), max(values)) if logarithmic else []
-        return scan(
-            [*values, *beside],
-            self.poles,
-            logarithmic=logarithmic,
-            fine=fine,
-            start=start,
-        )
+        return scan([*values, *beside], self.poles, logarithmic=logarithmic, start=start)
 
     def _beside_edges(self, low: float, high: float) -> list[float]:
         """Return values on both sides of the edges that the loci show."""

@@ -24,6 +24,7 @@ KEPT = 8  # kinds of boards whose edges are kept
 DIGITS = 9  # of a margin: edges that boards share differ beyond them by where they were found
 WIDER = 3.0  # times: by so much the edges that are kept go beyond the values seen
 CLOSE = 1e-6  # relative distance behind `REACH` up to which edges are searched
+UNKNOWN = "a pole is on the imaginary axis to within rounding, or no pole is known"
 AROUND = 30.0  # stable values: from the board's own value / 30 to its value * 30
 
 
@@ -158,7 +159,7 @@ class _Way:
         ahead = {f: e for e in edges.edges if 1.0 < (f := self.factor(e.value)) <= last}
         factor = min(ahead, default=self.reach)
         near = sorted(by for at in edges.near if 1.0 < (by := self.factor(at)) <= factor)
-        doubt = f"at the factor {near[0]:.6g} {self._unknown(near[0])}" if near else ""
+        doubt = f"at the factor {near[0]:.6g} {UNKNOWN}" if near else ""
         if not ahead:
             times = f"{self.reach:g} times {self.knob.words}"
             end = times if self.upwards else f"{self.knob.words}/{self.reach:g}"
@@ -167,14 +168,6 @@ class _Way:
         bound = max(first.bound / first.value, 10.0 ** (1 - DIGITS))
         factor = float(f"{factor:.{DIGITS}g}")  # the same whichever board found the edges
         return Margin(factor, bound * factor, self._words(factor), doubt)
-
-    def _unknown(self, by: float) -> str:
-        """Return why a board does not tell whether it is stable."""
-        try:
-            poles(self.board.circuit.turned(self.knob.name, self.value(by)))
-        except EngineError as error:
-            return f"there are no poles: {error}"
-        return "a pole is on the imaginary axis to within rounding"
 
     def _words(self, factor: float) -> str:
         moves = "grow" if self.upwards else "shrink"

@@ -17,6 +17,7 @@ from taction.netlist_gen.board.circuit import GROUND
 from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.descriptor import DenseMatrix
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.find_modes import refined_modes
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -117,9 +118,8 @@ class PortResponse:
         return np.asarray(self.columns.T @ solved * (s if self.reactive else 1.0))
 
     @cached_property
-    def _matrices(self) -> tuple[Floats, Floats]:
-        dense = linear_matrices(self.board.descriptor, self.board.operating_point)
-        return dense.mass, dense.stiffness
+    def _matrices(self) -> DenseMatrix:
+        return linear_matrices(self.board.descriptor, self.board.operating_point)
 
     def rate(self, left: Complexes, right: Complexes, s: complex) -> complex:
         """Return ``left d(K - s M) right`` for a relative change of the values, to first order."""

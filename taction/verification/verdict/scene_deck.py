@@ -115,4 +115,4 @@ def _measures(board: Board) -> Measures:
         raise SolverError(f"--measure needs a reference solution: {ideal.problem}")
     signs = np.array([output.sign for output in board.circuit.outputs])
     targets, starts = (tuple((signs * u).tolist()) for u in (ideal.target, ideal.start))
-    return Measures(targets, starts, ideal.band)
+    return Measures(targets, starts, board.scene.checks.settling_time.band)

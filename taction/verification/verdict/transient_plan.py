@@ -329,7 +329,7 @@ def plan_transient(
         else:
             allowed = max(AIM * wanted if aim is None else aim, LEAST_ERROR)
             forecast = model.cheapest(allowed)
-            if any(board.broken):
+            if board.descriptor.devices.steepest.any():  # their slopes jump
                 forecast = _also_from_start(board, model, forecast, allowed)
             transient, count, error = forecast
         seconds = count * step_seconds

@@ -15,8 +15,8 @@ from taction.verification.reference.lambda_choice import choose, fitted
 from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.reference.problem import Problem, Solution, solution_difference
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
+from taction.verification.reference.smooth import factorise
 from taction.verification.reference.solve import solve
-from taction.verification.reference.stacked_least_squares import factorise
 from tests.support.oracle import (
     count_claims,
     error_of,

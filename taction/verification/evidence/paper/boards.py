@@ -30,6 +30,7 @@ from taction.verification.evidence.paper.findings import (
     seconds,
     weigh,
 )
+from taction.verification.evidence.paper.ideal_flow import linear_outputs, settling_time
 from taction.verification.evidence.paper.sensing import difference
 from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.ideal_answer import ideal_network
@@ -170,7 +171,8 @@ def _negligible(scene: Scene) -> Finding:
         slow = redesigned(scene, capacitance=farads).with_engine("statespace")
         verdict = verify(slow)
         settling = seconds(verdict.measurements.settling_time)
-        off[name] = abs(settling / verdict.ideal.settling_time - 1.0)
+        ideal = settling_time(*linear_outputs(verdict.ideal.network))
+        off[name] = abs(settling / ideal - 1.0)
     outcome = weigh(off["at_100nF"] < 0.02 and off["at_10pF"] > 1.0)
     return finding("slow-signal-plane", outcome, **off)
 

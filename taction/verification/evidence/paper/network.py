@@ -18,15 +18,14 @@ from taction.system.array_types import Floats
 from taction.system.errors import SolverError
 from taction.system.reading_definitions import RISE_LEVELS
 from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
-from taction.verification.evidence.paper.sensing import Geometry, difference, entropy, unit_network
-from taction.verification.reference.ideal_answer import (
+from taction.verification.evidence.paper.ideal_flow import (
     TOLERANCE,
-    IdealNetwork,
-    Response,
     ScaledNetwork,
-    ideal_linear,
-    ideal_transient,
+    linear_outputs,
+    settling_time,
 )
+from taction.verification.evidence.paper.sensing import Geometry, difference, entropy, unit_network
+from taction.verification.reference.ideal_answer import IdealNetwork
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.regularisers import REGULARISERS
 from taction.verification.reference.solve import solve
@@ -77,11 +76,11 @@ def _times(*, weighted: bool) -> Times:
         geometry = Geometry(N, SPAN)
         T = geometry.matrix * (geometry.spacing if weighted else 1.0)
         network = unit_network(T, T @ geometry.stress, MU, "linear")
-        response = ideal_linear(network, np.zeros(N))
-        shares = response.outputs(response.time)[:, N // 2] / response.target[N // 2]
-        reached = np.interp(RISE_LEVELS, np.maximum.accumulate(shares), response.time)
+        instants, u = linear_outputs(network)
+        shares = u[:, N // 2] / u[-1, N // 2]
+        reached = np.interp(RISE_LEVELS, np.maximum.accumulate(shares), instants)
         rise.append(float(np.diff(reached)[0]))
-        settling.append(response.settling_time())
+        settling.append(settling_time(instants, u))
     return rise, settling
 
 
@@ -175,6 +174,7 @@ INSTANTS = np.linspace(0.0, END, 51)[1:]
 SHARE = 0.7  # of the largest step that is stable at rest, with which the start is stable, too
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5)
 STARTS = 4
+FINE_POINTS = 4001  # of a trajectory
 LEAST_SLOPE = 1e-9  # of an amplifier in the curvature: where its slope is 0 the energy is steeper
 STATES = 200  # random states for each regulariser
 
@@ -186,15 +186,16 @@ def simnon() -> Chapter:
     network = unit_network(STIFF.matrix, STIFF.strain(1, 0.01), STIFF_MU)
     scaled, rest = ScaledNetwork(network), _rest(network)
     fastest = float(np.max(-np.linalg.eigvals(scaled.jacobian(0.0, rest)).real))
-    exact = _transient(network, np.zeros(STIFF.channels))
-    truth = exact.outputs(INSTANTS)
+    exact = scaled.trajectory(np.zeros(STIFF.channels), rest)
+    truth, instants = np.exp(exact(INSTANTS).T), np.linspace(0.0, exact.t_max, FINE_POINTS)
+    settling = settling_time(instants, np.exp(exact(instants).T))
     explicit = partial(_integrated, scaled, EXPLICIT, FIXED, SHARE * REAL_AXIS / fastest)
     implicit = [partial(_integrated, scaled, "Radau", tolerance) for tolerance in TOLERANCES]
     second = difference(_integrated(scaled, "LSODA", TOLERANCE)[0], truth)
     accuracy = finding(
         "simnon-accuracy",
         weigh(not second <= AGREEMENT),
-        settling_time_rc=exact.settling_time(),
+        settling_time_rc=settling,
         second_opinion=second,
     )
     costs = [_cheapest(truth, [explicit]), _cheapest(truth, implicit)]
@@ -293,11 +294,12 @@ def _descent(network: IdealNetwork, scaled: ScaledNetwork) -> Finding:
         slope = scaled.slope(0.0, state[:-1])
         return np.append(slope, np.sum(scaled.g.slope(state[:-1]) * slope**2))
 
-    run = _transient(network, np.zeros(SMALL.channels))
-    levels = np.array([scaled.energy(row) for row in np.log(run.outputs(run.time))])
+    x0 = np.zeros(SMALL.channels)
+    run = scaled.trajectory(x0, _rest(network))
+    levels = np.array([scaled.energy(x) for x in run(np.linspace(0.0, run.t_max, FINE_POINTS)).T])
     lost = float(levels[0] - levels[-1])
     rising = float(np.max(np.diff(levels), initial=0.0)) / lost
-    span, start = (0.0, float(run.time[-1])), np.zeros(SMALL.channels + 1)
+    span, start = (0.0, float(run.t_max)), np.append(x0, 0.0)
     second = solve_ivp(slopes, span, start, "Radau", rtol=TOLERANCE, atol=TOLERANCE)
     residual = abs(float(second.y[-1, -1]) / lost - 1.0) if second.success else np.nan
     return finding(
@@ -319,17 +321,11 @@ def _gradient(scaled: ScaledNetwork) -> Finding:
     return finding("gradient-system", weigh(off <= 1e-6), difference=off)
 
 
-def _transient(network: IdealNetwork, start: Floats) -> Response:
-    """Return a transient of an ideal network; SolverError if none ends."""
-    if (run := ideal_transient(network, start)) is None:
-        raise SolverError("a transient of the ideal network failed")
-    return run
-
-
 def _final(network: IdealNetwork, start: Floats) -> Floats:
     """Return the outputs (N,) at the end of a transient."""
-    run = _transient(network, start)
-    return np.asarray(run.outputs(run.time[-1:])[0])
+    scaled = ScaledNetwork(network)
+    run = scaled.trajectory(start, _rest(network))
+    return scaled.g.g(run(run.t_max))
 
 
 def _minima() -> Finding:

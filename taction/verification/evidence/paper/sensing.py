@@ -25,7 +25,8 @@ from taction.verification.evidence.paper.findings import (
     paper_scene,
     weigh,
 )
-from taction.verification.reference.ideal_answer import IdealNetwork, ScaledNetwork, ideal_linear
+from taction.verification.evidence.paper.ideal_flow import linear_outputs
+from taction.verification.reference.ideal_answer import IdealNetwork
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.regularisers import REGULARISERS
 from taction.verification.reference.solve import solve
@@ -214,8 +215,7 @@ def equations() -> Chapter:
     off = {f"at_{k}": _gradient(k / (S * R), T, strain) for k in (1, 2, 4)}
     right, others = off["at_2"], min(off["at_1"], off["at_4"])
     network = unit_network(T, strain, 1.0 / (S * R), "linear")
-    response = ideal_linear(network, np.zeros(GEOMETRY.channels))
-    rest = response.outputs(response.time[-1:])[0]
+    rest = linear_outputs(network)[1][-1]
     ridges = [T.T @ T + factor / (S * R) * np.eye(len(rest)) for factor in (2.0, 1.0)]
     twice, once = (difference(np.asarray(np.linalg.solve(A, T.T @ strain)), rest) for A in ridges)
     findings = (
@@ -303,8 +303,7 @@ def _unregularised(coarse: _Trials, fine: _Trials) -> tuple[Finding, ...]:
     negative = min(float(np.mean(t.least[:, 0] < 0.0)) for t in both)
     ratio = float(np.divide(*np.median(fine.flow, axis=0)))
     strain = FINE.strain(PICTURE_SEED)
-    scaled = ScaledNetwork(unit_network(FINE.matrix, strain, mu=1e-6))
-    least = float(scaled.g.g(np.linspace(-700.0, 0.0, 1401)).min())
+    least = float(REGULARISERS["exponential"].g(np.linspace(-700.0, 0.0, 1401)).min())
     least_u = float(entropy(FINE.matrix, strain, 0.01).min())
     better = [np.mean(t.flow < t.transform, axis=0) for t in both]  # than the transform
     stopped, converged = np.transpose(better).tolist()

@@ -97,7 +97,6 @@ class VerdictBody:
         "step_amplitude [V] = record.figures.step_amplitude",
         "step_amplitude_uncertainty [V] = record.uncertainties.step_amplitude",
         "settling_time [s] = record.figures.settling_time",
-        "settling_time_ideal [s] = verdict.ideal.settling_time",
         "stability.stable = verdict.poles.stable",
         "stability.rightmost_pole [1/s] = verdict.poles.rightmost # real and imaginary part",
         "stability.rightmost_pole_uncertainty [1/s] = verdict.poles.resolution",

@@ -238,9 +238,8 @@ def budget_table(verdict: Verdict) -> Table | None:
 
 def _effort(verdict: Verdict) -> dict[str, str]:
     """Return the requested and the reached error of the run, and its cost."""
-    accuracy, waves, ideal = verdict.accuracy, verdict.waveforms, verdict.ideal
-    solution = ideal.solution
-    reached, band = accuracy.achieved, verdict.measurements.band
+    accuracy, waves, solution = verdict.accuracy, verdict.waveforms, verdict.ideal.solution
+    reached = accuracy.achieved
     facts = {
         "requested error": f"{figure(accuracy.wanted, 'step')} of the step",
         "reached error": "unknown" if reached is None else f"{figure(reached, 'step')} of the step",
@@ -250,7 +249,6 @@ def _effort(verdict: Verdict) -> dict[str, str]:
         "largest step": quantity(waves.spacing, "s", 3),
         "reference": f"{solution.certificate_kind} {solution.certificate:.2g}, bound"
         f" {solution.bound:.2g}",
-        f"{banded('settling_time', band)} of the ideal network": quantity(ideal.settling_time, "s"),
     }
     stages = (f"{name} {seconds:.2f} s" for name, seconds in verdict.timing.items())
     return facts | {"run time": ", ".join(stages)}

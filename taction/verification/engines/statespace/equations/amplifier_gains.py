@@ -61,6 +61,7 @@ class Gain:
                 curved = h * self.value(y)
                 excess = y + curved - q
                 done = np.abs(excess) <= EPS * (np.abs(y) + np.abs(curved) + np.abs(q))
+                done &= np.isfinite(curved)
                 if np.all(done):
                     break
                 low, high = np.where(excess <= 0, y, low), np.where(excess >= 0, y, high)
@@ -72,12 +73,11 @@ class Gain:
         return y
 
     @property
-    def rises(self) -> Floats:
-        """Slopes of the straight pieces from left to right; none of a g that has none."""
+    def steepest(self) -> float:
+        """Largest slope of the straight pieces; 0 of a g that has none."""
         if self.breaks is None:
-            return np.zeros(0)
-        ends = np.array([self.breaks[0] - 2.0, *self.breaks, self.breaks[-1] + 2.0])
-        return self.slope(0.5 * (ends[1:] + ends[:-1]))
+            return 0.0
+        return float(self.slope(np.array([self.breaks[0] - 1.0, *self.breaks])).max())
 
 
 def _softplus(y: Floats) -> Floats:

@@ -21,7 +21,12 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS, gain_of
+from taction.verification.engines.statespace.equations.amplifier_gains import (
+    GAINS,
+    OPAMP_KINDS,
+    Gain,
+    gain_of,
+)
 
 LARGE = 600  # unknowns above which structured solves replace dense ones
 
@@ -38,17 +43,6 @@ class Triplets:
         """Return the sum with another matrix."""
         fields = ("rows", "columns", "values")
         return Triplets(*(np.concatenate([getattr(p, f) for p in (self, other)]) for f in fields))
-
-    def times(self, z: Floats) -> Floats:
-        """Return the product with z, (size,)."""
-        sums = np.bincount(self.rows, self.values * z[self.columns], minlength=len(z))
-        return sums.astype(np.float64, copy=False)
-
-    def largest(self, size: int) -> Floats:
-        """Return the largest element of each row, (size,)."""
-        found = np.zeros(size)
-        np.maximum.at(found, self.rows, np.abs(self.values))
-        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +71,7 @@ class DenseMatrix(NamedTuple):
 Device = tuple[str, int, int, float, float]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Devices:
     """Behavioural amplifiers ``z[output] = -u_scale g(z[input] / v_scale)``, m each.
 
@@ -99,6 +93,27 @@ class Devices:
     def limits(self) -> Bools:
         """Which of them are limits of op-amps, (m,)."""
         return np.array([kind in OPAMP_KINDS for kind in self.kinds], dtype=np.bool_)
+
+    @functools.cached_property
+    def gain(self) -> Gain:
+        """Their functions g, for arrays of m rows."""
+        return gain_of(self.kinds)
+
+    @functools.cached_property
+    def steepest(self) -> Floats:
+        """The largest slopes of those of straight pieces, V/V, and 0 of all others, (m,)."""
+        return self.u_scale / self.v_scale * [GAINS[kind].steepest for kind in self.kinds]
+
+    def outputs(self, inputs: Floats) -> Floats:
+        """Return the outputs at inputs (m, s), V; not finite beyond the range of floats."""
+        values = self.gain.outputs(inputs / self.v_scale[:, None])
+        return np.asarray(-self.u_scale[:, None] * values)
+
+    def slopes(self, inputs: Floats) -> Floats:
+        """Return the slopes at inputs (m, s), V/V; not finite beyond the range of floats."""
+        with np.errstate(over="ignore"):
+            slope = self.gain.slope(inputs / self.v_scale[:, None])
+            return np.asarray(-(self.u_scale / self.v_scale)[:, None] * slope)
 
     @classmethod
     def of(cls, parts: Sequence[Device]) -> Devices:

@@ -22,7 +22,7 @@ import numpy as np
 
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.amplifier_gains import Gain, gain_of
+from taction.verification.engines.statespace.equations.amplifier_gains import Gain
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.equations.structured_solve import Response, Structure
 
@@ -109,11 +109,6 @@ CERTIFICATE = 1e-9  # largest residual accepted, relative to the terms that canc
 # An unknown below this share of the largest counts as if it had it: where only rounding is left
 # (a channel without strain), a residual of 64 units of rounding of the largest is accepted.
 QUIET = 64 * EPS / CERTIFICATE
-FIRST = 1e-3  # of the fastest time constant: the first step in time
-GROWTH = 2.0
-STEPS = 400
-CORRECTIONS = 8  # of Newton's method in a step
-ALIKE = 1e-9  # of the largest unknown: a correction that ends a step
 PROBES, SPREAD = 4, 4.0  # draws of the rounding, and how much more than the largest counts
 
 
@@ -151,17 +146,15 @@ def solve_equilibrium(
     """Find the DC equilibrium.
 
     `response` returns that of `structured_solve.dense_response`. A `start`, the equilibrium without
-    the limits of the op-amps, is one or two steps away; a small board that rests beyond a limit is
-    followed in time from zero. Without `sources_on` the strain currents are zero, but voltage
-    sources stay on. The result contains its certificate (`residual`).
+    the limits of the op-amps, is one or two steps away, unless the board rests beyond a limit.
+    Without `sources_on` the strain currents are zero, but voltage sources stay on. The result
+    contains its certificate (`residual`).
 
     EngineError: the input of an amplifier is beyond the range of floats, or the residual is above
       `CERTIFICATE`; a wrong equilibrium is never returned.
     """
     error: EngineError | None = None
     begins: list[Callable[[], Floats]] = [lambda: _by_loop(descriptor, response(), sources_on)]
-    if start is not None and not descriptor.is_large:
-        begins.insert(0, lambda: _settled(descriptor, sources_on))
     if start is not None:
         begins.insert(0, lambda: np.asarray(start))
     for begin in begins:
@@ -188,65 +181,13 @@ def _by_loop(descriptor: Descriptor, response: Response, sources_on: bool) -> Fl
     z = solve(-descriptor.drive(sources_on=sources_on))
     if not devices.count:
         return z
-    gain = gain_of(devices.kinds)
+    gain = devices.gain
     H = columns[devices.input] * devices.u_scale / devices.v_scale[:, None]
     y = solve_loop(H, z[devices.input] / devices.v_scale, gain, near=True)
     z -= columns @ (devices.u_scale * gain.value(y))
     z[devices.input] = devices.v_scale * y
     z[devices.output] = -devices.u_scale * gain.value(y)
     return z
-
-
-def _settled(descriptor: Descriptor, sources_on: bool) -> Floats:
-    """Return the unknowns, (size,), after implicit Euler steps from zero with growing lengths.
-
-    A step whose corrections do not shrink is shortened. The steps end where they are so long that
-    the charges no longer count: near the equilibrium, which Newton's method then finds.
-    """
-    rates = charge_rates(descriptor)
-    slowest = float(rates.min(initial=1.0))
-    z, step = np.zeros(descriptor.size), FIRST / float(rates.max(initial=1.0))
-    for _ in range(STEPS):
-        following = euler(descriptor, z, step, sources_on)
-        if following is None:
-            step *= 0.25
-            continue
-        z = following
-        if step * slowest > 1e6:
-            break
-        step *= GROWTH
-    return z
-
-
-def charge_rates(descriptor: Descriptor) -> Floats:
-    """Return about the rates of the rows that have charge, 1/s."""
-    weight, pull = (t.largest(descriptor.size) for t in (descriptor.mass, descriptor.local))
-    return np.asarray(pull[weight > 0.0] / weight[weight > 0.0])
-
-
-@np.errstate(over="ignore", invalid="ignore")
-def euler(
-    descriptor: Descriptor,
-    z: Floats,
-    step: float,
-    sources_on: bool = True,
-    corrections: int = CORRECTIONS,
-) -> Floats | None:
-    """Return the unknowns one step later; None if Newton's method does not converge."""
-    x, before = z, np.inf
-    for _ in range(corrections):
-        try:
-            dx = newton_step(descriptor, x, sources_on, 1.0 / step, z)
-        except np.linalg.LinAlgError:
-            return None
-        x = x + dx
-        size = float(np.abs(dx).max()) / max(float(np.abs(x).max()), 1e-300)
-        if size < ALIKE:
-            return x
-        if not size <= 2.0 * before:
-            return None
-        before = size
-    return None
 
 
 def tangent(descriptor: Descriptor, z: Floats) -> Equilibrium:
@@ -261,42 +202,33 @@ def tangent(descriptor: Descriptor, z: Floats) -> Equilibrium:
     return Equilibrium(descriptor, z + step, balance(descriptor, z)[0], 0.0)
 
 
-def newton_step(
-    descriptor: Descriptor,
-    z: Floats,
-    sources_on: bool,
-    rate: float = 0.0,
-    before: Floats | float = 0.0,
-) -> Floats:
-    """Return a Newton step on all unknowns at once, for charges that move at a `rate`, 1/s.
+def newton_step(descriptor: Descriptor, z: Floats, sources_on: bool) -> Floats:
+    """Return a Newton step on all unknowns at once.
 
     The gain of the loop magnifies rounding: successive steps reduce every row's residual to the
     rounding of its terms.
     """
     slopes, F, _ = balance(descriptor, z, sources_on=sources_on)
-    F = F - rate * descriptor.mass.times(z - before)
-    return _solved(descriptor, slopes, F[:, None], np.abs(z), rate)[:, 0]
+    return _solved(descriptor, slopes, F[:, None], np.abs(z))[:, 0]
 
 
-def _solved(
-    descriptor: Descriptor, slopes: Floats, F: Floats, size: Floats, rate: float = 0.0
-) -> Floats:
-    """Solve ``(K + slopes - rate M) dz = -F``, F (size, Q), unknowns counted in their `size`."""
+def _solved(descriptor: Descriptor, slopes: Floats, F: Floats, size: Floats) -> Floats:
+    """Solve ``(K + slopes) dz = -F``, F (size, Q), unknowns counted in their `size`."""
     if descriptor.is_large:
-        return np.asarray(Structure(descriptor, slopes).factor(rate)(F))
-    J, row, column = scaled_jacobian(descriptor, slopes, size, rate)
+        return np.asarray(Structure(descriptor, slopes).factor(0.0)(F))
+    J, row, column = scaled_jacobian(descriptor, slopes, size)
     return np.asarray(column * np.linalg.solve(J, -F / row))
 
 
 def scaled_jacobian(
-    descriptor: Descriptor, slopes: Floats, size: Floats, rate: float = 0.0
+    descriptor: Descriptor, slopes: Floats, size: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return ``(K + slopes - rate M) * column.T / row``, row and column, (size, 1) each.
+    """Return ``(K + slopes) * column.T / row``, row and column, (size, 1) each.
 
     A column is the `size` of its unknown, (size,), and at least a trace of the largest; a row is
     the largest element that is left in it.
     """
-    devices, K = descriptor.devices, descriptor.dense.stiffness - rate * descriptor.dense.mass
+    devices, K = descriptor.devices, descriptor.dense.stiffness.copy()
     K[devices.output, devices.input] += slopes
     column = np.maximum(size, 1e-12 * (size.max() or 1.0))
     K *= column
@@ -324,7 +256,7 @@ def balance(
     In these, z is at least `QUIET`. The sum is zero at the equilibrium.
     """
     devices, f = descriptor.devices, np.zeros(descriptor.size)
-    gain, drive = gain_of(devices.kinds), descriptor.drive(sources_on=sources_on)
+    gain, drive = devices.gain, descriptor.drive(sources_on=sources_on)
     y = np.minimum(z[devices.input] / devices.v_scale, gain.upper)
     f[devices.output] = -devices.u_scale * gain.value(y)
     least = np.maximum(np.abs(z), QUIET * np.abs(z).max(initial=0.0))

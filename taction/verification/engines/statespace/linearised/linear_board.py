@@ -11,7 +11,6 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats
-from taction.verification.engines.statespace.equations.amplifier_gains import GAINS
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.equations.structured_solve import (
@@ -64,12 +63,6 @@ class LinearBoard:
     def equilibrium(self) -> Equilibrium:
         """The equilibrium with the strain applied."""
         return self.point or self._equilibrium(sources_on=True)
-
-    @property
-    def broken(self) -> list[bool]:
-        """Which amplifiers consist of straight pieces: their slopes jump."""
-        kinds = self.descriptor.devices.kinds
-        return [kind in GAINS and GAINS[kind].breaks is not None for kind in kinds]
 
     def at_start(self, initial: Initial) -> LinearBoard:
         """Return the linear board that has the slopes of the amplifiers at the start.

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from taction.system.array_types import Floats, Ints
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
 from taction.verification.engines.statespace.equations.descriptor import DenseMatrix, Descriptor
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.engines.statespace.linearised.find_modes import find_modes
@@ -88,22 +87,18 @@ def linearise(
       are not free, such as a loop of capacitors and voltage sources).
     """
     b, devices = np.stack([descriptor.switched, descriptor.constant], axis=1), descriptor.devices
-    board = linear_matrices(descriptor, point)
+    slopes = np.zeros(devices.count)
     if point is not None:
-        v = point.values[devices.input]
-        value = gain_of(devices.kinds).value(v / devices.v_scale)
-        slopes = board.stiffness[devices.output, devices.input]
+        v, slopes = point.values[devices.input], point.slopes
+        value = devices.gain.value(v / devices.v_scale)
         b[devices.output, 1] += -devices.u_scale * value - slopes * v
-    return _state_space(descriptor, board, b if inputs is None else inputs)
+    return _state_space(descriptor, slopes, b if inputs is None else inputs)
 
 
 def linear_matrices(descriptor: Descriptor, point: Equilibrium | None) -> DenseMatrix:
     """Return M and K, with the slopes of the amplifiers at a point if there is one."""
-    if point is None:
-        return descriptor.dense
-    devices, K = descriptor.devices, descriptor.dense.stiffness.copy()
-    K[devices.output, devices.input] += point.slopes
-    return DenseMatrix(descriptor.dense.mass, K)
+    slopes = np.zeros(descriptor.devices.count) if point is None else point.slopes
+    return DenseMatrix(*descriptor.summed(np.asarray, slopes))
 
 
 def open_loop(descriptor: Descriptor) -> StateSpace:
@@ -116,20 +111,21 @@ def open_loop(descriptor: Descriptor) -> StateSpace:
     b = np.zeros((descriptor.size, 2 + devices.count))
     b[:, 0], b[:, 1] = descriptor.switched, descriptor.constant
     b[devices.output, 2 + np.arange(devices.count)] = 1.0
-    return _state_space(descriptor, descriptor.dense, b)
+    return _state_space(descriptor, np.zeros(devices.count), b)
 
 
-def _state_space(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> StateSpace:
+def _state_space(descriptor: Descriptor, slopes: Floats, b: Floats) -> StateSpace:
     """Eliminate unknowns without charge, and count the states again where rounding has a say.
 
-    A topology's board is known to have the states that its design gives it.
+    `slopes` (m,) are those of the amplifiers. A topology's board is known to have the states that
+    its design gives it.
     """
-    reduced = _reduced(descriptor, board, b)
+    reduced = _reduced(descriptor, slopes, b)
     parts = {each.name: getattr(reduced, each.name) for each in fields(reduced)}
     found = StateSpace(**parts, descriptor=descriptor)
     if not descriptor.has_branches or found.decided:
         return found
-    count = finite_poles(descriptor, _slopes(descriptor, board))
+    count = finite_poles(descriptor, slopes)
     if count > found.n:
         found = replace(found, lost=count - found.n)
     elif count < found.n:
@@ -143,35 +139,27 @@ def _state_space(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> State
     return found
 
 
-def _slopes(descriptor: Descriptor, board: DenseMatrix) -> Floats:
-    """Return the slopes of the amplifiers that its matrices have, (m,)."""
-    devices = descriptor.devices
-    change = board.stiffness - descriptor.dense.stiffness
-    return np.asarray(change[devices.output, devices.input])
-
-
-def _reduced(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> Reduced:
+def _reduced(descriptor: Descriptor, slopes: Floats, b: Floats) -> Reduced:
     """Eliminate; rounding is relative to the terms of M and K, which may cancel in any circuit."""
-    slopes, every = _slopes(descriptor, board), np.eye(descriptor.size)
-    masses, pulls = np.abs(board.mass), np.abs(board.stiffness)
+    (M, K), every = descriptor.summed(np.asarray, slopes), np.eye(descriptor.size)
+    masses, pulls = np.abs(M), np.abs(K)
     if descriptor.has_branches:
         masses, pulls = descriptor.summed(np.abs, slopes)
 
     def exact() -> NDArray[np.longdouble]:
         return descriptor.summed(lambda x: x.astype(np.longdouble), slopes)[0]
 
-    pencil = Pencil(board.mass, board.stiffness, b, masses, pulls, every, every)
+    pencil = Pencil(M, K, b, masses, pulls, every, every)
     return reduce_pencil(pencil, descriptor.names, exact)
 
 
 # Poles are counted in integers: no rounding decides. Every stamped value is a double, so M and K
 # are rational numbers, and so are the coefficients of ``det(s M - K)``. The number of finite poles
-# is the degree of this determinant. Reduced modulo a prime of 31 bits, its degree is the true one
-# unless the leading coefficient, not zero, is a multiple of the prime: by chance one in 2e9.
-PRIME = 2**31 - 19  # not 2**31 - 1, in which 2**31 is 1
-SHIFT = 1_234_567_891  # any value of s that is no pole modulo the prime
+# is the degree of this determinant. Reduced modulo a prime of 26 bits, its degree is the true one
+# unless the leading coefficient, not zero, is a multiple of the prime: by chance one in 7e7.
+PRIME = 2**26 - 5  # sums of 2000 products are below 2**63
+SHIFT = 34_567_891  # any value of s that is no pole modulo the prime
 DIGITS = 53  # of a double
-HALF = 16  # bits of the lower half of a residue
 
 
 def finite_poles(descriptor: Descriptor, slopes: Floats) -> int:
@@ -194,7 +182,7 @@ def finite_poles(descriptor: Descriptor, slopes: Floats) -> int:
         found = _eliminate(basis, size)
         if found == rank:
             return found
-        rank, image = found, _product(N, basis[:found].T)
+        rank, image = found, N @ basis[:found].T % PRIME
 
 
 def residues(values: Floats) -> Ints:
@@ -224,8 +212,3 @@ def _eliminate(X: Ints, columns: int) -> int:
         if rank == len(X):
             break
     return rank
-
-
-def _product(A: Ints, B: Ints) -> Ints:
-    high, low = A >> HALF, A & ((1 << HALF) - 1)
-    return ((high @ B % PRIME << HALF) + low @ B) % PRIME

@@ -26,7 +26,6 @@ from taction.verification.engines.statespace.linearised.modes import Group, Mode
 BLOCK = 512  # instants evaluated at a time
 FADED = -90.0  # exponent below which a mode is left out: 1e-39 of its first amplitude
 NEGLIGIBLE = 1e-18  # share of a mode, relative to the largest, below the rounding of any sum
-LARGEST = 700.0  # exponent of a growing mode whose bound is a float
 NOISE = 8 * EPS  # share of a mode, relative to the sum of its terms, that is only rounding
 POWERS = 100  # largest number of powers of the time
 
@@ -75,14 +74,15 @@ class ModalFlow:
         # Rounding of A and, by their condition number times eps, of the vectors.
         bounded = kept | ~alone
         twice = np.where(modes.alone[bounded] & (modes.poles[bounded].imag > 0.0), 2.0, 1.0)
-        self._bounded = modes.rates[bounded]
+        rates, omitted = modes.rates[bounded], size[:, noise].sum(axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            self._lag = (lag[:, bounded] * twice).T
-            self._vague = ((vague + terms * EPS)[:, bounded] * twice).T
-            self._omitted = size[:, noise].sum(axis=1)
-            peak = self._lag / (math.e * np.abs(self._bounded))[:, None]
-        peak = np.where(self._lag == 0.0, 0.0, peak)
-        most = (peak + self._vague).sum(axis=0) + self._omitted
+            lag = (lag[:, bounded] * twice).T
+            vague = ((vague + terms * EPS)[:, bounded] * twice).T
+            peak = lag / (math.e * np.abs(rates))[:, None]
+        peak = np.where(lag == 0.0, 0.0, peak)
+        most = (peak + vague).sum(axis=0) + omitted
+        # Rates r (m,), lags l and errors v (m, K), and o (K,): ``sum (l t + v) exp(r t) + o``.
+        self.bound_terms = rates, lag, vague, omitted
         self.errors: Floats = np.nan_to_num(most, nan=math.inf)
         self.error = float(self.errors.max(initial=0.0))
 
@@ -127,16 +127,6 @@ class ModalFlow:
                 values[part] = basis.real @ some.real - basis.imag @ some.imag
         return values
 
-    @property
-    def bound_terms(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Rates r (m,), lags l and errors v (m, K), and o (K,): ``sum (l t + v) exp(r t) + o``."""
-        return self._bounded, self._lag, self._vague, self._omitted
-
-    def bounds(self, times: Floats) -> Floats:
-        """Return bounds on the rounding error at `times` (P,), to first order, shape (P, K)."""
-        left = np.exp(np.minimum(np.outer(times, self._bounded), LARGEST))
-        return np.asarray((times[:, None] * left) @ self._lag + left @ self._vague + self._omitted)
-
 
 def _series(group: Group, seen: Complexes, dual: Complexes) -> Complexes:
     """Return the shares of the powers of the time in ``seen exp(inner t) dual``, (powers, K)."""
@@ -169,10 +159,6 @@ class Exact:
     def error(self) -> float:
         """Bound on the rounding error of any node at any time, V, to first order."""
         return self.flow.error + float(self.rest_error.max(initial=0.0))
-
-    def bounds(self, times: Floats) -> Floats:
-        """Return bounds on the rounding error at `times` (P,), V, to first order; shape (P, K)."""
-        return self.flow.bounds(times) + self.rest_error
 
     def at(self, times: Floats) -> Floats:
         """Return voltages at `times` (P,), s; shape (P, K)."""

@@ -15,12 +15,13 @@ import numpy as np
 
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.descriptor import Devices
 from taction.verification.engines.statespace.linearised.equilibrium import solve_loop
 from taction.verification.engines.statespace.linearised.modes import Modes
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
-from taction.verification.engines.statespace.transients.amplifiers import BEYOND, Amplifiers
 from taction.verification.engines.statespace.transients.radau import SIGMA, TABLE
 
+BEYOND = "an amplifier is beyond the range of floats in the initial state"
 DEFECT = 1e-10  # of ``left right - 1``: with more, modes lose digits that solves keep
 
 
@@ -75,15 +76,15 @@ class StateBoard:
         """Return the states of all unknowns, (n,)."""
         return self.space.state_of(unknowns)
 
-    def start(self, state: Floats, amplifiers: Amplifiers) -> tuple[Floats, Floats]:
+    def start(self, state: Floats, devices: Devices) -> tuple[Floats, Floats]:
         """See `StructuredBoard`."""
         m, watched = self.count, self.C @ state + self.D
         inputs, H = watched[:m], self.H[:m]
         if H.any():
-            scale = amplifiers.v_scale[:, 0]
-            loop = H * amplifiers.u_scale[:, 0] / scale[:, None]
-            inputs = scale * solve_loop(loop, inputs / scale, amplifiers.gain)
-        outputs = amplifiers.outputs(inputs[:, None])[:, 0]
+            scale = devices.v_scale
+            loop = H * devices.u_scale / scale[:, None]
+            inputs = scale * solve_loop(loop, inputs / scale, devices.gain)
+        outputs = devices.outputs(inputs[:, None])[:, 0]
         if not np.all(np.isfinite(outputs)):
             raise EngineError(BEYOND)
         return state, np.append(inputs, (watched + self.H @ outputs)[m:])

@@ -16,6 +16,11 @@ Each iteration is a simplified Newton step, whose slopes are kept over steps unt
 slow. The lengths of steps are powers of two. The length follows from the last Legendre coefficients
 of the solution in a step, which decrease like its error: they bound the error of the polynomial
 between the stages.
+
+Where the straight pieces of an amplifier meet, the solution bends, and steps are short. The
+right-hand side of a board with a continuous g is Lipschitz continuous, so one solution passes
+through every state. Only an amplifier that drives its own input without any delay, by a gain above
+1, makes the equations ambiguous, as a Schmitt trigger's are; `JUMPS` refuses what comes near that.
 """
 
 from __future__ import annotations
@@ -27,7 +32,6 @@ from typing import Any
 import numpy as np
 
 from taction.system.array_types import EPS, Floats
-from taction.verification.engines.statespace.transients.amplifiers import JUMPS
 from taction.verification.engines.statespace.transients.dense import Dense
 from taction.verification.engines.statespace.transients.modal_steps import ModalBoard
 from taction.verification.engines.statespace.transients.radau import STAGES, TABLE
@@ -38,6 +42,11 @@ SHARE = 0.02  # of the tolerance: the last change of the iterations, which leave
 SLOW = 0.2  # contraction above which the next step is linearised anew
 LONGEST_JUMP = 3  # levels
 SMALLEST = -60  # least level
+JUMPS = (
+    "some of its amplifiers drive their own inputs without delay, by a gain above 1/2: the board"
+    " may have several voltages for one state, and jump. Give the op-amps a bandwidth, or the"
+    " signal nodes a capacitance"
+)
 LAST_BUT_ONE = 0.2  # weight of the last but one Legendre coefficient in the error
 SPREAD = 4.0  # times what rounding made of one draw: what it may make of another one
 # Of a change: rounding of the stages' sums over the systems of the method, as random errors add.
@@ -67,7 +76,7 @@ class Integration:
     stop: float  # where the integration ends, s
 
     def __post_init__(self) -> None:
-        self.out, self.amplifiers = Dense(), self.reported.amplifiers
+        self.out, self.devices = Dense(), self.reported.devices
         self.level, self.t = 0, 0.0
         self.probed: int | None = None  # the level of a step at which `noise` was measured
         self.noise = np.zeros(self.now.shape)  # what rounding makes of the watched voltages, V
@@ -79,7 +88,7 @@ class Integration:
         The output has a `failure` where the solution leaves the range of floats, the step
         underflows, or there are more than `max_steps`.
         """
-        if self.amplifiers.bends and self.board.jumping(self.amplifiers.steepest):
+        if self.devices.steepest.any() and self.board.jumping(self.devices.steepest):
             self.out.failure = JUMPS
         while self._goes_on(max_steps):
             self._attempt()
@@ -96,7 +105,7 @@ class Integration:
 
     def _linearise(self) -> None:
         """Linearise the next steps at the present inputs."""
-        slopes = self.amplifiers.slopes(self.now[: len(self.slopes), None])[:, 0]
+        slopes = self.devices.slopes(self.now[: len(self.slopes), None])[:, 0]
         self.slopes = np.where(np.isfinite(slopes), slopes, self.slopes)
         self.probed = None
 
@@ -116,7 +125,7 @@ class Integration:
         self.board.prepare(length, self.slopes)
         with np.errstate(invalid="ignore", over="ignore"):
             start = self.now[:m]
-            outputs = self.amplifiers.outputs(start[:, None])
+            outputs = self.devices.outputs(start[:, None])
             rate: Any = self.board.rate(self.state, start, outputs[:, 0])
             noise = self._rounding(rate, start, outputs[:, 0])
             inputs, remainder, parts, contraction, found = self._iterate(rate, outputs, noise)
@@ -204,7 +213,7 @@ class Integration:
         if before < 1e-4 * SHARE:
             return inputs, remainder, parts, 0.0, True
         for k in range(1, ITERATIONS):
-            beyond = self.amplifiers.outputs(start + inputs) - outputs
+            beyond = self.devices.outputs(start + inputs) - outputs
             beyond = beyond - slopes * inputs
             if not np.isfinite(beyond).all():
                 break

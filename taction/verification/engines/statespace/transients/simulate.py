@@ -14,7 +14,7 @@ from taction.system.errors import EngineError
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.dense import record_times
-from taction.verification.engines.statespace.transients.exact import exact_solution
+from taction.verification.engines.statespace.transients.exact import exact_solution, is_exact
 
 ENGINE, METHOD = "statespace", "exact"
 LARGE_TOLERANCE = 1e-5  # of the outputs of a large linear board, in step amplitudes
@@ -43,20 +43,21 @@ def simulate(
     EngineError: as `exact_solution` and `stepped.simulate`; the record ends before given `times`.
     """
     board = LinearBoard.of(circuit)
-    if not board.circuit.is_linear or board.descriptor.is_large:
-        from taction.verification.engines.statespace.transients import stepped
+    if not is_exact(board):
+        from taction.verification.engines.statespace.transients import reduced_transient, stepped
 
-        given = {} if tolerance is None else {"tolerance": tolerance}
         if board.circuit.is_linear:
-            from taction.verification.engines.statespace.transients import reduced_transient
-
-            given = {"tolerance": LARGE_TOLERANCE} | given
-            found = reduced_transient.simulate(board, analysis, nodes=nodes, times=times, **given)
+            tolerance = LARGE_TOLERANCE if tolerance is None else tolerance
+            found = reduced_transient.simulate(
+                board, analysis, nodes=nodes, times=times, tolerance=tolerance
+            )
             if found is not None:
                 return found
+        tolerance = stepped.TOLERANCE if tolerance is None else tolerance
         return stepped.simulate(
-            board, analysis, nodes=nodes, times=times, beside=beside, resolved=resolved, **given
-        )
+            board, analysis, nodes=nodes, times=times, tolerance=tolerance, beside=beside,
+            resolved=resolved,
+        )  # fmt: skip
     began = clock.perf_counter()
     initial, voltages = analysis.initial, analysis.voltages
     solution = exact_solution(board, initial=initial, voltages=voltages, nodes=nodes)

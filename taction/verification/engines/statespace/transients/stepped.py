@@ -24,7 +24,6 @@ from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     initial_unknowns,
 )
-from taction.verification.engines.statespace.transients.amplifiers import Amplifiers
 from taction.verification.engines.statespace.transients.dense import ESCAPED, Dense, record_times
 from taction.verification.engines.statespace.transients.modal_steps import (
     ModalBoard,
@@ -68,7 +67,7 @@ class ReportedOutputs:
         self, board: LinearBoard, nodes: tuple[str, ...], beside: tuple[str, ...] = ()
     ) -> None:
         devices, rest = board.descriptor.devices, board.equilibrium
-        self.amplifiers, self.nodes = Amplifiers(devices), nodes
+        self.devices, self.nodes = devices, nodes
         device = {int(place): k for k, place in enumerate(devices.output)}
         source = [device.get(board.descriptor.place(name), -1) for name in nodes]
         self.source = np.array([*source, *[-1] * len(beside)], dtype=np.int64)  # amplifiers
@@ -83,16 +82,16 @@ class ReportedOutputs:
         Every input counts as volts itself, too: where an amplifier is flat, it decides when the
         amplifier leaves that.
         """
-        slopes = np.abs(self.amplifiers.slopes(inputs)).max(axis=1, initial=0.0)
+        slopes = np.abs(self.devices.slopes(inputs)).max(axis=1, initial=0.0)
         seen = np.where(self.by_input, np.maximum(slopes, 1.0), 1.0)
-        return np.concatenate([np.maximum(seen, self.amplifiers.steepest), self.weights])
+        return np.concatenate([np.maximum(seen, self.devices.steepest), self.weights])
 
     def voltages(self, watched: Floats) -> Floats:
         """Return the voltages of the nodes, (P, nodes), for watched voltages (P, W)."""
-        m, by_input = self.amplifiers.count, self.source >= 0
+        m, by_input = self.devices.count, self.source >= 0
         voltages = np.empty((len(watched), len(self.source)))
         voltages[:, ~by_input] = watched[:, m:]
-        outputs = self.amplifiers.outputs(watched[:, :m].T).T
+        outputs = self.devices.outputs(watched[:, :m].T).T
         voltages[:, by_input] = outputs[:, self.source[by_input]]
         return voltages
 
@@ -155,7 +154,7 @@ class SteppedCurve:
             equations = StructuredBoard(board, reported.others)
         else:
             equations = _equations(task, reported, slopes)
-        state, start = equations.start(equations.state(unknowns), reported.amplifiers)
+        state, start = equations.start(equations.state(unknowns), reported.devices)
         largest = _largest(board, unknowns, start)
         unit = max(reported.distance(start), FLOOR * largest) or 1.0
         if task.beside:
@@ -169,7 +168,7 @@ class SteppedCurve:
         else:
             steps, slopes = _modal(task, reported, equations, unknowns, largest)
         whole = None if task.whole is None else task.whole.dense
-        tolerance = task.tolerance * unit * (BENT if reported.amplifiers.bends else 1.0)
+        tolerance = task.tolerance * unit * (BENT if reported.devices.steepest.any() else 1.0)
         work = Integration(
             steps, reported, whole, steps.state(state), start, slopes,
             tolerance=tolerance * (1.0 if whole is None else REPEATED),
@@ -222,7 +221,7 @@ def _equations(task: Task, reported: ReportedOutputs, slopes: Floats) -> StateBo
 
     The coefficients of a run with half the steps of another one are moved by their rounding.
     """
-    rounding = ROUNDED[reported.amplifiers.bends]
+    rounding = ROUNDED[bool(reported.devices.steepest.any())]
     return StateBoard(task.board.open_loop, reported.others, slopes, task.halvings, rounding)
 
 
@@ -248,7 +247,7 @@ def _modal(
     shares in the largest voltage would move an amplifier, the states are the basis.
     """
     board, devices, slopes = task.board, task.board.descriptor.devices, equations.slopes
-    first = reported.amplifiers.slopes(unknowns[devices.input, None])[:, 0]
+    first = reported.devices.slopes(unknowns[devices.input, None])[:, 0]
     least = np.where(np.abs(first) < np.abs(slopes), first, slopes)
     finest = task.tolerance * float(devices.v_scale[~devices.limits].min(initial=np.inf))
     modes = refined_modes(board.state_space.modes)

@@ -8,14 +8,16 @@ import numpy as np
 
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.descriptor import Devices
 from taction.verification.engines.statespace.equations.structured_solve import Structure
-from taction.verification.engines.statespace.linearised.equilibrium import charge_rates, euler
+from taction.verification.engines.statespace.linearised.equilibrium import balance
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.transients.amplifiers import BEYOND, Amplifiers
+from taction.verification.engines.statespace.transients.modal_steps import BEYOND
 from taction.verification.engines.statespace.transients.radau import SIGMA, TABLE
 
 INSTANT = 1e-9  # of the fastest time constant: a step without charge
-SETTLING_STEPS = 50
+SETTLING_STEPS = 50  # of Newton's method in it
+ALIKE = 1e-9  # of the largest unknown: a correction that ends it
 
 
 class StructuredBoard:
@@ -48,17 +50,30 @@ class StructuredBoard:
         rate[self.outputs] += outputs
         return np.asarray(rate)
 
-    def start(self, state: Floats, amplifiers: Amplifiers) -> tuple[Floats, Floats]:
+    def start(self, state: Floats, devices: Devices) -> tuple[Floats, Floats]:
         """Return the state, and inputs and watched nodes, V, (m + K,), just after the strain step.
 
         In a step in which no charge moves, unknowns without a charge jump.
 
         EngineError: an amplifier is beyond the range of floats.
         """
-        fastest = float(charge_rates(self.descriptor).max(initial=1.0))
-        now = euler(self.descriptor, state, INSTANT / fastest, corrections=SETTLING_STEPS)
-        watched = np.full(len(self.places), np.inf) if now is None else now[self.places]
-        if now is None or not np.isfinite(amplifiers.outputs(watched[: self.count, None])).all():
+        mass, now, size = self.structure.mass, state, np.inf
+        weight, pull = (
+            abs(part).max(axis=1).toarray().ravel() for part in (mass, self.structure.local)
+        )
+        rate = float((pull[weight > 0.0] / weight[weight > 0.0]).max(initial=1.0)) / INSTANT
+        for _ in range(SETTLING_STEPS):
+            with np.errstate(over="ignore", invalid="ignore"):
+                slopes, F, _ = balance(self.descriptor, now)
+                solve = Structure(self.descriptor, slopes).factor(rate)
+                change = solve(F - rate * (mass @ (now - state)))
+            now, before = now + change, size
+            size = float(np.abs(change).max()) / max(float(np.abs(now).max()), 1e-300)
+            if size < ALIKE or not size <= 2.0 * before:
+                break
+        watched = now[self.places]
+        outputs = devices.outputs(watched[: self.count, None])
+        if not (size < ALIKE and np.isfinite(outputs).all()):
             raise EngineError(BEYOND)
         return now, watched
 

@@ -34,7 +34,7 @@ def test_a_method_integrates_polynomials_up_to_its_order(stages: int) -> None:
 class Functions:
     """``a = f(v)`` of m amplifiers of one kind."""
 
-    bends = False
+    steepest = np.zeros(1)
 
     def __init__(self, count: int, f: Callable[[Floats], Floats], slope: Any) -> None:
         self.count, self.f, self.slope = count, f, slope
@@ -50,8 +50,8 @@ class Functions:
 class Everything:
     """Every watched voltage is reported, in its own volts, and its distance from 0."""
 
-    def __init__(self, amplifiers: Any, watched: int = 1) -> None:
-        self.amplifiers, self.watched = amplifiers, watched
+    def __init__(self, devices: Any, watched: int = 1) -> None:
+        self.devices, self.watched = devices, watched
 
     def volts(self, inputs: Floats) -> Floats:
         return np.ones(self.watched)
