@@ -15,6 +15,8 @@ from functools import partial
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.parts import CurrentSource
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.system.errors import EngineError, InputError, SimulationError
 from taction.system.quantities import show, show_rate
@@ -35,6 +37,7 @@ POINTS = 100  # time points a period: the error of the trapezoidal rule is 1e-3 
 FEWEST_PERIODS, MOST_PERIODS = 12.0, 200.0
 FOLDS = 1.5  # e-foldings in a record
 RIVAL_FOLDS = 12.0  # most e-foldings of a faster mode in a record
+STRAINED = 0.1  # of U0: the step at a constraint node of a strain that only excites a mode
 SMALL_SIGNAL = 0.02  # largest swing at an amplifier's input, in its v_scale: there it is linear
 GROWTH_TOLERANCE, FREQUENCY_TOLERANCE = 0.05, 0.01  # relative
 RELTOL = 1e-8  # ngspice's reltol
@@ -146,9 +149,7 @@ def _prepare(
         distance *= 0.5
     rivals = [p.real for p in board_poles if p not in (pole, pole.conjugate())]
     fastest = max([0.0, *rivals])
-    c = board.circuit
-    if c.has_imported:
-        raise EngineError("the states inside a vendor's netlist cannot be set")
+    c = strained_along(board, pole) if board.circuit.has_imported else board.circuit
     saved = dict.fromkeys([*(o.node for o in c.outputs), *c.signal_nodes, *c.constraint_nodes])
     transient, solver = along(board, pole, fastest), simulator.solver_option
     deck = write_deck(c, transient, solver=solver, relative=RELTOL, saved=saved)
@@ -174,9 +175,12 @@ def _follow(
 def along(board: LinearBoard, pole: complex, fastest: float = 0.0) -> Transient:
     """Plan a transient from the equilibrium plus the mode of `pole`, `FOLDS` e-foldings long.
 
-    It ends before an instability that grows with `fastest`, 1/s, dominates.
+    It ends before an instability that grows with `fastest`, 1/s, dominates. With imported op-amps
+    it starts at rest instead, with the strain of `strained_along`.
     """
     length, step = _span(pole, fastest)
+    if board.circuit.has_imported:  # the states inside a vendor's netlist cannot be set
+        return Transient(length, step, truncation_for(POINTS), initial="rest")
     shape, _ = pole_vectors(board, pole)
     devices = board.descriptor.devices
     largest = np.abs(shape[: board.descriptor.node_count]).max()
@@ -191,6 +195,24 @@ def along(board: LinearBoard, pole: complex, fastest: float = 0.0) -> Transient:
         truncation=truncation_for(POINTS),
         voltages=dict(zip(board.descriptor.names, start_at.tolist(), strict=True)),
     )
+
+
+def strained_along(board: LinearBoard, pole: complex) -> Circuit:
+    """Return the board with a small strain in the shape of a mode, which excites the mode."""
+    circuit, descriptor = board.circuit, board.descriptor
+    shape, _ = pole_vectors(board, pole)
+    present = [node for node in circuit.constraint_nodes if node in descriptor.places]
+    pattern = shape.real[[descriptor.place(node) for node in present]]
+    ohms = circuit.number("gain") or 1.0 / circuit.value("G0")
+    largest = STRAINED * circuit.value("U0") / ohms
+    amps = largest * pattern / np.abs(pattern).max()
+    summing = {cell.output: cell.inverting for cell in circuit.opamps}
+    currents = [
+        CurrentSource(f"eps_{summing[node]}", summing[node], value)
+        for node, value in zip(present, amps.tolist(), strict=True)
+        if value
+    ]
+    return replace(circuit.without_strain, currents=tuple(currents))
 
 
 def _span(pole: complex, fastest: float) -> tuple[float, float]:
