@@ -43,7 +43,7 @@ def bare(file: Path) -> Callable[[], object]:
         f".tran {plan.max_step} {stop} 0 {plan.max_step}",
     )
     place = file.with_suffix(".bare")
-    place.write_text(board.flat_text.replace(".end\n", "\n".join((*cards, ".end\n"))))
+    place.write_text("\n".join(("* flat cards", *board.point.cards, *cards, ".end\n")))
     words = [simulator.executable, "-b", "-n", "-r", str(place.with_suffix(".raw")), str(place)]
     return lambda: subprocess.run(words, capture_output=True, check=True)
 

@@ -44,7 +44,7 @@ WITHDRAWN = {
     "new -o": "The file is named alone: taction new FILE.",
     "new --from": "'taction scale SCENE -o FILE' writes the scene with scaled values.",
     "choose --topology": "A choice is of one topology: set design.topology of the scene.",
-    "montecarlo --remedy": "Set a better grade in [tolerances] for parts of the table of causes.",
+    "montecarlo --remedy": "Set a better grade in [tolerances] for parts that the corners name.",
     "montecarlo --no-remedy": "Leave it out: no samples are drawn again.",
     "verify --exclude": "Name the scenes, or keep drafts in a folder of their own.",
     "verify --annotate": "--junit FILE writes what CI shows at the files.",

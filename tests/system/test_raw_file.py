@@ -15,6 +15,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import BadEvidence, InputError, OutOfDisk
 from taction.system.raw_file import read_raw, read_transient, write_raw
 from taction.system.waveforms import Cost, Waveforms
+from taction.verification.engines.ngspice.evidence import RAW
 from taction.verification.engines.ngspice.process import Simulation, find_simulator
 from tests.support.small_decks import transient
 
@@ -55,7 +56,7 @@ def test_round_trip_is_exact(
 def test_a_file_of_ngspices_own(ngspice: str) -> None:
     deck = transient(saved=("out", "in"))
     with Simulation(deck, find_simulator(ngspice), timeout=30.0) as run:
-        plot = run.accept(lambda deck, ending: read_raw(ending.raw))
+        plot = run.accept(lambda deck, ending: read_raw(ending.folder / RAW))
     assert plot.name == "Transient Analysis"
     assert plot.vectors == ("time", "v(out)", "v(in)")
     assert len(plot.data) > 500

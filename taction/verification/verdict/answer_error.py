@@ -52,7 +52,9 @@ class BuiltBoards:
     # How far from the regularised answer `SHARE` of the boards keep, V; infinite if not `known`.
     distance: float
     error: float  # bound on the error of `distance`, V
-    limit: float  # of the scene for the place of rest, a fraction of the step amplitude
+    least: float  # bounds on the share of the boards that rest within the limits of the scene
+    most: float  # the yield is at most this
+    limit: float  # the smaller one of these limits, a fraction of the step amplitude
     varies: str  # what differs between the boards
     counted: str  # what of this the check of the steady state counts
 
@@ -77,13 +79,14 @@ class BuiltBoards:
         limit = min(checks.steady_state.tolerance, checks.settling_time.band)
         elements = sum(int(np.isfinite(each.ohms).sum()) for each in board.circuit.matrices)
         if board.scene.tolerances.resistor and elements * len(board.circuit.outputs) > MOST_SLOPES:
-            return cls(math.inf, 0.0, limit, *board.varies)
+            return cls(math.inf, 0.0, 0.0, 1.0, limit, *board.varies)
         spread = board.built_spread()
         if spread is None:
             return None
-        distance, error = spread.distance(evidence.targets)
-        doubt = evidence.static_error * amplitude
-        return cls(distance, error + doubt, limit, *board.varies)
+        targets, doubt = evidence.targets, evidence.static_error * amplitude
+        distance, error = spread.distance(targets)
+        least, most = spread.within(targets, limit * amplitude)
+        return cls(distance, error + doubt, least, most, limit, *board.varies)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +99,7 @@ class AnswerError:
         "built_error_uncertainty [stress] = shares.built_doubt",
         "boards = shares.boards # share of the built boards that keep built_error",
         "varies # what differs between the built boards",
+        "yield_at_most # bound by the place of rest alone, to first order",
         *("true_error [stress]", "true_error_uncertainty [stress] = shares.true_doubt"),
         *("regularisation [stress]", "noise [stress]", "channel = number # from 1"),
         "largest_stress [V] = unit # the true one; if it is not known, that of the answer",
@@ -195,6 +199,11 @@ class AnswerError:
     def varies(self) -> str:
         """What differs between the built boards; empty if nothing does, or it is not known."""
         return "" if self.built is None else self.built.varies
+
+    @property
+    def yield_at_most(self) -> float | None:
+        """Bound on the yield: the share of the built boards that rest within the limits."""
+        return None if self.built is None else self.built.most
 
     @property
     def true_error(self) -> float | None:

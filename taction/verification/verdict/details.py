@@ -13,9 +13,12 @@ from taction.netlist_gen.scene.axes import questions
 from taction.spice_models.imported import ImportedOpAmp
 from taction.spice_models.input_errors import not_known
 from taction.system.array_types import Floats
+from taction.system.errors import SimulatorNotFound, SimulatorTooOld, one_line
 from taction.system.quantities import show, spaced
 from taction.system.reading_definitions import READINGS
+from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.reference.ideal_answer import IdealAnswer
+from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Evidence
 
 FAINTLY = 1e-3  # damping ratio below which a board nearly oscillates
@@ -35,6 +38,7 @@ def all_warnings(evidence: Evidence) -> tuple[str, ...]:
             *questions(board.scene),
             *notes,
             *board.plan.notes,
+            *_without_ngspice(board),
             *part_warnings(circuit, board.rest),
             *stuck_cells(circuit),
             *(
@@ -45,6 +49,15 @@ def all_warnings(evidence: Evidence) -> tuple[str, ...]:
             *not_known(circuit.models.values()),
         )
     return (*notes, *(_of_readings(evidence) if evidence.poles.known_stable else ()))
+
+
+def _without_ngspice(board: Board) -> Iterator[str]:
+    """Yield why ngspice simulates no board of the engine ``auto`` here."""
+    if board.scene.analysis.engine == "auto" and board.engine == "statespace":
+        try:
+            find_simulator()
+        except (SimulatorNotFound, SimulatorTooOld) as error:
+            yield f"by taction's own engine alone, without ngspice: {one_line(error)}"
 
 
 def _of_readings(evidence: Evidence) -> Iterator[str]:

@@ -132,7 +132,7 @@ def test_the_scene_passes_at_once(
     tmp_path: Path, problem: tuple[Matrix, Matrix], opamp: str
 ) -> None:
     file = tmp_path / "board.toml"
-    found = new(*write(tmp_path, *problem), "--opamp", opamp, "-o", str(file), "--json")
+    found = new(str(file), *write(tmp_path, *problem), "--opamp", opamp, "--json")
     assert found.exit_code == 0, found.stderr
     assert json.loads(found.stdout)["outcome"] == "pass"
     verdict = verify(load_scene(file).with_engine("statespace"))
@@ -145,14 +145,14 @@ def test_bias_currents_that_leave_no_answer_are_refused(
 ) -> None:
     """Of a uA741 up to 500 nA: with the least conductances that its outputs drive, 19 %."""
     monkeypatch.setattr(module, "WORST", 0.1)
-    found = new(*write(tmp_path, *problem), "--opamp", "ua741", "-o", str(tmp_path / "board.toml"))
+    found = new(str(tmp_path / "b.toml"), *write(tmp_path, *problem), "--opamp", "ua741")
     assert found.exit_code == 2
     assert "expected an op-amp with smaller errors" in found.stderr
 
 
 def test_ngspice_verifies_it(tmp_path: Path, problem: tuple[Matrix, Matrix], ngspice: str) -> None:
     file = tmp_path / "board.toml"
-    assert new(*write(tmp_path, *problem), "--noise", str(SIGMA), "-o", str(file)).exit_code == 0
+    assert new(str(file), *write(tmp_path, *problem), "--noise", str(SIGMA)).exit_code == 0
     verdict = verify(load_scene(file))
     assert verdict.waveforms.engine.startswith("ngspice")
     assert verdict.outcome.value == "pass"

@@ -109,7 +109,7 @@ def test_the_yield_of_a_pass_is_said_aloud() -> None:
     tight = taction.verify("scenes/custom-matrix.toml", engine="statespace")
     assert tight.outcome.value == "pass"
     (line,) = [text for text in str(tight).splitlines() if "passes as drawn" in text]
-    assert "more than 5 % of built boards rest beyond 0.01 % of the step (resistors 1 %," in line
+    assert "of built boards pass: the others rest beyond 0.01 % of the step (resistors 1 %," in line
     assert "op-amp gains 50 %, op-amp input errors; the check counts only the last)" in line
     settings = ["tolerances.resistor=1e-7", "tolerances.opamp_gain=0"]
     loose = taction.verify("scenes/custom-matrix.toml", engine="statespace", settings=settings)
@@ -199,12 +199,16 @@ def test_the_sentence_about_the_yield_is_true_of_drawn_boards(distribution: str)
     away = np.abs(np.array(rests) - verdict.ideal.target).max(axis=1)
     away /= verdict.measurements.amplitude
     share = float((away <= 0.02).mean())
-    assert ("more than 5 % of built boards" in yield_text(verdict.answer)) == (share < 0.95)
+    said = re.search(r"at most ([\d.]+) % of built boards pass: the others rest beyond 2 %",
+                     yield_text(verdict.answer))  # fmt: skip
+    assert said is not None
     found, built = verdict_document(verdict)["answer"], verdict.answer.built
     assert built is not None
-    assert found["boards"] == 0.95
+    assert (found["boards"], found["yield_at_most"]) == (0.95, built.most)
     assert found["built_error"] == pytest.approx(built.distance / verdict.answer.unit)
     assert built.error < 0.1 * built.distance
+    beside = SIGMAS * math.sqrt(share * (1.0 - share) / BOARDS)
+    assert -beside <= float(said[1]) / 100.0 - share < 0.1 + beside
     wide = re.search(r"95 % of built boards within ([\d.]+) %", answer_text(verdict.answer))
     assert wide is not None
     beside = SIGMAS * math.sqrt(0.95 * 0.05 / BOARDS)

@@ -176,6 +176,14 @@ def test_auto_takes_the_cheapest_engine_unless_both_are_to_be_compared(ngspice: 
     assert choose_engine(compared) == "ngspice"
 
 
+def test_a_verdict_of_our_own_engine_alone_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TACTION_NGSPICE", "/none/ngspice")
+    warned = [w for w in verify(shipped("paper-breadboard")).warnings if "without ngspice" in w]
+    assert "no executable '/none/ngspice'" in "".join(warned)
+    asked = shipped("paper-breadboard").with_engine("statespace")
+    assert not any("without ngspice" in warning for warning in verify(asked).warnings)
+
+
 @pytest.mark.parametrize("wanted", [1e-2, 1e-3, 1e-4])
 def test_ngspice_reaches_the_error_and_states_it(ngspice: str, wanted: float) -> None:
     verdict = verify(ringing_scene(error=wanted, engine="ngspice"))

@@ -40,15 +40,16 @@ def answer_text(answer: AnswerError) -> str:
 def yield_text(answer: AnswerError) -> str:
     """Return what a board that passes as drawn says of built ones; empty if most pass."""
     built = answer.built
-    if built is None or built.distance - built.error <= built.limit * answer.step:
+    if built is None or (built.known and built.most >= SHARE):
         return ""
     if not built.known:
         return (
             "passes as drawn; how many built boards pass is not known for so many parts"
             f" ({built.covers}): 'taction yield montecarlo' draws some"
         )
+    at_most = percent(rounded_up(built.most, 2)) if built.most else "0 %"
     return (
-        f"passes as drawn; more than {percent(1.0 - SHARE)} of built boards rest beyond"
+        f"passes as drawn; at most {at_most} of built boards pass: the others rest beyond"
         f" {percent(built.limit)} of the step ({built.covers})"
     )
 
