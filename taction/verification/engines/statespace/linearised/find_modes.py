@@ -5,11 +5,12 @@ See `modes` for what the residual says. Nothing that is stated depends on how ve
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from taction.system.array_types import Complexes, Floats, Ints
+from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.verification.engines.statespace.linearised.modes import Modes, components
 from taction.verification.engines.statespace.linearised.reduction import ROUNDED, Reduced
 
@@ -21,7 +22,7 @@ NEWTON = 6  # largest number of steps
 FAR = 0.1  # largest turn of a vector by one step
 SEPARABLE = 1e6  # condition number of vectors up to which modes are separated
 IMPROVABLE = 4.0  # times what is unknown of it: a coupling that a step reduces
-WIDTHS = (0.25, 0.5, 1.0)  # of a group, in decay rates: the first to do
+GROUPS = ((1e5, 0.25), (1e2, 0.5), (0.0, 1.0))  # condition of a mode, width of its group in decays
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
@@ -32,15 +33,21 @@ def find_modes(reduced: Reduced) -> Modes:
 
     LinAlgError: A is not finite.
     """
-    best = _refined(eigenmodes(reduced))
-    for width in WIDTHS:
-        if best.error <= ENOUGH:
-            break
-        grouped = _refined(group_modes(reduced, width))
-        bounded = all(np.isfinite(each.growth).all() for each in grouped.groups)
-        if bounded and grouped.error < best.error:
-            best = grouped
-    return best.ordered
+    first = _refined(eigenmodes(reduced))
+    best = first
+    if first.error > ENOUGH:
+        ill = conditions(first)
+        for limit, width in GROUPS:
+            chosen = ~(ill < limit)
+            if chosen.any():
+                grouped = _refined(group_modes(reduced, np.diag(first.T), chosen, width))
+                if grouped.error < best.error and all(
+                    np.isfinite(each.growth).all() for each in grouped.groups
+                ):
+                    best = grouped
+            if best.error <= ENOUGH:
+                break
+    return (best if best is first else replace(best, other=first)).ordered
 
 
 def refined_modes(modes: Modes) -> Modes:
@@ -131,7 +138,7 @@ def eigenmodes(reduced: Reduced) -> Modes:
     try:
         rows = np.linalg.inv(parts / scale[:, None]) / scale
     except np.linalg.LinAlgError:
-        return group_modes(reduced, WIDTHS[0])
+        return group_modes(reduced, s, np.ones(len(s), dtype=np.bool_), GROUPS[0][1])
     Y = rows.astype(np.complex128)
     Y[upper] = (rows[upper] - 1j * rows[lower]) / 2.0
     Y[lower] = Y[upper].conj()
@@ -210,8 +217,20 @@ def _real_basis(mates: Ints) -> Complexes:
     return found
 
 
-def group_modes(reduced: Reduced, width: float) -> Modes:
-    """Return modes in groups of those that are nearer than `width` decay rates."""
+def conditions(modes: Modes) -> Floats:
+    """Return the condition number of each mode, in volts and in unknowns of equal size, (n,)."""
+    V, W = np.abs(modes.V), np.abs(modes.W @ modes.reduced.pencil.M)
+    scale = V.max(axis=1, initial=0.0)
+    inverse = np.divide(1.0, scale, where=scale > 0.0, out=np.zeros_like(scale))
+    found = [
+        np.linalg.norm(V * a[:, None], axis=0) * np.linalg.norm(W * b, axis=1)
+        for a, b in ((np.ones_like(scale), np.ones_like(scale)), (inverse, scale))
+    ]
+    return np.asarray(np.maximum(*found))
+
+
+def group_modes(reduced: Reduced, s: Complexes, ill: Bools, width: float) -> Modes:
+    """Return modes in groups: those of `ill` with all that are nearer than `width` decay rates."""
     import scipy.linalg as sl
 
     lapack: Any = sl.lapack
@@ -220,8 +239,10 @@ def group_modes(reduced: Reduced, width: float) -> Modes:
     form: Any = sl.schur(A, output="complex")
     T, Q = form
     t = np.diag(T)
+    nearest = np.abs(t[:, None] - s).argmin(axis=1)
     decay = np.abs(t.real)
     near = np.abs(t[:, None] - t) < width * np.minimum(decay[:, None], decay)
+    near &= ill[nearest][:, None] | ill[nearest]
     mates = np.abs(t[:, None] - t.conj()).argmin(axis=1)
     label = components(near | near[np.ix_(mates, mates)])
     reals, uppers = _single(label, t, mates)

@@ -69,6 +69,7 @@ class Modes:
     E: Floats
     mixed: Floats  # (n, n): bound on ``W M V - 1``
     hidden: Floats  # (k, n): bound on the error of V in unknowns without charge
+    other: Modes | None = None  # modes found otherwise, whose poles may be better known
 
     @functools.cached_property
     def poles(self) -> Complexes:
@@ -239,7 +240,17 @@ def _growth(inner: Complexes) -> Floats:
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def pole_errors(modes: Modes) -> Floats:
-    """Bound the distance of every pole to its true pole, 1/s, (n,); infinite where unknown.
+    """Bound the distance of every pole to its true pole, 1/s, (n,); infinite where unknown."""
+    errors = _errors(modes)
+    if modes.other is not None and len(errors):
+        s, other = modes.poles, modes.other.poles
+        there = np.abs(s[:, None] - other) + _errors(modes.other)
+        errors = np.minimum(errors, there.min(axis=1))
+    return errors
+
+
+def _errors(modes: Modes) -> Floats:
+    """Bound the errors of the poles of one set of vectors.
 
     What couples poles are E and, within groups, the triangular part of T. Poles whose couplings may
     exchange them form components. Beside a component, all others add a second order
