@@ -15,7 +15,7 @@ export PIP_USER=0 PIP_NO_INPUT=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_A
 # What else depends on Python: processes, files, plugins, documents of types, all commands once.
 OTHERS=(tests/verification/studies/running/test_pool.py tests/system tests/cli/test_contract.py)
 # The packages that these need beside those of a user.
-TOOLS=(hypothesis jsonschema pytest pytest-xdist)
+TOOLS=(hypothesis jsonschema pytest pytest-xdist spicelib)
 all=
 [ "${1-}" = --all ] && shift && all=yes
 
