@@ -102,6 +102,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("design", "tune", "ok.toml", "--over", "opamp=ua741"):
         ("--over", "opamp.base=ua741'", "a key with numbers"),
     ("design", "choose", "ok.toml", "--settling", "abc"): ("--settling", "'abc'", "such as '5ms'"),
+    ("design", "choose", "ok.toml", "--settling", "10"): ("--settling", "'10'", "'5ms', or '10s'"),
     ("design", "choose", "ok.toml", "--noise", "-1mV"): ("--noise", "'-1mV'", "above zero"),
     ("onset", "ok.toml", "--over", "opamp"): ("--over", "'opamp'", "opamp=A,B,C"),
     ("onset", "ok.toml", "--over", "C=-1pF:1nF"): ("--over", "must be above zero", ":lin"),
@@ -291,4 +292,5 @@ def test_a_name_with_a_command_in_every_medium() -> None:
     suite = junit_suite(ODD, [JUnitTest(ODD, "failure", ODD, ODD)], simulator=ODD)
     text = page_text(page) + markdown(page, "a") + card(page) + junit_text("demo", [suite])
     text += page_html(page).partition("<style>")[0] + page_html(page).rpartition("</header>")[2]
+    assert text.count("::error file=a::y") > 20  # shown as a text
     unseen(text)

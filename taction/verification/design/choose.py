@@ -23,6 +23,7 @@ from taction.netlist_gen.scene.axes import (
     tried,
     with_values,
 )
+from taction.netlist_gen.scene.check_keys import LONG
 from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value, find_key, write_scene
@@ -384,8 +385,9 @@ def choose(
         check_own_folder(output)
     original = read_scene(scene)
     limits = {
-        "settling": settling, "rise": rise, "noise": noise, "supply": supply,
+        "settling": _time("--settling", settling), "rise": _time("--rise", rise),
         "overshoot": _number("--overshoot", overshoot), "margin": _number("--margin", margin),
+        "noise": noise, "supply": supply,
     }  # fmt: skip
     names = opamps.split(",") if isinstance(opamps, str) else opamps
     named = {LIMITS[name]: value for name, value in limits.items() if value is not None}
@@ -409,6 +411,15 @@ def choose(
         for each in best:
             write_scene(each.scene, str(each.file))
     return Choice(original, ranked, best)
+
+
+def _time(option: str, given: str | float | None) -> str | float | None:
+    """Return a limit as it is; refuse a text without a unit that is long for a board."""
+    with suppress(ValueError):
+        if isinstance(given, str) and (value := float(given)) >= LONG:
+            text = f"it has no unit and is {value:g} s; expected such as '5ms', or '{value:g}s'"
+            raise InputError(option, Complaint("value", repr(given), text))
+    return given
 
 
 def _number(option: str, given: str | float | None) -> float | None:

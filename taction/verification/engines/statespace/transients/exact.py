@@ -52,9 +52,9 @@ class ModalFlow:
             share = np.where(faint, EPS * terms, share)
         size, alone = np.abs(share), modes.alone
         # One of each conjugate pair is enough.
-        kept = alone & (modes.poles.imag >= 0.0)
+        upper = alone & (modes.poles.imag >= 0.0)
         large = size.max(axis=0, initial=0.0)
-        kept &= large > NEGLIGIBLE * large.max(initial=0.0)
+        kept = upper & (large > NEGLIGIBLE * large.max(initial=0.0))
         noise = alone & (modes.poles.real < 0.0) & np.all(size <= NOISE * terms, axis=0)
         kept &= ~noise
         pair = np.where(modes.poles[kept].imag > 0.0, 2.0, 1.0)
@@ -71,8 +71,8 @@ class ModalFlow:
         self.rates: Floats = self.poles.real + self.scales
         self.speeds: Floats = np.abs(self.poles) + self.scales
         self.share = share[order]
-        # Rounding of A and, by their condition number times eps, of the vectors.
-        bounded = kept | ~alone
+        # Rounding of A and of the vectors, also where the share that is left out is only rounding.
+        bounded = upper | ~alone
         twice = np.where(modes.alone[bounded] & (modes.poles[bounded].imag > 0.0), 2.0, 1.0)
         rates, omitted = modes.rates[bounded], size[:, noise].sum(axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
