@@ -22,6 +22,7 @@ Way = Callable[[], None]
 POINTS = 500
 MEGABYTES = 120  # on a stream that a program floods, before it waits
 FOREVER = 1000.0  # s
+LATER = 30.0  # s: longer than a busy machine takes to see that the program has ended
 HIDDEN = 0.8  # s: longer than the interval in which a run is looked at
 TOO_SMALL = "doAnalyses: TRAN:  Timestep too small; time = 1e-9"
 
@@ -137,11 +138,11 @@ def slowly() -> None:
 
 
 def by_a_child() -> None:
-    """End with half of the result, which a child completes later."""
+    """End with half of the result; a child would complete it much later."""
     content = good()
     write(content[: len(content) // 2])
     if os.fork() == 0:
-        time.sleep(0.3)
+        time.sleep(LATER)
         write(content)
 
 

@@ -176,26 +176,28 @@ if __name__ == "__main__":
 """
 
 
-def drop_the_end(seconds: float) -> str:
+def drop_the_end(began: Path, seconds: float = 60.0) -> str:
     """Sleep, and drop the exception of SIGTERM, as the serializers of pydantic do."""
+    began.touch()
     with suppress(KeyboardInterrupt):
         time.sleep(seconds)
     return "an answer after the end"
 
 
-def never_end() -> None:
+def never_end(began: Path) -> None:
     while True:
-        drop_the_end(60.0)
+        drop_the_end(began)
 
 
-@pytest.mark.parametrize(("function", "arguments"), [(drop_the_end, (60.0,)), (never_end, ())])
+@pytest.mark.parametrize("function", [drop_the_end, never_end])
 def test_a_worker_ends_whatever_drops_its_end(
-    pool: LocalPool, function: Callable[..., object], arguments: tuple[float, ...]
+    pool: LocalPool, function: Callable[[Path], object], tmp_path: Path
 ) -> None:
     """Such a process ignores the next SIGTERM, and Python's end waited for the process for ever."""
-    first = pids(pool)
-    running = pool.submit(function, *arguments)
-    time.sleep(0.2)
+    first, began = pids(pool), tmp_path / "began"
+    running = pool.submit(function, began)
+    while not began.exists():
+        time.sleep(0.01)
     pool.shutdown(wait=False)
     with pytest.raises(BrokenExecutor):
         running.result(60)
