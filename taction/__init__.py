@@ -54,10 +54,10 @@ if TYPE_CHECKING:
     from taction.verification.evidence.stress.run_cases import stress as stress
     from taction.verification.studies.onset.onset import onset as onset
     from taction.verification.studies.regression.regress import regress as regress
-    from taction.verification.studies.sweep.sweep import sweep as sweep
+    from taction.verification.studies.sweep import sweep as sweep
     from taction.verification.studies.tolerance.corners import corners as corners
     from taction.verification.studies.tolerance.montecarlo import montecarlo as montecarlo
-    from taction.verification.studies.work_precision.study import accuracy as accuracy
+    from taction.verification.studies.work_precision import accuracy as accuracy
     from taction.verification.verdict.verify import Verdict as Verdict
 
 # Each public name with its module: the imports above are the one table of them.

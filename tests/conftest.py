@@ -118,7 +118,7 @@ def quick_stories(monkeypatch: pytest.MonkeyPatch) -> None:
     """`demo` by the state-space engine; of `reproduce` and `accuracy` what takes no time."""
     from taction.verification.evidence import demonstration
     from taction.verification.evidence.paper import findings, reproduce
-    from taction.verification.studies.work_precision import study
+    from taction.verification.studies import work_precision as study
 
     few = tuple(replace(method, ladder=method.ladder[:2]) for method in study.METHODS[::3])
     monkeypatch.setattr(study, "REPEATS", 1)

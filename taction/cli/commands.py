@@ -31,7 +31,7 @@ from taction.system.foreign_files import visible
 if TYPE_CHECKING:
     from taction.verification.design.fresh_scene import NewScene
     from taction.verification.studies.regression.regress import RegressionReport
-    from taction.verification.studies.sweep.sweep import SweepResult
+    from taction.verification.studies.sweep import SweepResult
 
 JUNIT = "verification.report.junit"
 DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does not load the table
@@ -215,8 +215,8 @@ TABLE = {
             output(
                 "export",
                 "Write a table (.csv, .parquet).",
-                "verification.studies.sweep.sweep:export_sweep",
-                check="verification.studies.sweep.sweep:check_sweep_export",
+                "verification.studies.sweep:export_sweep",
+                check="verification.studies.sweep:check_sweep_export",
             ),
             picture("maps over two axes, or curves over one axis,"),
             REPORT,

@@ -16,7 +16,7 @@ from taction.netlist_gen.scene.inverse_problem import read_array
 from taction.system.raw_file import write_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.evidence import Ending, accepted_waveforms
-from taction.verification.studies.sweep.sweep import Plan
+from taction.verification.studies.sweep import Plan
 from tests.fuzz.edits import BYTE_EDITS, VALUE_EDIT, Target, edited
 from tests.support.making import make_scene
 from tests.support.small_decks import transient

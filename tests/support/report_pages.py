@@ -47,7 +47,7 @@ from taction.verification.report.views.verdict_view import view as verdict_repor
 from taction.verification.studies.regression.regress import RegressionReport, SceneResult, Status
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.running.study import HERE
-from taction.verification.studies.sweep.sweep import SweepResult, grid_points
+from taction.verification.studies.sweep import SweepResult, grid_points
 from taction.verification.studies.tolerance.corners import worst_of
 from taction.verification.studies.tolerance.montecarlo import (
     YieldReport,
@@ -55,7 +55,7 @@ from taction.verification.studies.tolerance.montecarlo import (
     summarise_samples,
 )
 from taction.verification.studies.tolerance.varied_board import prepare
-from taction.verification.studies.work_precision.study import (
+from taction.verification.studies.work_precision import (
     METHODS,
     Method,
     SettingResult,

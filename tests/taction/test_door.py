@@ -15,7 +15,7 @@ import pytest
 
 import taction
 from scripts.rooms import below, short
-from taction.verification.studies.sweep.sweep import SweepResult
+from taction.verification.studies.sweep import SweepResult
 from tests.project.test_imports import reached
 from tests.support import nightly
 from tests.support.entries import write_fast

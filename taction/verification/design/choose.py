@@ -55,7 +55,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.store import Store
-from taction.verification.studies.sweep.sweep import Plan, computed, grid_points
+from taction.verification.studies.sweep import Plan, computed, grid_points
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import ERROR, Record, decisive_reason
 from taction.verification.verdict.run_checks import CHECKS

@@ -21,7 +21,7 @@ from taction.netlist_gen.scene.keys import find_key, own_value
 from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.errors import InputError
-from taction.verification.studies.sweep.sweep import Plan
+from taction.verification.studies.sweep import Plan
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
 

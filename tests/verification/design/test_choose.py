@@ -25,7 +25,7 @@ from taction.verification.design.choose import (
 )
 from taction.verification.report.views.design_view import choice_view
 from taction.verification.studies.running.store import Store
-from taction.verification.studies.sweep.sweep import Plan, computed
+from taction.verification.studies.sweep import Plan, computed
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify

@@ -19,7 +19,7 @@ from taction.verification.report.blocks import Content, Notes, Page, Section, Ta
 from taction.verification.report.texts import Cell, Column, fields, outcome_cell, shown_by
 from taction.verification.report.views.answer_view import answer_text, decisive_text, origin_section
 from taction.verification.report.views.waveforms_view import outputs_chart, stress_chart
-from taction.verification.studies.work_precision.study import (
+from taction.verification.studies.work_precision import (
     ERRORS,
     Method,
     SettingResult,

@@ -23,7 +23,7 @@ from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.report.blocks import Content, Page, Section, Table
 from taction.verification.report.texts import LEAST_SHARE, Cell, Column, fields, titled
 from taction.verification.report.views.answer_view import origin_section
-from taction.verification.studies.sweep.sweep import Plan, SweepResult, all_records, grids
+from taction.verification.studies.sweep import Plan, SweepResult, all_records, grids
 from taction.verification.verdict.record import FIGURES
 
 LOGARITHMIC = ("settling_time", "steady_state_error")

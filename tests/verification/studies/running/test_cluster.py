@@ -21,7 +21,7 @@ from taction.verification.studies.running import cluster as module
 from taction.verification.studies.running.cluster import cluster
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.running.study import HERE
-from taction.verification.studies.sweep.sweep import all_records, sweep_points
+from taction.verification.studies.sweep import all_records, sweep_points
 from tests.support import nightly
 from tests.support.entries import grid_plan
 from tests.support.paths import ROOT

@@ -22,7 +22,7 @@ from taction.verification.stability import margin
 from taction.verification.studies.running import study
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.running.study import HERE, WorkerDiedError, Workers
-from taction.verification.studies.sweep.sweep import (
+from taction.verification.studies.sweep import (
     Plan,
     all_records,
     grid_points,

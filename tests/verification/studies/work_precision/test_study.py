@@ -11,8 +11,8 @@ import pytest
 
 from taction.system.errors import EngineError
 from taction.system.waveforms import Waveforms
-from taction.verification.studies.work_precision import study as study_module
-from taction.verification.studies.work_precision.study import (
+from taction.verification.studies import work_precision as study_module
+from taction.verification.studies.work_precision import (
     METHODS,
     Method,
     WorkPrecisionStudy,

@@ -1,1 +1,0 @@
-"""Error against run time over engines, methods and tolerances."""
