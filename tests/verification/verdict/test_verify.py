@@ -287,7 +287,7 @@ def test_a_thinned_companion_keeps_both_ends(monkeypatch: pytest.MonkeyPatch, co
     assert (found.instants[0], found.instants[-1]) == (times[0], times[-1])
     assert np.all(np.diff(found.instants) > 0.0)
     assert len(found.instants) <= 21
-    assert found.difference == 0.0
+    assert found.difference < 1e-15  # V: some BLAS kernels round each number of times otherwise
     assert 0.0 < found.doubt < 1e-9
 
 

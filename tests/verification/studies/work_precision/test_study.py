@@ -63,7 +63,7 @@ def test_errors_fall_along_every_ladder(found: WorkPrecisionStudy) -> None:
         errors = [point.error for point in found.of(method)]
         assert errors == sorted(errors, key=lambda e: e or 0.0, reverse=True)
     exact = found.of(FEW[2])[0].error
-    assert exact < 1e-10
+    assert exact < 1e-9  # the rounding of the two references: 0.9e-10 to 1.5e-10, by BLAS kernel
 
 
 def test_the_cheapest_setting_reaches_the_error_and_is_the_cheapest(
