@@ -81,7 +81,7 @@ nightly-simulators: ; $(MAKE) test-simulators ARGS=--all
 nightly-random-scenes: ; TACTION_ROUNDING_SCALE=20 TACTION_RANDOM_CIRCUITS=3000 $(MAKE) test ARGS=tests/verification
 nightly-long-tests: ; TACTION_NIGHTLY=yes $(MAKE) test ARGS="-m nightly"
 nightly-stress nightly-fuzz nightly-torture: nightly-%: ; $(MAKE) $* ARGS=
-nightly-bare: ; $(MAKE) test-bare ARGS="make test-browser test-kicad test-install docs"
+nightly-bare: ; $(MAKE) test-bare ARGS="make TACTION_NIGHTLY=yes test-browser test-kicad test-install docs"
 nightly-newer-debian: ; $(MAKE) test-bare RELEASE=trixie ARGS="make demo test"
 nightly-newest-debian: ; $(MAKE) test-bare RELEASE=forky ARGS="make demo test"
 

@@ -21,7 +21,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.kicad.board import kicad_project
 from taction.netlist_gen.kicad.part_symbols import BoardParts, wiring
 from taction.netlist_gen.scene.scene import Scene
-from tests.netlist_gen.kicad.test_project import NAMES, scene_of
+from tests.netlist_gen.kicad.test_project import NAMES, SLOW, scene_of
 
 KICAD = os.environ.get("TACTION_KICAD", "")
 COLUMNS = {
@@ -110,7 +110,7 @@ def rows(file: Path) -> list[dict[str, str]]:
     return [row | {"Reference": " ".join(sorted(row["Reference"].split(",")))} for row in found]
 
 
-@pytest.fixture(scope="module", params=NAMES)
+@pytest.fixture(scope="module", params=[SLOW if name == "wide" else name for name in NAMES])
 def opened(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Opened:
     folder = tmp_path_factory.mktemp("project")
     return Opened.of(scene_of(request.param, folder), folder)
