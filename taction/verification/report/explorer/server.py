@@ -208,7 +208,7 @@ PLACES = ("command", "doubts", "limits", "facts", "stable", "stable_text", "verd
 
 def markup_of(part: Part) -> Part:
     """Return a part for the browser: its texts as markup, the others for the page's program."""
-    macros: Any = _templates().get_template("parts.html").module
+    macros: Any = _templates().get_template("macros.html").module
     kept = {key: value for key, value in part.items() if key not in PLACES}
     shown = {key.replace("_", "-"): part[key] for key in PLACES if key in part}
     if "refused" in part:
