@@ -19,8 +19,7 @@ from taction.verification.reference.ideal_answer import (
     lambda_times_resistance,
 )
 from taction.verification.reference.problem import Problem
-from taction.verification.reference.smooth import solve_smooth
-from taction.verification.reference.solve import solve, solve_square
+from taction.verification.reference.solve import solve, solve_smooth, solve_square
 from tests.support.making import make_scene, matrix_problem
 from tests.support.oracle import error_of
 
