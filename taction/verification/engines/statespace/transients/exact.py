@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import EPS, Bools, Complexes, Floats
 from taction.system.errors import EngineError
@@ -245,3 +246,13 @@ def _solve(
     if not flow.error < math.inf:
         raise EngineError("rounding hides the solution")
     return Exact(nodes, start, final, space.modes.poles, off, flow)
+
+
+def record_times(analysis: Transient, end: float, times: Floats | None = None) -> Floats:
+    """Return the instants `times` (P,) up to `end`, s; by default a step of at most `max_step`."""
+    if times is None:
+        count = math.ceil(analysis.stop / analysis.max_step * (1.0 - 1e-12)) + 1
+        times = np.linspace(0.0, analysis.stop, count)
+    if end >= times[-1] * (1.0 - 1e-9):
+        return times
+    return np.append(times[times < end], end)

@@ -32,9 +32,8 @@ from typing import Any
 import numpy as np
 
 from taction.system.array_types import EPS, Floats
-from taction.verification.engines.statespace.transients.dense import Dense
 from taction.verification.engines.statespace.transients.modal_steps import ModalBoard
-from taction.verification.engines.statespace.transients.radau import STAGES, TABLE
+from taction.verification.engines.statespace.transients.radau import STAGES, TABLE, Dense
 from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
 
 ITERATIONS = 12  # of the inputs in a step

@@ -34,8 +34,7 @@ from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     initial_unknowns,
 )
-from taction.verification.engines.statespace.transients.dense import record_times
-from taction.verification.engines.statespace.transients.exact import ModalFlow
+from taction.verification.engines.statespace.transients.exact import ModalFlow, record_times
 
 
 def _patterns(descriptor: Descriptor, vectors: Floats, least: float) -> Any:
@@ -232,12 +231,12 @@ class PatternCurve:
 def simulate(
     board: LinearBoard,
     analysis: Transient,
-    *,
     nodes: Iterable[str] | None = None,
     times: Floats | None = None,
+    *,
     tolerance: float,
 ) -> Waveforms | None:
-    """Simulate a large linear board as `simulate.simulate`; None where patterns do not suffice.
+    """Simulate a large linear board as `stepped.simulate`; None where patterns do not suffice.
 
     EngineError: the board has no equilibrium.
     """
