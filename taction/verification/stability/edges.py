@@ -79,28 +79,6 @@ class Edges:
     near: tuple[float, ...] = ()
     lowest: int = 0  # number of unstable poles at `low`
 
-    @classmethod
-    def counted(
-        cls,
-        ends: Range,
-        changes: Iterable[tuple[float, float, int]],
-        near: Iterable[float],
-        known: tuple[float, int],
-        off: float,
-    ) -> Edges:
-        """Return the edges of `changes`: values, frequencies, changes of the unstable count.
-
-        A change is that of the count as the value grows; `known` is a value with its count, and
-        `off` the largest relative error of the values.
-        """
-        ordered = sorted(changes)
-        lowest = count = known[1] - sum(by for value, _, by in ordered if value < known[0])
-        edges = []
-        for value, frequency, by in ordered:
-            edges.append(Edge(value, frequency, count, count + by, off * value))
-            count += by
-        return cls(*ends, tuple(edges), tuple(near), lowest)
-
     def unstable_at(self, value: float) -> int:
         """Count the unstable poles at a value between two edges."""
         return next((e.below for e in self.edges if value <= e.value), self._last)

@@ -17,11 +17,9 @@ from taction.netlist_gen.board.circuit import GROUND
 from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.descriptor import DenseMatrix
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.find_modes import refined_modes
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.linearised.state_space import linear_matrices
 
 WELL_CONDITIONED = 1e-8  # largest defect of the modes, and error of the response by them
 SAME = 1e-9  # of the largest singular value: a smaller one is rounding
@@ -107,7 +105,7 @@ class PortResponse:
         if self.board.descriptor.is_large:
             solved = self.board.structure.factor(s)(self.rows.astype(np.complex128))
         else:
-            M, K = self._matrices
+            M, K = self.board.matrices
             X = (s if s.imag else s.real) * M - K
             scale = np.abs(X).max(axis=1, keepdims=True)
             scale[scale == 0.0] = 1.0
@@ -116,10 +114,6 @@ class PortResponse:
             except np.linalg.LinAlgError:
                 raise EngineError("a pole of the board is on the imaginary axis") from None
         return np.asarray(self.columns.T @ solved * (s if self.reactive else 1.0))
-
-    @cached_property
-    def _matrices(self) -> DenseMatrix:
-        return linear_matrices(self.board.descriptor, self.board.operating_point)
 
     def rate(self, left: Complexes, right: Complexes, s: complex) -> complex:
         """Return ``left d(K - s M) right`` for a relative change of the values, to first order."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats
-from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.equations.descriptor import DenseMatrix, Descriptor
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.equations.structured_solve import (
     Response,
@@ -29,7 +29,6 @@ from taction.verification.engines.statespace.linearised.equilibrium import (
 from taction.verification.engines.statespace.linearised.state_space import (
     StateSpace,
     linearise,
-    open_loop,
 )
 
 
@@ -114,8 +113,17 @@ class LinearBoard:
 
     @functools.cached_property
     def open_loop(self) -> StateSpace:
-        """The state space with the amplifiers' outputs as inputs."""
-        return open_loop(self.descriptor)
+        """The state space with the amplifiers' outputs as further inputs."""
+        known = self.descriptor
+        outputs = np.eye(known.size)[:, known.devices.output]
+        return linearise(known, None, np.column_stack([known.switched, known.constant, outputs]))
+
+    @functools.cached_property
+    def matrices(self) -> DenseMatrix:
+        """M and K, with the slopes of the amplifiers at the point of linearisation; dense."""
+        point = self.operating_point
+        slopes = np.zeros(0) if point is None else point.slopes
+        return DenseMatrix(*self.descriptor.summed(np.asarray, slopes))
 
     @functools.cached_property
     def structure(self) -> Structure:

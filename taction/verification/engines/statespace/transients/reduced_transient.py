@@ -203,7 +203,7 @@ def _fastest(board: LinearBoard, deviation: Floats) -> tuple[float, float]:
     coarse = board.coarse
     space, descriptor = coarse.state_space, board.descriptor
     kept = [descriptor.place(name) for name in coarse.descriptor.names]
-    C, _ = space.rows([node for node in board.reported(None) if node in space.nodes])
+    C, _ = space.rows([node for node in board.reported(None) if node in coarse.descriptor.places])
     start = deviation[kept]
     heights = space.modes.shares(C, start).heights.max(axis=0, initial=0.0)
     sizes = np.abs(space.modes.poles)
