@@ -95,35 +95,29 @@ class Measurements:
         return self.readings["rise_time"]
 
 
-def strongest(modes: tuple[Mode, ...], n: int, amplitude: float) -> Mode | None:
-    """Return the oscillating mode with the largest share in channel `n`.
-
-    None if all shares are at most `FAINT` of the step amplitude.
-    """
-    oscillating = [mode for mode in modes if mode.frequency > 0]
-    mode = max(oscillating, key=lambda m: m.channels[n], default=None)
-    return mode if mode is not None and mode.channels[n] > FAINT * amplitude else None
-
-
 def channel_measure(
     n: int,
     final: float,
     step: Step,
     readings: Readings,
     settlement: Settlement,
-    mode: Mode | None,
+    modes: Sequence[Mode],
     short: str,
 ) -> ChannelMeasure:
-    """Return the measurements of channel `n`, in which `mode` is the strongest ringing.
+    """Return the measurements of channel `n`, in which it rings as the strongest of `modes`.
 
     `final` is its last value; `short` is why a channel whose step is large enough has no rise time
-    in `readings`.
+    in `readings`. A share of at most `FAINT` of the step amplitude is no ringing.
     """
     found = {name: of_channels[n] for name, of_channels in readings.items()}
     rise_reason = _no_rise(step, n, settlement.state) or ("" if found["rise_time"] else short)
     if rise_reason:
         found["rise_time"] = None
     found["settling_time"] = settlement.settling_time
+    ringing = [mode for mode in modes if mode.frequency > 0]
+    mode = max(ringing, key=lambda each: each.channels[n], default=None)
+    if mode is not None and not mode.channels[n] > FAINT * step.amplitude:
+        mode = None
     return ChannelMeasure(
         index=n,
         target=float(step.target[n]),
@@ -244,34 +238,30 @@ def measure(
     # Without a step the band is a fraction of the largest excursion of any channel.
     scale = step.amplitude or float(np.abs(errors).max(initial=0.0))
     readings, ringing = unread(target.size), RecordRinging.none(time, target.size)
-    if sound >= FEWEST_POINTS:
+    if enough := sound >= FEWEST_POINTS:
         ends = None if cut or rest is None else replace(rest, values=rest.values - target)
         between = None if curve is None else (lambda t, n: curve(t, n) - target[n])
         trace = RecordTrace(time, errors, error, ends, between)
         readings, ringing = read(trace, step, band * scale, lost), find_ringing(time, u)
     modes = () if ringing.mode is None else (ringing.mode,)
-    cut_short = Settlement(ChannelState.NOT_SETTLED, None, cut)
-
-    def settlement(n: int) -> Settlement:
-        """Return the state of channel `n`, also for a record that is cut or has no step."""
-        if lost[n]:
-            reason = f"the channel left its physical range: {cut}"
-            return Settlement(ChannelState.DIVERGED, None, reason)
-        if sound < FEWEST_POINTS:
-            return cut_short
-        at = readings["settling_time"][n]
-        found = prove(time, errors[n], at, band * scale, scale, ringing.of(n))
-        if found.state is not ChannelState.SETTLED:
-            return found
-        return cut_short if cut else found if step.amplitude else STILL
 
     def channel(n: int) -> ChannelMeasure:
-        """Measure channel `n`."""
-        found, mode, short = settlement(n), strongest(modes, n, step.amplitude), cut
-        if sound >= FEWEST_POINTS and step.sizes[n]:
+        """Measure channel `n`, also of a record that is cut or has no step."""
+        short, found = cut, Settlement(ChannelState.NOT_SETTLED, None, cut)
+        if lost[n]:
+            reason = f"the channel left its physical range: {cut}"
+            found = Settlement(ChannelState.DIVERGED, None, reason)
+        elif enough:
+            at = readings["settling_time"][n]
+            proven = prove(time, errors[n], at, band * scale, scale, ringing.of(n))
+            if proven.state is not ChannelState.SETTLED:
+                found = proven
+            elif not cut:
+                found = proven if step.amplitude else STILL
+        if enough and step.sizes[n]:
             reached = 1 + float((errors[n] / step.sizes[n]).max())
             short = f"the channel reaches {reached:.1%} of its step: simulate longer"
-        measured = channel_measure(n, float(final[n]), step, readings, found, mode, short)
+        measured = channel_measure(n, float(final[n]), step, readings, found, modes, short)
         if found.state is ChannelState.CLIPPED and ringing.period:
             return replace(measured, frequency=1.0 / ringing.period)
         return measured
