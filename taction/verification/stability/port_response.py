@@ -71,11 +71,6 @@ class PortResponse:
         return cls(board, reactive, columns, rows) if change[i, j] and alone else None
 
     @property
-    def count(self) -> int:
-        """Number of loci."""
-        return len(self.columns.T)
-
-    @property
     def poles(self) -> Complexes:
         """Poles of the board; of a large board those of its coarse board; 1/s."""
         board = self.board.coarse if self.board.descriptor.is_large else self.board
@@ -92,7 +87,7 @@ class PortResponse:
         else:
             poles, residues, direct = self._modal
             weights = s[:, None, None] if self.reactive else 1.0
-            found = (_sums(s, poles, residues, self.count) + direct) * weights
+            found = (_sums(s, poles, residues) + direct) * weights
         if not np.isfinite(found).all():
             raise EngineError("a pole of the board is on the imaginary axis")
         return found
@@ -122,7 +117,7 @@ class PortResponse:
 
     @cached_property
     def _modal(self) -> tuple[Complexes, Complexes, Floats] | None:
-        """Poles (n,), residues (n, K²) and what has no pole (K, K), of the response by the modes.
+        """Poles (n,), residues (n, K, K) and what has no pole (K, K), of the response by the modes.
 
         None for a large board, where modes are not known well, or where more is left than a
         constant: a capacitor at the output of a source has a current that is a derivative.
@@ -133,21 +128,21 @@ class PortResponse:
         if not (len(modes.poles) and modes.alone.all() and modes.defect < WELL_CONDITIONED):
             return None
         modes = refined_modes(modes)
-        pencil, poles, K = modes.reduced.pencil, np.diag(modes.T), self.count
+        pencil, poles = modes.reduced.pencil, np.diag(modes.T)
         right = (self.columns.T @ pencil.basis) @ modes.V
         left = modes.W @ (pencil.left @ self.rows)
-        residues = (right.T[:, :, None] * left[:, None, :]).reshape(-1, K * K)
+        residues = right.T[:, :, None] * left[:, None, :]
         s = float(np.abs(modes.poles).max()) * np.array([ABOVE, FAR], np.complex128)
         weights = s.real if self.reactive else np.ones(2)
         near, far = (self.exact(each) / by for each, by in zip(s.tolist(), weights, strict=True))
-        modal = _sums(s, poles, residues, K)
+        modal = _sums(s, poles, residues)
         direct = (near - modal[0]).real
         size = max(1.0 / weights[1], float(np.abs(far).max()))
         known = np.abs(far - modal[1] - direct).max() <= WELL_CONDITIONED * size
         return (poles, residues, direct) if known else None
 
 
-def _sums(s: Complexes, poles: Complexes, residues: Complexes, K: int) -> Complexes:
-    """Return the sums of residues (n, K²) over the distances of s (P,) from poles, (P, K, K)."""
+def _sums(s: Complexes, poles: Complexes, residues: Complexes) -> Complexes:
+    """Return the sums of residues (n, K, K) over the distances of s (P,) from poles, (P, K, K)."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(((1.0 / (s[:, None] - poles)) @ residues).reshape(-1, K, K))
+        return np.tensordot(1.0 / (s[:, None] - poles), residues, 1)

@@ -205,11 +205,6 @@ class Descriptor:
         K[self.devices.output, self.devices.input] += number(slopes)
         return mass, K
 
-    @property
-    def has_limits(self) -> bool:
-        """Whether op-amps have limits."""
-        return bool(self.devices.limits.any())
-
     @functools.cached_property
     def without_limits(self) -> Descriptor:
         """The equations with op-amps that are linear: the limits' slopes at zero in their place."""

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -67,7 +67,7 @@ def projected(
     rows, columns = (index.ravel() for index in np.indices((size, size)))
     inside, devices = abs(basis).sum(axis=1) > 0.0, descriptor.devices
     devices = devices.part(inside[devices.input] & inside[devices.output])
-    ends = (basis[each].argmax(axis=1) for each in (devices.input, devices.output))
+    inputs, outputs = (basis[each].argmax(axis=1) for each in (devices.input, devices.output))
     return Descriptor(
         names=names,
         node_count=min(int(inside[: descriptor.node_count].sum()), size),
@@ -77,7 +77,7 @@ def projected(
         switched=back @ descriptor.switched,
         constant=back @ descriptor.constant,
         determined=np.asarray(abs(back) @ descriptor.determined > 0.0),
-        devices=replace(devices, **dict(zip(("input", "output"), ends, strict=True))),
+        devices=replace(devices, input=inputs, output=outputs),
         places={name: k for k, name in enumerate(names)},
     )
 
@@ -125,15 +125,8 @@ def units(descriptor: Descriptor) -> Ints:
 KEPT, COMPLEX = 3e8, 16  # bytes of all solvers that are kept, and of a number in them
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Group:
-    """Cells of one size: places (cells, m) among the inner unknowns, and their blocks."""
-
-    places: Ints
-    mass: Floats
-    stiffness: Floats
-
-
+# Cells of one size: places (cells, m) among the inner unknowns, and their blocks of M and K.
+Group = tuple[Ints, Floats, Floats]
 Solver = Callable[[Any], Any]  # ``r -> x``, of a vector, or of the columns of an array
 
 
@@ -159,9 +152,7 @@ class Structure:
             self.local = self.local + sparse.csr_array((slopes, places), shape=(size, size))
         sinks = [part.sinks for part in descriptor.couplings]
         self.outer: Ints = np.unique(np.concatenate([*sinks, np.zeros(0, dtype=np.int64)]))
-        inner = np.ones(size, dtype=np.bool_)
-        inner[self.outer] = False
-        self.inner: Ints = np.flatnonzero(inner)
+        self.inner: Ints = np.setdiff1d(np.arange(size), self.outer)
         self._solvers: dict[complex, Solver] = {}
         self._split()
         self.groups = self._cells()
@@ -199,7 +190,7 @@ class Structure:
         more[np.ix_(drivers, sinks)] += (G * part.loaded[chosen]).T
         self.parts["oo"] = mass, K + sparse.csr_array(more)
 
-    def _cells(self) -> list[_Group]:
+    def _cells(self) -> list[Group]:
         from scipy.sparse import csgraph
 
         M, K = self.parts["ii"]
@@ -211,7 +202,7 @@ class Structure:
         for size in np.unique(sizes):
             chosen = np.flatnonzero(sizes == size)
             places = order[starts[chosen][:, None] + np.arange(size)]
-            groups.append(_Group(places, _blocks(M, places), _blocks(K, places)))
+            groups.append((places, _blocks(M, places), _blocks(K, places)))
         return groups
 
     @cached_property
@@ -221,10 +212,8 @@ class Structure:
         other.mass, other.local = self.mass.T.tocsr(), self.local.T.tocsr()
         other.parts = {name[::-1]: (M.T, K.T) for name, (M, K) in self.parts.items()}
         other.couplings = [(sinks, at, load, G) for sinks, at, G, load in self.couplings]
-        turned = (group.mass.transpose(0, 2, 1) for group in self.groups)
         other.groups = [
-            _Group(group.places, M, group.stiffness.transpose(0, 2, 1))
-            for group, M in zip(self.groups, turned, strict=True)
+            (places, M.transpose(0, 2, 1), K.transpose(0, 2, 1)) for places, M, K in self.groups
         ]
         other._solvers = {}
         return other
@@ -269,12 +258,11 @@ class Structure:
         from scipy import sparse
 
         rows, columns, values = [], [], []
-        for group in self.groups:
-            block = np.linalg.inv(c * group.mass - group.stiffness)
-            m = group.places.shape[1]
-            rows.append(np.repeat(group.places, m, axis=1).ravel())
-            columns.append(np.tile(group.places, (1, m)).ravel())
-            values.append(block.ravel())
+        for places, M, K in self.groups:
+            m = places.shape[1]
+            rows.append(np.repeat(places, m, axis=1).ravel())
+            columns.append(np.tile(places, (1, m)).ravel())
+            values.append(np.linalg.inv(c * M - K).ravel())
         n = len(self.inner)
         if not rows:
             return sparse.csr_array((n, n))

@@ -11,6 +11,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats
+from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.descriptor import DenseMatrix, Descriptor
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.equations.structured_solve import (
@@ -22,9 +23,10 @@ from taction.verification.engines.statespace.equations.structured_solve import (
 )
 from taction.verification.engines.statespace.linearised.equilibrium import (
     Equilibrium,
+    balance,
+    newton_step,
     rounding,
     solve_equilibrium,
-    tangent,
 )
 from taction.verification.engines.statespace.linearised.state_space import (
     StateSpace,
@@ -68,7 +70,13 @@ class LinearBoard:
 
         EngineError: it has no equilibrium.
         """
-        point = tangent(self.descriptor, initial_unknowns(self, initial))
+        z = initial_unknowns(self, initial)
+        try:
+            rest = z + newton_step(self.descriptor, z, sources_on=True)
+        except np.linalg.LinAlgError as error:
+            text = "the board with the slopes of its start has no equilibrium"
+            raise EngineError(text) from error
+        point = Equilibrium(self.descriptor, rest, balance(self.descriptor, z)[0], 0.0)
         return LinearBoard(self.circuit, self.equations, point)
 
     @functools.cached_property
@@ -83,7 +91,7 @@ class LinearBoard:
 
     def _equilibrium(self, *, sources_on: bool) -> Equilibrium:
         start = None
-        if self.descriptor.has_limits:
+        if self.descriptor.devices.limits.any():
             free = LinearBoard(self.circuit, self.descriptor.without_limits)
             start = free._equilibrium(sources_on=sources_on).values
         return solve_equilibrium(

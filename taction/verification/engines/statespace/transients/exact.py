@@ -224,18 +224,17 @@ def _solve(
     rates: Floats | None = None,
 ) -> Exact:
     """Solve for the voltages of nodes, or for combinations of these and of their derivatives."""
-    space, rest, places = board.state_space, board.equilibrium.values, board.descriptor.place
+    space, rest = board.state_space, board.equilibrium.values
     C, D = space.rows(nodes)
     begin = initial_unknowns(board, initial, voltages)
     x0 = space.state_of(begin)
     start = C @ x0 + D.sum(axis=1)
     unseen, (final, off) = space.modes.unseen, np.zeros((2, len(nodes)))
     doubt = np.zeros((len(nodes), unseen.shape[1]))
-    for k, node in enumerate(nodes):
-        if node != "0":
-            place = places(node)
-            final[k], doubt[k] = rest[place], unseen[place]
-            off[k] = board.rounding[place] + EPS * abs(rest[place])
+    live = [k for k, node in enumerate(nodes) if node != "0"]
+    at = [board.descriptor.place(nodes[k]) for k in live]
+    final[live], doubt[live] = rest[at], unseen[at]
+    off[live] = board.rounding[at] + EPS * np.abs(rest[at])
     if volts is not None and rates is not None:
         moving = rates @ C @ space.A
         start = volts @ start + moving @ (x0 - space.state_of(rest))

@@ -31,14 +31,14 @@ from taction.verification.engines.statespace.transients.exact import (
     is_exact,
     record_times,
 )
-from taction.verification.engines.statespace.transients.modal_steps import (
-    ModalBoard,
-    StateBoard,
-    is_basis,
-)
 from taction.verification.engines.statespace.transients.radau import ESCAPED, STAGES, TABLE, Dense
 from taction.verification.engines.statespace.transients.radau_integrator import Integration
-from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
+from taction.verification.engines.statespace.transients.step_systems import (
+    ModalBoard,
+    StateBoard,
+    StructuredBoard,
+    is_basis,
+)
 
 METHOD = "Radau IIA"
 LARGE_TOLERANCE = 1e-5  # of the outputs of a large linear board, in step amplitudes
@@ -161,7 +161,7 @@ class SteppedCurve:
             equations = StructuredBoard(board, reported.others)
         else:
             equations = _equations(task, reported, slopes)
-        state, start = equations.start(equations.state(unknowns), reported.devices)
+        state, start = equations.start(unknowns, reported.devices)
         largest = _largest(board, unknowns, start)
         unit = max(reported.distance(start), FLOOR * largest) or 1.0
         if task.beside:
