@@ -316,11 +316,8 @@ class _Branches:
         stamper.constant_currents[:] = [(rows[i], value) for i, value in stamper.constant_currents]
         return np.array(rows, dtype=np.int64)
 
-    def _place(self, node: str) -> int:
-        return GROUND if node == "0" else self.stamper.places[node]
-
     def _ends(self, part: Branch) -> tuple[int, int]:
-        return self._place(part.a), self._place(part.b)
+        return self.stamper.node(part.a), self.stamper.node(part.b)
 
     def _current(self, card: str) -> int:
         return self.currents[current_of(card)]
@@ -392,7 +389,7 @@ class _Branches:
 
     def _controls(self, part: Branch) -> Iterator[tuple[int, float]]:
         for node, gain in zip(part.control, (part.value, -part.value), strict=True):
-            yield self._place(node), gain
+            yield self.stamper.node(node), gain
 
     def _through(self, part: Branch, column: int, value: float) -> None:
         """Add a current from `part.a` through the part to `part.b`."""

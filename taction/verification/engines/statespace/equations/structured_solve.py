@@ -18,6 +18,7 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -33,19 +34,30 @@ from taction.verification.engines.statespace.equations.descriptor import (
 CHANNELS = 14  # of the coarse board, and as many sensors
 
 
-def coarsen(descriptor: Descriptor, channels: int = CHANNELS) -> Descriptor:
-    """Keep about `channels` channels and as many sensors of a board, evenly spaced.
+def coarsen(descriptor: Descriptor) -> Descriptor:
+    """Keep about `CHANNELS` channels and as many sensors of a board, evenly spaced.
 
     The result has a subset of the names; a small board is returned unchanged.
     """
     from scipy import sparse
 
-    kept, gain = _choose(descriptor, channels)
+    unit = units(descriptor)
+    kept = unit < 0
+    gain, assigned = 1.0, np.zeros(max(int(unit.max(initial=0)) + 1, 1), dtype=np.bool_)
+    for part in descriptor.couplings:
+        new_units: Ints = np.unique(unit[part.sinks])
+        new_units = new_units[~assigned[np.maximum(new_units, 0)] & (new_units >= 0)]
+        if not len(new_units):
+            continue
+        assigned[new_units] = True
+        count = min(CHANNELS, len(new_units))
+        chosen = new_units[np.linspace(0.0, len(new_units) - 1.0, count).round().astype(np.int64)]
+        kept = kept | np.isin(unit, chosen)
+        gain = max(gain, len(new_units) / count)
     if kept.all():
         return descriptor
     basis = sparse.eye_array(descriptor.size, format="csr")[:, np.flatnonzero(kept)]
-    names = tuple(name for name, keep in zip(descriptor.names, kept.tolist(), strict=True) if keep)
-    return projected(descriptor, basis, names, gain)
+    return projected(descriptor, basis, tuple(compress(descriptor.names, kept)), gain)
 
 
 def projected(
@@ -80,24 +92,6 @@ def projected(
         devices=replace(devices, input=inputs, output=outputs),
         places={name: k for k, name in enumerate(names)},
     )
-
-
-def _choose(descriptor: Descriptor, channels: int) -> tuple[Bools, float]:
-    """Choose the unknowns to keep; return the factor of the couplings, too."""
-    unit = units(descriptor)
-    kept = unit < 0
-    gain, assigned = 1.0, np.zeros(max(int(unit.max(initial=0)) + 1, 1), dtype=np.bool_)
-    for part in descriptor.couplings:
-        new_units: Ints = np.unique(unit[part.sinks])
-        new_units = new_units[~assigned[np.maximum(new_units, 0)] & (new_units >= 0)]
-        if not len(new_units):
-            continue
-        assigned[new_units] = True
-        count = min(channels, len(new_units))
-        chosen = new_units[np.linspace(0.0, len(new_units) - 1.0, count).round().astype(np.int64)]
-        kept = kept | np.isin(unit, chosen)
-        gain = max(gain, len(new_units) / count)
-    return kept, gain
 
 
 def units(descriptor: Descriptor) -> Ints:

@@ -42,7 +42,7 @@ from taction.verification.engines.statespace.equations.stamps import (
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import Modes
 from taction.verification.engines.statespace.linearised.reduction import ROUNDED, STEPS
-from taction.verification.engines.statespace.linearised.state_space import StateSpace, linearise
+from taction.verification.engines.statespace.linearised.state_space import linearise
 
 
 def noise_intensities(
@@ -129,7 +129,10 @@ def output_noise(board: LinearBoard, lowest: float = 0.0) -> tuple[Floats, Float
     C, D = space.rows([out.node for out in outputs])
     B, D = space.B[:, STEPS:], D[:, STEPS:]
     w, fastest = math.tau * lowest, float(np.abs(poles).max(initial=0.0))
-    equation = Covariance(space.A, modes, _sizes(space))
+    # Sizes of the terms of A, and of the charges that a unit of ``x'`` moves.
+    L, seen = np.abs(space.left), np.abs(space.seen)
+    sizes = np.stack([L @ size @ seen for size in (space.pencil.pull, space.pencil.mass)])
+    equation = Covariance(space.A, modes, sizes)
     variance, error = equation.variance(B @ W @ B.T, C, _white(w) if w else None)
     direct = np.einsum("ki,ij,kj->k", D, W, D) * fastest
     if flicker.any():
@@ -222,9 +225,3 @@ def _weights(A: Floats, weight: Weight) -> Floats:
     poles, right = np.linalg.eig(A)
     weighted = np.linalg.solve(right.T, (right * weight(poles)).T).T
     return np.asarray(weighted.real)
-
-
-def _sizes(space: StateSpace) -> Floats:
-    """Return the sizes of the terms of A, and of the charges that a unit of ``x'`` moves."""
-    pencil, L, seen = space.pencil, np.abs(space.left), np.abs(space.seen)
-    return np.stack([L @ pencil.pull @ seen, L @ pencil.mass @ seen])

@@ -49,7 +49,12 @@ class RestSensitivity:
         wanted[places, np.arange(len(outputs))] = [output.sign for output in outputs]
         if descriptor.is_large:
             return cls(board, -board.structure.transposed.factor(0.0)(wanted).T)
-        return cls(board, _dense_adjoint(board, wanted))
+        rest = board.equilibrium
+        J, row, column = scaled_jacobian(descriptor, rest.slopes, np.abs(rest.values))
+        try:
+            return cls(board, (np.linalg.solve(J.T, wanted * column) / row).T)
+        except np.linalg.LinAlgError:
+            raise EngineError("the Jacobian of the equilibrium is singular") from None
 
     def towards(self, circuit: Circuit) -> Floats:
         """Return how far the equations of `circuit` move the outputs, to first order, V, (N,).
@@ -145,14 +150,3 @@ class RestSensitivity:
         felt, z = self._felt, np.append(self.board.equilibrium.values, 0.0)
         change = (felt[:, a] - felt[:, b]) * ((z[b] - z[a]) / np.array(ohms))
         return dict(zip(names, change.T, strict=True))
-
-
-def _dense_adjoint(board: LinearBoard, wanted: Floats) -> Floats:
-    """Solve ``adjoint J = wanted'`` with scaled rows and columns; wanted (size, N)."""
-    rest = board.equilibrium
-    J, row, column = scaled_jacobian(board.descriptor, rest.slopes, np.abs(rest.values))
-    try:
-        solved = np.linalg.solve(J.T, wanted * column)
-    except np.linalg.LinAlgError:
-        raise EngineError("the Jacobian of the equilibrium is singular") from None
-    return np.asarray((solved / row).T)
