@@ -238,35 +238,61 @@ def measure(
     # Without a step the band is a fraction of the largest excursion of any channel.
     scale = step.amplitude or float(np.abs(errors).max(initial=0.0))
     readings, ringing = unread(target.size), RecordRinging.none(time, target.size)
-    if enough := sound >= FEWEST_POINTS:
+    if sound >= FEWEST_POINTS:
         ends = None if cut or rest is None else replace(rest, values=rest.values - target)
         between = None if curve is None else (lambda t, n: curve(t, n) - target[n])
         trace = RecordTrace(time, errors, error, ends, between)
         readings, ringing = read(trace, step, band * scale, lost), find_ringing(time, u)
-    modes = () if ringing.mode is None else (ringing.mode,)
+    record = _Record(time, errors, final, lost, cut, step, band * scale, scale, readings, ringing)
+    channels = [record.channel(n) for n in range(target.size)]
+    return summary(step.amplitude, band, record.modes, channels)
 
-    def channel(n: int) -> ChannelMeasure:
-        """Measure channel `n`, also of a record that is cut or has no step."""
-        short, found = cut, Settlement(ChannelState.NOT_SETTLED, None, cut)
-        if lost[n]:
-            reason = f"the channel left its physical range: {cut}"
-            found = Settlement(ChannelState.DIVERGED, None, reason)
-        elif enough:
-            at = readings["settling_time"][n]
-            proven = prove(time, errors[n], at, band * scale, scale, ringing.of(n))
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Record:
+    """The sound part of a record, which may be cut, with its readings and its ringing."""
+
+    time: Floats
+    errors: Floats
+    final: Floats
+    lost: Bools  # channels that leave their physical range at its end
+    cut: str  # why it proves no settling time; empty for a whole record
+    step: Step
+    tolerance: float  # half width of the settling band
+    scale: float
+    readings: Readings
+    ringing: RecordRinging
+
+    @property
+    def modes(self) -> tuple[Mode, ...]:
+        """The fitted mode, if there is one."""
+        return () if self.ringing.mode is None else (self.ringing.mode,)
+
+    def settlement(self, n: int) -> Settlement:
+        """Return the state of channel `n`, also of a record that is cut or has no step."""
+        if self.lost[n]:
+            reason = f"the channel left its physical range: {self.cut}"
+            return Settlement(ChannelState.DIVERGED, None, reason)
+        found = Settlement(ChannelState.NOT_SETTLED, None, self.cut)
+        if self.time.size >= FEWEST_POINTS:
+            at, ringing = self.readings["settling_time"][n], self.ringing.of(n)
+            proven = prove(self.time, self.errors[n], at, self.tolerance, self.scale, ringing)
             if proven.state is not ChannelState.SETTLED:
                 found = proven
-            elif not cut:
-                found = proven if step.amplitude else STILL
-        if enough and step.sizes[n]:
-            reached = 1 + float((errors[n] / step.sizes[n]).max())
-            short = f"the channel reaches {reached:.1%} of its step: simulate longer"
-        measured = channel_measure(n, float(final[n]), step, readings, found, modes, short)
-        if found.state is ChannelState.CLIPPED and ringing.period:
-            return replace(measured, frequency=1.0 / ringing.period)
-        return measured
+            elif not self.cut:
+                found = proven if self.step.amplitude else STILL
+        return found
 
-    return summary(step.amplitude, band, modes, [channel(n) for n in range(target.size)])
+    def channel(self, n: int) -> ChannelMeasure:
+        """Measure channel `n`."""
+        found, short, final, step = self.settlement(n), self.cut, float(self.final[n]), self.step
+        if self.time.size >= FEWEST_POINTS and step.sizes[n]:
+            reached = 1 + float((self.errors[n] / step.sizes[n]).max())
+            short = f"the channel reaches {reached:.1%} of its step: simulate longer"
+        measured = channel_measure(n, final, step, self.readings, found, self.modes, short)
+        if found.state is ChannelState.CLIPPED and self.ringing.period:
+            return replace(measured, frequency=1.0 / self.ringing.period)
+        return measured
 
 
 def _sound(u: Floats, limit: float) -> tuple[int, Bools]:

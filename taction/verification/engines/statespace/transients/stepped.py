@@ -343,7 +343,7 @@ def integrate(
     """
     board = LinearBoard.of(circuit)
     curve = _curve(Task(board, analysis, nodes, times, tolerance, beside))
-    dense = curve.dense.checked(board.circuit.name)
+    dense = curve.dense
     ended = min(dense.ends[-1], curve.task.stop)
     diverges = f"the board diverges: it passes {curve.work.limit:.3g} V at {show(ended, 's')}"
     instants = curve.points() if resolved else record_times(analysis, ended, times)
@@ -354,7 +354,7 @@ def integrate(
 
 
 def _curve(task: Task) -> SteppedCurve:
-    """Return the integration of a task, which its board keeps."""
+    """Return the integration of a task, which its board keeps; EngineError without a solution."""
     kept = task.board.integrations
     if task.key not in kept:
         began, curve = clock.perf_counter(), SteppedCurve.of(task)
@@ -363,6 +363,7 @@ def _curve(task: Task) -> SteppedCurve:
         curve.seconds = before + clock.perf_counter() - began
         kept[task.key] = curve
     found: SteppedCurve = kept[task.key]
+    found.dense.checked(task.board.circuit.name)
     return found
 
 
@@ -379,9 +380,8 @@ def halved(first: Waveforms, *, resolved: bool = False) -> Waveforms:
     if not isinstance(first.curve, SteppedCurve):
         raise EngineError("the first run is not one of the integrator's")
     curve = _curve(replace(first.curve.task, whole=first.curve))
-    dense = curve.dense.checked(curve.task.board.circuit.name)
     found = _waveforms(curve, curve.points() if resolved else first.time, first.flags)
-    return replace(found, rounding=dense.doubt(first.curve.dense))
+    return replace(found, rounding=curve.dense.doubt(first.curve.dense))
 
 
 def _waveforms(curve: SteppedCurve, instants: Floats, flags: tuple[str, ...]) -> Waveforms:
