@@ -26,12 +26,7 @@ from taction.system.reading_definitions import FAINT, FOUND, SETTLING_BAND
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import RINGS
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
-from taction.verification.readings.measurements import (
-    STILL,
-    Measurements,
-    channel_measure,
-    summary,
-)
+from taction.verification.readings.measurements import STILL, Measurements, channel_measure, summary
 from taction.verification.readings.readings import Reading, Step, read
 from taction.verification.readings.ringing import Mode
 from taction.verification.readings.settling import ChannelState, Settlement

@@ -21,10 +21,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.stability import families as module
 from taction.verification.stability import margin as margin_module
 from taction.verification.stability.edges import Edges, Scan, scan
-from taction.verification.stability.margin import (
-    Margin,
-    find_margin,
-)
+from taction.verification.stability.margin import Margin, find_margin
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.stability.port_response import PortResponse
 from taction.verification.studies.onset.onset import onset

@@ -29,13 +29,7 @@ from taction.verification.verdict import run as module
 from taction.verification.verdict import transient_plan
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.run import (
-    Agreement,
-    Run,
-    better_plan,
-    observe,
-    outputs,
-)
+from taction.verification.verdict.run import Agreement, Run, better_plan, observe, outputs
 from taction.verification.verdict.simulation import StateSpaceError, Waiting, build, choose_engine
 from taction.verification.verdict.transient_plan import AIM, TransientPlan
 from taction.verification.verdict.verify import Verdict, verify

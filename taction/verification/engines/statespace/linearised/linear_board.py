@@ -28,10 +28,7 @@ from taction.verification.engines.statespace.linearised.equilibrium import (
     rounding,
     solve_equilibrium,
 )
-from taction.verification.engines.statespace.linearised.state_space import (
-    StateSpace,
-    linearise,
-)
+from taction.verification.engines.statespace.linearised.state_space import StateSpace, linearise
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,10 +35,7 @@ from taction.spice_models.transistor import ELECTRON, NOMINAL
 from taction.system.array_types import EPS, Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
-from taction.verification.engines.statespace.equations.stamps import (
-    gain_stage,
-    transistor_currents,
-)
+from taction.verification.engines.statespace.equations.stamps import gain_stage, transistor_currents
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import Modes
 from taction.verification.engines.statespace.linearised.reduction import ROUNDED, STEPS

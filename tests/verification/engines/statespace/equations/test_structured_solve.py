@@ -14,9 +14,7 @@ from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.equations.structured_solve import Structure, coarsen
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
-from taction.verification.engines.statespace.linearised.rightmost_poles import (
-    rightmost_poles,
-)
+from taction.verification.engines.statespace.linearised.rightmost_poles import rightmost_poles
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.poles import poles

@@ -18,10 +18,7 @@ from taction.spice_models.opamp import KNEE, OpAmp
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
 from taction.verification.engines.statespace.equations.stamps import stamp
-from taction.verification.engines.statespace.linearised.equilibrium import (
-    rounding,
-    solve_loop,
-)
+from taction.verification.engines.statespace.linearised.equilibrium import rounding, solve_loop
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.boards import (
