@@ -44,8 +44,12 @@ class StateSpace(Reduced):
     @property
     def states(self) -> tuple[str, ...]:
         """Names of the unknowns that x are; none of combinations."""
-        places = [] if self.places is None else self.places.tolist()
-        return tuple(self.descriptor.names[k] for k in places)
+        return () if self.places is None else tuple(self.nodes[k] for k in self.places.tolist())
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """Names of the rows of C."""
+        return self.descriptor.names
 
     @functools.cached_property
     def modes(self) -> Modes:

@@ -130,7 +130,7 @@ def time_scales(
     large = board.descriptor.is_large
     board = board.coarse if large else board
     space, modes = board.state_space, board.state_space.modes
-    C, _ = space.rows(sorted({*board.reported(None)}.intersection(space.descriptor.names)))
+    C, _ = space.rows(sorted({*board.reported(None)}.intersection(space.nodes)))
     deviation = initial_unknowns(board, initial) - board.equilibrium.values
     step = float(np.abs(C @ space.state_of(deviation)).max(initial=0.0))
     weight = np.ones(space.n)
