@@ -17,7 +17,7 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.statespace.transients import simulate
+from taction.verification.engines.statespace.transients import stepped
 from taction.verification.verdict.verify import verify
 
 ERROR = 1e-4  # of the step amplitude
@@ -47,7 +47,7 @@ def of_board(name: str, rounds: int) -> Figure:
     run = partial(process.simulate, decks[-1], find_simulator(), timeout=600.0)
     jobs = {
         "ngspice": processor(run),
-        "statespace": processor(partial(simulate.simulate, verdict.circuit, transient)),
+        "statespace": processor(partial(stepped.simulate, verdict.circuit, transient)),
     }
     found = in_turns(jobs, rounds)
     what, base = f"ngspice at an error of {ERROR:g}, {name}", "state space, as many points"

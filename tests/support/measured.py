@@ -17,7 +17,7 @@ from taction.verification.readings.measurements import ChannelMeasure, Measureme
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
 from taction.verification.stability.margin import Margin
-from taction.verification.stability.poles import Poles, summarise
+from taction.verification.stability.poles import Poles
 from taction.verification.verdict.board import SteadyState
 from taction.verification.verdict.checks import Check, Evidence
 from taction.verification.verdict.run import Agreement
@@ -27,8 +27,9 @@ from taction.verification.verdict.verify import Verdict
 
 def rounded_poles(values: Complexes) -> Poles:
     """Return all poles of a board, known to 64 units of rounding of the fastest."""
+    values = values[np.lexsort((-values.imag, -values.real))]
     error = 64.0 * EPS * float(np.abs(values).max(initial=0.0))
-    return summarise(values, complete=True, errors=np.full(len(values), error))
+    return Poles(values, np.full(len(values), error), complete=True)
 
 
 ROUNDING = 1e-15  # an error is never 0

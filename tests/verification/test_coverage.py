@@ -119,8 +119,8 @@ def rounded(seed: int) -> Iterator[None]:
         scales = {"u_scale": nudged(d.devices.u_scale), "v_scale": nudged(d.devices.v_scale)}
         return replace(
             d,
-            mass=replace(d.mass, values=nudged(d.mass.values)),
-            local=replace(d.local, values=nudged(d.local.values)),
+            mass=d.mass._replace(values=nudged(d.mass.values)),
+            local=d.local._replace(values=nudged(d.local.values)),
             couplings=tuple(replace(c, conductance=nudged(c.conductance)) for c in d.couplings),
             switched=nudged(d.switched),
             constant=nudged(d.constant),

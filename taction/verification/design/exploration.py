@@ -292,7 +292,7 @@ class BoardView:
             raise EngineError(f"a board of this size: `taction onset SCENE --over {name}` finds it")
         own = self.board.circuit.value(name)
         found = stable_values(self.board, name, max(high / own, own / low), self.poles)
-        if not self.poles.certain:
+        if self.poles.stable is None:
             raise EngineError("a pole of the board is on the imaginary axis")
         return found
 

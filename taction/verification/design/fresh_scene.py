@@ -30,7 +30,7 @@ from taction.system.progress import Progress
 from taction.system.quantities import fraction
 from taction.system.results import Result
 from taction.verification.design.scaling import Scaled, find_scaling
-from taction.verification.reference.lambda_choice import TAU, choose
+from taction.verification.reference.lambda_rule import TAU, choose
 from taction.verification.reference.problem import Problem
 from taction.verification.verdict.simulation import build
 from taction.verification.verdict.verify import verify

@@ -26,13 +26,7 @@ from taction.system.reading_definitions import FAINT, FOUND, SETTLING_BAND
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import RINGS
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
-from taction.verification.readings.measurements import (
-    STILL,
-    Measurements,
-    channel_measure,
-    strongest,
-    summary,
-)
+from taction.verification.readings.measurements import STILL, Measurements, channel_measure, summary
 from taction.verification.readings.readings import Reading, Step, read
 from taction.verification.readings.ringing import Mode
 from taction.verification.readings.settling import ChannelState, Settlement
@@ -242,17 +236,17 @@ class ExactResponse:
     def measured(self) -> Measurements:
         """Measure the step response; EngineError as `solution`."""
         nothing_lost = np.zeros(len(self.target), dtype=np.bool_)
-        readings = read(self.trace, self.step, self.tolerance, nothing_lost)
-        amplitude, modes = self.step.amplitude, _modes(self.solution, self.step.amplitude)
-        bounds, final = self.solution.rest_error + self.target_error, self.solution.final
-        channels = []
-        for n, reading in enumerate(readings["settling_time"]):
-            off, bound, end = float(self.trace.ends[n]), float(bounds[n]), final[n] * self.signs[n]
-            settlement = _settlement(off, self.tolerance, bound, reading) if amplitude else STILL
-            mode = strongest(modes, n, amplitude)
-            channel = channel_measure(n, float(end), self.step, readings, settlement, mode, SHORT)
-            channels.append(channel)
-        return summary(amplitude, self.band, modes, channels)
+        step, bounds = self.step, self.solution.rest_error + self.target_error
+        readings = read(self.trace, step, self.tolerance, nothing_lost)
+        modes, channels = _modes(self.solution, step.amplitude), []
+        finals = (self.solution.final * self.signs).tolist()
+        for n, (final, reading) in enumerate(zip(finals, readings["settling_time"], strict=True)):
+            off, bound = float(self.trace.ends[n]), float(bounds[n])
+            settlement = STILL
+            if step.amplitude:
+                settlement = _settlement(off, self.tolerance, bound, reading)
+            channels.append(channel_measure(n, final, step, readings, settlement, modes, SHORT))
+        return summary(step.amplitude, self.band, modes, channels)
 
 
 def _settlement(off: float, tolerance: float, bound: float, reading: Reading | None) -> Settlement:

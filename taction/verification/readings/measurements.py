@@ -95,35 +95,29 @@ class Measurements:
         return self.readings["rise_time"]
 
 
-def strongest(modes: tuple[Mode, ...], n: int, amplitude: float) -> Mode | None:
-    """Return the oscillating mode with the largest share in channel `n`.
-
-    None if all shares are at most `FAINT` of the step amplitude.
-    """
-    oscillating = [mode for mode in modes if mode.frequency > 0]
-    mode = max(oscillating, key=lambda m: m.channels[n], default=None)
-    return mode if mode is not None and mode.channels[n] > FAINT * amplitude else None
-
-
 def channel_measure(
     n: int,
     final: float,
     step: Step,
     readings: Readings,
     settlement: Settlement,
-    mode: Mode | None,
+    modes: Sequence[Mode],
     short: str,
 ) -> ChannelMeasure:
-    """Return the measurements of channel `n`, in which `mode` is the strongest ringing.
+    """Return the measurements of channel `n`, in which it rings as the strongest of `modes`.
 
     `final` is its last value; `short` is why a channel whose step is large enough has no rise time
-    in `readings`.
+    in `readings`. A share of at most `FAINT` of the step amplitude is no ringing.
     """
     found = {name: of_channels[n] for name, of_channels in readings.items()}
     rise_reason = _no_rise(step, n, settlement.state) or ("" if found["rise_time"] else short)
     if rise_reason:
         found["rise_time"] = None
     found["settling_time"] = settlement.settling_time
+    ringing = [mode for mode in modes if mode.frequency > 0]
+    mode = max(ringing, key=lambda each: each.channels[n], default=None)
+    if mode is not None and not mode.channels[n] > FAINT * step.amplitude:
+        mode = None
     return ChannelMeasure(
         index=n,
         target=float(step.target[n]),
@@ -249,34 +243,56 @@ def measure(
         between = None if curve is None else (lambda t, n: curve(t, n) - target[n])
         trace = RecordTrace(time, errors, error, ends, between)
         readings, ringing = read(trace, step, band * scale, lost), find_ringing(time, u)
-    modes = () if ringing.mode is None else (ringing.mode,)
-    cut_short = Settlement(ChannelState.NOT_SETTLED, None, cut)
+    record = _Record(time, errors, final, lost, cut, step, band * scale, scale, readings, ringing)
+    channels = [record.channel(n) for n in range(target.size)]
+    return summary(step.amplitude, band, record.modes, channels)
 
-    def settlement(n: int) -> Settlement:
-        """Return the state of channel `n`, also for a record that is cut or has no step."""
-        if lost[n]:
-            reason = f"the channel left its physical range: {cut}"
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Record:
+    """The sound part of a record, which may be cut, with its readings and its ringing."""
+
+    time: Floats
+    errors: Floats
+    final: Floats
+    lost: Bools  # channels that leave their physical range at its end
+    cut: str  # why it proves no settling time; empty for a whole record
+    step: Step
+    tolerance: float  # half width of the settling band
+    scale: float
+    readings: Readings
+    ringing: RecordRinging
+
+    @property
+    def modes(self) -> tuple[Mode, ...]:
+        """The fitted mode, if there is one."""
+        return () if self.ringing.mode is None else (self.ringing.mode,)
+
+    def settlement(self, n: int) -> Settlement:
+        """Return the state of channel `n`, also of a record that is cut or has no step."""
+        if self.lost[n]:
+            reason = f"the channel left its physical range: {self.cut}"
             return Settlement(ChannelState.DIVERGED, None, reason)
-        if sound < FEWEST_POINTS:
-            return cut_short
-        at = readings["settling_time"][n]
-        found = prove(time, errors[n], at, band * scale, scale, ringing.of(n))
-        if found.state is not ChannelState.SETTLED:
-            return found
-        return cut_short if cut else found if step.amplitude else STILL
+        found = Settlement(ChannelState.NOT_SETTLED, None, self.cut)
+        if self.time.size >= FEWEST_POINTS:
+            at, ringing = self.readings["settling_time"][n], self.ringing.of(n)
+            proven = prove(self.time, self.errors[n], at, self.tolerance, self.scale, ringing)
+            if proven.state is not ChannelState.SETTLED:
+                found = proven
+            elif not self.cut:
+                found = proven if self.step.amplitude else STILL
+        return found
 
-    def channel(n: int) -> ChannelMeasure:
+    def channel(self, n: int) -> ChannelMeasure:
         """Measure channel `n`."""
-        found, mode, short = settlement(n), strongest(modes, n, step.amplitude), cut
-        if sound >= FEWEST_POINTS and step.sizes[n]:
-            reached = 1 + float((errors[n] / step.sizes[n]).max())
+        found, short, final, step = self.settlement(n), self.cut, float(self.final[n]), self.step
+        if self.time.size >= FEWEST_POINTS and step.sizes[n]:
+            reached = 1 + float((self.errors[n] / step.sizes[n]).max())
             short = f"the channel reaches {reached:.1%} of its step: simulate longer"
-        measured = channel_measure(n, float(final[n]), step, readings, found, mode, short)
-        if found.state is ChannelState.CLIPPED and ringing.period:
-            return replace(measured, frequency=1.0 / ringing.period)
+        measured = channel_measure(n, final, step, self.readings, found, self.modes, short)
+        if found.state is ChannelState.CLIPPED and self.ringing.period:
+            return replace(measured, frequency=1.0 / self.ringing.period)
         return measured
-
-    return summary(step.amplitude, band, modes, [channel(n) for n in range(target.size)])
 
 
 def _sound(u: Floats, limit: float) -> tuple[int, Bools]:

@@ -149,10 +149,8 @@ class RecordTrace(Trace):
         part = width / PARTS
         times = begin + np.multiply.outer(np.arange(2 * PARTS + 1), 0.5 * part)
         times = np.minimum(times, self.stop)
-        sooner, later = (
-            np.maximum(times - NUDGE * part, 0.0),
-            np.minimum(times + NUDGE * part, self.stop),
-        )
+        sooner = np.maximum(times - NUDGE * part, 0.0)
+        later = np.minimum(times + NUDGE * part, self.stop)
         which = np.broadcast_to(channel, times.shape).ravel()
         before, here, after = (
             self.curve(self.begin + at.ravel(), which).reshape(times.shape)

@@ -142,21 +142,6 @@ class _Windows:
         return np.asarray(tones, dtype=np.complex128), np.asarray(left)
 
 
-def _mixed(signals: Floats) -> Floats:
-    """Return one weighted sum (P,) of the signals, in which no symmetry cancels a mode."""
-    return np.asarray(signals @ np.cos(np.arange(1.0, signals.shape[1] + 1)))
-
-
-def _spectrum(y: Floats) -> Floats:
-    """Return the magnitudes of the spectrum, (m + 1,), of the difference of y under a Hann window.
-
-    The difference keeps a slow tail from hiding the ringing; a second difference would favour a
-    square wave's harmonics over its fundamental.
-    """
-    slope = np.diff(y)
-    return np.asarray(np.abs(np.fft.rfft(slope * np.hanning(slope.size + 2)[1:-1])))
-
-
 def _fundamental(size: Floats, k: int) -> int:
     """Return the fundamental of which line k is an odd harmonic, or k.
 
@@ -174,9 +159,12 @@ def _fundamental(size: Floats, k: int) -> int:
 def _period(y: Floats, step: float, most: int) -> float | None:
     """Return the period of the lowest strong peak among the first `most` lines, or None.
 
-    The logarithms of the magnitudes are nearly a parabola around a peak.
+    The lines are those of the difference of y under a Hann window. The difference keeps a slow tail
+    from hiding the ringing; a second difference would favour a square wave's harmonics over its
+    fundamental. The logarithms of the magnitudes are nearly a parabola around a peak.
     """
-    size = _spectrum(y)[:most]
+    slope = np.diff(y)
+    size = np.abs(np.fft.rfft(slope * np.hanning(slope.size + 2)[1:-1]))[:most]
     inner = size[1:-1]
     strong = (inner >= size[:-2]) & (inner >= size[2:]) & (inner > _STRONG * size.max())
     k = _fundamental(size, int(np.argmax(strong)) + 1)
@@ -193,7 +181,8 @@ def _dominant_period(time: Floats, signals: Floats) -> float | None:
     step = float(time[-1] - time[0]) / (points - 1)
     at = np.minimum(time[0] + step * np.arange(points), time[-1])
     few = 6 if time.size < _SAMPLES // 2 else 2  # the chord between few points would add ringing
-    y = lagrange(time, _mixed(signals)[:, None], at, few)[:, 0]
+    weights = np.cos(np.arange(1.0, signals.shape[1] + 1))  # no symmetry cancels a mode in the sum
+    y = lagrange(time, (signals @ weights)[:, None], at, few)[:, 0]
     most = _SAMPLES // 4
     return _period(y[points // 2 :], step, most // 2) or _period(y, step, most)
 

@@ -20,13 +20,7 @@ import numpy as np
 
 from taction.system.array_types import Floats
 from taction.verification.readings.readings import Reading
-from taction.verification.readings.ringing import (
-    GOOD_FIT,
-    RESOLVED,
-    Mode,
-    RecordRinging,
-    saturates,
-)
+from taction.verification.readings.ringing import GOOD_FIT, RESOLVED, Mode, RecordRinging, saturates
 
 _DWELL = 0.05  # of the settling time: the record must continue inside the band for that long
 _DWELL_PERIODS = 3.0

@@ -47,11 +47,6 @@ class IdealNetwork:
     ridge_share: float = 1.0  # share of the ridge term that stays
 
     @property
-    def flows(self) -> bool:
-        """Whether it comes to rest by the flow of eq (9), and not at once."""
-        return self.RC > 0.0
-
-    @property
     def rest(self) -> Solution:
         """Solution of the network's problem, by its own solver.
 
@@ -163,23 +158,16 @@ def is_biased(scene: Scene) -> bool:
     return REGULARISERS[scene.design.amplifier].biased if bias is None else bias
 
 
-def initial_voltages(scene: Scene, network: IdealNetwork) -> Floats:
-    """Return v of every signal node when the strain steps on, shape (N,), V.
-
-    SolverError: the scene starts from rest, and the network without strain has no solution.
-    """
-    if scene.analysis.initial == "zero" or network.amplifier == "linear":
-        return np.zeros(network.T.shape[1])
-    rest = replace(network, eps=np.zeros_like(network.eps)).rest
-    return network.unit * (rest.v if rest.v is not None else rest.u)
-
-
 def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
     """Solve for the steady state; the transient starts from the initial state of the scene.
 
-    SolverError: the solver can return no answer.
+    SolverError: the solver can return no answer, or none for a start from rest, without strain.
     """
-    initial, solution = initial_voltages(scene, network), network.rest
+    initial = np.zeros(network.T.shape[1])
+    if scene.analysis.initial != "zero" and network.amplifier != "linear":
+        rest = replace(network, eps=np.zeros_like(network.eps)).rest
+        initial = network.unit * (rest.v if rest.v is not None else rest.u)
+    solution = network.rest
     gain = REGULARISERS[network.amplifier].g
     start, target = network.U0 * gain(initial / network.unit), solution.u * network.U0
     amplitude = float(np.abs(target - start).max()) or 1.0

@@ -253,19 +253,14 @@ def _refine(s: ScaledProblem, mu: float, state: ActiveSet, factor: SVD) -> _Answ
     return best
 
 
-def _held(s: ScaledProblem, state: ActiveSet) -> _Answer:
-    """Return u where no entry is free."""
-    u = state.u.astype(np.longdouble)
-    return _Answer(u, s.eps - s.T.astype(np.longdouble) @ u, 0.0, np.inf, 1.0, 0)
-
-
 def _of_pieces(s: ScaledProblem, mu: float) -> _Answer:
     """Search the active set and refine; an entry that refinement takes over a break is held."""
     state, steps = ActiveSet.of(s), 0
     for _ in range(ATTEMPTS):
         steps += search(s, mu / s.mu, state)
         if not state.free.any():
-            found = _held(s, state)
+            u = state.u.astype(np.longdouble)
+            found = _Answer(u, s.eps - s.T.astype(np.longdouble) @ u, 0.0, np.inf, 1.0, 0)
             break
         found = _refine(s, mu, state, SVD(s.T[:, state.free], mu))
         low, high = state.limits()

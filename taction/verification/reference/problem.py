@@ -55,41 +55,28 @@ class Problem:
 
     def __post_init__(self) -> None:
         _freeze(self, "T", "eps")
-        shape = []
-        if self.T.ndim != 2 or 0 in self.T.shape:
-            shape.append(Complaint("T", f"shape {self.T.shape}", "an M x N matrix is needed"))
-        elif self.eps.shape != (self.T.shape[0],):
-            accepted = f"one entry per row of T: ({self.T.shape[0]},)"
-            shape.append(Complaint("eps", f"shape {self.eps.shape}", accepted))
-        pieces = self.regulariser in REGULARISERS and REGULARISERS[self.regulariser].pieces
-        if not (self.ridge_share == 1.0 or (pieces and 0.0 <= self.ridge_share <= 1.0)):
-            accepted = "0 to 1 for a regulariser of straight pieces, else 1"
-            shape.append(Complaint("ridge_share", repr(self.ridge_share), accepted))
-        _check(self, shape, T=self.T, eps=self.eps)
-
-
-def _check(problem: Problem, shape: list[Complaint], **arrays: Floats) -> None:
-    """Raise InputError for complaints about the shape, the arrays and the regularisation."""
-    object.__setattr__(problem, "lam", float(problem.lam))
-    lam, linear = problem.lam, problem.regulariser == "linear"
-    complaints = [
-        *shape,
-        *(
-            Complaint(key, "", "every entry must be finite")
-            for key, array in arrays.items()
-            if not np.all(np.isfinite(array))
-        ),
-    ]
-    if problem.regulariser not in REGULARISERS:
-        accepted = f"one of {', '.join(REGULARISERS)}"
-        complaints.append(Complaint("regulariser", problem.regulariser, accepted))
-    if not math.isfinite(lam) or lam < 0.0 or (lam == 0.0 and not linear):
-        accepted = "at least 0" if linear else "positive"
-        complaints.append(Complaint("lam", repr(lam), f"must be finite and {accepted}"))
-    if problem.bias and linear:
-        complaints.append(Complaint("bias", "True", "the linear regulariser has no bias current"))
-    if complaints:
-        raise InputError("reference problem", *complaints)
+        object.__setattr__(self, "lam", float(self.lam))
+        T, lam, share, linear = self.T, self.lam, self.ridge_share, self.regulariser == "linear"
+        known, matrix = self.regulariser in REGULARISERS, T.ndim == 2 and 0 not in T.shape
+        pieces = known and REGULARISERS[self.regulariser].pieces
+        shared = share == 1.0 or (pieces and 0.0 <= share <= 1.0)
+        positive = lam > 0.0 or (lam == 0.0 and linear)
+        rows, finite = f"one entry per row of T: {T.shape[:1]}", "every entry must be finite"
+        shares = "0 to 1 for a regulariser of straight pieces, else 1"
+        allowed = f"must be finite and {'at least 0' if linear else 'positive'}"
+        unbiased = "the linear regulariser has no bias current"
+        tests = (
+            (matrix, "T", f"shape {T.shape}", "an M x N matrix is needed"),
+            (not matrix or self.eps.shape == T.shape[:1], "eps", f"shape {self.eps.shape}", rows),
+            (shared, "ridge_share", repr(share), shares),
+            (np.isfinite(T).all(), "T", "", finite),
+            (np.isfinite(self.eps).all(), "eps", "", finite),
+            (known, "regulariser", self.regulariser, f"one of {', '.join(REGULARISERS)}"),
+            (positive and lam < math.inf, "lam", repr(lam), allowed),
+            (not (self.bias and linear), "bias", "True", unbiased),
+        )
+        if wrong := [Complaint(*words) for true, *words in tests if not true]:
+            raise InputError("reference problem", *wrong)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -79,28 +79,6 @@ class Edges:
     near: tuple[float, ...] = ()
     lowest: int = 0  # number of unstable poles at `low`
 
-    @classmethod
-    def counted(
-        cls,
-        ends: Range,
-        changes: Iterable[tuple[float, float, int]],
-        near: Iterable[float],
-        known: tuple[float, int],
-        off: float,
-    ) -> Edges:
-        """Return the edges of `changes`: values, frequencies, changes of the unstable count.
-
-        A change is that of the count as the value grows; `known` is a value with its count, and
-        `off` the largest relative error of the values.
-        """
-        ordered = sorted(changes)
-        lowest = count = known[1] - sum(by for value, _, by in ordered if value < known[0])
-        edges = []
-        for value, frequency, by in ordered:
-            edges.append(Edge(value, frequency, count, count + by, off * value))
-            count += by
-        return cls(*ends, tuple(edges), tuple(near), lowest)
-
     def unstable_at(self, value: float) -> int:
         """Count the unstable poles at a value between two edges."""
         return next((e.below for e in self.edges if value <= e.value), self._last)
@@ -212,10 +190,7 @@ class Scan(Edges):
         for stable, inside in self._parts(lambda sample: sample.stable):
             if stable and any(self.samples[n].certain for n in inside):
                 first, last = inside[0], inside[-1]
-                before = self.samples[first - 1] if first > 0 else None
-                after = self.samples[last + 1] if last + 1 < len(self.samples) else None
-                low = self._end(self.samples[first], before)
-                ranges.append((low, self._end(self.samples[last], after)))
+                ranges.append((self._end(first, first - 1), self._end(last, last + 1)))
         return tuple(ranges)
 
     @property
@@ -235,12 +210,13 @@ class Scan(Edges):
         for value, group in groupby(indices, key=lambda n: key(self.samples[n])):
             yield value, list(group)
 
-    def _end(self, inside: Sample, outside: Sample | None) -> float:
+    def _end(self, inside: int, outside: int) -> float:
         """Return the end of a range: the edge between two neighbouring samples, if there is one."""
-        if outside is None:
-            return inside.value
-        low, high = sorted((inside.value, outside.value))
-        return next((e.value for e in self.edges if low <= e.value <= high), inside.value)
+        value = self.samples[inside].value
+        if not 0 <= outside < len(self.samples):
+            return value
+        low, high = sorted((value, self.samples[outside].value))
+        return next((e.value for e in self.edges if low <= e.value <= high), value)
 
 
 def scan(

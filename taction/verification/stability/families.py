@@ -29,7 +29,7 @@ from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.edges import Edges, Sample, Scan, sampled, scan
-from taction.verification.stability.loci import LociSearch
+from taction.verification.stability.loci import traced_edges
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.stability.port_response import PortResponse
 
@@ -127,8 +127,7 @@ class Family:
         if self.ports is None:
             return []
         try:
-            search = LociSearch(self.ports, low, high, own=self.own, power=self.power)
-            found = search.edges()
+            found = traced_edges(self.ports, low, high, own=self.own, power=self.power)
         except EngineError:
             return []
         places = [*(edge.value for edge in found.edges), *found.near]
@@ -158,8 +157,7 @@ def find_edges(
         own = found or poles(ports.board)
         if not (own.complete or own.stable):
             raise EngineError("a large board that is not stable has poles that are not counted")
-        count = own.unstable_count
-        traced = LociSearch(ports, low, high, count, family.own, family.power).edges()
+        traced = traced_edges(ports, low, high, own.unstable_count, family.own, family.power)
         if ports.board.descriptor.is_large and not nearest:
             return traced  # the poles of a large board cost seconds
         if (edges := _confirmed(family, own, traced, values, nearest=nearest)) is not None:

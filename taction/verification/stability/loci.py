@@ -17,13 +17,12 @@ crosses the real axis once, nearly straight.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
-from taction.verification.stability.edges import Edges
+from taction.verification.stability.edges import Edge, Edges
 from taction.verification.stability.port_response import PortResponse
 
 SPACING = 0.5  # of the first frequencies: times the distance to the nearest pole
@@ -44,38 +43,35 @@ Crossing = tuple[float, float, int]
 """Share, frequency (Hz), and change of the unstable count as the share grows."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LociSearch:
-    """A search for every value from `low` (above 0) to `high` with a pole on the imaginary axis.
+def traced_edges(
+    ports: PortResponse,
+    low: float,
+    high: float = 1.0,
+    unstable: int = 0,
+    own: float = 1.0,
+    power: float = 1.0,
+) -> Edges:
+    """Find every value from `low` (above 0) to `high` with a pole on the imaginary axis.
 
     The board of `ports` itself, with the value `own` and the share 1, has none, and `unstable`
-    poles right of it; its linearisation does not depend on the shares.
+    poles right of it; its linearisation does not depend on the shares, which are proportional to
+    the `power` of the value. At the values `Edges.near` a locus comes close to the axis without
+    crossing: their poles must tell.
+
+    EngineError: no equilibrium or no state-space form, or a pole of the board is on the axis.
     """
-
-    ports: PortResponse
-    low: float
-    high: float = 1.0
-    unstable: int = 0
-    own: float = 1.0
-    power: float = 1.0  # of the value, to which the shares are proportional
-
-    def edges(self) -> Edges:
-        """Find every value at which the board has a pole on the axis.
-
-        At the values `Edges.near` a locus comes close to the axis without crossing: their poles
-        must tell.
-
-        EngineError: no equilibrium or no state-space form, or a pole of the board is on the axis.
-        """
-        first, last = sorted((end / self.own) ** self.power for end in (self.low, self.high))
-        omega = _frequencies(self.ports.poles.tobytes(), first, last)
-        trace = _Trace(self.ports, math.log(first), math.log(last))
-        trace.run(omega)
-        back, sign = 1.0 / self.power, 1 if self.power > 0.0 else -1
-        changes = [(self.own * share**back, f, sign * by) for share, f, by in trace.crossings]
-        near = [self.own * share**back for share in trace.nearest()]
-        known, off = (self.own, self.unstable), STRAIGHT * abs(back)
-        return Edges.counted((self.low, self.high), changes, near, known, off)
+    first, last = sorted((end / own) ** power for end in (low, high))
+    trace = _Trace(ports, math.log(first), math.log(last))
+    trace.run(_frequencies(ports.poles.tobytes(), first, last))
+    back, sign = 1.0 / power, 1 if power > 0.0 else -1
+    changes = sorted((own * share**back, f, sign * by) for share, f, by in trace.crossings)
+    lowest = count = unstable - sum(by for value, _, by in changes if value < own)
+    edges = list[Edge]()
+    for value, frequency, by in changes:
+        edges.append(Edge(value, frequency, count, count + by, STRAIGHT * abs(back) * value))
+        count += by
+    near = (own * share**back for share in trace.nearest())
+    return Edges(low, high, tuple(edges), tuple(near), lowest)
 
 
 @lru_cache(maxsize=4)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -20,27 +20,36 @@ LOST = "some poles are so far away that rounding hides them, and on which side o
 class Poles:
     """Natural frequencies of a board."""
 
-    # 1/s, rightmost first; all of them for a small board, the rightmost for a large one.
-    poles: Complexes
-    # The pole with the largest real part (of a pair, the one with positive frequency).
-    rightmost: complex
-    # ``-Re p / |p|`` of the rightmost oscillating pole; 1 if no pole oscillates.
-    damping_ratio: float
-    # ``|Im p| / 2 pi`` of the rightmost oscillating pole, Hz; 0 if no pole oscillates.
-    frequency: float
-    complete: bool  # whether `poles` are all poles
+    poles: Complexes  # 1/s, rightmost first; all of a small board, the rightmost of a large one
     errors: Floats  # rounding error of each pole, 1/s
+    complete: bool  # whether `poles` are all poles
     doubt: str = ""  # why poles left of the axis do not make the board stable; empty if they do
+
+    @cached_property
+    def rightmost(self) -> complex:
+        """The pole with the largest real part (of a pair, the one with positive frequency)."""
+        first = self.poles[:1].tolist() or [complex(-math.inf)]
+        return complex(first[0].real, abs(first[0].imag))
+
+    @cached_property
+    def _ringing(self) -> complex:
+        """The rightmost oscillating pole, 1/s; -1 if no pole oscillates."""
+        return next((pole for pole in self.poles.tolist() if pole.imag > 0.0), complex(-1.0))
+
+    @property
+    def damping_ratio(self) -> float:
+        """``-Re p / |p|`` of the rightmost oscillating pole; 1 if no pole oscillates."""
+        return -self._ringing.real / abs(self._ringing)
+
+    @property
+    def frequency(self) -> float:
+        """``|Im p| / 2 pi`` of the rightmost oscillating pole, Hz; 0 if no pole oscillates."""
+        return self._ringing.imag / (2.0 * math.pi)
 
     @property
     def resolution(self) -> float:
         """Rounding error of the rightmost pole, 1/s."""
         return float(self.errors[0]) if len(self.errors) else 0.0
-
-    @cached_property
-    def certain(self) -> bool:
-        """Whether there is no doubt that the board is stable, or that it is unstable."""
-        return self.stable is not None
 
     @cached_property
     def stable(self) -> bool | None:
@@ -76,24 +85,7 @@ def poles(circuit: Circuit | LinearBoard) -> Poles:
     board = LinearBoard.of(circuit)
     if board.descriptor.is_large:
         found = rightmost_poles(board)
-        return summarise(found.poles, complete=False, errors=found.errors)
+        return Poles(found.poles, found.errors, complete=False)
     space = board.state_space
-    small = summarise(space.modes.poles, complete=True, errors=space.modes.pole_errors)
-    return replace(small, doubt=LOST) if space.lost else small
-
-
-def summarise(values: Complexes, *, complete: bool, errors: Floats) -> Poles:
-    """Sort poles with their errors, and name the rightmost ones; without states it is stable."""
-    order = np.lexsort((-values.imag, -values.real))
-    values, errors = values[order], errors[order]
-    rightmost = complex(values[0].real, abs(values[0].imag)) if len(values) else complex(-math.inf)
-    oscillating = values[values.imag > 0.0]
-    lead = complex(oscillating[0]) if len(oscillating) else complex(-1.0, 0.0)
-    return Poles(
-        poles=values,
-        rightmost=rightmost,
-        damping_ratio=-lead.real / abs(lead),
-        frequency=lead.imag / (2.0 * math.pi),
-        complete=complete,
-        errors=errors,
-    )
+    doubt = LOST if space.lost else ""
+    return Poles(space.modes.poles, space.modes.pole_errors, complete=True, doubt=doubt)

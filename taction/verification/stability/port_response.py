@@ -17,11 +17,9 @@ from taction.netlist_gen.board.circuit import GROUND
 from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.descriptor import DenseMatrix
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.find_modes import refined_modes
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.linearised.state_space import linear_matrices
 
 WELL_CONDITIONED = 1e-8  # largest defect of the modes, and error of the response by them
 SAME = 1e-9  # of the largest singular value: a smaller one is rounding
@@ -73,11 +71,6 @@ class PortResponse:
         return cls(board, reactive, columns, rows) if change[i, j] and alone else None
 
     @property
-    def count(self) -> int:
-        """Number of loci."""
-        return len(self.columns.T)
-
-    @property
     def poles(self) -> Complexes:
         """Poles of the board; of a large board those of its coarse board; 1/s."""
         board = self.board.coarse if self.board.descriptor.is_large else self.board
@@ -94,7 +87,7 @@ class PortResponse:
         else:
             poles, residues, direct = self._modal
             weights = s[:, None, None] if self.reactive else 1.0
-            found = (_sums(s, poles, residues, self.count) + direct) * weights
+            found = (_sums(s, poles, residues) + direct) * weights
         if not np.isfinite(found).all():
             raise EngineError("a pole of the board is on the imaginary axis")
         return found
@@ -107,7 +100,7 @@ class PortResponse:
         if self.board.descriptor.is_large:
             solved = self.board.structure.factor(s)(self.rows.astype(np.complex128))
         else:
-            M, K = self._matrices
+            M, K = self.board.matrices
             X = (s if s.imag else s.real) * M - K
             scale = np.abs(X).max(axis=1, keepdims=True)
             scale[scale == 0.0] = 1.0
@@ -117,10 +110,6 @@ class PortResponse:
                 raise EngineError("a pole of the board is on the imaginary axis") from None
         return np.asarray(self.columns.T @ solved * (s if self.reactive else 1.0))
 
-    @cached_property
-    def _matrices(self) -> DenseMatrix:
-        return linear_matrices(self.board.descriptor, self.board.operating_point)
-
     def rate(self, left: Complexes, right: Complexes, s: complex) -> complex:
         """Return ``left d(K - s M) right`` for a relative change of the values, to first order."""
         moved = complex((left @ self.rows) @ (self.columns.T @ right))
@@ -128,7 +117,7 @@ class PortResponse:
 
     @cached_property
     def _modal(self) -> tuple[Complexes, Complexes, Floats] | None:
-        """Poles (n,), residues (n, K²) and what has no pole (K, K), of the response by the modes.
+        """Poles (n,), residues (n, K, K) and what has no pole (K, K), of the response by the modes.
 
         None for a large board, where modes are not known well, or where more is left than a
         constant: a capacitor at the output of a source has a current that is a derivative.
@@ -139,21 +128,21 @@ class PortResponse:
         if not (len(modes.poles) and modes.alone.all() and modes.defect < WELL_CONDITIONED):
             return None
         modes = refined_modes(modes)
-        pencil, poles, K = modes.reduced.pencil, np.diag(modes.T), self.count
+        pencil, poles = modes.reduced.pencil, np.diag(modes.T)
         right = (self.columns.T @ pencil.basis) @ modes.V
         left = modes.W @ (pencil.left @ self.rows)
-        residues = (right.T[:, :, None] * left[:, None, :]).reshape(-1, K * K)
+        residues = right.T[:, :, None] * left[:, None, :]
         s = float(np.abs(modes.poles).max()) * np.array([ABOVE, FAR], np.complex128)
         weights = s.real if self.reactive else np.ones(2)
         near, far = (self.exact(each) / by for each, by in zip(s.tolist(), weights, strict=True))
-        modal = _sums(s, poles, residues, K)
+        modal = _sums(s, poles, residues)
         direct = (near - modal[0]).real
         size = max(1.0 / weights[1], float(np.abs(far).max()))
         known = np.abs(far - modal[1] - direct).max() <= WELL_CONDITIONED * size
         return (poles, residues, direct) if known else None
 
 
-def _sums(s: Complexes, poles: Complexes, residues: Complexes, K: int) -> Complexes:
-    """Return the sums of residues (n, K²) over the distances of s (P,) from poles, (P, K, K)."""
+def _sums(s: Complexes, poles: Complexes, residues: Complexes) -> Complexes:
+    """Return the sums of residues (n, K, K) over the distances of s (P,) from poles, (P, K, K)."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(((1.0 / (s[:, None] - poles)) @ residues).reshape(-1, K, K))
+        return np.tensordot(1.0 / (s[:, None] - poles), residues, 1)

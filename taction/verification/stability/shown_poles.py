@@ -15,17 +15,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import compress
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.spice_models.branches import Branch
-from taction.system.array_types import Bools, Complexes, Floats
+from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show, show_rate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.stability.poles import Poles, poles, summarise
+from taction.verification.stability.poles import Poles, poles
 
 HIDDEN = 1e-9  # of the largest voltage of a mode: outputs with less do not show it
 SHOWS = 0.1  # of this voltage: nodes with more show a mode beyond the band
@@ -88,38 +89,26 @@ def told_apart(board: LinearBoard, found: Poles) -> tuple[Poles, PolesApart]:
     if not found.complete or not len(found.poles):
         return found, PolesApart()
     p, errors = found.poles, found.errors
-    volts, alone = _volts(board)
+    descriptor, modes = board.descriptor, board.state_space.modes
+    every = descriptor.names[: descriptor.node_count]
+    volts = np.abs(board.state_space.rows(every)[0] @ modes.right)  # of each mode at each node
     decays, grows = p.real < -errors, p.real > errors
     far = ~decays & (np.abs(p) > math.tau * BAND)
     near = int(np.sum(grows & ~far))
-    if np.any(far) and not _of_models(board.circuit, near, _nodes_of(board, volts[:, far])):
-        far[:] = False
+    if np.any(far):
+        shows = np.any(volts[:, far] > SHOWS * volts[:, far].max(axis=0), axis=1)
+        far &= _of_models(board.circuit, near, compress(every, shows))
     lost = board.state_space.lost
     if lost and _of_models(board.circuit, int(np.sum(grows & ~far)), nodes_of(board.circuit)):
         found = replace(found, doubt="")
-    outputs = [board.descriptor.place(node) for node in board.reported(None)]
-    unseen = alone & (volts[outputs].max(axis=0) <= HIDDEN * volts.max(axis=0))
+    outputs = [descriptor.place(node) for node in board.reported(None)]
+    unseen = modes.alone & (volts[outputs].max(axis=0) <= HIDDEN * volts.max(axis=0))
     hidden = decays & unseen
     first = np.flatnonzero(grows & ~far)
-    kept, shown = ~(hidden | far), found
-    if not np.all(kept):
-        shown = replace(summarise(p[kept], complete=True, errors=errors[kept]), doubt=found.doubt)
+    kept = ~(hidden | far)
+    shown = replace(found, poles=p[kept], errors=errors[kept])
     decisive = bool(len(first) and unseen[first[0]])
     return shown, PolesApart(p[hidden], errors[hidden], decisive, p[far], lost)
-
-
-def _volts(board: LinearBoard) -> tuple[Floats, Bools]:
-    """Return how much of each mode, rightmost first, each node shows, and which modes are alone."""
-    space, descriptor = board.state_space, board.descriptor
-    modes = space.modes
-    C, _ = space.rows(descriptor.names[: descriptor.node_count])
-    return np.abs(C @ modes.right), modes.alone
-
-
-def _nodes_of(board: LinearBoard, volts: Floats) -> list[str]:
-    """Return the nodes that show some of the modes."""
-    shows = np.any(volts > SHOWS * volts.max(axis=0), axis=1)
-    return [name for name, each in zip(board.descriptor.names, shows, strict=False) if each]
 
 
 def _of_models(circuit: Circuit, near: int, nodes: Iterable[str]) -> bool:

@@ -34,8 +34,11 @@ from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients import stepped
-from taction.verification.engines.statespace.transients.dense import record_times
-from taction.verification.engines.statespace.transients.exact import exact_solution, is_exact
+from taction.verification.engines.statespace.transients.exact import (
+    exact_solution,
+    is_exact,
+    record_times,
+)
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.study import FAILURES, Worker
 from taction.verification.studies.running.versions import describe_machine
@@ -82,7 +85,7 @@ def implicit(
     circuit: Circuit, transient: Transient, tolerance: float, *, times: Floats | None = None
 ) -> Waveforms:
     """Run the adaptive implicit engine, also on a linear board."""
-    found = stepped.simulate(circuit, transient, times=times, tolerance=tolerance)
+    found = stepped.integrate(circuit, transient, times=times, tolerance=tolerance)
     return _run(circuit, found.time, outputs(circuit, found), found.cost)
 
 

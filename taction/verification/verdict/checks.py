@@ -95,7 +95,7 @@ class Evidence:
     @property
     def obstacle(self) -> str:
         """Why nothing can be judged against the reference, or an empty text."""
-        doubt = "" if self.poles.certain else doubtful(self.poles)
+        doubt = doubtful(self.poles) if self.poles.stable is None else ""
         return self.reference_problem or self.no_step or doubt
 
     @property

@@ -17,7 +17,7 @@ from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import Initial, LinearBoard
 from taction.verification.engines.statespace.transients.exact import Exact, combinations, is_exact
-from taction.verification.engines.statespace.transients.simulate import simulate
+from taction.verification.engines.statespace.transients.stepped import simulate
 from taction.verification.readings.exact_measures import ExactTrace
 
 FULL = 0.9  # of a limit: above it the small-signal solution is not taken for true
@@ -159,7 +159,7 @@ def _record(
     from taction.verification.engines.statespace.transients import stepped
 
     ends = np.array([0.0, stop])
-    wave = stepped.simulate(board, transient, times=ends, tolerance=tolerance, beside=nodes)
+    wave = stepped.integrate(board, transient, times=ends, tolerance=tolerance, beside=nodes)
     curve = cast(stepped.SteppedCurve, wave.curve)
     times = np.union1d(times, curve.points())
     times = times[times <= stop]

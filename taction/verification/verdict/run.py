@@ -124,7 +124,7 @@ def state_space_beside(
     an error of `wanted`, V, suffices. EngineError: there is none for the whole record, or none with
     a known error.
     """
-    from taction.verification.engines.statespace.transients.simulate import simulate
+    from taction.verification.engines.statespace.transients.stepped import simulate
 
     last = len(record.time) - 1  # a record without its end would prove no settling time
     shown = np.append(np.arange(0, last, max(last // MAX_INSTANTS, 1)), last)

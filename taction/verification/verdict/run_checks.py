@@ -216,7 +216,7 @@ def stability(evidence: Evidence) -> Check:
         check = partial(Check, "stability", expected=required, unit="ratio")
         value, error = margin.factor, margin.uncertainty or None
     outcome, reason = PASS, text
-    if not poles.certain:
+    if poles.stable is None:
         outcome, reason = UNDECIDED, f"{text}; {doubtful(poles)}"
     elif evidence.growth:
         outcome, reason = FAIL, f"{evidence.growth}; {text}"

@@ -202,7 +202,7 @@ def own_error(board: Board, waveforms: Waveforms) -> StateSpaceError | None:
 
 def growing_record(linear: LinearBoard, plan: TransientPlan) -> Waveforms:
     """Return the start of an unstable transient, by state space."""
-    from taction.verification.engines.statespace.transients.simulate import simulate
+    from taction.verification.engines.statespace.transients.stepped import simulate
 
     analysis = Transient(plan.grown, plan.grown / GROWING, initial=plan.transient.initial)
     return simulate(linear, analysis)
@@ -246,7 +246,7 @@ def _ngspice(board: Board) -> Waiting:
 
 def _statespace(board: Board) -> Waiting:
     """Simulate by the state-space engine; the points of an exact solution are found when asked."""
-    from taction.verification.engines.statespace.transients.simulate import simulate
+    from taction.verification.engines.statespace.transients.stepped import simulate
 
     linear, plan, analysis = board.linear, board.plan, board.transient
     ends = np.array([0.0, analysis.stop])

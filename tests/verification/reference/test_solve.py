@@ -11,12 +11,10 @@ import pytest
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import parse_scene
 from taction.system.errors import InputError
-from taction.verification.reference.lambda_choice import choose, fitted
-from taction.verification.reference.lambda_rule import resolve_lambda
+from taction.verification.reference.lambda_rule import choose, fitted, resolve_lambda
 from taction.verification.reference.problem import Problem, Solution, solution_difference
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
-from taction.verification.reference.smooth import factorise
-from taction.verification.reference.solve import solve
+from taction.verification.reference.solve import factorise, solve
 from tests.support.oracle import (
     count_claims,
     error_of,

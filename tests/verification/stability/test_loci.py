@@ -17,7 +17,7 @@ from taction.spice_models.opamp import OpAmp
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.edges import Edges
-from taction.verification.stability.loci import LociSearch
+from taction.verification.stability.loci import traced_edges
 from taction.verification.stability.poles import poles
 from taction.verification.stability.port_response import PortResponse
 from tests.support.boards import lag_board, single_mode, window
@@ -38,7 +38,7 @@ def capacitors(circuit: Circuit) -> PortResponse:
 
 
 def edges_of(ports: PortResponse, low: float, high: float = 1.0, unstable: int = 0) -> Edges:
-    return LociSearch(ports, low, high, unstable).edges()
+    return traced_edges(ports, low, high, unstable)
 
 
 def test_both_ends_of_the_window_of_a_loop_gain_of_100() -> None:

@@ -21,12 +21,9 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.stability import families as module
 from taction.verification.stability import margin as margin_module
 from taction.verification.stability.edges import Edges, Scan, scan
-from taction.verification.stability.loci import LociSearch
-from taction.verification.stability.margin import (
-    Margin,
-    find_margin,
-)
-from taction.verification.stability.poles import Poles, poles, summarise
+from taction.verification.stability.margin import Margin, find_margin
+from taction.verification.stability.poles import Poles, poles
+from taction.verification.stability.port_response import PortResponse
 from taction.verification.studies.onset.onset import onset
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run_checks import run_checks
@@ -59,13 +56,13 @@ def test_a_knob_may_move_to_its_crossing(knob: str, factor: float, text: str) ->
 
 
 def test_boards_that_differ_in_c_alone_share_their_edges(monkeypatch: pytest.MonkeyPatch) -> None:
-    traced, trace = list[LociSearch](), LociSearch.edges
+    traced, trace = list[float](), module.traced_edges
 
-    def counting(search: LociSearch) -> Edges:
-        traced.append(search)
-        return trace(search)
+    def counting(ports: PortResponse, low: float, *more: float) -> Edges:
+        traced.append(low)
+        return trace(ports, low, *more)
 
-    monkeypatch.setattr(LociSearch, "edges", counting)
+    monkeypatch.setattr(module, "traced_edges", counting)
     monkeypatch.setattr(margin_module, "_SHARED", {})
     values = (10e-12, 15e-12, 8e-12, 25e-12)
     boards = [LinearBoard(board("design.capacitance", farads)) for farads in values]
@@ -263,7 +260,7 @@ def test_values_without_poles_are_kept_with_their_reason() -> None:
 
 def test_of_incomplete_poles_only_the_rightmost_one_counts() -> None:
     laws = poles_of(lambda x: x - 0.3 + 1j, lambda x: x - 0.4 + 2j, lambda x: x - 0.5)
-    found = scan(GRID, lambda v: summarise(laws(v).poles[:3], complete=False, errors=np.zeros(3)))
+    found = scan(GRID, lambda v: Poles(laws(v).poles[:3], np.zeros(3), complete=False))
     assert places(found) == pytest.approx([0.3], rel=1e-6)
     assert not found.complete
     assert (found.edges[0].below, found.edges[0].above) == (0, 1)

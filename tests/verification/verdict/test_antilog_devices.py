@@ -21,7 +21,7 @@ from taction.system.errors import InputError
 from taction.verification.engines.ngspice.process import Simulation, find_simulator
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.transients.simulate import simulate
+from taction.verification.engines.statespace.transients.stepped import simulate
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.simulation import build
 from taction.verification.verdict.verify import Verdict, verify

@@ -124,7 +124,7 @@ def test_loads_and_record_of_a_board_by_steps_are_of_one_integration(
     cells = {cell.name: cell.output for cell in design.circuit.opamps}
     stop = design.transient.stop
     times = np.concatenate([[0.0], np.geomspace(1e-6 * stop, stop, 4000)])
-    fine = stepped.simulate(
+    fine = stepped.integrate(
         design.linear, design.transient, nodes=cells.values(), times=times, tolerance=1e-10
     )
     highest = dict(zip(cells, np.abs(fine.values).max(axis=0), strict=True))

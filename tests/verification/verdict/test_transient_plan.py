@@ -24,7 +24,7 @@ from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import Simulation
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
-from taction.verification.engines.statespace.transients import simulate, stepped
+from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Outcome
@@ -279,7 +279,7 @@ def test_the_record_of_a_diverging_transient_is_kept(
         raise DivergesError("the board diverges", partial)
 
     made = replace(design(), engine="statespace")
-    monkeypatch.setattr(simulate, "simulate", diverging)
+    monkeypatch.setattr(stepped, "simulate", diverging)
     if partial is None:
         with pytest.raises(DivergesError):
             begin(made)
@@ -290,7 +290,7 @@ def test_the_record_of_a_diverging_transient_is_kept(
 
 def state_space_run(circuit: Circuit, tolerance: float) -> tuple[Waveforms, StateSpaceError]:
     made, analysis = LinearBoard(circuit), Transient(TIMES[-1], 1e-6)
-    record = simulate.simulate(made, analysis, times=TIMES, tolerance=tolerance)
+    record = stepped.simulate(made, analysis, times=TIMES, tolerance=tolerance)
     return record, state_space_error(made, record)
 
 

@@ -17,7 +17,7 @@ from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from taction.system.errors import EngineError, StepTooSmall, TimedOut
 from taction.system.progress import Clock
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.statespace.transients import simulate
+from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.readings.settling import ChannelState
 from taction.verification.reference.ideal_answer import IdealAnswer
@@ -29,13 +29,7 @@ from taction.verification.verdict import run as module
 from taction.verification.verdict import transient_plan
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.run import (
-    Agreement,
-    Run,
-    better_plan,
-    observe,
-    outputs,
-)
+from taction.verification.verdict.run import Agreement, Run, better_plan, observe, outputs
 from taction.verification.verdict.simulation import StateSpaceError, Waiting, build, choose_engine
 from taction.verification.verdict.transient_plan import AIM, TransientPlan
 from taction.verification.verdict.verify import Verdict, verify
@@ -245,7 +239,7 @@ def test_without_an_answer_of_the_other_engine_nothing_has_a_bound(
     def no_answer(*_: object, **__: object) -> None:
         raise EngineError("no answer")
 
-    monkeypatch.setattr(simulate, "simulate", no_answer)
+    monkeypatch.setattr(stepped, "simulate", no_answer)
     verdict = verify(ringing_scene(error=1e-3, engine="ngspice"))
     assert verdict.accuracy.achieved is None
     assert verdict.measurements.settling_time.uncertainty == math.inf
@@ -282,7 +276,7 @@ def test_a_thinned_companion_keeps_both_ends(monkeypatch: pytest.MonkeyPatch, co
     monkeypatch.setattr(module, "MAX_INSTANTS", 10)
     design = build(ringing_scene(engine="ngspice"))
     times = np.linspace(0.0, design.transient.stop, count)
-    record = simulate.simulate(design.linear, design.transient, times=times)
+    record = stepped.simulate(design.linear, design.transient, times=times)
     found = module.state_space_beside(design.linear, design.transient, record, 1e-6)
     assert (found.instants[0], found.instants[-1]) == (times[0], times[-1])
     assert np.all(np.diff(found.instants) > 0.0)
@@ -296,9 +290,9 @@ def test_a_dip_between_the_points_of_a_record_is_a_difference() -> None:
     board = Path(__file__).parents[2] / "data/straight/saturation-passes.toml"
     design = build(load_scene(board))
     ends = np.linspace(0.0, design.transient.stop, 3)
-    whole = simulate.simulate(design.linear, design.transient, times=ends, resolved=True)
+    whole = stepped.simulate(design.linear, design.transient, times=ends, resolved=True)
     u = outputs(design.circuit, whole)
     times = np.concatenate([[0.0], whole.time[whole.time > 1e-6]])
-    record = simulate.simulate(design.linear, design.transient, times=times)
+    record = stepped.simulate(design.linear, design.transient, times=times)
     found = module.state_space_beside(design.linear, design.transient, record, 1e-9)
     assert found.difference > 0.007 * np.abs(u[-1] - u[0]).max()

@@ -168,7 +168,7 @@ def _without_rest(response: ExactResponse, found: Poles) -> Measurements:
     why = FAR if found.known_stable else UNSTABLE
     still = Settlement(state, None, why)
     channels = [
-        channel_measure(n, end, step, nothing, still, None, why)
+        channel_measure(n, end, step, nothing, still, (), why)
         for n, end in enumerate(response.target.tolist())
     ]
     return _without(summary(step.amplitude, response.band, (), channels), tuple(READINGS))

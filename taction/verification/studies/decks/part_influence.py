@@ -15,7 +15,6 @@ from taction.system.documents import Hertz, Number, Rate
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.engines.statespace.linearised.state_space import linear_matrices
 from taction.verification.stability.edges import Edge
 from taction.verification.stability.families import Family, find_edges
 from taction.verification.stability.margin import REACH, Margin
@@ -59,9 +58,7 @@ def sensitivities(
         return {}
     p, point = found.rightmost, board.operating_point
     right, left = pole_vectors(board, p)
-    known = board.descriptor
-    dense = linear_matrices(known, point)
-    scale = left @ dense.mass @ right
+    scale = left @ board.matrices.mass @ right
     if not abs(scale) > 0.0:
         return {}
     rates = {}
@@ -72,7 +69,7 @@ def sensitivities(
         both = []
         for factor in (1.0 + MOVED, 1.0 - MOVED):
             moved = board.circuit.turned(name, board.circuit.value(name) * factor)
-            there = linear_matrices(LinearBoard(moved, point=point).descriptor, point)
+            there = LinearBoard(moved, point=point).matrices
             both.append(left @ (there.stiffness - p * there.mass) @ right)
         rates[name] = complex((both[0] - both[1]) / (2.0 * MOVED * scale))
     return {name: rate if abs(rate) > LOST * abs(p) else 0j for name, rate in rates.items()}
@@ -80,8 +77,7 @@ def sensitivities(
 
 def pole_vectors(board: LinearBoard, p: complex) -> tuple[Complexes, Complexes]:
     """Return the right and the left null vector of ``p M - K``: of its least singular value."""
-    dense = linear_matrices(board.descriptor, board.operating_point)
-    X = p * dense.mass - dense.stiffness
+    X = p * board.matrices.mass - board.matrices.stiffness
     rows = np.abs(X).max(axis=1, keepdims=True)
     rows[rows == 0.0] = 1.0
     columns = np.abs(X / rows).max(axis=0)
@@ -106,7 +102,7 @@ def influences(
     order = sorted(rates, key=lambda name: -abs(rates[name].real))
     most = len(order) if every or found.known_unstable else MOST_MARGINS
     large = not every and board.descriptor.size > MOST_UNKNOWNS
-    if large or not found.certain or board.state_space.lost:
+    if large or found.stable is None or board.state_space.lost:
         most = 0
     nearest, rows = dict[str, Nearest](), list[PartRow]()
     for k, name in enumerate(order):

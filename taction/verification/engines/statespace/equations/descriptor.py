@@ -31,8 +31,7 @@ from taction.verification.engines.statespace.equations.amplifier_gains import (
 LARGE = 600  # unknowns above which structured solves replace dense ones
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Triplets:
+class Triplets(NamedTuple):
     """A sparse matrix as ``(row, column, value)``; values at one place add up."""
 
     rows: Ints
@@ -41,8 +40,8 @@ class Triplets:
 
     def joined(self, other: Triplets) -> Triplets:
         """Return the sum with another matrix."""
-        fields = ("rows", "columns", "values")
-        return Triplets(*(np.concatenate([getattr(p, f) for p in (self, other)]) for f in fields))
+        parts: Any = [np.concatenate(both) for both in zip(self, other, strict=True)]
+        return Triplets(*parts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,11 +204,6 @@ class Descriptor:
         K[self.devices.output, self.devices.input] += number(slopes)
         return mass, K
 
-    @property
-    def has_limits(self) -> bool:
-        """Whether op-amps have limits."""
-        return bool(self.devices.limits.any())
-
     @functools.cached_property
     def without_limits(self) -> Descriptor:
         """The equations with op-amps that are linear: the limits' slopes at zero in their place."""
@@ -370,19 +364,15 @@ class Stamper:
             terms.append((place, source.volts))
         for device in self.devices:
             self.laws.add(device[2], device[2], -1.0)
-        found = []
-        for currents, laws in (
-            (strains, self.switched),
-            (self.constant_currents, self.constant_laws),
-        ):
-            b = self._sums(currents)
-            b[list(self.fixed)] = 0.0
-            found.append((b + self._sums(laws))[:-1])
-        return found[0], found[1]
+        parts = (strains, self.switched), (self.constant_currents, self.constant_laws)
+        switched, constant = (self._sums(*terms) for terms in parts)
+        return switched, constant
 
-    def _sums(self, terms: Terms) -> Floats:
-        """Return the sums of terms at each place, (size + 1,); the last place is ground."""
-        sums = np.zeros(len(self.places) + 1)
-        for place, value in terms:
-            sums[place] += value
-        return sums
+    def _sums(self, *parts: Terms) -> Floats:
+        """Return the sums of currents, of which fixed rows have none, and of laws, (size,)."""
+        sums = np.zeros((2, len(self.places) + 1))  # the last place is ground
+        for found, terms in zip(sums, parts, strict=True):
+            for place, value in terms:
+                found[place] += value
+        sums[0, list(self.fixed)] = 0.0
+        return np.asarray(sums.sum(axis=0)[:-1])

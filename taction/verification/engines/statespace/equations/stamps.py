@@ -94,7 +94,8 @@ def stamp(circuit: Circuit) -> Descriptor:
         stamper.matrix(matrix)
     node_count = len(stamper.places)
     stamp_transistors(stamper)
-    stamp_opamps(stamper)
+    for cell in circuit.opamps:
+        _stamp_opamp(stamper, cell, circuit.models[cell.model])
     for resistor in circuit.resistors:
         ends = stamper.node(resistor.a), stamper.node(resistor.b)
         stamper.currents.branch(*ends, -1.0 / resistor.ohms)
@@ -137,12 +138,6 @@ def _finish(stamper: Stamper, node_count: int, moved: Ints | None) -> Descriptor
 
 def _scaled(signal: Signal, factor: float) -> Signal:
     return [(place, factor * gain) for place, gain in signal]
-
-
-def stamp_opamps(stamper: Stamper) -> None:
-    """Stamp the op-amps of a circuit."""
-    for cell in stamper.circuit.opamps:
-        _stamp_opamp(stamper, cell, stamper.circuit.models[cell.model])
 
 
 def _stamp_opamp(stamper: Stamper, cell: OpAmpCell, model: OpAmp) -> None:
@@ -236,7 +231,6 @@ def gain_stage(model: OpAmp, cell: OpAmpCell, descriptor: Descriptor) -> tuple[i
 
 
 SCALE = 1e-4  # A
-KIND = "exponential"
 
 
 def stamp_transistors(stamper: Stamper) -> None:
@@ -254,7 +248,8 @@ def stamp_transistors(stamper: Stamper) -> None:
             junction = stamper.unknown(f"q{cell.name}.v{part}")
             law: Signal = [(base, sign), (far, -sign), (junction, -1.0)]
             _law(stamper, junction, law, -volts * math.log(SCALE / model.saturation_current))
-            outputs.append(stamper.device(KIND, junction, f"q{cell.name}.{part}", unit, volts))
+            name = f"q{cell.name}.{part}"
+            outputs.append(stamper.device("exponential", junction, name, unit, volts))
         # A row states the currents into its node; z[f] = -U0 F / SCALE.
         BF, BR, IS = model.forward_gain, model.reverse_gain, model.saturation_current
         for row, of_f, of_r, constant in (
@@ -321,11 +316,8 @@ class _Branches:
         stamper.constant_currents[:] = [(rows[i], value) for i, value in stamper.constant_currents]
         return np.array(rows, dtype=np.int64)
 
-    def _place(self, node: str) -> int:
-        return GROUND if node == "0" else self.stamper.places[node]
-
     def _ends(self, part: Branch) -> tuple[int, int]:
-        return self._place(part.a), self._place(part.b)
+        return self.stamper.node(part.a), self.stamper.node(part.b)
 
     def _current(self, card: str) -> int:
         return self.currents[current_of(card)]
@@ -397,7 +389,7 @@ class _Branches:
 
     def _controls(self, part: Branch) -> Iterator[tuple[int, float]]:
         for node, gain in zip(part.control, (part.value, -part.value), strict=True):
-            yield self._place(node), gain
+            yield self.stamper.node(node), gain
 
     def _through(self, part: Branch, column: int, value: float) -> None:
         """Add a current from `part.a` through the part to `part.b`."""

@@ -16,8 +16,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -33,19 +34,30 @@ from taction.verification.engines.statespace.equations.descriptor import (
 CHANNELS = 14  # of the coarse board, and as many sensors
 
 
-def coarsen(descriptor: Descriptor, channels: int = CHANNELS) -> Descriptor:
-    """Keep about `channels` channels and as many sensors of a board, evenly spaced.
+def coarsen(descriptor: Descriptor) -> Descriptor:
+    """Keep about `CHANNELS` channels and as many sensors of a board, evenly spaced.
 
     The result has a subset of the names; a small board is returned unchanged.
     """
     from scipy import sparse
 
-    kept, gain = _choose(descriptor, channels)
+    unit = units(descriptor)
+    kept = unit < 0
+    gain, assigned = 1.0, np.zeros(max(int(unit.max(initial=0)) + 1, 1), dtype=np.bool_)
+    for part in descriptor.couplings:
+        new_units: Ints = np.unique(unit[part.sinks])
+        new_units = new_units[~assigned[np.maximum(new_units, 0)] & (new_units >= 0)]
+        if not len(new_units):
+            continue
+        assigned[new_units] = True
+        count = min(CHANNELS, len(new_units))
+        chosen = new_units[np.linspace(0.0, len(new_units) - 1.0, count).round().astype(np.int64)]
+        kept = kept | np.isin(unit, chosen)
+        gain = max(gain, len(new_units) / count)
     if kept.all():
         return descriptor
     basis = sparse.eye_array(descriptor.size, format="csr")[:, np.flatnonzero(kept)]
-    names = tuple(name for name, keep in zip(descriptor.names, kept.tolist(), strict=True) if keep)
-    return projected(descriptor, basis, names, gain)
+    return projected(descriptor, basis, tuple(compress(descriptor.names, kept)), gain)
 
 
 def projected(
@@ -67,7 +79,7 @@ def projected(
     rows, columns = (index.ravel() for index in np.indices((size, size)))
     inside, devices = abs(basis).sum(axis=1) > 0.0, descriptor.devices
     devices = devices.part(inside[devices.input] & inside[devices.output])
-    ends = (basis[each].argmax(axis=1) for each in (devices.input, devices.output))
+    inputs, outputs = (basis[each].argmax(axis=1) for each in (devices.input, devices.output))
     return Descriptor(
         names=names,
         node_count=min(int(inside[: descriptor.node_count].sum()), size),
@@ -77,27 +89,9 @@ def projected(
         switched=back @ descriptor.switched,
         constant=back @ descriptor.constant,
         determined=np.asarray(abs(back) @ descriptor.determined > 0.0),
-        devices=replace(devices, **dict(zip(("input", "output"), ends, strict=True))),
+        devices=replace(devices, input=inputs, output=outputs),
         places={name: k for k, name in enumerate(names)},
     )
-
-
-def _choose(descriptor: Descriptor, channels: int) -> tuple[Bools, float]:
-    """Choose the unknowns to keep; return the factor of the couplings, too."""
-    unit = units(descriptor)
-    kept = unit < 0
-    gain, assigned = 1.0, np.zeros(max(int(unit.max(initial=0)) + 1, 1), dtype=np.bool_)
-    for part in descriptor.couplings:
-        new_units: Ints = np.unique(unit[part.sinks])
-        new_units = new_units[~assigned[np.maximum(new_units, 0)] & (new_units >= 0)]
-        if not len(new_units):
-            continue
-        assigned[new_units] = True
-        count = min(channels, len(new_units))
-        chosen = new_units[np.linspace(0.0, len(new_units) - 1.0, count).round().astype(np.int64)]
-        kept = kept | np.isin(unit, chosen)
-        gain = max(gain, len(new_units) / count)
-    return kept, gain
 
 
 def units(descriptor: Descriptor) -> Ints:
@@ -125,15 +119,8 @@ def units(descriptor: Descriptor) -> Ints:
 KEPT, COMPLEX = 3e8, 16  # bytes of all solvers that are kept, and of a number in them
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Group:
-    """Cells of one size: places (cells, m) among the inner unknowns, and their blocks."""
-
-    places: Ints
-    mass: Floats
-    stiffness: Floats
-
-
+# Cells of one size: places (cells, m) among the inner unknowns, and their blocks of M and K.
+Group = tuple[Ints, Floats, Floats]
 Solver = Callable[[Any], Any]  # ``r -> x``, of a vector, or of the columns of an array
 
 
@@ -159,9 +146,7 @@ class Structure:
             self.local = self.local + sparse.csr_array((slopes, places), shape=(size, size))
         sinks = [part.sinks for part in descriptor.couplings]
         self.outer: Ints = np.unique(np.concatenate([*sinks, np.zeros(0, dtype=np.int64)]))
-        inner = np.ones(size, dtype=np.bool_)
-        inner[self.outer] = False
-        self.inner: Ints = np.flatnonzero(inner)
+        self.inner: Ints = np.setdiff1d(np.arange(size), self.outer)
         self._solvers: dict[complex, Solver] = {}
         self._split()
         self.groups = self._cells()
@@ -199,7 +184,7 @@ class Structure:
         more[np.ix_(drivers, sinks)] += (G * part.loaded[chosen]).T
         self.parts["oo"] = mass, K + sparse.csr_array(more)
 
-    def _cells(self) -> list[_Group]:
+    def _cells(self) -> list[Group]:
         from scipy.sparse import csgraph
 
         M, K = self.parts["ii"]
@@ -211,7 +196,7 @@ class Structure:
         for size in np.unique(sizes):
             chosen = np.flatnonzero(sizes == size)
             places = order[starts[chosen][:, None] + np.arange(size)]
-            groups.append(_Group(places, _blocks(M, places), _blocks(K, places)))
+            groups.append((places, _blocks(M, places), _blocks(K, places)))
         return groups
 
     @cached_property
@@ -221,10 +206,8 @@ class Structure:
         other.mass, other.local = self.mass.T.tocsr(), self.local.T.tocsr()
         other.parts = {name[::-1]: (M.T, K.T) for name, (M, K) in self.parts.items()}
         other.couplings = [(sinks, at, load, G) for sinks, at, G, load in self.couplings]
-        turned = (group.mass.transpose(0, 2, 1) for group in self.groups)
         other.groups = [
-            _Group(group.places, M, group.stiffness.transpose(0, 2, 1))
-            for group, M in zip(self.groups, turned, strict=True)
+            (places, M.transpose(0, 2, 1), K.transpose(0, 2, 1)) for places, M, K in self.groups
         ]
         other._solvers = {}
         return other
@@ -269,12 +252,11 @@ class Structure:
         from scipy import sparse
 
         rows, columns, values = [], [], []
-        for group in self.groups:
-            block = np.linalg.inv(c * group.mass - group.stiffness)
-            m = group.places.shape[1]
-            rows.append(np.repeat(group.places, m, axis=1).ravel())
-            columns.append(np.tile(group.places, (1, m)).ravel())
-            values.append(block.ravel())
+        for places, M, K in self.groups:
+            m = places.shape[1]
+            rows.append(np.repeat(places, m, axis=1).ravel())
+            columns.append(np.tile(places, (1, m)).ravel())
+            values.append(np.linalg.inv(c * M - K).ravel())
         n = len(self.inner)
         if not rows:
             return sparse.csr_array((n, n))

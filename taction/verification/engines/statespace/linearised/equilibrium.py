@@ -190,18 +190,6 @@ def _by_loop(descriptor: Descriptor, response: Response, sources_on: bool) -> Fl
     return z
 
 
-def tangent(descriptor: Descriptor, z: Floats) -> Equilibrium:
-    """Return where a board would rest if its amplifiers were the tangents that they have at z.
-
-    EngineError: that linear board has no equilibrium.
-    """
-    try:
-        step = newton_step(descriptor, z, sources_on=True)
-    except np.linalg.LinAlgError as error:
-        raise EngineError("the board with the slopes of its start has no equilibrium") from error
-    return Equilibrium(descriptor, z + step, balance(descriptor, z)[0], 0.0)
-
-
 def newton_step(descriptor: Descriptor, z: Floats, sources_on: bool) -> Floats:
     """Return a Newton step on all unknowns at once.
 

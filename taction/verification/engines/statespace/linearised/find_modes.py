@@ -12,7 +12,7 @@ import numpy as np
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.verification.engines.statespace.linearised.modes import Modes, components
-from taction.verification.engines.statespace.linearised.reduction import ROUNDED, Reduced
+from taction.verification.engines.statespace.linearised.reduction import ROUNDED, Reduced, extended
 
 # Of the largest voltage: error of a response, above which Newton's steps are tried, then groups of
 # nearly parallel modes.
@@ -144,7 +144,7 @@ def eigenmodes(reduced: Reduced) -> Modes:
     Y[lower] = Y[upper].conj()
     T = np.diag(s.astype(np.complex128))
     numbers, mates = np.arange(len(s)), _places_of_mates(s)
-    return certify(reduced, T, numbers, mates, vectors + 0j, reduced.lefts(T, Y))
+    return certify(reduced, T, numbers, mates, vectors + 0j, extended(reduced.powers, T, Y))
 
 
 def newton_step(modes: Modes) -> Modes:
@@ -271,7 +271,7 @@ def group_modes(reduced: Reduced, s: Complexes, ill: Bools, width: float) -> Mod
     mates[:count] = np.arange(count)
     mates[count : len(singles)] = np.arange(count, len(singles)).reshape(-1, 2)[:, ::-1].ravel()
     X, Y = scale[:, None] * X, Y / scale
-    return certify(reduced, found, group, mates, X, reduced.lefts(found, Y))
+    return certify(reduced, found, group, mates, X, extended(reduced.powers, found, Y))
 
 
 def _single(label: Ints, t: Complexes, mates: Ints) -> tuple[list[int], list[int]]:

@@ -11,7 +11,8 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats
-from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.descriptor import DenseMatrix, Descriptor
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.equations.structured_solve import (
     Response,
@@ -22,15 +23,12 @@ from taction.verification.engines.statespace.equations.structured_solve import (
 )
 from taction.verification.engines.statespace.linearised.equilibrium import (
     Equilibrium,
+    balance,
+    newton_step,
     rounding,
     solve_equilibrium,
-    tangent,
 )
-from taction.verification.engines.statespace.linearised.state_space import (
-    StateSpace,
-    linearise,
-    open_loop,
-)
+from taction.verification.engines.statespace.linearised.state_space import StateSpace, linearise
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +67,13 @@ class LinearBoard:
 
         EngineError: it has no equilibrium.
         """
-        point = tangent(self.descriptor, initial_unknowns(self, initial))
+        z = initial_unknowns(self, initial)
+        try:
+            rest = z + newton_step(self.descriptor, z, sources_on=True)
+        except np.linalg.LinAlgError as error:
+            text = "the board with the slopes of its start has no equilibrium"
+            raise EngineError(text) from error
+        point = Equilibrium(self.descriptor, rest, balance(self.descriptor, z)[0], 0.0)
         return LinearBoard(self.circuit, self.equations, point)
 
     @functools.cached_property
@@ -84,7 +88,7 @@ class LinearBoard:
 
     def _equilibrium(self, *, sources_on: bool) -> Equilibrium:
         start = None
-        if self.descriptor.has_limits:
+        if self.descriptor.devices.limits.any():
             free = LinearBoard(self.circuit, self.descriptor.without_limits)
             start = free._equilibrium(sources_on=sources_on).values
         return solve_equilibrium(
@@ -114,8 +118,17 @@ class LinearBoard:
 
     @functools.cached_property
     def open_loop(self) -> StateSpace:
-        """The state space with the amplifiers' outputs as inputs."""
-        return open_loop(self.descriptor)
+        """The state space with the amplifiers' outputs as further inputs."""
+        known = self.descriptor
+        outputs = np.eye(known.size)[:, known.devices.output]
+        return linearise(known, None, np.column_stack([known.switched, known.constant, outputs]))
+
+    @functools.cached_property
+    def matrices(self) -> DenseMatrix:
+        """M and K, with the slopes of the amplifiers at the point of linearisation; dense."""
+        point = self.operating_point
+        slopes = np.zeros(0) if point is None else point.slopes
+        return DenseMatrix(*self.descriptor.summed(np.asarray, slopes))
 
     @functools.cached_property
     def structure(self) -> Structure:

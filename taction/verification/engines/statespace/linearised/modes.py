@@ -160,8 +160,12 @@ class Modes:
 
     @functools.cached_property
     def pole_errors(self) -> Floats:
-        """Bound on the error of each pole, 1/s, (n,)."""
-        return pole_errors(self)
+        """Bound on the distance of each pole to the true one, 1/s, (n,); infinite where unknown."""
+        errors = _errors(self)
+        if self.other is not None and len(errors):
+            there = np.abs(self.poles[:, None] - self.other.poles) + _errors(self.other)
+            errors = np.minimum(errors, there.min(axis=1))
+        return errors
 
     @functools.cached_property
     def mixing(self) -> tuple[Floats, Floats] | None:
@@ -239,16 +243,6 @@ def _growth(inner: Complexes) -> Floats:
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
-def pole_errors(modes: Modes) -> Floats:
-    """Bound the distance of every pole to its true pole, 1/s, (n,); infinite where unknown."""
-    errors = _errors(modes)
-    if modes.other is not None and len(errors):
-        s, other = modes.poles, modes.other.poles
-        there = np.abs(s[:, None] - other) + _errors(modes.other)
-        errors = np.minimum(errors, there.min(axis=1))
-    return errors
-
-
 def _errors(modes: Modes) -> Floats:
     """Bound the errors of the poles of one set of vectors.
 
@@ -267,8 +261,7 @@ def _errors(modes: Modes) -> Floats:
         label = components(linked)
         half = np.where(label[:, None] != label, gap / 2.0, np.inf)
         nearest = half.min(axis=1, initial=np.inf)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            H = np.nan_to_num(E / nearest[:, None], nan=np.inf, posinf=1e300)
+        H = np.nan_to_num(E / nearest[:, None], nan=np.inf, posinf=1e300)
         tight = ~(balanced_sums(H, s) < TIGHT)
         if not tight.any():
             beyond = (E + E @ np.linalg.solve(np.eye(n) - H, H)) / half

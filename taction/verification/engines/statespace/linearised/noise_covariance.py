@@ -25,7 +25,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -36,24 +35,22 @@ from taction.spice_models.transistor import ELECTRON, NOMINAL
 from taction.system.array_types import EPS, Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
-from taction.verification.engines.statespace.equations.stamps import (
-    gain_stage,
-    transistor_currents,
-)
+from taction.verification.engines.statespace.equations.stamps import gain_stage, transistor_currents
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import Modes
 from taction.verification.engines.statespace.linearised.reduction import ROUNDED, STEPS
-from taction.verification.engines.statespace.linearised.state_space import StateSpace, linearise
+from taction.verification.engines.statespace.linearised.state_space import linearise
 
 
 def noise_intensities(
-    circuit: Circuit, descriptor: Descriptor, point: Floats | None = None
-) -> Floats:
+    circuit: Circuit, descriptor: Descriptor, point: Floats
+) -> tuple[Floats, Floats]:
     """Return the covariance of the noise in each pair of rows, over positive and negative f.
 
     Half of the density over positive frequencies, (size, size), in A²/Hz for current balances,
-    V²/s²/Hz for states of op-amps, V²/Hz for rows that state a voltage. `point` (size,) is the
-    equilibrium, which sets the currents of transistors; without it they are silent.
+    V²/s²/Hz for states of op-amps, V²/Hz for rows that state a voltage; and the 1/f noise of each
+    row times the frequency, (size,). `point` (size,) is the equilibrium, which sets the currents of
+    transistors.
     """
     size, places = descriptor.size, {GROUND: descriptor.size} | descriptor.places
     density = np.zeros((size + 1, size + 1))  # the last row is ground
@@ -71,7 +68,7 @@ def noise_intensities(
             add(pin, GROUND, circuit.models[cell.model].current_noise ** 2)
     for source in circuit.noises:
         add(source.node, GROUND, source.density**2)
-    if point is not None and circuit.transistors:  # shot noise, and that of the bulk resistance
+    if circuit.transistors:  # shot noise, and that of the bulk resistance
         currents = np.abs(transistor_currents(circuit, descriptor, point))
         for q, (collector, base) in zip(circuit.transistors, currents.T.tolist(), strict=True):
             inner, model = f"q{q.name}.e", circuit.transistor_models[q.model]
@@ -80,20 +77,13 @@ def noise_intensities(
             add(q.emitter, inner, THERMAL / model.emitter_resistance)
     moved = np.zeros_like(density)  # currents go to the rows that take them
     moved[descriptor.balance_rows, np.arange(size + 1)] = 1.0
-    density = moved @ density @ moved.T
+    density, flicker = moved @ density @ moved.T, np.zeros(size)
     for cell in circuit.opamps:
-        row, gain = gain_stage(circuit.models[cell.model], cell, descriptor)
-        density[row, row] += (gain * circuit.models[cell.model].voltage_noise) ** 2
-    return 0.5 * density[:size, :size]
-
-
-def flicker_intensities(circuit: Circuit, descriptor: Descriptor) -> Floats:
-    """Return the 1/f noise of each row times the frequency, as `noise_intensities`, (size,)."""
-    density = np.zeros(descriptor.size)
-    for cell in circuit.opamps:
-        row, gain = gain_stage(circuit.models[cell.model], cell, descriptor)
-        density[row] += gain**2 * circuit.models[cell.model].flicker_noise
-    return 0.5 * density
+        opamp = circuit.models[cell.model]
+        row, gain = gain_stage(opamp, cell, descriptor)
+        density[row, row] += (gain * opamp.voltage_noise) ** 2
+        flicker[row] += gain**2 * opamp.flicker_noise
+    return 0.5 * density[:size, :size], 0.5 * flicker
 
 
 HIDDEN = "rounding hides the noise: the poles of the board are too far apart"
@@ -116,8 +106,7 @@ def output_noise(board: LinearBoard, lowest: float = 0.0) -> tuple[Floats, Float
         raise EngineError(f"the noise of transistors is computed at {NOMINAL:g} degrees C only")
     if board.circuit.has_imported:
         raise EngineError("the noise of an imported op-amp is not known to the state-space engine")
-    density = noise_intensities(board.circuit, descriptor, board.equilibrium.values)
-    flicker = flicker_intensities(board.circuit, descriptor)
+    density, flicker = noise_intensities(board.circuit, descriptor, board.equilibrium.values)
     if flicker.any() and not lowest > 0.0:
         raise EngineError("1/f noise has no end at 0 Hz: a lowest frequency is needed")
     live = np.flatnonzero(density.diagonal())
@@ -137,7 +126,10 @@ def output_noise(board: LinearBoard, lowest: float = 0.0) -> tuple[Floats, Float
     C, D = space.rows([out.node for out in outputs])
     B, D = space.B[:, STEPS:], D[:, STEPS:]
     w, fastest = math.tau * lowest, float(np.abs(poles).max(initial=0.0))
-    equation = Covariance.of(space.A, modes, _sizes(space))
+    # Sizes of the terms of A, and of the charges that a unit of ``x'`` moves.
+    L, seen = np.abs(space.left), np.abs(space.seen)
+    sizes = np.stack([L @ size @ seen for size in (space.pencil.pull, space.pencil.mass)])
+    equation = Covariance(space.A, modes, sizes)
     variance, error = equation.variance(B @ W @ B.T, C, _white(w) if w else None)
     direct = np.einsum("ki,ij,kj->k", D, W, D) * fastest
     if flicker.any():
@@ -171,29 +163,26 @@ def _flicker(w: float) -> Weight:
     return lambda poles: -4.0 / poles * np.log1p(1j * poles / w)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Covariance:
-    """Solver of ``A P + P A^T = -Q`` by the modes of A, in units that balance A."""
+    """Solver of ``A P + P A^T = -Q`` by the modes of A, in units (n,) that balance A.
 
-    A: Floats
-    scale: Floats  # the units, (n,)
-    sizes: Floats  # (2, n, n): those to which the rounding of A is relative
-    poles: Complexes
-    right: Complexes
-    left: Complexes
+    `sizes` (2, n, n) are those to which the rounding of A is relative. Groups of modes are taken
+    apart again.
+    """
 
-    @classmethod
-    def of(cls, A: Floats, modes: Modes, sizes: Floats) -> Covariance:
-        """Prepare A with its modes; groups of them are taken apart again."""
+    def __init__(self, A: Floats, modes: Modes, sizes: Floats) -> None:
         from scipy.linalg import matrix_balance
 
         balanced: Any = matrix_balance(A, permute=False, separate=True)
-        A, (scale, _) = balanced
-        poles, right, left = modes.poles, modes.right / scale[:, None], modes.left * scale
+        self.A: Floats = balanced[0]
+        self.scale: Floats = balanced[1][0]
+        self.sizes, self.poles = sizes * self.scale / self.scale[:, None], modes.poles
+        self.right: Complexes = modes.right / self.scale[:, None]
+        self.left: Complexes = modes.left * self.scale
         if not modes.alone.all():
-            poles, right = (each.astype(np.complex128) for each in np.linalg.eig(A))
-            left = np.linalg.inv(right)
-        return cls(A, scale, sizes * scale / scale[:, None], poles, right, left)
+            poles, right = np.linalg.eig(self.A)
+            self.poles, self.right = poles.astype(np.complex128), right.astype(np.complex128)
+            self.left = np.asarray(np.linalg.inv(self.right), np.complex128)
 
     def solve(self, Q: Floats, *, adjoint: bool = False) -> Floats:
         """Return P; with `adjoint` that of ``A^T P + P A = -Q``."""
@@ -233,9 +222,3 @@ def _weights(A: Floats, weight: Weight) -> Floats:
     poles, right = np.linalg.eig(A)
     weighted = np.linalg.solve(right.T, (right * weight(poles)).T).T
     return np.asarray(weighted.real)
-
-
-def _sizes(space: StateSpace) -> Floats:
-    """Return the sizes of the terms of A, and of the charges that a unit of ``x'`` moves."""
-    pencil, L, seen = space.pencil, np.abs(space.left), np.abs(space.seen)
-    return np.stack([L @ pencil.pull @ seen, L @ pencil.mass @ seen])

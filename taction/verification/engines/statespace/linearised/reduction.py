@@ -108,13 +108,12 @@ class Reduced:
     places: Ints | None
     decided: bool
 
-    def lefts(self, s: NDArray[Any], w: NDArray[Any]) -> NDArray[Any]:
-        """Return left vectors (m, k) of the pencil from those of A: ``w A = s w``, (m, n)."""
-        return extended(self.powers, s, w)
-
 
 def extended(powers: Sequence[Floats], s: NDArray[Any], w: NDArray[Any]) -> NDArray[Any]:
-    """Return ``w L_0 + s w L_1 + s s w L_2 + ...`` for matrices s (m, m) and w (m, n)."""
+    """Return ``w L_0 + s w L_1 + s s w L_2 + ...`` for matrices s (m, m) and w (m, n).
+
+    Of the `Reduced.powers` these are left vectors (m, k) of the pencil where ``w A = s w``.
+    """
     found = w @ powers[-1]
     for L in powers[-2::-1]:
         found = w @ L + s @ found

@@ -10,6 +10,8 @@ amplifiers J is taken at the equilibrium: the linearised condition of the optimu
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +26,7 @@ from taction.verification.engines.statespace.linearised.equilibrium import balan
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class RestSensitivity:
     """First-order changes of the outputs at rest.
 
@@ -47,7 +49,12 @@ class RestSensitivity:
         wanted[places, np.arange(len(outputs))] = [output.sign for output in outputs]
         if descriptor.is_large:
             return cls(board, -board.structure.transposed.factor(0.0)(wanted).T)
-        return cls(board, _dense_adjoint(board, wanted))
+        rest = board.equilibrium
+        J, row, column = scaled_jacobian(descriptor, rest.slopes, np.abs(rest.values))
+        try:
+            return cls(board, (np.linalg.solve(J.T, wanted * column) / row).T)
+        except np.linalg.LinAlgError:
+            raise EngineError("the Jacobian of the equilibrium is singular") from None
 
     def towards(self, circuit: Circuit) -> Floats:
         """Return how far the equations of `circuit` move the outputs, to first order, V, (N,).
@@ -79,27 +86,19 @@ class RestSensitivity:
         into an input leaves that node; an offset adds to the input of the gain stage, and so does
         the common-mode error times the voltage of the inputs.
         """
-        board, found = self.board, dict[str, Floats]()
-        descriptor, z = board.descriptor, board.equilibrium
-        zero = np.zeros(len(self.adjoint))
+        board, found, felt = self.board, dict[str, Floats](), self._felt
         for cell in board.circuit.opamps:
-            model = board.circuit.models[cell.model]
+            model, pins = board.circuit.models[cell.model], (cell.noninverting, cell.inverting)
             if not model.varying:
                 continue
-            row, gain = gain_stage(model, cell, descriptor)
-            into, volts = {}, {}
-            for pin in (cell.noninverting, cell.inverting):
-                place = None if pin == GROUND else descriptor.place(pin)
-                taken = descriptor.size if place is None else descriptor.balance_rows[place]
-                into[pin] = zero if taken == descriptor.size else self.adjoint[:, taken]
-                volts[pin] = 0.0 if place is None else z[pin]
-            plus, minus = into[cell.noninverting], into[cell.inverting]
-            offset = -gain * self.adjoint[:, row]
+            row, gain = gain_stage(model, cell, board.descriptor)
+            plus, minus = felt[:, self._places(pins)].T
+            offset, volts = -gain * self.adjoint[:, row], [board.equilibrium[pin] for pin in pins]
             slopes = {
                 "offset_voltage": offset,
                 "bias_current": plus + minus,
                 "offset_current": 0.5 * (plus - minus),
-                "common_mode_rejection": offset * 0.5 * sum(volts.values()),
+                "common_mode_rejection": offset * 0.5 * sum(volts),
             }
             for name, _ in model.varying:
                 found[f"{cell.name}.{name}"] = slopes[CHANGES.get(name, name)]
@@ -111,28 +110,35 @@ class RestSensitivity:
         By the names of `variation.parameters`. The gain acts on the input voltage at rest, so a
         change of its logarithm adds this voltage to the offset.
         """
-        descriptor, z, found = self.board.descriptor, self.board.equilibrium, dict[str, Floats]()
+        z, found = self.board.equilibrium, dict[str, Floats]()
         for cell in self.board.circuit.opamps:
             model = self.board.circuit.models[cell.model]
             if model.imported is not None or model.large_signal:
                 continue
-            pins, half = (cell.noninverting, cell.inverting), 0.5 * model.rejection_error
-            plus, minus = (0.0 if pin == GROUND else z[pin] for pin in pins)
+            half, plus, minus = 0.5 * model.rejection_error, z[cell.noninverting], z[cell.inverting]
             volts = (1.0 + half) * plus - (1.0 - half) * minus + model.input_offset
-            row, gain = gain_stage(model, cell, descriptor)
+            row, gain = gain_stage(model, cell, self.board.descriptor)
             found[f"{cell.name}.dc_gain"] = -gain * volts * self.adjoint[:, row]
         return found
+
+    @functools.cached_property
+    def _felt(self) -> Floats:
+        """How a current into each node, and into ground, lowers the outputs, (N, size + 1)."""
+        felt = np.append(self.adjoint, np.zeros((len(self.adjoint), 1)), axis=1)
+        return np.asarray(felt[:, self.board.descriptor.balance_rows])
+
+    def _places(self, nodes: Sequence[str]) -> list[int]:
+        """Return the places of nodes; ground's is the last one."""
+        places = self.board.descriptor.places
+        return [-1 if node == GROUND else places[node] for node in nodes]
 
     def _wired(self, matrix: ResistorMatrix) -> Floats:
         """Return the sensitivities to the resistors of a matrix behind its wires, (M, N, outputs).
 
         Wires are reciprocal: the adjoint solution has voltages behind them as the board has.
         """
-        descriptor = self.board.descriptor
-        felt = np.append(self.adjoint, np.zeros((len(self.adjoint), 1)), axis=1)
-        felt = felt[:, descriptor.balance_rows]
-        rows = np.concatenate([self.board.equilibrium.values[None], felt[:, :-1]])
-        volts = {name: rows[:, place] for name, place in descriptor.places.items()}
+        rows = np.concatenate([self.board.equilibrium.values[None], self._felt[:, :-1]])
+        volts = {name: rows[:, place] for name, place in self.board.descriptor.places.items()}
         across = entry_voltages(matrix, volts)
         return np.asarray(-across[..., 1:] * across[..., :1] / matrix.ohms[..., None])
 
@@ -140,24 +146,7 @@ class RestSensitivity:
         self, names: list[str], ends: list[tuple[str, str]], ohms: list[float]
     ) -> dict[str, Floats]:
         """Return the sensitivities to resistors between `ends`."""
-        descriptor, size = self.board.descriptor, self.board.descriptor.size
-        places = {GROUND: size} | descriptor.places
-        at = [[places[node] for node in pair] for pair in ends]
-        a, b = np.array(at, dtype=np.int64).reshape(-1, 2).T
-        z = np.append(self.board.equilibrium.values, 0.0)
-        # A source to ground takes up the current into its node.
-        felt = np.append(self.adjoint, np.zeros((len(self.adjoint), 1)), axis=1)
-        felt = felt[:, descriptor.balance_rows]
+        a, b = (self._places([pair[k] for pair in ends]) for k in (0, 1))
+        felt, z = self._felt, np.append(self.board.equilibrium.values, 0.0)
         change = (felt[:, a] - felt[:, b]) * ((z[b] - z[a]) / np.array(ohms))
         return dict(zip(names, change.T, strict=True))
-
-
-def _dense_adjoint(board: LinearBoard, wanted: Floats) -> Floats:
-    """Solve ``adjoint J = wanted'`` with scaled rows and columns; wanted (size, N)."""
-    rest = board.equilibrium
-    J, row, column = scaled_jacobian(board.descriptor, rest.slopes, np.abs(rest.values))
-    try:
-        solved = np.linalg.solve(J.T, wanted * column)
-    except np.linalg.LinAlgError:
-        raise EngineError("the Jacobian of the equilibrium is singular") from None
-    return np.asarray((solved / row).T)

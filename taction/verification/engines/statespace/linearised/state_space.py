@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from taction.system.array_types import Floats, Ints
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.descriptor import DenseMatrix, Descriptor
+from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.engines.statespace.linearised.find_modes import find_modes
 from taction.verification.engines.statespace.linearised.modes import Modes
@@ -81,10 +81,11 @@ def linearise(
     """Linearise a board at a point, which only boards with behavioural amplifiers need.
 
     x is a vector of voltages, not of deviations. With `inputs`, currents (or voltages) into rows,
-    (size, k), these take the place of the two inputs.
+    (size, k), these take the place of the two inputs. The states are counted again where rounding
+    has a say: a topology's board is known to have the states that its design gives it.
 
     EngineError: the equations have no state-space form (a node without any path, or charges that
-      are not free, such as a loop of capacitors and voltage sources).
+      are not free, such as a loop of capacitors and voltage sources, or a capacitor at an input).
     """
     b, devices = np.stack([descriptor.switched, descriptor.constant], axis=1), descriptor.devices
     slopes = np.zeros(devices.count)
@@ -92,35 +93,7 @@ def linearise(
         v, slopes = point.values[devices.input], point.slopes
         value = devices.gain.value(v / devices.v_scale)
         b[devices.output, 1] += -devices.u_scale * value - slopes * v
-    return _state_space(descriptor, slopes, b if inputs is None else inputs)
-
-
-def linear_matrices(descriptor: Descriptor, point: Equilibrium | None) -> DenseMatrix:
-    """Return M and K, with the slopes of the amplifiers at a point if there is one."""
-    slopes = np.zeros(descriptor.devices.count) if point is None else point.slopes
-    return DenseMatrix(*descriptor.summed(np.asarray, slopes))
-
-
-def open_loop(descriptor: Descriptor) -> StateSpace:
-    """Return the state space with the outputs of the m behavioural amplifiers as further inputs.
-
-    EngineError: as `linearise`; also for a capacitor at such an output, whose current would need
-      the output's time derivative.
-    """
-    devices = descriptor.devices
-    b = np.zeros((descriptor.size, 2 + devices.count))
-    b[:, 0], b[:, 1] = descriptor.switched, descriptor.constant
-    b[devices.output, 2 + np.arange(devices.count)] = 1.0
-    return _state_space(descriptor, np.zeros(devices.count), b)
-
-
-def _state_space(descriptor: Descriptor, slopes: Floats, b: Floats) -> StateSpace:
-    """Eliminate unknowns without charge, and count the states again where rounding has a say.
-
-    `slopes` (m,) are those of the amplifiers. A topology's board is known to have the states that
-    its design gives it.
-    """
-    reduced = _reduced(descriptor, slopes, b)
+    reduced = _reduced(descriptor, slopes, b if inputs is None else inputs)
     parts = {each.name: getattr(reduced, each.name) for each in fields(reduced)}
     found = StateSpace(**parts, descriptor=descriptor)
     if not descriptor.has_branches or found.decided:

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import EPS, Bools, Complexes, Floats
 from taction.system.errors import EngineError
@@ -188,9 +189,9 @@ def exact_solution(
         raise EngineError(f"board {name!r} has {what}: the board is not linear")
     reported = board.reported(nodes)
     if voltages or nodes is not None:
-        return _solve(board, reported, initial, voltages)
+        return combinations(board, reported, initial=initial, voltages=voltages)
     if initial not in board.integrations:  # one verification uses it several times
-        board.integrations[initial] = _solve(board, reported, initial)
+        board.integrations[initial] = combinations(board, reported, initial=initial)
     found: Exact = board.integrations[initial]
     return found
 
@@ -198,50 +199,48 @@ def exact_solution(
 def combinations(
     board: LinearBoard,
     nodes: tuple[str, ...],
-    volts: Floats,
-    rates: Floats,
+    volts: Floats | None = None,
+    rates: Floats | None = None,
     *,
     initial: Initial = "zero",
+    voltages: Mapping[str, float] | None = None,
 ) -> Exact:
     """Solve for ``volts @ V + rates @ dV/dt`` of a linear board, V the voltages of `nodes`.
 
     `nodes`: nodes, or states of op-amps by their names in the descriptor.
     `volts`, `rates` (K, n): weights of the voltages (1/V) and of their time derivatives (s/V). The
-      start is just after the strain step, so jumps at that instant have no derivative.
-    EngineError: as `exact_solution`. The "nodes" of the solution are the combinations' numbers.
+      start is just after the strain step, so jumps at that instant have no derivative. Without them
+      the solution is V itself; with them its "nodes" are the combinations' numbers.
+    `initial`, `voltages`, EngineError: as `exact_solution`.
     """
-    found = _solve(board, nodes, initial, None, volts, rates)
-    return replace(found, nodes=tuple(map(str, range(len(volts)))))
-
-
-def _solve(
-    board: LinearBoard,
-    nodes: tuple[str, ...],
-    initial: Initial,
-    voltages: Mapping[str, float] | None = None,
-    volts: Floats | None = None,
-    rates: Floats | None = None,
-) -> Exact:
-    """Solve for the voltages of nodes, or for combinations of these and of their derivatives."""
-    space, rest, places = board.state_space, board.equilibrium.values, board.descriptor.place
+    space, rest = board.state_space, board.equilibrium.values
     C, D = space.rows(nodes)
     begin = initial_unknowns(board, initial, voltages)
     x0 = space.state_of(begin)
     start = C @ x0 + D.sum(axis=1)
     unseen, (final, off) = space.modes.unseen, np.zeros((2, len(nodes)))
     doubt = np.zeros((len(nodes), unseen.shape[1]))
-    for k, node in enumerate(nodes):
-        if node != "0":
-            place = places(node)
-            final[k], doubt[k] = rest[place], unseen[place]
-            off[k] = board.rounding[place] + EPS * abs(rest[place])
+    live = [k for k, node in enumerate(nodes) if node != "0"]
+    at = [board.descriptor.place(nodes[k]) for k in live]
+    final[live], doubt[live] = rest[at], unseen[at]
+    off[live] = board.rounding[at] + EPS * np.abs(rest[at])
     if volts is not None and rates is not None:
         moving = rates @ C @ space.A
         start = volts @ start + moving @ (x0 - space.state_of(rest))
         final, off, C = volts @ final, np.abs(volts) @ off, volts @ C + moving
-        speed = np.abs(space.modes.centres)
+        speed, nodes = np.abs(space.modes.centres), tuple(map(str, range(len(volts))))
         doubt = np.abs(volts) @ doubt + (np.abs(rates) @ doubt) * speed
     flow = ModalFlow(space.modes, C, begin - rest, doubt)
     if not flow.error < math.inf:
         raise EngineError("rounding hides the solution")
     return Exact(nodes, start, final, space.modes.poles, off, flow)
+
+
+def record_times(analysis: Transient, end: float, times: Floats | None = None) -> Floats:
+    """Return the instants `times` (P,) up to `end`, s; by default a step of at most `max_step`."""
+    if times is None:
+        count = math.ceil(analysis.stop / analysis.max_step * (1.0 - 1e-12)) + 1
+        times = np.linspace(0.0, analysis.stop, count)
+    if end >= times[-1] * (1.0 - 1e-9):
+        return times
+    return np.append(times[times < end], end)

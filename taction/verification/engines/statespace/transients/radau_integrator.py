@@ -9,8 +9,8 @@ stages since the start are separate systems
 
 half of them by symmetry, where r is the rate at the start and nu are the remainders n of the stages
 in this basis. So a step of a linear board needs no iteration, and the stages of any other board are
-found by iterating on the m inputs alone. `modal_steps` have these systems in the basis of the
-modes, where they are divisions, `structured_steps` solve them in all unknowns.
+found by iterating on the m inputs alone. `step_systems` has these systems in the basis of the
+modes, where they are divisions, and solves them in all unknowns of a large board.
 
 Each iteration is a simplified Newton step, whose slopes are kept over steps until convergence is
 slow. The lengths of steps are powers of two. The length follows from the last Legendre coefficients
@@ -32,10 +32,11 @@ from typing import Any
 import numpy as np
 
 from taction.system.array_types import EPS, Floats
-from taction.verification.engines.statespace.transients.dense import Dense
-from taction.verification.engines.statespace.transients.modal_steps import ModalBoard
-from taction.verification.engines.statespace.transients.radau import STAGES, TABLE
-from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
+from taction.verification.engines.statespace.transients.radau import STAGES, TABLE, Dense
+from taction.verification.engines.statespace.transients.step_systems import (
+    ModalBoard,
+    StructuredBoard,
+)
 
 ITERATIONS = 12  # of the inputs in a step
 SHARE = 0.02  # of the tolerance: the last change of the iterations, which leave less
@@ -88,20 +89,15 @@ class Integration:
         The output has a `failure` where the solution leaves the range of floats, the step
         underflows, or there are more than `max_steps`.
         """
-        if self.devices.steepest.any() and self.board.jumping(self.devices.steepest):
-            self.out.failure = JUMPS
-        while self._goes_on(max_steps):
-            self._attempt()
-
-    def _goes_on(self, max_steps: int) -> bool:
-        """Whether the board has not ended."""
         out = self.out
+        if self.devices.steepest.any() and self.board.jumping(self.devices.steepest):
+            out.failure = JUMPS
+        while not (out.failure or out.escaped) and self.t < self.stop * (1.0 - 1e-12):
+            if out.steps > max_steps:
+                out.failure = f"{max_steps} steps did not reach {self.stop!r} s (now {self.t!r} s)"
+            else:
+                self._attempt()
         out.factorisations = self.board.factorisations
-        if out.failure or out.escaped or not self.t < self.stop * (1.0 - 1e-12):
-            return False
-        if out.steps > max_steps:
-            out.failure = f"{max_steps} steps did not reach {self.stop!r} s (now {self.t!r} s)"
-        return not out.failure
 
     def _linearise(self) -> None:
         """Linearise the next steps at the present inputs."""

@@ -34,8 +34,7 @@ from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     initial_unknowns,
 )
-from taction.verification.engines.statespace.transients.dense import record_times
-from taction.verification.engines.statespace.transients.exact import ModalFlow
+from taction.verification.engines.statespace.transients.exact import ModalFlow, record_times
 
 
 def _patterns(descriptor: Descriptor, vectors: Floats, least: float) -> Any:
@@ -201,16 +200,13 @@ class Reduction:
 
 def _fastest(board: LinearBoard, deviation: Floats) -> tuple[float, float]:
     """Return the fastest rate of the coarse board, and of the modes that its outputs show, 1/s."""
-    coarse = board.coarse
-    space, descriptor = coarse.state_space, board.descriptor
-    kept = [descriptor.place(name) for name in coarse.descriptor.names]
-    C, _ = space.rows([node for node in board.reported(None) if node in space.nodes])
-    start = deviation[kept]
+    coarse, space = board.coarse.descriptor, board.coarse.state_space
+    start = deviation[_places(board, coarse.names)]
+    C, _ = space.rows([node for node in board.reported(None) if node in coarse.places])
     heights = space.modes.shares(C, start).heights.max(axis=0, initial=0.0)
     sizes = np.abs(space.modes.poles)
-    shown = heights >= SHOWN * max(
-        float(np.abs(C @ space.state_of(deviation[kept])).max(initial=0.0)), 1e-300
-    )
+    step = float(np.abs(C @ space.state_of(start)).max(initial=0.0))
+    shown = heights >= SHOWN * max(step, 1e-300)
     return float(sizes.max()), float(sizes[shown].max(initial=sizes.min()))
 
 
@@ -223,21 +219,25 @@ class PatternCurve:
     places: Ints
     rest: Floats  # the equilibrium (K,), V
 
+    def at(self, times: Floats) -> Floats:
+        """Return the voltages of all nodes, (P, nodes)."""
+        return self.rest + self.model.at(times, self.places)
+
     def __call__(self, times: Floats, columns: Indices) -> Floats:
         """Return voltages (Q,)."""
         instants, which = np.unique(times, return_inverse=True)
-        return self.rest[columns] + self.model.at(instants, self.places)[which, columns]
+        return np.asarray(self.at(instants)[which, columns])
 
 
 def simulate(
     board: LinearBoard,
     analysis: Transient,
-    *,
     nodes: Iterable[str] | None = None,
     times: Floats | None = None,
+    *,
     tolerance: float,
 ) -> Waveforms | None:
-    """Simulate a large linear board as `simulate.simulate`; None where patterns do not suffice.
+    """Simulate a large linear board as `stepped.simulate`; None where patterns do not suffice.
 
     EngineError: the board has no equilibrium.
     """
@@ -257,10 +257,9 @@ def simulate(
     places = _places(board, reported)
     curve = PatternCurve(*models, places, board.equilibrium.values[places])
     cost = Cost(clock.perf_counter() - began, len(times), len(found.rates) + 1)
-    values = curve.rest + curve.model.at(times, places)
     left = curve.model.rounding(places) + float(board.rounding[places].max(initial=0.0))
     return Waveforms(
-        times, reported, values, "statespace", cost, (), left, curve=curve, method=METHOD
+        times, reported, curve.at(times), "statespace", cost, (), left, curve=curve, method=METHOD
     )
 
 
@@ -273,7 +272,7 @@ def refined(first: Waveforms) -> Waveforms:
     if not isinstance(curve, PatternCurve) or curve.finer is None:
         raise EngineError("the first run is not one by patterns that have more")
     finer = replace(curve, model=curve.finer, finer=None)
-    values = finer.rest + finer.model.at(first.time, finer.places)
+    values = finer.at(first.time)
     cost = replace(first.cost, seconds=clock.perf_counter() - began)
     return replace(first, values=values, cost=cost, curve=finer)
 

@@ -1,7 +1,8 @@
-"""Transients of boards without an exact solution: with amplifiers, or with many unknowns.
+"""Transients by the method that suits the board: exact, by patterns, or else by steps.
 
-The reported voltage of an amplifier's output is g of its interpolated input, so that a small
-voltage keeps its relative accuracy.
+Boards with amplifiers, and many with many unknowns, have no exact solution. By steps, the reported
+voltage of an amplifier's output is g of its interpolated input, so that a small voltage keeps its
+relative accuracy.
 """
 
 from __future__ import annotations
@@ -24,17 +25,23 @@ from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,
     initial_unknowns,
 )
-from taction.verification.engines.statespace.transients.dense import ESCAPED, Dense, record_times
-from taction.verification.engines.statespace.transients.modal_steps import (
+from taction.verification.engines.statespace.transients import reduced_transient
+from taction.verification.engines.statespace.transients.exact import (
+    exact_solution,
+    is_exact,
+    record_times,
+)
+from taction.verification.engines.statespace.transients.radau import ESCAPED, STAGES, TABLE, Dense
+from taction.verification.engines.statespace.transients.radau_integrator import Integration
+from taction.verification.engines.statespace.transients.step_systems import (
     ModalBoard,
     StateBoard,
+    StructuredBoard,
     is_basis,
 )
-from taction.verification.engines.statespace.transients.radau import NODES, STAGES, TABLE
-from taction.verification.engines.statespace.transients.radau_integrator import Integration
-from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
 
 METHOD = "Radau IIA"
+LARGE_TOLERANCE = 1e-5  # of the outputs of a large linear board, in step amplitudes
 TOLERANCE = 1e-9  # of a step, in step amplitudes
 FLOOR = 1e-3  # of the board's largest voltage: the least voltage to which errors are relative
 # Times the tolerance of a board with straight pieces: where these meet, the error of half a step is
@@ -103,7 +110,7 @@ class ReportedOutputs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
-    """What `simulate` gets; a run with half the steps of another one has that as `whole`."""
+    """What `integrate` gets; a run with half the steps of another one has that as `whole`."""
 
     board: LinearBoard
     analysis: Transient
@@ -154,7 +161,7 @@ class SteppedCurve:
             equations = StructuredBoard(board, reported.others)
         else:
             equations = _equations(task, reported, slopes)
-        state, start = equations.start(equations.state(unknowns), reported.devices)
+        state, start = equations.start(unknowns, reported.devices)
         largest = _largest(board, unknowns, start)
         unit = max(reported.distance(start), FLOOR * largest) or 1.0
         if task.beside:
@@ -200,7 +207,7 @@ class SteppedCurve:
         at_nodes = np.stack(self.dense.pieces) @ np.linalg.inv(TABLE.legendre).T  # (S, W, s + 1)
         flat = at_nodes.transpose(0, 2, 1).reshape(-1, at_nodes.shape[1])
         values = reported.voltages(flat)[:, : len(reported.nodes)]
-        pieces = np.abs(TABLE.legendre @ values.reshape(len(at_nodes), NODES.size, -1))
+        pieces = np.abs(TABLE.legendre @ values.reshape(len(at_nodes), STAGES + 1, -1))
         away = np.abs(values - reported.resting[: len(reported.nodes)])
         # As in the steps, growing voltages count by their size.
         unit = np.maximum(self.unit, away.reshape(len(at_nodes), -1).max(axis=1))
@@ -260,14 +267,71 @@ def _modal(
 def simulate(
     circuit: Circuit | LinearBoard,
     analysis: Transient,
-    *,
     nodes: Iterable[str] | None = None,
     times: Floats | None = None,
+    *,
+    tolerance: float | None = None,
+    beside: tuple[str, ...] = (),
+    resolved: bool = False,
+) -> Waveforms:
+    """Simulate a transient: by `exact` if the board is linear and small, else by `integrate`.
+
+    A large linear board is simulated by `reduced_transient`, if that reaches the tolerance. Of the
+    analysis, `max_step` only sets the spacing of the points, and `method` is not used. The record
+    of a board that leaves the range of floats ends before.
+
+    `nodes`: by default the outputs' nodes.
+    `times` (P,): requested instants, strictly increasing, s; by default uniform from 0 to `stop`.
+    `tolerance`: of one step in `integrate`, of the outputs in `reduced_transient`.
+    `beside`, `resolved`: see `integrate`.
+    EngineError: as `exact_solution` and `integrate`; the record ends before given `times`.
+    """
+    board = LinearBoard.of(circuit)
+    if is_exact(board):
+        return _record(board, analysis, nodes, times)
+    if board.circuit.is_linear:
+        tolerance = LARGE_TOLERANCE if tolerance is None else tolerance
+        found = reduced_transient.simulate(board, analysis, nodes, times, tolerance=tolerance)
+        if found is not None:
+            return found
+    tolerance = TOLERANCE if tolerance is None else tolerance
+    return integrate(
+        board, analysis, nodes, times, tolerance=tolerance, beside=beside, resolved=resolved
+    )
+
+
+def _record(
+    board: LinearBoard, analysis: Transient, nodes: Iterable[str] | None, times: Floats | None
+) -> Waveforms:
+    """Return the record of the exact solution; it ends before the range of floats does."""
+    began = clock.perf_counter()
+    initial, voltages = analysis.initial, analysis.voltages
+    solution = exact_solution(board, initial=initial, voltages=voltages, nodes=nodes)
+    instants = record_times(analysis, analysis.stop) if times is None else times
+    values, flags = solution.at(instants), tuple[str, ...]()
+    overflow = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if overflow.size:
+        if times is not None or overflow[0] < 2:
+            raise EngineError("the board is unstable and leaves the range of floats")
+        instants, values = instants[: overflow[0]], values[: overflow[0]]
+        flags = (f"the board diverges: it leaves the range of floats after {instants[-1]!r} s",)
+    cost = Cost(clock.perf_counter() - began, len(instants), 1)
+    return Waveforms(
+        instants, solution.nodes, values, "statespace", cost, flags, solution.error, method="exact"
+    )
+
+
+def integrate(
+    circuit: Circuit | LinearBoard,
+    analysis: Transient,
+    nodes: Iterable[str] | None = None,
+    times: Floats | None = None,
+    *,
     tolerance: float = TOLERANCE,
     beside: tuple[str, ...] = (),
     resolved: bool = False,
 ) -> Waveforms:
-    """Simulate a transient by steps, as `simulate.simulate`.
+    """Simulate a transient by steps, as `simulate`.
 
     `tolerance` is that of one step and of the solution within it, in step amplitudes. The nodes
     `beside` are in the curve of the record, to `BESIDE`. With `resolved` the record has the points
@@ -279,7 +343,7 @@ def simulate(
     """
     board = LinearBoard.of(circuit)
     curve = _curve(Task(board, analysis, nodes, times, tolerance, beside))
-    dense = curve.dense.checked(board.circuit.name)
+    dense = curve.dense
     ended = min(dense.ends[-1], curve.task.stop)
     diverges = f"the board diverges: it passes {curve.work.limit:.3g} V at {show(ended, 's')}"
     instants = curve.points() if resolved else record_times(analysis, ended, times)
@@ -290,7 +354,7 @@ def simulate(
 
 
 def _curve(task: Task) -> SteppedCurve:
-    """Return the integration of a task, which its board keeps."""
+    """Return the integration of a task, which its board keeps; EngineError without a solution."""
     kept = task.board.integrations
     if task.key not in kept:
         began, curve = clock.perf_counter(), SteppedCurve.of(task)
@@ -299,11 +363,12 @@ def _curve(task: Task) -> SteppedCurve:
         curve.seconds = before + clock.perf_counter() - began
         kept[task.key] = curve
     found: SteppedCurve = kept[task.key]
+    found.dense.checked(task.board.circuit.name)
     return found
 
 
 def halved(first: Waveforms, *, resolved: bool = False) -> Waveforms:
-    """Repeat a run of `simulate`, or of this, with every step halved, at the same instants.
+    """Repeat a run of `integrate`, or of this, with every step halved, at the same instants.
 
     With `resolved` the instants are those that the new run resolves. A run with a smaller tolerance
     would take many of the same steps, whose lengths are powers of two: its difference would not
@@ -315,9 +380,8 @@ def halved(first: Waveforms, *, resolved: bool = False) -> Waveforms:
     if not isinstance(first.curve, SteppedCurve):
         raise EngineError("the first run is not one of the integrator's")
     curve = _curve(replace(first.curve.task, whole=first.curve))
-    dense = curve.dense.checked(curve.task.board.circuit.name)
     found = _waveforms(curve, curve.points() if resolved else first.time, first.flags)
-    return replace(found, rounding=dense.doubt(first.curve.dense))
+    return replace(found, rounding=curve.dense.doubt(first.curve.dense))
 
 
 def _waveforms(curve: SteppedCurve, instants: Floats, flags: tuple[str, ...]) -> Waveforms:

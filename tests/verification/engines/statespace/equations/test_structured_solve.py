@@ -14,9 +14,7 @@ from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.equations.structured_solve import Structure, coarsen
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
-from taction.verification.engines.statespace.linearised.rightmost_poles import (
-    rightmost_poles,
-)
+from taction.verification.engines.statespace.linearised.rightmost_poles import rightmost_poles
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.poles import poles
@@ -56,7 +54,7 @@ def test_a_structured_solve_is_the_dense_one(circuit: Circuit, shift: complex) -
         wanted = np.linalg.solve(matrix, r)
         found = each.factor(shift)(r.astype(np.complex128) if np.imag(shift) else r)
         assert found == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())
-    assert max(group.places.shape[1] for group in structure.groups) <= 16
+    assert max(places.shape[1] for places, *_ in structure.groups) <= 16
     columns = np.stack([r, np.roll(r, 1)], axis=1).astype(np.complex128)
     both = structure.factor(shift)(columns)
     assert both[:, 0] == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())
@@ -131,26 +129,26 @@ def test_slow_poles_that_no_coarse_board_has_are_found() -> None:
 )
 def test_steps_agree_with_the_exact_transient(analysis: Transient) -> None:
     circuit = paper_board()
-    found = stepped.simulate(circuit, analysis, nodes=("v_4", "v_1", "w_4"))
+    found = stepped.integrate(circuit, analysis, nodes=("v_4", "v_1", "w_4"))
     solution = exact_solution(
         circuit, initial=analysis.initial, voltages=analysis.voltages, nodes=found.nodes
     )
     wanted = solution.at(found.time)
     assert found.time[-1] == analysis.stop
     assert np.abs(found.values - wanted).max() < 5e-5 * np.abs(wanted).max()
-    tight = stepped.simulate(circuit, analysis, nodes=found.nodes, tolerance=1e-9)
+    tight = stepped.integrate(circuit, analysis, nodes=found.nodes, tolerance=1e-9)
     assert np.abs(tight.values - wanted).max() < 1e-7 * np.abs(wanted).max()
     assert 0 < found.cost.points < 500
 
 
 def test_an_unstable_board_grows_as_its_pole_says_and_its_record_ends() -> None:
     circuit = paper_board(5e-12)
-    found = stepped.simulate(circuit, Transient(2e-3, 1e-6))
+    found = stepped.integrate(circuit, Transient(2e-3, 1e-6))
     wanted = exact_solution(circuit).at(found.time)
     error = np.abs(found.values - wanted).max(axis=1)
     size = np.maximum.accumulate(np.abs(wanted).max(axis=1))
     assert np.all(error < 1e-3 * size + 1e-12)
-    long = stepped.simulate(circuit, Transient(1e-2, 1e-6))
+    long = stepped.integrate(circuit, Transient(1e-2, 1e-6))
     assert long.time[-1] < 1e-2
     assert "diverges" in long.flags[0]
 
@@ -168,9 +166,9 @@ def test_a_large_exponential_board_takes_the_same_course(
     circuit: Circuit, analysis: Transient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     nodes = (*(output.node for output in circuit.outputs), "w_3")
-    wanted = stepped.simulate(circuit, analysis, nodes=nodes)
+    wanted = stepped.integrate(circuit, analysis, nodes=nodes)
     monkeypatch.setattr(descriptor, "LARGE", 0)
-    found = stepped.simulate(circuit, analysis, nodes=nodes)
+    found = stepped.integrate(circuit, analysis, nodes=nodes)
     assert np.abs(found.values - wanted.values).max() < 1e-8 * np.abs(wanted.values).max()
 
 
@@ -180,7 +178,7 @@ def test_a_large_exponential_board_beyond_all_bounds_is_refused(
     monkeypatch.setattr(descriptor, "LARGE", 0)
     far = Transient(1e-4, 1e-6, voltages={"v_2": 1e4})
     with pytest.raises(EngineError, match="beyond the range of floats in the initial state"):
-        stepped.simulate(exponential_board(3), far)
+        stepped.integrate(exponential_board(3), far)
 
 
 def test_parts_that_cancel_at_one_value_only() -> None:

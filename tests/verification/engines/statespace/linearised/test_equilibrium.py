@@ -18,10 +18,7 @@ from taction.spice_models.opamp import KNEE, OpAmp
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
 from taction.verification.engines.statespace.equations.stamps import stamp
-from taction.verification.engines.statespace.linearised.equilibrium import (
-    rounding,
-    solve_loop,
-)
+from taction.verification.engines.statespace.linearised.equilibrium import rounding, solve_loop
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.boards import (
@@ -125,7 +122,7 @@ def test_the_rounding_of_an_equilibrium_covers_what_other_roundings_give() -> No
     descriptor, rest = linear.descriptor, linear.equilibrium
     for seed in range(5):
         draw = np.random.default_rng(seed).standard_normal(len(descriptor.local.values))
-        local = replace(descriptor.local, values=descriptor.local.values * (1 + 2e-16 * draw))
+        local = descriptor.local._replace(values=descriptor.local.values * (1 + 2e-16 * draw))
         nudged = replace(descriptor, local=local)
         moved = LinearBoard(linear.circuit, nudged).equilibrium.values - rest.values
         assert np.all(np.abs(moved) <= 4.0 * rounding(rest).max())

@@ -105,7 +105,7 @@ def test_a_follower_above_a_frequency(corner: float, lowest: float) -> None:
 
 
 def of_modes(A: np.ndarray) -> Covariance:
-    return Covariance.of(A, decompose(A), np.zeros((2, *A.shape)))
+    return Covariance(A, decompose(A), np.zeros((2, *A.shape)))
 
 
 def test_the_bound_above_a_frequency_holds_on_stiff_boards(rng: np.random.Generator) -> None:

@@ -143,7 +143,7 @@ def spectrum(board: LinearBoard, hertz: float) -> Floats:
     descriptor = board.descriptor
     M, K = descriptor.dense.mass, descriptor.dense.stiffness
     G = np.linalg.inv(2j * np.pi * hertz * M - K)
-    S = 2.0 * noise_intensities(board.circuit, descriptor, board.equilibrium.values)
+    S = 2.0 * noise_intensities(board.circuit, descriptor, board.equilibrium.values)[0]
     places = [descriptor.place(output.node) for output in board.circuit.outputs]
     return np.asarray(np.einsum("ij,jk,ik->i", G, S, G.conj()).real[places])
 

@@ -15,7 +15,7 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients import reduced_transient
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.engines.statespace.transients.simulate import simulate
+from taction.verification.engines.statespace.transients.stepped import simulate
 from taction.verification.evidence.stress.run_cases import compare, wrong_checks
 from taction.verification.stability.poles import poles
 from taction.verification.verdict.checks import Outcome

@@ -10,14 +10,13 @@ import pytest
 
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.transients.dense import Dense
-from taction.verification.engines.statespace.transients.modal_steps import (
+from taction.verification.engines.statespace.transients.radau import STAGES, Dense, tableau
+from taction.verification.engines.statespace.transients.radau_integrator import Integration
+from taction.verification.engines.statespace.transients.step_systems import (
     ModalBoard,
     StateBoard,
     is_basis,
 )
-from taction.verification.engines.statespace.transients.radau import STAGES, tableau
-from taction.verification.engines.statespace.transients.radau_integrator import Integration
 from tests.support.boards import decompose
 
 

@@ -35,9 +35,13 @@ from taction.verification.engines.statespace.linearised.linear_board import (
     initial_unknowns,
 )
 from taction.verification.engines.statespace.transients import stepped
-from taction.verification.engines.statespace.transients.simulate import simulate
-from taction.verification.engines.statespace.transients.stepped import SteppedCurve, Task, halved
-from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
+from taction.verification.engines.statespace.transients.step_systems import StructuredBoard
+from taction.verification.engines.statespace.transients.stepped import (
+    SteppedCurve,
+    Task,
+    halved,
+    simulate,
+)
 from taction.verification.verdict.simulation import large_signal, on_curve, state_space_error
 from tests.support import nightly
 from tests.support.boards import bare, board, kernel, lone_amplifier, strain, two_pole
