@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from taction.netlist_gen.scene.scene import Scene
     from taction.system.progress import Progress
     from taction.verification.reference.problem import Solution
-    from taction.verification.verdict.board_power import BuiltBoard, PartsList
-    from taction.verification.verdict.scene_deck import Netlist
+    from taction.verification.verdict.board_files import BuiltBoard, Netlist, PartsList
 
 
 def netlist(
@@ -61,7 +60,7 @@ def netlist(
     from taction.netlist_gen.board.part_warnings import part_warnings
     from taction.system.output_files import write_atomically
     from taction.verification.reference.lambda_rule import read_scene
-    from taction.verification.verdict.scene_deck import Netlist, deck_of
+    from taction.verification.verdict.board_files import Netlist, deck_of
 
     scene = read_scene(scene)
     circuit, deck = deck_of(scene, dialect=dialect, measures=measure)
@@ -108,7 +107,7 @@ def bom(scene: str | Path | Scene, *, output: str | Path | None = None) -> Parts
         check_file(str(output), "-o", {".csv": ""})
     from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.report.views.opamp_view import parts_csv
-    from taction.verification.verdict.board_power import parts_list
+    from taction.verification.verdict.board_files import parts_list
 
     found = parts_list(read_scene(scene))
     if output is not None:
@@ -173,8 +172,7 @@ def build(
     from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.report.renderers.page import page_html
     from taction.verification.report.views.opamp_view import parts_csv
-    from taction.verification.verdict.board_power import KICAD, OWN, REPORT, BuiltBoard
-    from taction.verification.verdict.scene_deck import deck_of
+    from taction.verification.verdict.board_files import KICAD, OWN, REPORT, BuiltBoard, deck_of
 
     scene, place = read_scene(scene, engine), Path(output)
     check_extra("report", "-o")

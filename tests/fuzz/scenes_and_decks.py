@@ -25,7 +25,7 @@ from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.verdict_view import view
 from taction.verification.studies.regression.regress import baseline_text, observe
-from taction.verification.verdict.scene_deck import deck_of
+from taction.verification.verdict.board_files import deck_of
 from taction.verification.verdict.verify import Verdict, verify
 from tests.fuzz.edits import (
     BYTE_EDITS,

@@ -19,19 +19,19 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit, without_wires
 from taction.netlist_gen.topologies.frame.planes import with_ideal_stages
+from taction.netlist_gen.topologies.frame.topology import pruned
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError, SolverError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.ideal_answer import IdealNetwork
-from taction.verification.reference.problem import Solution
+from taction.verification.reference.problem import Solution, solution_difference
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Check, Evidence, Outcome
 from taction.verification.verdict.input_spread import SHARE, outputs_at_rest
 from taction.verification.verdict.run import Run
 from taction.verification.verdict.run_checks import unconfirmed
-from taction.verification.verdict.scene_deck import Pruning
 
 DECISIVE = ("headroom", "engines_agree", "same_problem")
 """Checks without which the equilibrium need not be that of the board."""
@@ -341,11 +341,13 @@ def _links(run: Run, answer: AnswerError, end: float | None) -> Iterator[Link]:
         noisy = "regularised answer against that without noise"
         how = noisy if answer.has_noise else "the strain is T times the true stress"
         yield "strain_noise", how, ideal.target, None
-    pruning = Pruning.of(board.network, board.scene.design.prune, ideal.solution)
-    if pruning is not None:
-        bound = pruning.bound if math.isfinite(pruning.bound) else None
-        how = f"answer without {pruning.entries} entries of T against the requested answer"
-        yield "pruning", how, pruning.target, bound
+    network = board.network
+    kept = pruned(network.T, board.scene.design.prune)
+    if entries := int(np.count_nonzero(kept != network.T)):
+        after = replace(network, T=kept).rest
+        bound = solution_difference(ideal.solution, after)[1] * network.U0
+        how = f"answer without {entries} entries of T against the requested answer"
+        yield "pruning", how, after.u * network.U0, bound if math.isfinite(bound) else None
     stages = with_ideal_stages(board.circuit)
     straight = without_wires(stages)
     how = "board as built, with ideal op-amps, against that answer"

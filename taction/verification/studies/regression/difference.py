@@ -33,6 +33,7 @@ from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.decks.foreign_board import ForeignBoard, read_board
 from taction.verification.studies.decks.measured_board import Start, measure_board, step_response
 from taction.verification.studies.decks.questions import record_of
+from taction.verification.verdict.board_files import deck_of
 from taction.verification.verdict.record import (
     Channel,
     Difference,
@@ -42,7 +43,6 @@ from taction.verification.verdict.record import (
     within_uncertainties,
 )
 from taction.verification.verdict.run import state_space_beside
-from taction.verification.verdict.scene_deck import deck_of
 from taction.verification.verdict.transient_plan import state_space_tolerance
 from taction.verification.verdict.verify import Verdict
 

@@ -1,4 +1,4 @@
-"""The parts of a whole board with its power at rest, and what a builder of the board gets."""
+"""What a builder of a board gets: its deck, its parts with their power at rest, and its files."""
 
 from __future__ import annotations
 
@@ -7,12 +7,77 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from taction.netlist_gen.board.bill_of_materials import BillOfMaterials, bill_of_materials
-from taction.netlist_gen.board.circuit import joined_resistors
+from taction.netlist_gen.board.circuit import Circuit, joined_resistors
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.deck import Deck, write_deck
+from taction.netlist_gen.deck.dialects import DIALECTS, NATIVE, Measures
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import InputError, SolverError
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.verdict.board import Board
+from taction.verification.verdict.simulation import build
 from taction.verification.verdict.verify import Verdict
+
+EVEN_POINTS = 125.0  # on a period of ringing: an error of about 1e-4 of the step in ngspice
+
+
+@dataclass(frozen=True, slots=True)
+class Netlist(Deck):
+    """The deck of a scene, with its board.
+
+    Attributes
+    ----------
+    circuit : Circuit
+        The board; `omissions` are the parts that the scene does not need.
+    warnings : tuple of str
+        Values that cannot be bought, or that the layout undoes.
+    written : tuple of str
+        The file that was written, if any.
+    """
+
+    DOCUMENT = (
+        *("files = written", "deck = printed", "omissions = circuit.omissions", "warnings"),
+        "lambda = circuit.facts.lambda.value",
+    )
+
+    circuit: Circuit = field(kw_only=True, repr=False)
+    warnings: tuple[str, ...] = field(default=(), repr=False)
+    written: tuple[str, ...] = field(default=(), repr=False)
+
+    @property
+    def printed(self) -> str | None:
+        """The text; None where it is in a file."""
+        return None if self.written else self.text
+
+
+def deck_of(scene: Scene, *, dialect: str = NATIVE, measures: bool = False) -> tuple[Circuit, Deck]:
+    """Return the board of a scene with a number for lambda, and the deck that `verify` would run.
+
+    With `measures`, or in another `dialect`, the transient has even steps: step control is tuned
+    for ngspice alone, and a measure is exact only to the spacing of the points. The errors are
+    those of `taction.netlist`.
+    """
+    if (measures or dialect != NATIVE) and scene.analysis.points_per_period is None:
+        even = {"points_per_period": EVEN_POINTS, "error": "auto"}
+        scene = scene.model_copy(update={"analysis": scene.analysis.model_copy(update=even)})
+    board = build(scene.with_engine("ngspice"))
+    circuit, transient = board.circuit, board.transient
+    if complaints := list(DIALECTS[dialect].refusals(circuit)):
+        raise InputError(scene.file, *complaints)
+    ends = _measures(board) if measures else None
+    deck = write_deck(circuit, transient, dialect=dialect, measures=ends)
+    return circuit, deck
+
+
+def _measures(board: Board) -> Measures:
+    """Return what the measures compare with: the reference solution, at the output nodes."""
+    ideal = board.ideal
+    if ideal.problem:
+        raise SolverError(f"--measure needs a reference solution: {ideal.problem}")
+    signs = np.array([output.sign for output in board.circuit.outputs])
+    targets, starts = (tuple((signs * u).tolist()) for u in (ideal.target, ideal.start))
+    return Measures(targets, starts, board.scene.checks.settling_time.band)
 
 
 @dataclass(frozen=True, slots=True)
