@@ -139,8 +139,7 @@ class Board:
         """What the op-amps of the board have to do."""
         if not self.poles.known_stable or self.circuit.is_small_signal:
             return self.small
-        plan = self.plan
-        found = PartLoads.of(self.linear, transient=plan.transient, tolerance=plan.tolerance)
+        found = PartLoads.of(self.linear, self.transient, self.plan.tolerance)
         simulated = tuple(load for load in self.small.loads if load.is_above)
         return replace(found, simulated=simulated)
 

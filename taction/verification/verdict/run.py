@@ -407,5 +407,5 @@ def _finer(run: Run) -> TransientPlan | None:
 def _planned(board: Board, stop: float, aim: float | None = None) -> TransientPlan:
     """Plan a transient of a stable board up to an instant, s."""
     analysis = board.scene.analysis.model_copy(update={"stop": stop})
-    scene, steps = board.scene.model_copy(update={"analysis": analysis}), board.plan.by_steps
-    return plan_transient(scene, board.linear, board.scales, steps=steps, stable=True, aim=aim)
+    scene, steps = board.scene.model_copy(update={"analysis": analysis}), board.plan.steps > 0.0
+    return plan_transient(scene, board.linear, board.scales, steps=steps, aim=aim)

@@ -51,7 +51,7 @@ from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.stability.poles import poles
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.headroom import PartLoads, watched_nodes
-from taction.verification.verdict.transient_plan import TransientPlan, plan_transient
+from taction.verification.verdict.transient_plan import plan_transient
 
 PATTERNED = 1.0  # of the difference to a model of fewer patterns, which may err hardly more
 FALL = 64.0  # most that a bound falls by halved steps, of 512: a difference may be small by chance
@@ -189,7 +189,11 @@ def _growing(board: Board, engine: Engine) -> Waveforms:
         found = error.partial if isinstance(error, StepTooSmall | BadEvidence) else None
         if isinstance(found, Waveforms) and len(found.time) > 1:
             return replace(found, flags=(f"the record ends early: {reason}",))
-        waveforms = growing_record(board.linear, board.plan)
+        from taction.verification.engines.statespace.transients.simulate import simulate
+
+        grown = min(board.scales.growth_time, board.transient.stop)
+        analysis = Transient(grown, grown / GROWING, initial=board.transient.initial)
+        waveforms = simulate(board.linear, analysis)
         note = f"this record is from the state-space engine: {reason}"
         return replace(waveforms, flags=(note, *waveforms.flags))
 
@@ -198,14 +202,6 @@ def own_error(board: Board, waveforms: Waveforms) -> StateSpaceError | None:
     """Return the error of `waveforms` if their engine bounds it itself; None if it takes steps."""
     error = ENGINES[waveforms.engine.partition("-")[0]].error  # its version follows a hyphen
     return None if error is None else error(board, waveforms)
-
-
-def growing_record(linear: LinearBoard, plan: TransientPlan) -> Waveforms:
-    """Return the start of an unstable transient, by state space."""
-    from taction.verification.engines.statespace.transients.simulate import simulate
-
-    analysis = Transient(plan.grown, plan.grown / GROWING, initial=plan.transient.initial)
-    return simulate(linear, analysis)
 
 
 def _ngspice(board: Board) -> Waiting:
@@ -315,7 +311,7 @@ def build(
             linear,
             scales,
             steps=ENGINES[engine].error is None,
-            stable=not found.known_unstable,
+            growing=found.known_unstable,
             resolution=found.resolution,
         )
         return Board(
@@ -328,12 +324,7 @@ def build(
     board = planned(linear)
     if not (board.poles.known_stable and board.circuit.is_small_signal):
         return board
-    small = PartLoads.of(
-        linear,
-        initial=board.transient.initial,
-        transient=board.transient,
-        tolerance=board.plan.tolerance,
-    )
+    small = PartLoads.of(linear, board.transient, board.plan.tolerance)
     above = {load.quantity for load in small.loads if load.is_above}
     if level == "auto" and above and able and not small.impossible:
         limited = large_signal(linear.circuit, current="current" in above)

@@ -31,7 +31,7 @@ from tests.support.paths import CASES, SCENES
 
 
 def loads_of(design: Board) -> tuple[Load, ...]:
-    return PartLoads.of(design.linear, transient=design.transient).loads
+    return PartLoads.of(design.linear, design.transient).loads
 
 
 def worst(loads: tuple[Load, ...], quantity: str) -> Load:
