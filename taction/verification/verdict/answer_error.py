@@ -80,7 +80,7 @@ class BuiltBoards:
         elements = sum(int(np.isfinite(each.ohms).sum()) for each in board.circuit.matrices)
         if board.scene.tolerances.resistor and elements * len(board.circuit.outputs) > MOST_SLOPES:
             return cls(math.inf, 0.0, 0.0, 1.0, limit, *board.varies)
-        spread = board.built_spread()
+        spread = board.built_spread(board.scene.tolerances)
         if spread is None:
             return None
         targets, doubt = evidence.targets, evidence.static_error * amplitude
@@ -99,7 +99,7 @@ class AnswerError:
         "built_error_uncertainty [stress] = shares.built_doubt",
         "boards = shares.boards # share of the built boards that keep built_error",
         "varies # what differs between the built boards",
-        "yield_at_most # bound by the place of rest alone, to first order",
+        "yield_at_most = built.most # bound by the place of rest alone, to first order",
         *("true_error [stress]", "true_error_uncertainty [stress] = shares.true_doubt"),
         *("regularisation [stress]", "noise [stress]", "channel = number # from 1"),
         "largest_stress [V] = unit # the true one; if it is not known, that of the answer",
@@ -199,11 +199,6 @@ class AnswerError:
     def varies(self) -> str:
         """What differs between the built boards; empty if nothing does, or it is not known."""
         return "" if self.built is None else self.built.varies
-
-    @property
-    def yield_at_most(self) -> float | None:
-        """Bound on the yield: the share of the built boards that rest within the limits."""
-        return None if self.built is None else self.built.most
 
     @property
     def true_error(self) -> float | None:

@@ -30,24 +30,17 @@ IMPORTED = (
 
 def all_warnings(evidence: Evidence) -> tuple[str, ...]:
     """Return the warnings of the scene, the parts, the plan, the engine and the readings."""
-    run = evidence.run
-    board, notes = (None, ()) if run is None else (run.board, run.ends.flags)
-    if board is not None:
-        circuit = board.circuit
-        notes = (
-            *questions(board.scene),
-            *notes,
-            *board.plan.notes,
-            *_without_ngspice(board),
-            *part_warnings(circuit, board.rest),
-            *stuck_cells(circuit),
-            *(
-                IMPORTED.format(name, 100.0 * linear.error, show(linear.band[1], "Hz", 3))
-                for name, imported in _imported(circuit)
-                if (linear := imported.linear) is not None
-            ),
-            *not_known(circuit.models.values()),
-        )
+    notes, run = list[str](), evidence.run
+    if run is not None:
+        board, circuit = run.board, run.board.circuit
+        rest = board.linear.equilibrium.__getitem__ if board.poles.known_stable else None
+        notes += (*questions(board.scene), *run.ends.flags, *board.plan.notes)
+        notes += (*_without_ngspice(board), *part_warnings(circuit, rest), *stuck_cells(circuit))
+        for name, imported in _imported(circuit):
+            if (linear := imported.linear) is not None:
+                band = show(linear.band[1], "Hz", 3)
+                notes.append(IMPORTED.format(name, 100.0 * linear.error, band))
+        notes += not_known(circuit.models.values())
     return (*notes, *(_of_readings(evidence) if evidence.poles.known_stable else ()))
 
 
@@ -62,7 +55,7 @@ def _without_ngspice(board: Board) -> Iterator[str]:
 
 def _of_readings(evidence: Evidence) -> Iterator[str]:
     """Yield that a stable board nearly oscillates, and the fragile readings."""
-    if evidence.poles.known_stable and evidence.poles.damping_ratio < FAINTLY:
+    if evidence.poles.damping_ratio < FAINTLY:
         yield (
             f"damping ratio {evidence.poles.damping_ratio:.2g}: the board nearly oscillates;"
             " component tolerances can make it oscillate"

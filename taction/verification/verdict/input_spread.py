@@ -59,11 +59,6 @@ class Deviation(NamedTuple):
     shift: Floats = np.zeros(1)  # (N,): what the mean less the value on the board adds, V
 
     @property
-    def is_of_resistor(self) -> bool:
-        """Whether ln R deviates; else a z of `vary`."""
-        return self.kind == DRIFT or self.kind in KINDS
-
-    @property
     def name(self) -> str:
         """The part, with its figure: ``"v_1.offset_voltage"``."""
         return f"{self.part}.{self.kind}" if self.kind not in (DRIFT, "") else self.part
@@ -130,7 +125,7 @@ class InputSpread:
             return self
         z, shares, logs = PROBED * column / sigma, dict[str, float](), dict[str, float]()
         for each, value in zip(every, z.tolist(), strict=True):
-            if each.is_of_resistor:
+            if each.kind == DRIFT or each.kind in KINDS:  # ln R deviates
                 logs[each.part] = logs.get(each.part, 0.0) + each.size * value
             else:
                 shares[each.name] = each.size * value

@@ -65,11 +65,6 @@ class Agreement:
     unit: float = 1.0  # unit voltage U0, V
 
     @property
-    def how(self) -> str:
-        """Source of the second solution."""
-        return f"no state-space solution: {self.reason}" if self.reason else COMPARED
-
-    @property
     def differences(self) -> Floats:
         """Record minus second solution, (Q, N), V."""
         return self.u - self.other
@@ -84,11 +79,6 @@ class Agreement:
         """Instant of the largest difference, s, and its channel, from 0."""
         place, channel = np.unravel_index(int(np.abs(self.differences).argmax()), self.u.shape)
         return float(self.instants[place]), int(channel)
-
-    @property
-    def end_error(self) -> float:
-        """Bound of the error of the record's end, V."""
-        return float(np.abs(self.differences[-1]).max(initial=0.0)) + self.doubt
 
 
 def second_solution(board: Board, record: Waveforms) -> Agreement:
@@ -162,12 +152,10 @@ def measure_with_bounds(
     record of ngspice. Returns also whether the readings are those of the exact solution, which has
     no end.
     """
-    exact = board.exact if own or beside else None
-    if beside is not None:
-        if beside.reason:
-            return _by_its_error(board, wave, math.inf), False
-        other = exact or _by_its_error(board, beside.solution, beside.doubt)
+    if beside is not None and not beside.reason:
+        other = board.exact or _by_its_error(board, beside.solution, beside.doubt)
         return bounded(measure_outputs(board, wave), other), False
+    exact = None if own is None else board.exact
     if exact is None:
         return _by_its_error(board, wave.filled, math.inf if own is None else own.volts), False
     # As for every engine, `final` is the end of the record.
@@ -195,10 +183,9 @@ def bounded(measured: Measurements, other: Measurements | None) -> Measurements:
         known = dict(channel.readings)
         for name, reading in channel.readings.items():
             if reading is not None:
-                there, error = better.get(name), math.inf
-                if there is not None:
-                    error = abs(reading.value - there.value) + there.uncertainty
-                known[name] = replace(reading, uncertainty=error)
+                there = better.get(name) or replace(reading, uncertainty=math.inf)
+                apart = abs(reading.value - there.value)
+                known[name] = replace(reading, uncertainty=apart + there.uncertainty)
         channels.append(replace(channel, readings=known))
     return summary(measured.amplitude, measured.band, measured.modes, channels)
 
@@ -304,13 +291,14 @@ class Run:
     @property
     def error(self) -> tuple[float, float, str]:
         """Bounds of the error of any output, V, at any time and at the end, and their source."""
-        if self.own is not None:
-            volts, how = self.own.volts, self.own.how
-            return volts, volts if math.isfinite(volts) else math.inf, how
-        if self.beside is not None:
-            volts = self.beside.difference + self.beside.doubt
-            return volts, self.beside.end_error, self.beside.how
-        return math.nan, math.inf, UNSTABLE
+        own, beside = self.own, self.beside
+        if own is not None:
+            return own.volts, own.volts if math.isfinite(own.volts) else math.inf, own.how
+        if beside is None:
+            return math.nan, math.inf, UNSTABLE
+        last = float(np.abs(beside.differences[-1]).max(initial=0.0))
+        how = f"no state-space solution: {beside.reason}" if beside.reason else COMPARED
+        return beside.difference + beside.doubt, last + beside.doubt, how
 
     @property
     def exact_end(self) -> Floats | None:
@@ -392,12 +380,12 @@ def _longer(board: Board, measured: Measurements) -> TransientPlan | None:
 
 def _finer(run: Run) -> TransientPlan | None:
     """Plan smaller steps if a run with the steps of the plan missed the wanted error."""
-    board, achieved, wanted = run.board, run.achieved, run.board.plan.wanted
-    even = board.scene.analysis.points_per_period is not None
-    if achieved is None or achieved <= wanted or even or run.own is not None:
+    if run.own is not None:
         return None
-    error = board.plan.error
-    aim = AIM * wanted * min(error / achieved, 1.0)
+    board, accuracy, error = run.board, run.accuracy, run.board.plan.error
+    if accuracy.achieved is None or not accuracy.missed:
+        return None
+    aim = AIM * accuracy.wanted * min(error / accuracy.achieved, 1.0)
     if aim < LEAST_ERROR:
         return None
     plan = _planned(board, board.transient.stop, aim)
