@@ -70,7 +70,8 @@ def examine(content: bytes, folder: Path) -> str:
     scene = resolve_lambda(scene)
     if problem.matrix.size > TINY:
         designed = synthesise(scene, problem)
-        circuit, deck = deck_of(scene)  # whose op-amps may have their limits
+        deck = deck_of(scene)
+        circuit = deck.circuit  # whose op-amps may have their limits
         assert not RUNS_COMMANDS.search(deck.text), deck.text
         assert write_deck(circuit, deck.analysis).text == deck.text
         plain_one = replace(circuit, models=designed.models)

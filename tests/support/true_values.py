@@ -58,7 +58,7 @@ def board_of(scene: Scene) -> Circuit:
     if not has_large_signal(LinearBoard(circuit)):
         return circuit
     try:
-        return deck_of(scene)[0]
+        return deck_of(scene).circuit
     except NoVerdictError:
         return circuit
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
 from taction.netlist_gen.board.bill_of_materials import BillOfMaterials, bill_of_materials
 from taction.netlist_gen.board.circuit import Circuit, joined_resistors
+from taction.netlist_gen.board.part_warnings import part_warnings
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.deck.dialects import DIALECTS, NATIVE, Measures
@@ -15,7 +16,6 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError, SolverError
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.verdict.board import Board
 from taction.verification.verdict.simulation import build
 from taction.verification.verdict.verify import Verdict
 
@@ -51,8 +51,8 @@ class Netlist(Deck):
         return None if self.written else self.text
 
 
-def deck_of(scene: Scene, *, dialect: str = NATIVE, measures: bool = False) -> tuple[Circuit, Deck]:
-    """Return the board of a scene with a number for lambda, and the deck that `verify` would run.
+def deck_of(scene: Scene, *, dialect: str = NATIVE, measures: bool = False) -> Netlist:
+    """Return the deck that `verify` would run, and its board with a number for lambda.
 
     With `measures`, or in another `dialect`, the transient has even steps: step control is tuned
     for ngspice alone, and a measure is exact only to the spacing of the points. The errors are
@@ -62,22 +62,18 @@ def deck_of(scene: Scene, *, dialect: str = NATIVE, measures: bool = False) -> t
         even = {"points_per_period": EVEN_POINTS, "error": "auto"}
         scene = scene.model_copy(update={"analysis": scene.analysis.model_copy(update=even)})
     board = build(scene.with_engine("ngspice"))
-    circuit, transient = board.circuit, board.transient
+    circuit, compared = board.circuit, None
     if complaints := list(DIALECTS[dialect].refusals(circuit)):
         raise InputError(scene.file, *complaints)
-    ends = _measures(board) if measures else None
-    deck = write_deck(circuit, transient, dialect=dialect, measures=ends)
-    return circuit, deck
-
-
-def _measures(board: Board) -> Measures:
-    """Return what the measures compare with: the reference solution, at the output nodes."""
-    ideal = board.ideal
-    if ideal.problem:
-        raise SolverError(f"--measure needs a reference solution: {ideal.problem}")
-    signs = np.array([output.sign for output in board.circuit.outputs])
-    targets, starts = (tuple((signs * u).tolist()) for u in (ideal.target, ideal.start))
-    return Measures(targets, starts, board.scene.checks.settling_time.band)
+    if measures:  # they compare with the reference solution, at the output nodes
+        if board.ideal.problem:
+            raise SolverError(f"--measure needs a reference solution: {board.ideal.problem}")
+        signs, ends = [out.sign for out in circuit.outputs], (board.ideal.target, board.ideal.start)
+        targets, starts = (tuple((np.array(signs) * u).tolist()) for u in ends)
+        compared = Measures(targets, starts, scene.checks.settling_time.band)
+    deck = write_deck(circuit, board.transient, dialect=dialect, measures=compared)
+    facts = {each.name: getattr(deck, each.name) for each in fields(deck)}
+    return Netlist(**facts, circuit=circuit, warnings=tuple(part_warnings(circuit)))
 
 
 @dataclass(frozen=True, slots=True)

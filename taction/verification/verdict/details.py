@@ -13,12 +13,10 @@ from taction.netlist_gen.scene.axes import questions
 from taction.spice_models.imported import ImportedOpAmp
 from taction.spice_models.input_errors import not_known
 from taction.system.array_types import Floats
-from taction.system.errors import SimulatorNotFound, SimulatorTooOld, one_line
 from taction.system.quantities import show, spaced
 from taction.system.reading_definitions import READINGS
-from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.executable import missing_simulator
 from taction.verification.reference.ideal_answer import IdealAnswer
-from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Evidence
 
 FAINTLY = 1e-3  # damping ratio below which a board nearly oscillates
@@ -35,22 +33,16 @@ def all_warnings(evidence: Evidence) -> tuple[str, ...]:
         board, circuit = run.board, run.board.circuit
         rest = board.linear.equilibrium.__getitem__ if board.poles.known_stable else None
         notes += (*questions(board.scene), *run.ends.flags, *board.plan.notes)
-        notes += (*_without_ngspice(board), *part_warnings(circuit, rest), *stuck_cells(circuit))
+        auto = board.scene.analysis.engine == "auto" and board.engine == "statespace"
+        if auto and (missing := missing_simulator()):
+            notes.append(f"by taction's own engine alone, without ngspice: {missing}")
+        notes += (*part_warnings(circuit, rest), *stuck_cells(circuit))
         for name, imported in _imported(circuit):
             if (linear := imported.linear) is not None:
                 band = show(linear.band[1], "Hz", 3)
                 notes.append(IMPORTED.format(name, 100.0 * linear.error, band))
         notes += not_known(circuit.models.values())
     return (*notes, *(_of_readings(evidence) if evidence.poles.known_stable else ()))
-
-
-def _without_ngspice(board: Board) -> Iterator[str]:
-    """Yield why ngspice simulates no board of the engine ``auto`` here."""
-    if board.scene.analysis.engine == "auto" and board.engine == "statespace":
-        try:
-            find_simulator()
-        except (SimulatorNotFound, SimulatorTooOld) as error:
-            yield f"by taction's own engine alone, without ngspice: {one_line(error)}"
 
 
 def _of_readings(evidence: Evidence) -> Iterator[str]:

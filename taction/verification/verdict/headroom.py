@@ -202,21 +202,11 @@ class PartLoads:
 NOT_LIMITED = PartLoads()
 
 
-def amount(load: Load, value: float) -> str:
-    """Return a value of a load with its unit: ``"1.6 V/us"``."""
-    return show(value, load.unit, 3)
-
-
-def limited_text(load: Load) -> str:
-    """Return what the limit of a simulated op-amp does, and what the op-amp would need."""
-    does = {"slope": "slew rate counts", "voltage": "clips", "current": "limits its current"}
-    return f"{does[load.quantity]}: needs {amount(load, load.peak)} of {amount(load, load.limit)}"
-
-
 def describe(load: Load) -> str:
     """Return what a part has to do, and its limit."""
     when = " at rest" if math.isinf(load.at) else f" at {show(load.at, 's', 3)}"
+    peak, limit = (show(value, load.unit, 3) for value in (load.peak, load.limit))
     return (
-        f"the output {load.quantity} of op-amp {load.part} reaches {amount(load, load.peak)}{when};"
-        f" the limit is {amount(load, load.limit)}"
+        f"the output {load.quantity} of op-amp {load.part} reaches {peak}{when};"
+        f" the limit is {limit}"
     )

@@ -33,8 +33,6 @@ from taction.system.errors import (
     DivergesError,
     EngineError,
     NoVerdictError,
-    SimulatorNotFound,
-    SimulatorTooOld,
     StepTooSmall,
     TimedOut,
 )
@@ -42,7 +40,7 @@ from taction.system.plugins import OpenTable
 from taction.system.progress import Clock
 from taction.system.reading_definitions import FOUND
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
-from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.executable import find_simulator, missing_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients.exact import is_exact
@@ -163,11 +161,7 @@ def choose_engine(scene: Scene) -> str:
     compared = scene.checks.engines_agree.tolerance is not None
     if scene.analysis.error != "auto" and not compared:
         return "statespace"
-    try:
-        find_simulator()
-    except (SimulatorNotFound, SimulatorTooOld):
-        return "statespace"
-    return "ngspice"
+    return "statespace" if missing_simulator() else "ngspice"
 
 
 def begin(board: Board) -> Waiting:

@@ -19,9 +19,7 @@ from taction.system.progress import Clock, Progress, attempt
 from taction.system.quantities import sizes
 from taction.system.results import RENDERERS, Result, load
 from taction.system.waveforms import Waveforms
-from taction.verification.engines.statespace.linearised.linear_board import (
-    LinearBoard,
-)
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.answer_error import (
     AnswerError,
@@ -31,11 +29,7 @@ from taction.verification.verdict.answer_error import (
 )
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
-from taction.verification.verdict.details import (
-    all_warnings,
-    find_contradiction,
-    missing_witness,
-)
+from taction.verification.verdict.details import all_warnings, find_contradiction, missing_witness
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.run import Accuracy, Run, observe
 from taction.verification.verdict.run_checks import run_checks

@@ -271,7 +271,7 @@ def _board(given: Place) -> ForeignBoard:
     """Read a deck, or the deck that a scene writes."""
     if not isinstance(given, Scene):
         return read_board(given)
-    _, deck = deck_of(given)
+    deck = deck_of(given)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "board.cir")
         file.write_text(deck.text, encoding="utf-8")
@@ -314,9 +314,9 @@ def _parts(board: ForeignBoard) -> dict[str, StoredKey]:
 def _stepped(board: Place, wave: Waveforms) -> tuple[Circuit, Start, float, tuple[str, ...]]:
     """Return the circuit, how it starts, when it is stepped, s, and what to say of it."""
     if isinstance(board, Scene):
-        circuit, deck = deck_of(board)
+        deck = deck_of(board)
         assert isinstance(deck.analysis, Transient)  # noqa: S101 - `deck_of` writes transients
-        return circuit, deck.analysis.initial, 0.0, ()
+        return deck.circuit, deck.analysis.initial, 0.0, ()
     found = read_board(board)
     if not found.is_linear:
         text = "is not linear, and small signals say nothing of a record; expected a linear deck"
