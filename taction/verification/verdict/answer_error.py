@@ -101,7 +101,7 @@ class AnswerError:
         "varies # what differs between the built boards",
         "yield_at_most = built.most # bound by the place of rest alone, to first order",
         *("true_error [stress]", "true_error_uncertainty [stress] = shares.true_doubt"),
-        *("regularisation [stress]", "noise [stress]", "channel = number # from 1"),
+        *("regularisation [stress]", "noise [stress]", "channel # from 1"),
         "largest_stress [V] = unit # the true one; if it is not known, that of the answer",
         "text = verification.report.views.answer_view:answer_text()",
     )
@@ -172,15 +172,10 @@ class AnswerError:
 
     @functools.cached_property
     def channel(self) -> int | None:
-        """The channel whose answer is farthest from the true stress, from 0; None: not known."""
+        """The channel whose answer is farthest from the true stress, from 1; None: not known."""
         if self.stress is None or math.isinf(self.target_error) or not self.unit:
             return None
-        return worst_channel(self.target - self.stress)
-
-    @property
-    def number(self) -> int | None:
-        """`channel` from 1."""
-        return None if self.channel is None else self.channel + 1
+        return worst_channel(self.target - self.stress) + 1
 
     @property
     def shares(self) -> dict[str, float | None]:
@@ -217,9 +212,9 @@ class AnswerError:
 
     def _along(self, after: Floats | None, before: Floats | None) -> float | None:
         """Return a difference in the worst channel, positive in the direction of the error."""
-        n = self.channel
-        if n is None or self.stress is None or after is None or before is None:
+        if not self.channel or self.stress is None or after is None or before is None:
             return None
+        n = self.channel - 1
         sign = -1.0 if self.target[n] < self.stress[n] else 1.0
         return sign * float(after[n] - before[n]) / self.unit + 0.0
 

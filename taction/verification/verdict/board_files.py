@@ -24,26 +24,17 @@ EVEN_POINTS = 125.0  # on a period of ringing: an error of about 1e-4 of the ste
 
 @dataclass(frozen=True, slots=True)
 class Netlist(Deck):
-    """The deck of a scene, with its board.
-
-    Attributes
-    ----------
-    circuit : Circuit
-        The board; `omissions` are the parts that the scene does not need.
-    warnings : tuple of str
-        Values that cannot be bought, or that the layout undoes.
-    written : tuple of str
-        The file that was written, if any.
-    """
+    """The deck of a scene, with its board."""
 
     DOCUMENT = (
         *("files = written", "deck = printed", "omissions = circuit.omissions", "warnings"),
         "lambda = circuit.facts.lambda.value",
     )
 
-    circuit: Circuit = field(kw_only=True, repr=False)
+    circuit: Circuit = field(kw_only=True, repr=False)  # `omissions`: what the scene does not need
+    # Values that cannot be bought, or that the layout undoes.
     warnings: tuple[str, ...] = field(default=(), repr=False)
-    written: tuple[str, ...] = field(default=(), repr=False)
+    written: tuple[str, ...] = field(default=(), repr=False)  # the file, if any
 
     @property
     def printed(self) -> str | None:
@@ -146,21 +137,7 @@ OWN = {
 
 @dataclass(frozen=True, slots=True)
 class BuiltBoard(Result):
-    """The files for building a board, with its verdict.
-
-    Attributes
-    ----------
-    files : tuple of str
-        Names below the folder.
-    parts : BillOfMaterials
-        The parts to buy.
-    verdict : Verdict or None
-        None if the verification gave no verdict.
-    refused : str
-        Why there is no verdict.
-    exit_status : int or None
-        Of the command without a verdict; None: that of the verdict.
-    """
+    """The files for building a board, with its verdict."""
 
     VIEW = "taction.verification.report.views.verdict_view:built_view"
     DOCUMENT = (
@@ -172,11 +149,11 @@ class BuiltBoard(Result):
 
     scene: Scene = field(repr=False)
     folder: str
-    files: tuple[str, ...] = field(repr=False)
-    parts: BillOfMaterials = field(repr=False)
-    verdict: Verdict | None = None
-    refused: str = ""
-    exit_status: int | None = None
+    files: tuple[str, ...] = field(repr=False)  # names below the folder
+    parts: BillOfMaterials = field(repr=False)  # to buy
+    verdict: Verdict | None = None  # None if the verification gave no verdict
+    refused: str = ""  # why there is no verdict
+    exit_status: int | None = None  # of the command without a verdict; None: that of the verdict
 
     @property
     def outcome(self) -> str:

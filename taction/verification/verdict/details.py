@@ -20,6 +20,9 @@ from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.checks import Evidence
 
 FAINTLY = 1e-3  # damping ratio below which a board nearly oscillates
+NEARLY = (
+    "damping ratio {:.2g}: the board nearly oscillates; component tolerances can make it oscillate"
+)
 IMPORTED = (
     "op-amp {} is imported: the state-space engine has its cards, linear about their rest, within"
     " {:.2g} % of ngspice's small signal up to {}"
@@ -42,24 +45,18 @@ def all_warnings(evidence: Evidence) -> tuple[str, ...]:
                 band = show(linear.band[1], "Hz", 3)
                 notes.append(IMPORTED.format(name, 100.0 * linear.error, band))
         notes += not_known(circuit.models.values())
-    return (*notes, *(_of_readings(evidence) if evidence.poles.known_stable else ()))
-
-
-def _of_readings(evidence: Evidence) -> Iterator[str]:
-    """Yield that a stable board nearly oscillates, and the fragile readings."""
-    if evidence.poles.damping_ratio < FAINTLY:
-        yield (
-            f"damping ratio {evidence.poles.damping_ratio:.2g}: the board nearly oscillates;"
-            " component tolerances can make it oscillate"
-        )
+    if not evidence.poles.known_stable:
+        return tuple(notes)
+    if (damping := evidence.poles.damping_ratio) < FAINTLY:
+        notes.append(NEARLY.format(damping))
     for channel in evidence.measurements.channels:
         for name, reading in channel.fragile.items():
             if reading.alternative is not None:
                 unit, shifted = READINGS[name].unit, READINGS[name].shifted
-                yield (
-                    f"channel {channel.index + 1}: {spaced(name)} {show(reading.value, unit)} is"
-                    f" fragile: {show(reading.alternative, unit)} with {shifted}"
-                )
+                value, other = show(reading.value, unit), show(reading.alternative, unit)
+                place = f"channel {channel.index + 1}: {spaced(name)}"
+                notes.append(f"{place} {value} is fragile: {other} with {shifted}")
+    return tuple(notes)
 
 
 def missing_witness(circuit: Circuit, engine: str) -> str:

@@ -113,16 +113,11 @@ class InputSpread:
             len(at_rest) if uniform else 0,
             moved=sum(changed, np.zeros_like(rest)),
         )
-        return found._probed(every, at)
-
-    def _probed(
-        self, every: Sequence[Deviation], at: Callable[[Mapping[str, float]], Circuit]
-    ) -> InputSpread:
-        """Compare the first order with the rest of a board at which the worst output is far off."""
-        worst = int(np.argmax(self.sigma))
-        sigma, column = float(self.sigma[worst]), self.rows[:, worst]
+        worst = int(np.argmax(found.sigma))
+        sigma, column = float(found.sigma[worst]), found.rows[:, worst]
         if not sigma > 0.0:
-            return self
+            return found
+        # The first order is compared with the rest of a board whose worst output is far off.
         z, shares, logs = PROBED * column / sigma, dict[str, float](), dict[str, float]()
         for each, value in zip(every, z.tolist(), strict=True):
             if each.kind == DRIFT or each.kind in KINDS:  # ln R deviates
@@ -131,8 +126,8 @@ class InputSpread:
                 shares[each.name] = each.size * value
         scale = {name: math.exp(value) for name, value in logs.items()}
         probed = outputs_at_rest(LinearBoard(with_factors(at(shares), scale)))
-        off = float(np.abs(probed - self.mean - self.rows.T @ z).max())
-        return replace(self, curvature=off / (PROBED * sigma))
+        off = float(np.abs(probed - found.mean - found.rows.T @ z).max())
+        return replace(found, curvature=off / (PROBED * sigma))
 
     @functools.cached_property
     def sigma(self) -> Floats:

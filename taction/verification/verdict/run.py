@@ -145,23 +145,23 @@ def state_space_beside(
 
 def measure_with_bounds(
     board: Board, wave: Waveforms, own: StateSpaceError | None, beside: Agreement | None
-) -> tuple[Measurements, bool]:
+) -> Measurements:
     """Measure a record; the uncertainties of the readings are bounds.
 
     `own` is the error of a record of the state-space engine, `beside` a second solution beside a
-    record of ngspice. Returns also whether the readings are those of the exact solution, which has
-    no end.
+    record of ngspice. The readings of a record that has an exact solution are those of it: they
+    have no end.
     """
     if beside is not None and not beside.reason:
         other = board.exact or _by_its_error(board, beside.solution, beside.doubt)
-        return bounded(measure_outputs(board, wave), other), False
+        return bounded(measure_outputs(board, wave), other)
     exact = None if own is None else board.exact
     if exact is None:
-        return _by_its_error(board, wave.filled, math.inf if own is None else own.volts), False
+        return _by_its_error(board, wave.filled, math.inf if own is None else own.volts)
     # As for every engine, `final` is the end of the record.
     ends = zip(exact.channels, outputs(board.circuit, wave)[-1].tolist(), strict=True)
     channels = tuple(replace(channel, final=end) for channel, end in ends)
-    return replace(exact, channels=channels), True
+    return replace(exact, channels=channels)
 
 
 def _by_its_error(board: Board, wave: Waveforms, volts: float) -> Measurements:
@@ -267,7 +267,6 @@ class Run:
     board: Board  # with the plan of this record
     ends: Waveforms  # the record, at least its first and its last point
     measured: Measurements
-    forever: bool = False  # whether `measured` holds for all time: it is of an exact solution
     own: StateSpaceError | None = None  # its error, if its engine bounds that itself
     beside: Agreement | None = None  # else the second solution; None for an unstable board
     tries: int = 1  # number of runs
@@ -357,35 +356,27 @@ def _observed(board: Board, pending: Waiting | None, clock: Clock) -> Run:
         beside = second_solution(board, wave)
     clock.begin("measures")
     wave = wave if own is None else own.record
-    return Run(board, wave, *measure_with_bounds(board, wave, own, beside), own, beside)
+    return Run(board, wave, measure_with_bounds(board, wave, own, beside), own, beside)
 
 
 def better_plan(run: Run) -> TransientPlan | None:
-    """Return a plan for a better run; None if the run suffices or no plan would be better."""
-    return _longer(run.board, run.measured) or _finer(run)
+    """Return a plan for a better run; None if the run suffices or no plan would be better.
 
-
-def _longer(board: Board, measured: Measurements) -> TransientPlan | None:
-    """Plan a longer record if a channel settles only after its end."""
+    A longer record is for a channel that settles only after its end; smaller steps are for an
+    engine that takes the steps of the plan and missed the wanted error.
+    """
+    board, measured = run.board, run.measured
     automatic = board.scene.analysis.stop == "auto" and board.poles.known_stable
-    if not automatic or measured.settling_time is not None or not measured.amplitude:
+    if automatic and measured.settling_time is None and measured.amplitude:
+        static = float(np.abs(board.steady.values - board.ideal.target).max()) / measured.amplitude
+        room = INSIDE * (board.scene.checks.settling_time.band - static)
+        if room > 0.0:
+            stop = max(AFTER_SETTLING * board.scales.stop_for(room), LONGER * board.transient.stop)
+            return _planned(board, float(f"{stop:.6g}"))
+    if run.own is not None or run.achieved is None or not run.accuracy.missed:
         return None
-    static = float(np.abs(board.steady.values - board.ideal.target).max()) / measured.amplitude
-    room = INSIDE * (board.scene.checks.settling_time.band - static)
-    if room <= 0.0:
-        return None
-    stop = max(AFTER_SETTLING * board.scales.stop_for(room), LONGER * board.transient.stop)
-    return _planned(board, float(f"{stop:.6g}"))
-
-
-def _finer(run: Run) -> TransientPlan | None:
-    """Plan smaller steps if a run with the steps of the plan missed the wanted error."""
-    if run.own is not None:
-        return None
-    board, accuracy, error = run.board, run.accuracy, run.board.plan.error
-    if accuracy.achieved is None or not accuracy.missed:
-        return None
-    aim = AIM * accuracy.wanted * min(error / accuracy.achieved, 1.0)
+    error, wanted = board.plan.error, board.plan.wanted
+    aim = AIM * wanted * min(error / run.achieved, 1.0)
     if aim < LEAST_ERROR:
         return None
     plan = _planned(board, board.transient.stop, aim)

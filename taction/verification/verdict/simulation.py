@@ -49,7 +49,7 @@ from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.stability.poles import poles
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.headroom import PartLoads, watched_nodes
-from taction.verification.verdict.transient_plan import plan_transient
+from taction.verification.verdict.transient_plan import GROWING, plan_transient
 
 PATTERNED = 1.0  # of the difference to a model of fewer patterns, which may err hardly more
 FALL = 64.0  # most that a bound falls by halved steps, of 512: a difference may be small by chance
@@ -99,15 +99,17 @@ def _bounded(board: LinearBoard, record: Waveforms) -> StateSpaceError:
     try:
         if record.method == METHOD:
             better, share, other = halved(record, resolved=True), HALVED, "twice the steps"
-            apart = beside(better, record)
+            times = np.union1d(better.time, record.time)
+            times = times[times <= min(better.time[-1], record.time[-1])]
+            off = on_curve(better, times) - on_curve(record, times)
         else:
             better, share, other = reduced_transient.refined(record), PATTERNED, "fewer patterns"
-            apart = float(np.abs(better.values - record.values).max())
+            off = better.values - record.values
     except EngineError as error:
         return StateSpaceError(math.nan, f"the second run failed: {error}", record)
     how = f"difference to a run with {other}, and what rounding leaves"
     least = DIGITS * float(np.abs(better.values).max(initial=0.0))
-    volts = max(share * apart + better.rounding, least)
+    volts = max(share * float(np.abs(off).max(initial=0.0)) + better.rounding, least)
     return StateSpaceError(volts, how, better)
 
 
@@ -120,13 +122,6 @@ def on_curve(record: Waveforms, times: Floats) -> Floats:
     return values.reshape(times.size, nodes.size)
 
 
-def beside(one: Waveforms, other: Waveforms) -> float:
-    """Return the largest difference of two records with curves at the points of both, V."""
-    times = np.union1d(one.time, other.time)
-    times = times[times <= min(one.time[-1], other.time[-1])]
-    return float(np.abs(on_curve(one, times) - on_curve(other, times)).max(initial=0.0))
-
-
 # With KLU the tiny steps after a start from zero have more rounding than with the older solver;
 # a few boards with nonlinear amplifiers fail there with KLU but not with the older solver.
 SPARSE = "noopiter"
@@ -134,7 +129,6 @@ SECOND_SOLVER = (
     "the KLU solver failed at the start; this result is from the older solver of ngspice"
 )
 SLOWER = 5.0  # times the timeout: a run with a longer estimated time does not start
-GROWING = 20_000  # least number of points in the record of an unstable board
 
 
 Waiting = Callable[[], Waveforms]
@@ -248,8 +242,6 @@ def _statespace(board: Board) -> Waiting:
             linear, analysis, times=times, tolerance=plan.tolerance, beside=nodes, resolved=stepped
         )
 
-    if plan.growing:
-        analysis = replace(analysis, max_step=min(analysis.max_step, analysis.stop / GROWING))
     try:
         if is_exact(linear) and not plan.growing:  # measured on the solution, not on its points
             waveforms = replace(simulate(linear, analysis, times=ends), fill=fill)

@@ -36,7 +36,6 @@ from taction.verification.verdict.run_checks import run_checks
 from taction.verification.verdict.simulation import Waiting, begin, build
 
 T = TypeVar("T")
-DETAILS = ("answer", "budget")
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -141,8 +140,7 @@ class Verdict(Evidence, Result):
         """What makes no check fail, but may be wrong; last the details that are not known."""
         nothing: tuple[str, ...] = ()
         found = self._detail("the warnings", partial(all_warnings, self), nothing)
-        for detail in DETAILS:
-            getattr(self, detail)
+        _ = self.budget  # it needs the answer: what fails of both is told
         return (*found, *self._failures)
 
     def __str__(self) -> str:
@@ -206,7 +204,7 @@ def read(board: Board, pending: Waiting | None, clock: Clock) -> Evidence:
         end_error=run.error[1] / amplitude,
         steady=steady,
         end=float(run.ends.time[-1]),
-        forever=run.forever,
+        forever=run.own is not None and board.exact is not None,
         wanted=run.board.plan.wanted,
         agreement=run.beside,
         poles=board.poles,
