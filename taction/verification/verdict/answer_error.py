@@ -52,8 +52,7 @@ class BuiltBoards:
     # How far from the regularised answer `SHARE` of the boards keep, V; infinite if not `known`.
     distance: float
     error: float  # bound on the error of `distance`, V
-    least: float  # bounds on the share of the boards that rest within the limits of the scene
-    most: float  # the yield is at most this
+    most: float  # bound on the share that rests within the limits of the scene, and on the yield
     limit: float  # the smaller one of these limits, a fraction of the step amplitude
     varies: str  # what differs between the boards
     counted: str  # what of this the check of the steady state counts
@@ -79,14 +78,14 @@ class BuiltBoards:
         limit = min(checks.steady_state.tolerance, checks.settling_time.band)
         elements = sum(int(np.isfinite(each.ohms).sum()) for each in board.circuit.matrices)
         if board.scene.tolerances.resistor and elements * len(board.circuit.outputs) > MOST_SLOPES:
-            return cls(math.inf, 0.0, 0.0, 1.0, limit, *board.varies)
+            return cls(math.inf, 0.0, 1.0, limit, *board.varies)
         spread = board.built_spread(board.scene.tolerances)
         if spread is None:
             return None
         targets, doubt = evidence.targets, evidence.static_error * amplitude
         distance, error = spread.distance(targets)
-        least, most = spread.within(targets, limit * amplitude)
-        return cls(distance, error + doubt, least, most, limit, *board.varies)
+        most = spread.within(targets, limit * amplitude)
+        return cls(distance, error + doubt, most, limit, *board.varies)
 
 
 @dataclass(frozen=True, eq=False)

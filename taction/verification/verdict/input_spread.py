@@ -143,14 +143,13 @@ class InputSpread:
             found.append((middle, max(high - middle, middle - low) + error))
         return max(found)
 
-    def within(self, target: Floats, limit: float) -> tuple[float, float]:
-        """Return bounds on the share of boards that rest at most `limit`, V, off `target`."""
+    def within(self, target: Floats, limit: float) -> float:
+        """Return an upper bound on the share of boards that rest within `limit`, V, of `target`."""
         found = []
         for farthest, error in self._farthest(target):
             low, high = (float((farthest <= limit + end).mean()) for end in (-error, error))
             found.append((max(low - self._scatter(low), 0.0), high + self._scatter(high)))
-        least, most = min(found)
-        return least, min(most, 1.0)
+        return min(min(found)[1], 1.0)
 
     def _farthest(self, target: Floats) -> Iterator[tuple[Floats, float]]:
         """Yield how far drawn boards rest off `target`, and the error of the first order, V.

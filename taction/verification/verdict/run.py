@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Annotated
 
 import numpy as np
@@ -18,7 +18,7 @@ import numpy as np
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.check_keys import AGREE
-from taction.system.array_types import Floats
+from taction.system.array_types import Floats, Indices
 from taction.system.documents import HIDDEN
 from taction.system.errors import EngineError, StepTooSmall, TimedOut
 from taction.system.progress import Clock
@@ -26,7 +26,7 @@ from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.readings.measurements import Measurements, measure, summary
-from taction.verification.readings.record import CUBIC, Curve, Rest, lagrange
+from taction.verification.readings.record import CUBIC, Rest, lagrange
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.headroom import watched_nodes
 from taction.verification.verdict.simulation import (
@@ -153,22 +153,15 @@ def measure_with_bounds(
     have no end.
     """
     if beside is not None and not beside.reason:
-        other = board.exact or _by_its_error(board, beside.solution, beside.doubt)
+        other = board.exact or measure_outputs(board, beside.solution, beside.doubt)
         return bounded(measure_outputs(board, wave), other)
     exact = None if own is None else board.exact
     if exact is None:
-        return _by_its_error(board, wave.filled, math.inf if own is None else own.volts)
+        return measure_outputs(board, wave.filled, math.inf if own is None else own.volts)
     # As for every engine, `final` is the end of the record.
     ends = zip(exact.channels, outputs(board.circuit, wave)[-1].tolist(), strict=True)
     channels = tuple(replace(channel, final=end) for channel, end in ends)
     return replace(exact, channels=channels)
-
-
-def _by_its_error(board: Board, wave: Waveforms, volts: float) -> Measurements:
-    """Measure a record by its error, V; its readings have no bound where that is not finite."""
-    if math.isfinite(volts):
-        return measure_outputs(board, wave, error=volts)
-    return bounded(measure_outputs(board, wave, error=wave.rounding), None)
 
 
 def bounded(measured: Measurements, other: Measurements | None) -> Measurements:
@@ -195,15 +188,27 @@ def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
     return np.array([out.sign * waveforms[out.node] for out in circuit.outputs]).T
 
 
-def measure_outputs(board: Board, waveforms: Waveforms, *, error: float = 0.0) -> Measurements:
-    """Measure `waveforms`, whose error, V, `error` bounds, against the reference."""
+def measure_outputs(board: Board, waveforms: Waveforms, error: float = 0.0) -> Measurements:
+    """Measure `waveforms` against the reference; `error` bounds the error of each voltage, V.
+
+    Where it is not finite the readings have no bound.
+    """
     u, time, ideal = outputs(board.circuit, waveforms), waveforms.time, board.ideal
-    rest = None
+    rest = between = None
     if board.poles.known_stable:  # it comes to rest after the record
         late = u[int(np.searchsorted(time, LATE * time[-1])) :]
         moving = float(np.abs(late - board.steady.values).max(initial=0.0))
         rest = Rest(board.steady.values, max(board.steady.left(float(time[-1])), moving))
-    return measure(
+    if (curve := waveforms.curve) is not None:
+        found = board.circuit.outputs
+        columns = np.array([waveforms.nodes.index(output.node) for output in found])
+        signs = np.array([output.sign for output in found])
+
+        def between(times: Floats, channels: Indices) -> Floats:
+            return signs[channels] * curve(times, columns[channels])
+
+    known = math.isfinite(error)
+    measured = measure(
         time,
         u,
         ideal.target,
@@ -211,20 +216,11 @@ def measure_outputs(board: Board, waveforms: Waveforms, *, error: float = 0.0) -
         band=board.scene.checks.settling_time.band,
         bound=PHYSICAL_BOUND * board.circuit.value("U0"),
         expected_stop=board.transient.stop,
-        error=error + board.target_error,
+        error=(error if known else waveforms.rounding) + board.target_error,
         rest=rest,
-        curve=_curve(board, waveforms),
+        curve=between,
     )
-
-
-def _curve(board: Board, waveforms: Waveforms) -> Curve | None:
-    """Return the outputs between the points of a record, by channel, if they are known."""
-    between, found = waveforms.curve, board.circuit.outputs
-    if between is None:
-        return None
-    columns = np.array([waveforms.nodes.index(output.node) for output in found])
-    signs = np.array([output.sign for output in found])
-    return lambda times, channels: signs[channels] * between(times, columns[channels])
+    return measured if known else bounded(measured, None)
 
 
 INSIDE = 0.5  # of the band minus the static error: remaining ringing at the end of a longer record
@@ -366,25 +362,20 @@ def better_plan(run: Run) -> TransientPlan | None:
     engine that takes the steps of the plan and missed the wanted error.
     """
     board, measured = run.board, run.measured
+    steps, known = board.plan.steps > 0.0, (board.scene, board.linear, board.scales)
+    planned = partial(plan_transient, *known, steps=steps)
     automatic = board.scene.analysis.stop == "auto" and board.poles.known_stable
     if automatic and measured.settling_time is None and measured.amplitude:
         static = float(np.abs(board.steady.values - board.ideal.target).max()) / measured.amplitude
         room = INSIDE * (board.scene.checks.settling_time.band - static)
         if room > 0.0:
             stop = max(AFTER_SETTLING * board.scales.stop_for(room), LONGER * board.transient.stop)
-            return _planned(board, float(f"{stop:.6g}"))
+            return planned(stop=float(f"{stop:.6g}"))
     if run.own is not None or run.achieved is None or not run.accuracy.missed:
         return None
     error, wanted = board.plan.error, board.plan.wanted
     aim = AIM * wanted * min(error / run.achieved, 1.0)
     if aim < LEAST_ERROR:
         return None
-    plan = _planned(board, board.transient.stop, aim)
+    plan = planned(stop=board.transient.stop, aim=aim)
     return plan if SMALLER * plan.error < error else None
-
-
-def _planned(board: Board, stop: float, aim: float | None = None) -> TransientPlan:
-    """Plan a transient of a stable board up to an instant, s."""
-    analysis = board.scene.analysis.model_copy(update={"stop": stop})
-    scene, steps = board.scene.model_copy(update={"analysis": analysis}), board.plan.steps > 0.0
-    return plan_transient(scene, board.linear, board.scales, steps=steps, aim=aim)

@@ -20,6 +20,7 @@ from taction.system.reading_definitions import EXCURSIONS, READINGS
 from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.readings.readings import Reading
 from taction.verification.verdict.checks import (
+    SEVERITY,
     SPREAD,
     Check,
     CheckKind,
@@ -32,7 +33,6 @@ from taction.verification.verdict.checks import (
 from taction.verification.verdict.headroom import FULL, describe
 
 PASS, FAIL, UNDECIDED = Outcome.PASS, Outcome.FAIL, Outcome.INCONCLUSIVE
-SEVERITY = (PASS, UNDECIDED, FAIL)
 Make = Callable[..., Check]
 """A check with its name, unit and limit; takes the outcome, and the value with its error."""
 

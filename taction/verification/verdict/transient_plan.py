@@ -280,14 +280,16 @@ def plan_transient(
     steps: bool = True,
     growing: bool = False,
     resolution: float = 0.0,
+    stop: float | None = None,
     aim: float | None = None,
 ) -> TransientPlan:
     """Choose the length of the record and the cheapest step control for the wanted error.
 
     `steps`: whether the engine takes the steps of the plan. `growing`: whether the board is
     unstable. `resolution`: rounding error of the poles, 1/s; modes that are slower do not lengthen
-    the record. `aim`: error to plan for, in step amplitudes, by default `AIM` times the wanted
-    error. EngineError: no mode of the board is visible at its outputs.
+    the record. `stop`: its length, s, by default that of the scene. `aim`: error to plan for, in
+    step amplitudes, by default `AIM` times the wanted error. EngineError: no mode of the board is
+    visible at its outputs.
     """
     wanted, linear = wanted_error(scene), board.circuit.is_linear
     tolerance, curved = state_space_tolerance(wanted), board.circuit.has_nonlinear_amplifiers
@@ -298,12 +300,12 @@ def plan_transient(
         growing=growing,
     )
     initial, points = scene.analysis.initial, scene.analysis.points_per_period
-    if scene.analysis.stop != "auto":
+    if stop is None and scene.analysis.stop != "auto":
         stop = scene.analysis.stop
-    elif growing and math.isfinite(scales.growth_time):
-        stop = _six_digits(scales.growth_time)
-    else:
-        stop = settled_after(scene.checks, scales, resolution)
+    elif stop is None:
+        unstable = growing and math.isfinite(scales.growth_time)
+        grown = _six_digits(scales.growth_time)
+        stop = grown if unstable else settled_after(scene.checks, scales, resolution)
     notes: tuple[str, ...] = ()
     if not steps:  # a growing run shows every period, and is kept short
         longest = UNSTABLE_PERIODS if not linear or board.descriptor.is_large else EXACT_PERIODS
