@@ -139,10 +139,11 @@ class OutputNoise:
 
 def _simulated(board: Board, channel: int, lowest: float) -> float:
     """Return the noise of a channel above a frequency from ngspice, V."""
+    from taction.verification.engines.ngspice.evidence import integrated_noise
     from taction.verification.engines.ngspice.process import Simulation, find_simulator
 
     bands = noise_bands(board.linear.state_space.modes.poles, lowest)
     node = board.circuit.outputs[channel].node
     deck = write_deck(board.circuit, NoiseAnalysis(bands), saved=[node])
     with Simulation(deck, find_simulator(), timeout=board.scene.analysis.timeout) as run:
-        return run.noise()
+        return run.accept(integrated_noise)
