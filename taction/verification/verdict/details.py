@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.part_warnings import part_warnings, stuck_cells
 from taction.netlist_gen.scene.axes import questions
-from taction.spice_models.imported import ImportedOpAmp
 from taction.spice_models.input_errors import not_known
 from taction.system.array_types import Floats
 from taction.system.quantities import show, spaced
@@ -40,8 +38,8 @@ def all_warnings(evidence: Evidence) -> tuple[str, ...]:
         if auto and (missing := missing_simulator()):
             notes.append(f"by taction's own engine alone, without ngspice: {missing}")
         notes += (*part_warnings(circuit, rest), *stuck_cells(circuit))
-        for name, imported in _imported(circuit):
-            if (linear := imported.linear) is not None:
+        for name, model in circuit.models.items():
+            if model.imported is not None and (linear := model.imported.linear) is not None:
                 band = show(linear.band[1], "Hz", 3)
                 notes.append(IMPORTED.format(name, 100.0 * linear.error, band))
         notes += not_known(circuit.models.values())
@@ -61,18 +59,14 @@ def all_warnings(evidence: Evidence) -> tuple[str, ...]:
 
 def missing_witness(circuit: Circuit, engine: str) -> str:
     """Return which of the two witnesses a board with imported op-amps lacks; empty for none."""
-    for name, imported in _imported(circuit):
+    for name, model in circuit.models.items():
+        if (imported := model.imported) is None:
+            continue
         if imported.linear is None:
             return f"op-amp {name} has no state-space witness: {imported.missing}"
         if engine != "ngspice":
             return f"the slew rate and limits of op-amp {name} are in its netlist: run ngspice"
     return ""
-
-
-def _imported(circuit: Circuit) -> Iterator[tuple[str, ImportedOpAmp]]:
-    for name, model in circuit.models.items():
-        if model.imported is not None:
-            yield name, model.imported
 
 
 ROUNDED = 1e-9  # relative difference of two formulas for one number; rounding is far below

@@ -227,9 +227,7 @@ INSIDE = 0.5  # of the band minus the static error: remaining ringing at the end
 LONGER = 2.0  # times the length of a record that was too short: least length of the next record
 SMALLER = 1.05  # times: by so much the forecast error of a finer plan is smaller
 REPEATS = 3  # largest number of repeated runs
-REPEAT_FAILED = (
-    "a better run ended without a record, so the readings are of the run before it: {reason}"
-)
+REPEAT_FAILED = "a better run ended without a record, so the readings are of the run before it"
 UNSTABLE = "the board is unstable: the error grows with the voltages"
 
 
@@ -336,7 +334,7 @@ def observe(board: Board, pending: Waiting | None, clock: Clock) -> Run:
         try:
             again = _observed(replace(run.board, plan=plan), None, clock)
         except (StepTooSmall, TimedOut) as error:
-            flag = REPEAT_FAILED.format(reason=str(error).splitlines()[0])
+            flag = f"{REPEAT_FAILED}: {str(error).splitlines()[0]}"
             return replace(run, ends=replace(run.ends, flags=(*run.ends.flags, flag)))
         run = replace(again, tries=run.tries + 1, before=run.accuracy.seconds)
     return run
