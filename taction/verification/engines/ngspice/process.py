@@ -54,9 +54,9 @@ _ARGUMENTS = ("-b", "-n", "-r", RAW, "deck.cir")
 class Simulation:
     """A running simulation of a deck.
 
-    The process ends with all its descendants, and its folder is removed, when the run is cancelled,
-    at the end of a ``with`` block, when the object is deleted before a call of `result`, or when
-    Python ends: a failure elsewhere leaves no simulator behind.
+    The process ends with all its descendants, and its folder is removed, at the end of a ``with``
+    block, when the object is deleted before a call of `result`, or when Python ends: a failure
+    elsewhere leaves no simulator behind.
 
     `timeout`: wall time allowed, s.
     `bound`: voltage above which a result is rejected, V.
@@ -96,11 +96,7 @@ class Simulation:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self.cancel()
-
-    def cancel(self) -> None:
-        """End the process group and remove the run folder, unless `result` was called."""
-        self._discard()
+        self._discard()  # nothing, once `result` was called
 
     def result(self) -> Waveforms:
         """Wait for the end and return the waveforms; call it once.
