@@ -49,7 +49,7 @@ from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.stability.poles import poles
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.headroom import PartLoads, watched_nodes
-from taction.verification.verdict.transient_plan import GROWING, plan_transient
+from taction.verification.verdict.transient_plan import plan_transient
 
 PATTERNED = 1.0  # of the difference to a model of fewer patterns, which may err hardly more
 FALL = 64.0  # most that a bound falls by halved steps, of 512: a difference may be small by chance
@@ -128,6 +128,7 @@ SPARSE = "noopiter"
 SECOND_SOLVER = (
     "the KLU solver failed at the start; this result is from the older solver of ngspice"
 )
+GROWING = 20_000  # least number of points in the record of an unstable board
 SLOWER = 5.0  # times the timeout: a run with a longer estimated time does not start
 
 
@@ -242,6 +243,8 @@ def _statespace(board: Board) -> Waiting:
             linear, analysis, times=times, tolerance=plan.tolerance, beside=nodes, resolved=stepped
         )
 
+    if plan.growing:
+        analysis = replace(analysis, max_step=min(analysis.max_step, analysis.stop / GROWING))
     try:
         if is_exact(linear) and not plan.growing:  # measured on the solution, not on its points
             waveforms = replace(simulate(linear, analysis, times=ends), fill=fill)

@@ -228,7 +228,6 @@ step takes `NEWTON` times as long."""
 NEWTON = 2.5
 UNSTABLE_PERIODS = 100.0  # of ringing: the same for the state-space engine, where it needs steps
 EXACT_PERIODS = 20_000.0  # the same where it needs none: the record has `GROWING_POINTS` on each
-GROWING = 20_000  # least number of points in the record of an unstable board
 GROWING_POINTS = 10.0  # on a period: fewer would show ringing at another frequency
 TOO_LONG = "the record ends after {}, before the instability has grown"
 
@@ -312,7 +311,7 @@ def plan_transient(
         longest *= scales.max_step_for(1.0)
         if growing and stop > longest:
             stop, notes = longest, (TOO_LONG.format(show(longest, "s", 3)),)
-        spacing = min(stop / GROWING, scales.max_step_for(GROWING_POINTS)) if growing else stop
+        spacing = min(stop, scales.max_step_for(GROWING_POINTS)) if growing else stop
         return made(Transient(stop, spacing, initial=initial), notes=notes)
     model = StepModel.of(board, stop, initial, stable=not growing)
     size = max(len(board.circuit.signal_nodes), len(board.circuit.constraint_nodes))
