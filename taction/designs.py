@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from taction.netlist_gen.scene.scene import Scene
     from taction.system.progress import Progress
     from taction.verification.reference.problem import Solution
-    from taction.verification.verdict.board_power import BuiltBoard, PartsList
-    from taction.verification.verdict.scene_deck import Netlist
+    from taction.verification.verdict.board_files import BuiltBoard, Netlist, PartsList
 
 
 def netlist(
@@ -58,21 +57,15 @@ def netlist(
     from taction.netlist_gen.deck.dialects import refuse_unable
 
     refuse_unable(dialect, measures=measure)
-    from taction.netlist_gen.board.part_warnings import part_warnings
     from taction.system.output_files import write_atomically
     from taction.verification.reference.lambda_rule import read_scene
-    from taction.verification.verdict.scene_deck import Netlist, deck_of
+    from taction.verification.verdict.board_files import deck_of
 
-    scene = read_scene(scene)
-    circuit, deck = deck_of(scene, dialect=dialect, measures=measure)
-    if output is not None:
-        write_atomically(output, deck.text)
-    return Netlist(
-        **{each.name: getattr(deck, each.name) for each in fields(deck)},
-        circuit=circuit,
-        warnings=tuple(part_warnings(circuit)),
-        written=() if output is None else (str(output),),
-    )
+    deck = deck_of(read_scene(scene), dialect=dialect, measures=measure)
+    if output is None:
+        return deck
+    write_atomically(output, deck.text)
+    return replace(deck, written=(str(output),))
 
 
 def bom(scene: str | Path | Scene, *, output: str | Path | None = None) -> PartsList:
@@ -108,7 +101,7 @@ def bom(scene: str | Path | Scene, *, output: str | Path | None = None) -> Parts
         check_file(str(output), "-o", {".csv": ""})
     from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.report.views.opamp_view import parts_csv
-    from taction.verification.verdict.board_power import parts_list
+    from taction.verification.verdict.board_files import parts_list
 
     found = parts_list(read_scene(scene))
     if output is not None:
@@ -173,8 +166,7 @@ def build(
     from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.report.renderers.page import page_html
     from taction.verification.report.views.opamp_view import parts_csv
-    from taction.verification.verdict.board_power import KICAD, OWN, REPORT, BuiltBoard
-    from taction.verification.verdict.scene_deck import deck_of
+    from taction.verification.verdict.board_files import KICAD, OWN, REPORT, BuiltBoard, deck_of
 
     scene, place = read_scene(scene, engine), Path(output)
     check_extra("report", "-o")
@@ -188,7 +180,7 @@ def build(
     } | drawn
     verdict, refused, status = None, "", None
     try:
-        texts["deck.cir"] = deck_of(scene)[1].text
+        texts["deck.cir"] = deck_of(scene).text
         verdict = verify(scene, progress=progress)
     except TactionError as error:
         refused, status = str(error), error.exit_status

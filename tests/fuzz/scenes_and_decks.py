@@ -25,7 +25,7 @@ from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.verdict_view import view
 from taction.verification.studies.regression.regress import baseline_text, observe
-from taction.verification.verdict.scene_deck import deck_of
+from taction.verification.verdict.board_files import deck_of
 from taction.verification.verdict.verify import Verdict, verify
 from tests.fuzz.edits import (
     BYTE_EDITS,
@@ -70,7 +70,8 @@ def examine(content: bytes, folder: Path) -> str:
     scene = resolve_lambda(scene)
     if problem.matrix.size > TINY:
         designed = synthesise(scene, problem)
-        circuit, deck = deck_of(scene)  # whose op-amps may have their limits
+        deck = deck_of(scene)
+        circuit = deck.circuit  # whose op-amps may have their limits
         assert not RUNS_COMMANDS.search(deck.text), deck.text
         assert write_deck(circuit, deck.analysis).text == deck.text
         plain_one = replace(circuit, models=designed.models)

@@ -109,17 +109,16 @@ def scaled_entry(values: Floats, place: Any, factor: float) -> Floats:
     return found
 
 
-def without_uncertainties(measured: tuple[Measurements, bool]) -> tuple[Measurements, bool]:
+def without_uncertainties(found: Measurements) -> Measurements:
     """Drop the uncertainties of all times."""
 
     def certain(channel: ChannelMeasure) -> ChannelMeasure:
         known = {name: channel.readings[name] for name in TIMES}
-        times = {name: found and replace(found, uncertainty=0.0) for name, found in known.items()}
+        times = {name: each and replace(each, uncertainty=0.0) for name, each in known.items()}
         return replace(channel, readings={**channel.readings, **times})
 
-    found, forever = measured
     channels = [certain(channel) for channel in found.channels]
-    return summary(found.amplitude, found.band, found.modes, channels), forever
+    return summary(found.amplitude, found.band, found.modes, channels)
 
 
 def nothing(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:

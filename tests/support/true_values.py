@@ -34,7 +34,7 @@ from taction.verification.evidence.stress.catalogue import Case, TrueValues
 from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.solve import solve
-from taction.verification.verdict.scene_deck import deck_of
+from taction.verification.verdict.board_files import deck_of
 from taction.verification.verdict.simulation import has_large_signal
 from tests.support.deck_equations import DeckText, StateEquations, parse_deck, state_equations
 from tests.support.exact_readings import Signal, UnreadableError, exact_modes
@@ -58,7 +58,7 @@ def board_of(scene: Scene) -> Circuit:
     if not has_large_signal(LinearBoard(circuit)):
         return circuit
     try:
-        return deck_of(scene)[0]
+        return deck_of(scene).circuit
     except NoVerdictError:
         return circuit
 

@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
+from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import OPAMP, mistakes_of, with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
@@ -26,7 +27,11 @@ from taction.system.quantities import show, show_rate
 from taction.verification.design.trials import LAMBDA, with_lambda_held
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
-from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
+from taction.verification.engines.statespace.transients.exact import (
+    Exact,
+    exact_solution,
+    is_exact,
+)
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.reference.solve import solve
@@ -224,7 +229,7 @@ class BoardView:
     @property
     def has_curves(self) -> bool:
         """Whether the transient has a closed form that is known at once."""
-        return self.board.circuit.is_linear and not self.is_large
+        return is_exact(self.board)
 
     @cached_property
     def poles(self) -> Poles:
@@ -280,7 +285,8 @@ class BoardView:
         """Return what the op-amps of a stable linear board cannot do, the worst first."""
         if not (self.has_curves and self.poles.known_stable):
             return ()
-        loads = PartLoads.of(self.board, initial=self.scene.analysis.initial)
+        endless = Transient(math.inf, math.inf, initial=self.scene.analysis.initial)
+        loads = PartLoads.of(self.board, endless)
         if loads.unknown:
             return (loads.unknown,)
         above = [load for load in loads.loads if load.is_above]

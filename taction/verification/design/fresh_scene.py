@@ -86,7 +86,8 @@ def with_limits(scene: Scene) -> tuple[Scene, str]:
 def exceeded(scene: Scene) -> float:
     """Return the distance from the reference that 98 % of the built boards keep, in steps."""
     board = build(scene.with_engine("statespace"))
-    spread, amplitude, target = board.built_spread(), board.amplitude, board.ideal.target
+    spread = board.built_spread(scene.tolerances)
+    amplitude, target = board.amplitude, board.ideal.target
     if spread is None or not amplitude:  # without a step nothing is judged
         return 0.0
     drawn = float(np.abs(board.steady.values - target).max())  # all input errors of one sign

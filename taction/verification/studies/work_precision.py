@@ -24,13 +24,13 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.errors import EngineError, SimulationError
+from taction.system.errors import EngineError
 from taction.system.progress import Notice, Progress
 from taction.system.quantities import show
 from taction.system.results import Result
 from taction.system.waveforms import PHYSICAL_BOUND, Cost, Waveforms
 from taction.verification.engines.ngspice import process
-from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.executable import find_simulator, missing_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients import stepped
@@ -309,12 +309,7 @@ def accuracy(
 
 def _applicable(board: LinearBoard, left_out: list[str]) -> Iterator[Method]:
     """Yield the methods that this board and this machine can run; `left_out` gets the others."""
-    missing = ""
-    try:
-        find_simulator()
-    except SimulationError as error:
-        missing = str(error).splitlines()[0]
-    large = "too many unknowns for dense matrices"
+    missing, large = missing_simulator(), "too many unknowns for dense matrices"
     inexact = large if board.circuit.is_linear else "it is not linear"
     inexact = "" if is_exact(board) else inexact
     for method in METHODS:

@@ -19,19 +19,19 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit, without_wires
 from taction.netlist_gen.topologies.frame.planes import with_ideal_stages
+from taction.netlist_gen.topologies.frame.topology import pruned
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError, SolverError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.ideal_answer import IdealNetwork
-from taction.verification.reference.problem import Solution
+from taction.verification.reference.problem import Solution, solution_difference
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Check, Evidence, Outcome
 from taction.verification.verdict.input_spread import SHARE, outputs_at_rest
 from taction.verification.verdict.run import Run
 from taction.verification.verdict.run_checks import unconfirmed
-from taction.verification.verdict.scene_deck import Pruning
 
 DECISIVE = ("headroom", "engines_agree", "same_problem")
 """Checks without which the equilibrium need not be that of the board."""
@@ -52,8 +52,7 @@ class BuiltBoards:
     # How far from the regularised answer `SHARE` of the boards keep, V; infinite if not `known`.
     distance: float
     error: float  # bound on the error of `distance`, V
-    least: float  # bounds on the share of the boards that rest within the limits of the scene
-    most: float  # the yield is at most this
+    most: float  # bound on the share that rests within the limits of the scene, and on the yield
     limit: float  # the smaller one of these limits, a fraction of the step amplitude
     varies: str  # what differs between the boards
     counted: str  # what of this the check of the steady state counts
@@ -79,14 +78,14 @@ class BuiltBoards:
         limit = min(checks.steady_state.tolerance, checks.settling_time.band)
         elements = sum(int(np.isfinite(each.ohms).sum()) for each in board.circuit.matrices)
         if board.scene.tolerances.resistor and elements * len(board.circuit.outputs) > MOST_SLOPES:
-            return cls(math.inf, 0.0, 0.0, 1.0, limit, *board.varies)
-        spread = board.built_spread()
+            return cls(math.inf, 0.0, 1.0, limit, *board.varies)
+        spread = board.built_spread(board.scene.tolerances)
         if spread is None:
             return None
         targets, doubt = evidence.targets, evidence.static_error * amplitude
         distance, error = spread.distance(targets)
-        least, most = spread.within(targets, limit * amplitude)
-        return cls(distance, error + doubt, least, most, limit, *board.varies)
+        most = spread.within(targets, limit * amplitude)
+        return cls(distance, error + doubt, most, limit, *board.varies)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,9 +98,9 @@ class AnswerError:
         "built_error_uncertainty [stress] = shares.built_doubt",
         "boards = shares.boards # share of the built boards that keep built_error",
         "varies # what differs between the built boards",
-        "yield_at_most # bound by the place of rest alone, to first order",
+        "yield_at_most = built.most # bound by the place of rest alone, to first order",
         *("true_error [stress]", "true_error_uncertainty [stress] = shares.true_doubt"),
-        *("regularisation [stress]", "noise [stress]", "channel = number # from 1"),
+        *("regularisation [stress]", "noise [stress]", "channel # from 1"),
         "largest_stress [V] = unit # the true one; if it is not known, that of the answer",
         "text = verification.report.views.answer_view:answer_text()",
     )
@@ -172,15 +171,10 @@ class AnswerError:
 
     @functools.cached_property
     def channel(self) -> int | None:
-        """The channel whose answer is farthest from the true stress, from 0; None: not known."""
+        """The channel whose answer is farthest from the true stress, from 1; None: not known."""
         if self.stress is None or math.isinf(self.target_error) or not self.unit:
             return None
-        return worst_channel(self.target - self.stress)
-
-    @property
-    def number(self) -> int | None:
-        """`channel` from 1."""
-        return None if self.channel is None else self.channel + 1
+        return worst_channel(self.target - self.stress) + 1
 
     @property
     def shares(self) -> dict[str, float | None]:
@@ -201,11 +195,6 @@ class AnswerError:
         return "" if self.built is None else self.built.varies
 
     @property
-    def yield_at_most(self) -> float | None:
-        """Bound on the yield: the share of the built boards that rest within the limits."""
-        return None if self.built is None else self.built.most
-
-    @property
     def true_error(self) -> float | None:
         """Largest distance of the answer from the true stress, of `unit`; None: not known."""
         return self._along(self.target, self.stress)
@@ -222,9 +211,9 @@ class AnswerError:
 
     def _along(self, after: Floats | None, before: Floats | None) -> float | None:
         """Return a difference in the worst channel, positive in the direction of the error."""
-        n = self.channel
-        if n is None or self.stress is None or after is None or before is None:
+        if not self.channel or self.stress is None or after is None or before is None:
             return None
+        n = self.channel - 1
         sign = -1.0 if self.target[n] < self.stress[n] else 1.0
         return sign * float(after[n] - before[n]) / self.unit + 0.0
 
@@ -341,11 +330,13 @@ def _links(run: Run, answer: AnswerError, end: float | None) -> Iterator[Link]:
         noisy = "regularised answer against that without noise"
         how = noisy if answer.has_noise else "the strain is T times the true stress"
         yield "strain_noise", how, ideal.target, None
-    pruning = Pruning.of(board.network, board.scene.design.prune, ideal.solution)
-    if pruning is not None:
-        bound = pruning.bound if math.isfinite(pruning.bound) else None
-        how = f"answer without {pruning.entries} entries of T against the requested answer"
-        yield "pruning", how, pruning.target, bound
+    network = board.network
+    kept = pruned(network.T, board.scene.design.prune)
+    if entries := int(np.count_nonzero(kept != network.T)):
+        after = replace(network, T=kept).rest
+        bound = solution_difference(ideal.solution, after)[1] * network.U0
+        how = f"answer without {entries} entries of T against the requested answer"
+        yield "pruning", how, after.u * network.U0, bound if math.isfinite(bound) else None
     stages = with_ideal_stages(board.circuit)
     straight = without_wires(stages)
     how = "board as built, with ideal op-amps, against that answer"

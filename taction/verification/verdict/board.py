@@ -7,7 +7,6 @@ use.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -139,8 +138,7 @@ class Board:
         """What the op-amps of the board have to do."""
         if not self.poles.known_stable or self.circuit.is_small_signal:
             return self.small
-        plan = self.plan
-        found = PartLoads.of(self.linear, transient=plan.transient, tolerance=plan.tolerance)
+        found = PartLoads.of(self.linear, self.transient, self.plan.tolerance)
         simulated = tuple(load for load in self.small.loads if load.is_above)
         return replace(found, simulated=simulated)
 
@@ -149,11 +147,10 @@ class Board:
         """Where boards of the same parts rest; None if all rest at one place, or none."""
         return self.built_spread(NOTHING)
 
-    def built_spread(self, tolerances: Tolerances | None = None) -> InputSpread | None:
-        """Return where built boards rest, whose parts by default have the scene's tolerances."""
-        wanted = tolerances or self.scene.tolerances
+    def built_spread(self, tolerances: Tolerances) -> InputSpread | None:
+        """Return where boards rest whose parts have these tolerances; None as for `spread`."""
         stable = self.poles.known_stable
-        return InputSpread.of(self.linear, self._drift, wanted) if stable else None
+        return InputSpread.of(self.linear, self._drift, tolerances) if stable else None
 
     @property
     def varies(self) -> tuple[str, str]:
@@ -167,11 +164,6 @@ class Board:
         """Standard deviation of the change of each resistor by temperature, a fraction."""
         wanted = self.scene.design
         return wanted.temperature_coefficient * abs(wanted.surroundings.kelvin) / MOST
-
-    @property
-    def rest(self) -> Callable[[str], float] | None:
-        """The voltages of the nodes at rest, V; None for a board that may be unstable."""
-        return self.linear.equilibrium.__getitem__ if self.poles.known_stable else None
 
     def volts(self, share: float) -> float:
         """Return a share of the step in V; infinite without a step, or if it may grow."""

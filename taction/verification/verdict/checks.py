@@ -198,13 +198,13 @@ SPREAD = "95 % of the boards"  # begins the reason of a distance that one board 
 UNSTEADY = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
 
 
+SEVERITY = (Outcome.PASS, Outcome.INCONCLUSIVE, Outcome.FAIL)
+
+
 def overall(checks: Iterable[Check]) -> Outcome:
-    """Fail if any check failed, else inconclusive if any is undecided, else pass."""
-    outcomes = {check.outcome for check in checks}
-    for worst in (Outcome.FAIL, Outcome.INCONCLUSIVE):
-        if worst in outcomes:
-            return worst
-    return Outcome.PASS if outcomes else Outcome.INCONCLUSIVE
+    """Fail if any check failed, else inconclusive if any is undecided or there is none."""
+    outcomes = (check.outcome for check in checks)
+    return max(outcomes, key=SEVERITY.index, default=Outcome.INCONCLUSIVE)
 
 
 def at_most(value: float, uncertainty: float, limit: float) -> Outcome:

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.part_warnings import part_warnings, stuck_cells
 from taction.netlist_gen.scene.axes import questions
-from taction.spice_models.imported import ImportedOpAmp
 from taction.spice_models.input_errors import not_known
 from taction.system.array_types import Floats
-from taction.system.errors import SimulatorNotFound, SimulatorTooOld, one_line
 from taction.system.quantities import show, spaced
 from taction.system.reading_definitions import READINGS
-from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.executable import missing_simulator
 from taction.verification.reference.ideal_answer import IdealAnswer
-from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Evidence
 
 FAINTLY = 1e-3  # damping ratio below which a board nearly oscillates
+NEARLY = (
+    "damping ratio {:.2g}: the board nearly oscillates; component tolerances can make it oscillate"
+)
 IMPORTED = (
     "op-amp {} is imported: the state-space engine has its cards, linear about their rest, within"
     " {:.2g} % of ngspice's small signal up to {}"
@@ -30,67 +29,44 @@ IMPORTED = (
 
 def all_warnings(evidence: Evidence) -> tuple[str, ...]:
     """Return the warnings of the scene, the parts, the plan, the engine and the readings."""
-    run = evidence.run
-    board, notes = (None, ()) if run is None else (run.board, run.ends.flags)
-    if board is not None:
-        circuit = board.circuit
-        notes = (
-            *questions(board.scene),
-            *notes,
-            *board.plan.notes,
-            *_without_ngspice(board),
-            *part_warnings(circuit, board.rest),
-            *stuck_cells(circuit),
-            *(
-                IMPORTED.format(name, 100.0 * linear.error, show(linear.band[1], "Hz", 3))
-                for name, imported in _imported(circuit)
-                if (linear := imported.linear) is not None
-            ),
-            *not_known(circuit.models.values()),
-        )
-    return (*notes, *(_of_readings(evidence) if evidence.poles.known_stable else ()))
-
-
-def _without_ngspice(board: Board) -> Iterator[str]:
-    """Yield why ngspice simulates no board of the engine ``auto`` here."""
-    if board.scene.analysis.engine == "auto" and board.engine == "statespace":
-        try:
-            find_simulator()
-        except (SimulatorNotFound, SimulatorTooOld) as error:
-            yield f"by taction's own engine alone, without ngspice: {one_line(error)}"
-
-
-def _of_readings(evidence: Evidence) -> Iterator[str]:
-    """Yield that a stable board nearly oscillates, and the fragile readings."""
-    if evidence.poles.known_stable and evidence.poles.damping_ratio < FAINTLY:
-        yield (
-            f"damping ratio {evidence.poles.damping_ratio:.2g}: the board nearly oscillates;"
-            " component tolerances can make it oscillate"
-        )
+    notes, run = list[str](), evidence.run
+    if run is not None:
+        board, circuit = run.board, run.board.circuit
+        rest = board.linear.equilibrium.__getitem__ if board.poles.known_stable else None
+        notes += (*questions(board.scene), *run.ends.flags, *board.plan.notes)
+        auto = board.scene.analysis.engine == "auto" and board.engine == "statespace"
+        if auto and (missing := missing_simulator()):
+            notes.append(f"by taction's own engine alone, without ngspice: {missing}")
+        notes += (*part_warnings(circuit, rest), *stuck_cells(circuit))
+        for name, model in circuit.models.items():
+            if model.imported is not None and (linear := model.imported.linear) is not None:
+                band = show(linear.band[1], "Hz", 3)
+                notes.append(IMPORTED.format(name, 100.0 * linear.error, band))
+        notes += not_known(circuit.models.values())
+    if not evidence.poles.known_stable:
+        return tuple(notes)
+    if (damping := evidence.poles.damping_ratio) < FAINTLY:
+        notes.append(NEARLY.format(damping))
     for channel in evidence.measurements.channels:
         for name, reading in channel.fragile.items():
             if reading.alternative is not None:
                 unit, shifted = READINGS[name].unit, READINGS[name].shifted
-                yield (
-                    f"channel {channel.index + 1}: {spaced(name)} {show(reading.value, unit)} is"
-                    f" fragile: {show(reading.alternative, unit)} with {shifted}"
-                )
+                value, other = show(reading.value, unit), show(reading.alternative, unit)
+                place = f"channel {channel.index + 1}: {spaced(name)}"
+                notes.append(f"{place} {value} is fragile: {other} with {shifted}")
+    return tuple(notes)
 
 
 def missing_witness(circuit: Circuit, engine: str) -> str:
     """Return which of the two witnesses a board with imported op-amps lacks; empty for none."""
-    for name, imported in _imported(circuit):
+    for name, model in circuit.models.items():
+        if (imported := model.imported) is None:
+            continue
         if imported.linear is None:
             return f"op-amp {name} has no state-space witness: {imported.missing}"
         if engine != "ngspice":
             return f"the slew rate and limits of op-amp {name} are in its netlist: run ngspice"
     return ""
-
-
-def _imported(circuit: Circuit) -> Iterator[tuple[str, ImportedOpAmp]]:
-    for name, model in circuit.models.items():
-        if model.imported is not None:
-            yield name, model.imported
 
 
 ROUNDED = 1e-9  # relative difference of two formulas for one number; rounding is far below

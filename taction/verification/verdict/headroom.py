@@ -15,8 +15,8 @@ from taction.netlist_gen.board.parts import OpAmpCell
 from taction.system.array_types import Bools, Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show
-from taction.verification.engines.statespace.linearised.linear_board import Initial, LinearBoard
-from taction.verification.engines.statespace.transients.exact import Exact, combinations, is_exact
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.transients.exact import combinations, is_exact
 from taction.verification.engines.statespace.transients.stepped import simulate
 from taction.verification.readings.exact_measures import ExactTrace
 
@@ -102,9 +102,7 @@ def watched_nodes(circuit: Circuit) -> tuple[str, ...]:
     return tuple(dict.fromkeys(node for *_, weights in _rows(circuit) for node in weights))
 
 
-def _loads(
-    board: LinearBoard, initial: Initial, transient: Transient | None, tolerance: float
-) -> tuple[Load, ...]:
+def _loads(board: LinearBoard, transient: Transient, tolerance: float) -> tuple[Load, ...]:
     """Return the loads of a board, the largest first; `EngineError` where they are not known."""
     from scipy.sparse import csr_array
 
@@ -116,35 +114,30 @@ def _loads(
     values, *places = zip(*entries, strict=True)
     weights = csr_array((values, places), shape=(len(rows), len(nodes)))
     slopes = np.array([row[1] == "slope" for row in rows])
-    if transient is None or is_exact(board):
+    if is_exact(board):
         dense = weights.toarray()
         of_volts = np.where(slopes[:, None], 0.0, dense)
-        solution = combinations(board, nodes, of_volts, dense - of_volts, initial=initial)
-        found = _exact_peaks(solution)
+        solution = combinations(board, nodes, of_volts, dense - of_volts, initial=transient.initial)
+        ones = np.ones(len(rows))
+        trace = ExactTrace(solution, ones, 0.0 * ones, PRECISION, DETAIL)
+        found = np.array(trace.peaks)
+        peaks, errors, at = np.where(found[0, 0] > found[0, 1], found[:, 0], found[:, 1])
     else:
         time, volts = _record(board, nodes, transient, tolerance)
-        found = _sampled_peaks(time, weights @ volts.T, slopes)
+        loaded = np.asarray(weights @ volts.T)
+        fine = _sizes(time, loaded, slopes)
+        peaks, at = fine.max(axis=1), time[fine.argmax(axis=1)]
+        coarse = _sizes(time[::2], loaded[:, ::2], slopes).max(axis=1)
+        errors = np.abs(peaks - coarse) + PRECISION
     rest = np.abs(weights @ np.array([board.equilibrium[node] for node in nodes]))
     rest[slopes] = 0.0
     loads = (
         Load(part, quantity, peak * limit, limit, when, still * limit, error * limit)
         for (part, quantity, limit, _), peak, when, error, still in zip(
-            rows, *(each.tolist() for each in (*found, rest)), strict=True
+            rows, *(each.tolist() for each in (peaks, at, errors, rest)), strict=True
         )
     )
     return tuple(sorted(loads, key=lambda load: (-load.share, load.part, load.quantity)))
-
-
-Peaks = tuple[Floats, Floats, Floats]
-"""Of K sizes: the largest, when that is, s, and a bound on its error."""
-
-
-def _exact_peaks(solution: Exact) -> Peaks:
-    """Return the peaks of a solution."""
-    count = len(solution.final)
-    found = np.array(ExactTrace(solution, np.ones(count), np.zeros(count), PRECISION, DETAIL).peaks)
-    heights, doubts, at = np.where(found[0, 0] > found[0, 1], found[:, 0], found[:, 1])
-    return heights, at, doubts
 
 
 def _record(
@@ -166,18 +159,12 @@ def _record(
     return times, curve.at(times)[:, -len(nodes) :]
 
 
-def _sampled_peaks(time: Floats, values: Floats, slopes: Bools) -> Peaks:
-    """Return the peaks of values (K, P), of some their slopes; the errors by every second point."""
-
-    def sizes(step: int) -> Floats:
-        found = values[:, ::step].copy()
-        found[slopes] = np.gradient(found[slopes], time[::step], axis=1) if slopes.any() else 0.0
-        return np.abs(found)
-
-    fine = sizes(1)
-    peaks = fine.max(axis=1)
-    errors = np.abs(peaks - sizes(2).max(axis=1)) + PRECISION
-    return peaks, time[fine.argmax(axis=1)], errors
+def _sizes(time: Floats, values: Floats, slopes: Bools) -> Floats:
+    """Return the sizes of values (K, P) at instants, of some those of their slopes."""
+    sizes = values.copy()
+    if slopes.any():
+        sizes[slopes] = np.gradient(values[slopes], time, axis=1)
+    return np.abs(sizes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,19 +178,14 @@ class PartLoads:
 
     @classmethod
     def of(
-        cls,
-        board: LinearBoard,
-        *,
-        initial: Initial = "zero",
-        transient: Transient | None = None,
-        tolerance: float = TOLERANCE,
+        cls, board: LinearBoard, transient: Transient, tolerance: float = TOLERANCE
     ) -> PartLoads:
-        """Find the loads of a stable board; `transient` is for one without exact solution."""
-        circuit = board.circuit
-        if not any(model.is_limited for model in circuit.models.values()):
-            return NOT_LIMITED
+        """Find the loads of a stable board; an exact solution is searched for all time.
+
+        `tolerance`: of the steps of another solution, in step amplitudes.
+        """
         try:
-            loads = _loads(board, initial, transient, tolerance)
+            loads = _loads(board, transient, tolerance)
         except EngineError as error:
             return cls((), f"the loads of the op-amps are not known: {error}")
         first = {load.quantity: load for load in reversed(loads)}
@@ -220,21 +202,11 @@ class PartLoads:
 NOT_LIMITED = PartLoads()
 
 
-def amount(load: Load, value: float) -> str:
-    """Return a value of a load with its unit: ``"1.6 V/us"``."""
-    return show(value, load.unit, 3)
-
-
-def limited_text(load: Load) -> str:
-    """Return what the limit of a simulated op-amp does, and what the op-amp would need."""
-    does = {"slope": "slew rate counts", "voltage": "clips", "current": "limits its current"}
-    return f"{does[load.quantity]}: needs {amount(load, load.peak)} of {amount(load, load.limit)}"
-
-
 def describe(load: Load) -> str:
     """Return what a part has to do, and its limit."""
     when = " at rest" if math.isinf(load.at) else f" at {show(load.at, 's', 3)}"
+    peak, limit = (show(value, load.unit, 3) for value in (load.peak, load.limit))
     return (
-        f"the output {load.quantity} of op-amp {load.part} reaches {amount(load, load.peak)}{when};"
-        f" the limit is {amount(load, load.limit)}"
+        f"the output {load.quantity} of op-amp {load.part} reaches {peak}{when};"
+        f" the limit is {limit}"
     )

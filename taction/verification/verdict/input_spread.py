@@ -59,11 +59,6 @@ class Deviation(NamedTuple):
     shift: Floats = np.zeros(1)  # (N,): what the mean less the value on the board adds, V
 
     @property
-    def is_of_resistor(self) -> bool:
-        """Whether ln R deviates; else a z of `vary`."""
-        return self.kind == DRIFT or self.kind in KINDS
-
-    @property
     def name(self) -> str:
         """The part, with its figure: ``"v_1.offset_voltage"``."""
         return f"{self.part}.{self.kind}" if self.kind not in (DRIFT, "") else self.part
@@ -118,26 +113,21 @@ class InputSpread:
             len(at_rest) if uniform else 0,
             moved=sum(changed, np.zeros_like(rest)),
         )
-        return found._probed(every, at)
-
-    def _probed(
-        self, every: Sequence[Deviation], at: Callable[[Mapping[str, float]], Circuit]
-    ) -> InputSpread:
-        """Compare the first order with the rest of a board at which the worst output is far off."""
-        worst = int(np.argmax(self.sigma))
-        sigma, column = float(self.sigma[worst]), self.rows[:, worst]
+        worst = int(np.argmax(found.sigma))
+        sigma, column = float(found.sigma[worst]), found.rows[:, worst]
         if not sigma > 0.0:
-            return self
+            return found
+        # The first order is compared with the rest of a board whose worst output is far off.
         z, shares, logs = PROBED * column / sigma, dict[str, float](), dict[str, float]()
         for each, value in zip(every, z.tolist(), strict=True):
-            if each.is_of_resistor:
+            if each.kind == DRIFT or each.kind in KINDS:  # ln R deviates
                 logs[each.part] = logs.get(each.part, 0.0) + each.size * value
             else:
                 shares[each.name] = each.size * value
         scale = {name: math.exp(value) for name, value in logs.items()}
         probed = outputs_at_rest(LinearBoard(with_factors(at(shares), scale)))
-        off = float(np.abs(probed - self.mean - self.rows.T @ z).max())
-        return replace(self, curvature=off / (PROBED * sigma))
+        off = float(np.abs(probed - found.mean - found.rows.T @ z).max())
+        return replace(found, curvature=off / (PROBED * sigma))
 
     @functools.cached_property
     def sigma(self) -> Floats:
@@ -153,14 +143,13 @@ class InputSpread:
             found.append((middle, max(high - middle, middle - low) + error))
         return max(found)
 
-    def within(self, target: Floats, limit: float) -> tuple[float, float]:
-        """Return bounds on the share of boards that rest at most `limit`, V, off `target`."""
+    def within(self, target: Floats, limit: float) -> float:
+        """Return an upper bound on the share of boards that rest within `limit`, V, of `target`."""
         found = []
         for farthest, error in self._farthest(target):
             low, high = (float((farthest <= limit + end).mean()) for end in (-error, error))
             found.append((max(low - self._scatter(low), 0.0), high + self._scatter(high)))
-        least, most = min(found)
-        return least, min(most, 1.0)
+        return min(min(found)[1], 1.0)
 
     def _farthest(self, target: Floats) -> Iterator[tuple[Floats, float]]:
         """Yield how far drawn boards rest off `target`, and the error of the first order, V.

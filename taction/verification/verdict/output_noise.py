@@ -61,7 +61,6 @@ UNSTATED = (
 )
 NO_CORNER = "1/f noise of op-amp {} not known (design.opamp.voltage_noise_corner), so left out"
 UNSTABLE = "an unstable board has no noise at rest"
-MAYBE_UNSTABLE = "the board may be unstable, and an unstable board has no noise at rest"
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +91,8 @@ class OutputNoise:
         flickers = any(model.flicker_noise > 0.0 for model in models)
         lowest = limit.lowest or (LOWEST if flickers else 0.0)
         if not board.poles.known_stable:
-            return cls(unknown=UNSTABLE if board.poles.known_unstable else MAYBE_UNSTABLE)
+            doubt = "" if board.poles.known_unstable else "the board may be unstable, and "
+            return cls(unknown=doubt + UNSTABLE)
         try:
             rms, error = output_noise(board.linear, lowest)
             ngspice = board.engine == "ngspice"
@@ -139,10 +139,11 @@ class OutputNoise:
 
 def _simulated(board: Board, channel: int, lowest: float) -> float:
     """Return the noise of a channel above a frequency from ngspice, V."""
+    from taction.verification.engines.ngspice.evidence import integrated_noise
     from taction.verification.engines.ngspice.process import Simulation, find_simulator
 
     bands = noise_bands(board.linear.state_space.modes.poles, lowest)
     node = board.circuit.outputs[channel].node
     deck = write_deck(board.circuit, NoiseAnalysis(bands), saved=[node])
     with Simulation(deck, find_simulator(), timeout=board.scene.analysis.timeout) as run:
-        return run.noise()
+        return run.accept(integrated_noise)

@@ -194,10 +194,16 @@ class Record:
     def of(cls, verdict: Verdict, *, channels: bool = True) -> Record:
         """Return the record of a verdict; without `channels` only of the whole board."""
         engine = verdict.run.ends.engine
-        found = {name: rule.figure(verdict) for name, rule in FIGURES.items()}
-        if verdict.poles.stable is not True:
-            found |= WITHOUT_REST
-        state = max((c.state for c in verdict.measurements.channels), key=STATES.index)
+        known = {} if verdict.poles.stable is True else WITHOUT_REST
+        found = {name: rule.figure(verdict) for name, rule in FIGURES.items()} | known
+        measured, error = verdict.measurements, finite(_rest_error(verdict))
+        bound = None if error is None else error * measured.amplitude
+        rest = (Figure(finite(volts), "V", bound) for volts in verdict.steady.values.tolist())
+        each = (
+            Channel.of(channel, known | {"equilibrium": figure})
+            for channel, figure in zip(measured.channels, rest, strict=True)
+        )
+        state = max((c.state for c in measured.channels), key=STATES.index)
         return cls(
             verdict.outcome.value,
             engine.partition("-")[0],
@@ -208,7 +214,7 @@ class Record:
             verdict.poles.stable,
             *three(found),
             verdict.checks,
-            _channels(verdict) if channels else (),
+            tuple(each) if channels else (),
         )
 
     @classmethod
@@ -253,16 +259,6 @@ def decisive_reason(verdict: Verdict) -> str:
     """Return why a verdict is no pass; empty of a pass."""
     found = cause(verdict.checks)
     return "" if found is None else found.text
-
-
-def _channels(verdict: Verdict) -> tuple[Channel, ...]:
-    volts, error = verdict.steady.values.tolist(), finite(_rest_error(verdict))
-    bound = None if error is None else error * verdict.measurements.amplitude
-    known = {} if verdict.poles.stable is True else WITHOUT_REST
-    return tuple(
-        Channel.of(channel, known | {"equilibrium": Figure(finite(value), "V", bound)})
-        for channel, value in zip(verdict.measurements.channels, volts, strict=True)
-    )
 
 
 def three(found: Mapping[str, Figure]) -> tuple[Bounds, Bounds, Bounds]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Annotated
 
 import numpy as np
@@ -18,7 +18,7 @@ import numpy as np
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.check_keys import AGREE
-from taction.system.array_types import Floats
+from taction.system.array_types import Floats, Indices
 from taction.system.documents import HIDDEN
 from taction.system.errors import EngineError, StepTooSmall, TimedOut
 from taction.system.progress import Clock
@@ -26,7 +26,7 @@ from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.readings.measurements import Measurements, measure, summary
-from taction.verification.readings.record import CUBIC, Curve, Rest, lagrange
+from taction.verification.readings.record import CUBIC, Rest, lagrange
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.headroom import watched_nodes
 from taction.verification.verdict.simulation import (
@@ -65,11 +65,6 @@ class Agreement:
     unit: float = 1.0  # unit voltage U0, V
 
     @property
-    def how(self) -> str:
-        """Source of the second solution."""
-        return f"no state-space solution: {self.reason}" if self.reason else COMPARED
-
-    @property
     def differences(self) -> Floats:
         """Record minus second solution, (Q, N), V."""
         return self.u - self.other
@@ -84,11 +79,6 @@ class Agreement:
         """Instant of the largest difference, s, and its channel, from 0."""
         place, channel = np.unravel_index(int(np.abs(self.differences).argmax()), self.u.shape)
         return float(self.instants[place]), int(channel)
-
-    @property
-    def end_error(self) -> float:
-        """Bound of the error of the record's end, V."""
-        return float(np.abs(self.differences[-1]).max(initial=0.0)) + self.doubt
 
 
 def second_solution(board: Board, record: Waveforms) -> Agreement:
@@ -155,32 +145,23 @@ def state_space_beside(
 
 def measure_with_bounds(
     board: Board, wave: Waveforms, own: StateSpaceError | None, beside: Agreement | None
-) -> tuple[Measurements, bool]:
+) -> Measurements:
     """Measure a record; the uncertainties of the readings are bounds.
 
     `own` is the error of a record of the state-space engine, `beside` a second solution beside a
-    record of ngspice. Returns also whether the readings are those of the exact solution, which has
-    no end.
+    record of ngspice. The readings of a record that has an exact solution are those of it: they
+    have no end.
     """
-    exact = board.exact if own or beside else None
-    if beside is not None:
-        if beside.reason:
-            return _by_its_error(board, wave, math.inf), False
-        other = exact or _by_its_error(board, beside.solution, beside.doubt)
-        return bounded(measure_outputs(board, wave), other), False
+    if beside is not None and not beside.reason:
+        other = board.exact or measure_outputs(board, beside.solution, beside.doubt)
+        return bounded(measure_outputs(board, wave), other)
+    exact = None if own is None else board.exact
     if exact is None:
-        return _by_its_error(board, wave.filled, math.inf if own is None else own.volts), False
+        return measure_outputs(board, wave.filled, math.inf if own is None else own.volts)
     # As for every engine, `final` is the end of the record.
     ends = zip(exact.channels, outputs(board.circuit, wave)[-1].tolist(), strict=True)
     channels = tuple(replace(channel, final=end) for channel, end in ends)
-    return replace(exact, channels=channels), True
-
-
-def _by_its_error(board: Board, wave: Waveforms, volts: float) -> Measurements:
-    """Measure a record by its error, V; its readings have no bound where that is not finite."""
-    if math.isfinite(volts):
-        return measure_outputs(board, wave, error=volts)
-    return bounded(measure_outputs(board, wave, error=wave.rounding), None)
+    return replace(exact, channels=channels)
 
 
 def bounded(measured: Measurements, other: Measurements | None) -> Measurements:
@@ -195,10 +176,9 @@ def bounded(measured: Measurements, other: Measurements | None) -> Measurements:
         known = dict(channel.readings)
         for name, reading in channel.readings.items():
             if reading is not None:
-                there, error = better.get(name), math.inf
-                if there is not None:
-                    error = abs(reading.value - there.value) + there.uncertainty
-                known[name] = replace(reading, uncertainty=error)
+                there = better.get(name) or replace(reading, uncertainty=math.inf)
+                apart = abs(reading.value - there.value)
+                known[name] = replace(reading, uncertainty=apart + there.uncertainty)
         channels.append(replace(channel, readings=known))
     return summary(measured.amplitude, measured.band, measured.modes, channels)
 
@@ -208,15 +188,27 @@ def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
     return np.array([out.sign * waveforms[out.node] for out in circuit.outputs]).T
 
 
-def measure_outputs(board: Board, waveforms: Waveforms, *, error: float = 0.0) -> Measurements:
-    """Measure `waveforms`, whose error, V, `error` bounds, against the reference."""
+def measure_outputs(board: Board, waveforms: Waveforms, error: float = 0.0) -> Measurements:
+    """Measure `waveforms` against the reference; `error` bounds the error of each voltage, V.
+
+    Where it is not finite the readings have no bound.
+    """
     u, time, ideal = outputs(board.circuit, waveforms), waveforms.time, board.ideal
-    rest = None
+    rest = between = None
     if board.poles.known_stable:  # it comes to rest after the record
         late = u[int(np.searchsorted(time, LATE * time[-1])) :]
         moving = float(np.abs(late - board.steady.values).max(initial=0.0))
         rest = Rest(board.steady.values, max(board.steady.left(float(time[-1])), moving))
-    return measure(
+    if (curve := waveforms.curve) is not None:
+        found = board.circuit.outputs
+        columns = np.array([waveforms.nodes.index(output.node) for output in found])
+        signs = np.array([output.sign for output in found])
+
+        def between(times: Floats, channels: Indices) -> Floats:
+            return signs[channels] * curve(times, columns[channels])
+
+    known = math.isfinite(error)
+    measured = measure(
         time,
         u,
         ideal.target,
@@ -224,29 +216,18 @@ def measure_outputs(board: Board, waveforms: Waveforms, *, error: float = 0.0) -
         band=board.scene.checks.settling_time.band,
         bound=PHYSICAL_BOUND * board.circuit.value("U0"),
         expected_stop=board.transient.stop,
-        error=error + board.target_error,
+        error=(error if known else waveforms.rounding) + board.target_error,
         rest=rest,
-        curve=_curve(board, waveforms),
+        curve=between,
     )
-
-
-def _curve(board: Board, waveforms: Waveforms) -> Curve | None:
-    """Return the outputs between the points of a record, by channel, if they are known."""
-    between, found = waveforms.curve, board.circuit.outputs
-    if between is None:
-        return None
-    columns = np.array([waveforms.nodes.index(output.node) for output in found])
-    signs = np.array([output.sign for output in found])
-    return lambda times, channels: signs[channels] * between(times, columns[channels])
+    return measured if known else bounded(measured, None)
 
 
 INSIDE = 0.5  # of the band minus the static error: remaining ringing at the end of a longer record
 LONGER = 2.0  # times the length of a record that was too short: least length of the next record
 SMALLER = 1.05  # times: by so much the forecast error of a finer plan is smaller
 REPEATS = 3  # largest number of repeated runs
-REPEAT_FAILED = (
-    "a better run ended without a record, so the readings are of the run before it: {reason}"
-)
+REPEAT_FAILED = "a better run ended without a record, so the readings are of the run before it"
 UNSTABLE = "the board is unstable: the error grows with the voltages"
 
 
@@ -280,7 +261,6 @@ class Run:
     board: Board  # with the plan of this record
     ends: Waveforms  # the record, at least its first and its last point
     measured: Measurements
-    forever: bool = False  # whether `measured` holds for all time: it is of an exact solution
     own: StateSpaceError | None = None  # its error, if its engine bounds that itself
     beside: Agreement | None = None  # else the second solution; None for an unstable board
     tries: int = 1  # number of runs
@@ -304,13 +284,14 @@ class Run:
     @property
     def error(self) -> tuple[float, float, str]:
         """Bounds of the error of any output, V, at any time and at the end, and their source."""
-        if self.own is not None:
-            volts, how = self.own.volts, self.own.how
-            return volts, volts if math.isfinite(volts) else math.inf, how
-        if self.beside is not None:
-            volts = self.beside.difference + self.beside.doubt
-            return volts, self.beside.end_error, self.beside.how
-        return math.nan, math.inf, UNSTABLE
+        own, beside = self.own, self.beside
+        if own is not None:
+            return own.volts, own.volts if math.isfinite(own.volts) else math.inf, own.how
+        if beside is None:
+            return math.nan, math.inf, UNSTABLE
+        last = float(np.abs(beside.differences[-1]).max(initial=0.0))
+        how = f"no state-space solution: {beside.reason}" if beside.reason else COMPARED
+        return beside.difference + beside.doubt, last + beside.doubt, how
 
     @property
     def exact_end(self) -> Floats | None:
@@ -353,7 +334,7 @@ def observe(board: Board, pending: Waiting | None, clock: Clock) -> Run:
         try:
             again = _observed(replace(run.board, plan=plan), None, clock)
         except (StepTooSmall, TimedOut) as error:
-            flag = REPEAT_FAILED.format(reason=str(error).splitlines()[0])
+            flag = f"{REPEAT_FAILED}: {str(error).splitlines()[0]}"
             return replace(run, ends=replace(run.ends, flags=(*run.ends.flags, flag)))
         run = replace(again, tries=run.tries + 1, before=run.accuracy.seconds)
     return run
@@ -369,43 +350,30 @@ def _observed(board: Board, pending: Waiting | None, clock: Clock) -> Run:
         beside = second_solution(board, wave)
     clock.begin("measures")
     wave = wave if own is None else own.record
-    return Run(board, wave, *measure_with_bounds(board, wave, own, beside), own, beside)
+    return Run(board, wave, measure_with_bounds(board, wave, own, beside), own, beside)
 
 
 def better_plan(run: Run) -> TransientPlan | None:
-    """Return a plan for a better run; None if the run suffices or no plan would be better."""
-    return _longer(run.board, run.measured) or _finer(run)
+    """Return a plan for a better run; None if the run suffices or no plan would be better.
 
-
-def _longer(board: Board, measured: Measurements) -> TransientPlan | None:
-    """Plan a longer record if a channel settles only after its end."""
+    A longer record is for a channel that settles only after its end; smaller steps are for an
+    engine that takes the steps of the plan and missed the wanted error.
+    """
+    board, measured = run.board, run.measured
+    steps, known = board.plan.steps > 0.0, (board.scene, board.linear, board.scales)
+    planned = partial(plan_transient, *known, steps=steps)
     automatic = board.scene.analysis.stop == "auto" and board.poles.known_stable
-    if not automatic or measured.settling_time is not None or not measured.amplitude:
+    if automatic and measured.settling_time is None and measured.amplitude:
+        static = float(np.abs(board.steady.values - board.ideal.target).max()) / measured.amplitude
+        room = INSIDE * (board.scene.checks.settling_time.band - static)
+        if room > 0.0:
+            stop = max(AFTER_SETTLING * board.scales.stop_for(room), LONGER * board.transient.stop)
+            return planned(stop=float(f"{stop:.6g}"))
+    if run.own is not None or run.achieved is None or not run.accuracy.missed:
         return None
-    static = float(np.abs(board.steady.values - board.ideal.target).max()) / measured.amplitude
-    room = INSIDE * (board.scene.checks.settling_time.band - static)
-    if room <= 0.0:
-        return None
-    stop = max(AFTER_SETTLING * board.scales.stop_for(room), LONGER * board.transient.stop)
-    return _planned(board, float(f"{stop:.6g}"))
-
-
-def _finer(run: Run) -> TransientPlan | None:
-    """Plan smaller steps if a run with the steps of the plan missed the wanted error."""
-    board, achieved, wanted = run.board, run.achieved, run.board.plan.wanted
-    even = board.scene.analysis.points_per_period is not None
-    if achieved is None or achieved <= wanted or even or run.own is not None:
-        return None
-    error = board.plan.error
-    aim = AIM * wanted * min(error / achieved, 1.0)
+    error, wanted = board.plan.error, board.plan.wanted
+    aim = AIM * wanted * min(error / run.achieved, 1.0)
     if aim < LEAST_ERROR:
         return None
-    plan = _planned(board, board.transient.stop, aim)
+    plan = planned(stop=board.transient.stop, aim=aim)
     return plan if SMALLER * plan.error < error else None
-
-
-def _planned(board: Board, stop: float, aim: float | None = None) -> TransientPlan:
-    """Plan a transient of a stable board up to an instant, s."""
-    analysis = board.scene.analysis.model_copy(update={"stop": stop})
-    scene, steps = board.scene.model_copy(update={"analysis": analysis}), board.plan.by_steps
-    return plan_transient(scene, board.linear, board.scales, steps=steps, stable=True, aim=aim)

@@ -20,6 +20,7 @@ from taction.system.reading_definitions import EXCURSIONS, READINGS
 from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.readings.readings import Reading
 from taction.verification.verdict.checks import (
+    SEVERITY,
     SPREAD,
     Check,
     CheckKind,
@@ -29,10 +30,9 @@ from taction.verification.verdict.checks import (
     doubtful,
     joined,
 )
-from taction.verification.verdict.headroom import FULL, amount, describe, limited_text
+from taction.verification.verdict.headroom import FULL, describe
 
 PASS, FAIL, UNDECIDED = Outcome.PASS, Outcome.FAIL, Outcome.INCONCLUSIVE
-SEVERITY = (PASS, UNDECIDED, FAIL)
 Make = Callable[..., Check]
 """A check with its name, unit and limit; takes the outcome, and the value with its error."""
 
@@ -231,39 +231,39 @@ def stability(evidence: Evidence) -> Check:
 
 
 REMEDY = "; a smaller unit_voltage lowers it"
+LIMITS = {"slope": "slew rate counts", "voltage": "clips", "current": "limits its current"}
+"""What the limit of a simulated op-amp does."""
 
 
 def headroom(evidence: Evidence) -> Check | None:
     """Fail if the steady state is beyond a part; above `FULL` of a limit nothing is known."""
-    parts = evidence.parts
-    check = partial(Check, "headroom", expected=FULL, unit="ratio")
+    parts, check = evidence.parts, partial(Check, "headroom", expected=FULL, unit="ratio")
     if parts.unknown:
         return check(UNDECIDED, reason=parts.unknown)
     if not parts.loads and not parts.simulated:
         return None
-    worst = parts.loads[0] if parts.loads else None
-    reason = "" if worst is None else describe(worst)
-    value = error = None
-    outcome = PASS if worst is None or not worst.is_above else UNDECIDED
-    if worst is not None and (outcome is UNDECIDED or not parts.simulated):
-        value, error = worst.share, worst.error / worst.limit
+    outcome, value, error, reason = PASS, None, None, ""
+    if parts.loads:
+        worst = parts.loads[0]
+        outcome, reason = UNDECIDED if worst.is_above else PASS, describe(worst)
+        if worst.is_above or not parts.simulated:
+            value, error = worst.share, worst.error / worst.limit
     if parts.simulated:
         first = parts.simulated[0]
-        limited = f"{limited_text(first)}; op-amp {first.part} at {show(first.at, 's', 3)}"
-        limited += "; the simulated op-amps have slew rate and swing"
+        peak, limit = (show(value, first.unit, 3) for value in (first.peak, first.limit))
+        limited = f"{LIMITS[first.quantity]}: needs {peak} of {limit}; op-amp {first.part}"
+        limited += f" at {show(first.at, 's', 3)}; the simulated op-amps have slew rate and swing"
         if any(load.quantity == "current" for load in parts.simulated):
             limited += " and largest output current"
         reason = joined(*((limited, reason) if outcome is PASS else (reason, limited)))
     elif parts.impossible:  # value and reason are of the same load
         worst = parts.impossible[0]
         outcome, value, error = FAIL, worst.rest / worst.limit, worst.error / worst.limit
-        reason = (
-            f"at rest the output {worst.quantity} of op-amp {worst.part} would be"
-            f" {amount(worst, worst.rest)}, the limit is {amount(worst, worst.limit)}{REMEDY}"
-        )
+        rest, limit = (show(value, worst.unit, 3) for value in (worst.rest, worst.limit))
+        reason = f"at rest the output {worst.quantity} of op-amp {worst.part} would be {rest}"
+        reason += f", the limit is {limit}{REMEDY}"
     elif outcome is UNDECIDED:
-        reason += f", and above {FULL:.0%} of a limit the small-signal board is not true"
-        reason += REMEDY
+        reason += f", and above {FULL:.0%} of a limit the small-signal board is not true{REMEDY}"
     return check(outcome, value, error, reason=reason)
 
 

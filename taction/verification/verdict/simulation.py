@@ -33,8 +33,6 @@ from taction.system.errors import (
     DivergesError,
     EngineError,
     NoVerdictError,
-    SimulatorNotFound,
-    SimulatorTooOld,
     StepTooSmall,
     TimedOut,
 )
@@ -42,7 +40,7 @@ from taction.system.plugins import OpenTable
 from taction.system.progress import Clock
 from taction.system.reading_definitions import FOUND
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
-from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.executable import find_simulator, missing_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients.exact import is_exact
@@ -51,7 +49,7 @@ from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.stability.poles import poles
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.headroom import PartLoads, watched_nodes
-from taction.verification.verdict.transient_plan import TransientPlan, plan_transient
+from taction.verification.verdict.transient_plan import plan_transient
 
 PATTERNED = 1.0  # of the difference to a model of fewer patterns, which may err hardly more
 FALL = 64.0  # most that a bound falls by halved steps, of 512: a difference may be small by chance
@@ -101,15 +99,17 @@ def _bounded(board: LinearBoard, record: Waveforms) -> StateSpaceError:
     try:
         if record.method == METHOD:
             better, share, other = halved(record, resolved=True), HALVED, "twice the steps"
-            apart = beside(better, record)
+            times = np.union1d(better.time, record.time)
+            times = times[times <= min(better.time[-1], record.time[-1])]
+            off = on_curve(better, times) - on_curve(record, times)
         else:
             better, share, other = reduced_transient.refined(record), PATTERNED, "fewer patterns"
-            apart = float(np.abs(better.values - record.values).max())
+            off = better.values - record.values
     except EngineError as error:
         return StateSpaceError(math.nan, f"the second run failed: {error}", record)
     how = f"difference to a run with {other}, and what rounding leaves"
     least = DIGITS * float(np.abs(better.values).max(initial=0.0))
-    volts = max(share * apart + better.rounding, least)
+    volts = max(share * float(np.abs(off).max(initial=0.0)) + better.rounding, least)
     return StateSpaceError(volts, how, better)
 
 
@@ -122,21 +122,14 @@ def on_curve(record: Waveforms, times: Floats) -> Floats:
     return values.reshape(times.size, nodes.size)
 
 
-def beside(one: Waveforms, other: Waveforms) -> float:
-    """Return the largest difference of two records with curves at the points of both, V."""
-    times = np.union1d(one.time, other.time)
-    times = times[times <= min(one.time[-1], other.time[-1])]
-    return float(np.abs(on_curve(one, times) - on_curve(other, times)).max(initial=0.0))
-
-
 # With KLU the tiny steps after a start from zero have more rounding than with the older solver;
 # a few boards with nonlinear amplifiers fail there with KLU but not with the older solver.
 SPARSE = "noopiter"
 SECOND_SOLVER = (
     "the KLU solver failed at the start; this result is from the older solver of ngspice"
 )
-SLOWER = 5.0  # times the timeout: a run with a longer estimated time does not start
 GROWING = 20_000  # least number of points in the record of an unstable board
+SLOWER = 5.0  # times the timeout: a run with a longer estimated time does not start
 
 
 Waiting = Callable[[], Waveforms]
@@ -163,11 +156,7 @@ def choose_engine(scene: Scene) -> str:
     compared = scene.checks.engines_agree.tolerance is not None
     if scene.analysis.error != "auto" and not compared:
         return "statespace"
-    try:
-        find_simulator()
-    except (SimulatorNotFound, SimulatorTooOld):
-        return "statespace"
-    return "ngspice"
+    return "statespace" if missing_simulator() else "ngspice"
 
 
 def begin(board: Board) -> Waiting:
@@ -189,7 +178,11 @@ def _growing(board: Board, engine: Engine) -> Waveforms:
         found = error.partial if isinstance(error, StepTooSmall | BadEvidence) else None
         if isinstance(found, Waveforms) and len(found.time) > 1:
             return replace(found, flags=(f"the record ends early: {reason}",))
-        waveforms = growing_record(board.linear, board.plan)
+        from taction.verification.engines.statespace.transients.stepped import simulate
+
+        grown = min(board.scales.growth_time, board.transient.stop)
+        analysis = Transient(grown, grown / GROWING, initial=board.transient.initial)
+        waveforms = simulate(board.linear, analysis)
         note = f"this record is from the state-space engine: {reason}"
         return replace(waveforms, flags=(note, *waveforms.flags))
 
@@ -198,14 +191,6 @@ def own_error(board: Board, waveforms: Waveforms) -> StateSpaceError | None:
     """Return the error of `waveforms` if their engine bounds it itself; None if it takes steps."""
     error = ENGINES[waveforms.engine.partition("-")[0]].error  # its version follows a hyphen
     return None if error is None else error(board, waveforms)
-
-
-def growing_record(linear: LinearBoard, plan: TransientPlan) -> Waveforms:
-    """Return the start of an unstable transient, by state space."""
-    from taction.verification.engines.statespace.transients.stepped import simulate
-
-    analysis = Transient(plan.grown, plan.grown / GROWING, initial=plan.transient.initial)
-    return simulate(linear, analysis)
 
 
 def _ngspice(board: Board) -> Waiting:
@@ -315,7 +300,7 @@ def build(
             linear,
             scales,
             steps=ENGINES[engine].error is None,
-            stable=not found.known_unstable,
+            growing=found.known_unstable,
             resolution=found.resolution,
         )
         return Board(
@@ -328,12 +313,7 @@ def build(
     board = planned(linear)
     if not (board.poles.known_stable and board.circuit.is_small_signal):
         return board
-    small = PartLoads.of(
-        linear,
-        initial=board.transient.initial,
-        transient=board.transient,
-        tolerance=board.plan.tolerance,
-    )
+    small = PartLoads.of(linear, board.transient, board.plan.tolerance)
     above = {load.quantity for load in small.loads if load.is_above}
     if level == "auto" and above and able and not small.impossible:
         limited = large_signal(linear.circuit, current="current" in above)

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -142,15 +142,11 @@ class StepModel:
         by_current = np.sqrt(CKTTERR * (current / third).min(axis=1, initial=math.inf))
         return by_charge, by_current
 
-    def step_lengths(self, truncation: float, max_step: float) -> Floats:
-        """Return the step at every instant of `time`, s, shape (T,)."""
-        by_charge, by_current = self.limits
-        allowed = np.maximum(by_charge * truncation ** (1 / 3), by_current * truncation ** (1 / 2))
-        return np.asarray(np.minimum(allowed, max_step))
-
     def forecast(self, truncation: float, max_step: float) -> Forecast:
         """Forecast the run of ngspice with a truncation error and a maximum step, s."""
-        step = self.step_lengths(truncation, max_step)[:, None]
+        by_charge, by_current = self.limits
+        longest = np.maximum(by_charge * truncation ** (1 / 3), by_current * truncation ** (1 / 2))
+        step = np.minimum(longest, max_step)[:, None]
         drift = integral(slip(step, self.poles), self.time)
         off = limited_exp(np.multiply.outer(self.time, self.poles) + drift) - self.growth
         transient = Transient(
@@ -241,28 +237,15 @@ class TransientPlan:
     """A transient and the forecast of its error and cost."""
 
     transient: Transient  # the transient to simulate
-    # Largest error of any output at any time that the checks allow, in step amplitudes.
-    wanted: float
+    wanted: float  # largest error of any output at any time that the checks allow, in steps
+    tolerance: float  # of the state-space engine's steps, in step amplitudes
+    growing: bool  # whether the board is unstable and its outputs grow
+    notes: tuple[str, ...] = ()  # what the plan omits, for the user
     # `steps`, `error`, `seconds`: of ngspice, by the forecast: its steps, its error, in step
     # amplitudes, and its processor time, s; 0 for an engine that bounds its own error.
-    steps: float
-    error: float
-    seconds: float
-    growing: bool  # whether the board is unstable and its outputs grow
-    grown: float  # length of the shortest record that shows a growing instability, s
-    notes: tuple[str, ...] = ()  # what the plan omits, for the user
-    curved: bool = False  # whether the board has behavioural amplifiers or transistors
-
-    @property
-    def by_steps(self) -> bool:
-        """Whether the engine takes the steps of the forecast; not one that bounds its own error."""
-        return self.steps > 0.0
-
-    @property
-    def tolerance(self) -> float:
-        """Tolerance of the state-space engine's steps, in step amplitudes."""
-        most = CURVED_TOLERANCE if self.curved else math.inf
-        return min(state_space_tolerance(self.wanted), most)
+    steps: float = 0.0
+    error: float = 0.0
+    seconds: float = 0.0
 
     def instants(self, board: LinearBoard) -> Floats | None:
         """Return dense instants of a state-space record, s; None if the outputs grow."""
@@ -294,54 +277,61 @@ def plan_transient(
     scales: TimeScales,
     *,
     steps: bool = True,
-    stable: bool | None = None,
+    growing: bool = False,
     resolution: float = 0.0,
+    stop: float | None = None,
     aim: float | None = None,
 ) -> TransientPlan:
     """Choose the length of the record and the cheapest step control for the wanted error.
 
-    `steps`: whether the engine takes the steps of the plan. `stable`: whether the board is stable;
-    by default as `scales` say. `resolution`: rounding error of the poles, 1/s; modes that are
-    slower do not lengthen the record. `aim`: error to plan for, in step amplitudes, by default
-    `AIM` times the wanted error. EngineError: no mode of the board is visible at its outputs.
+    `steps`: whether the engine takes the steps of the plan. `growing`: whether the board is
+    unstable. `resolution`: rounding error of the poles, 1/s; modes that are slower do not lengthen
+    the record. `stop`: its length, s, by default that of the scene. `aim`: error to plan for, in
+    step amplitudes, by default `AIM` times the wanted error. EngineError: no mode of the board is
+    visible at its outputs.
     """
-    growing = math.isfinite(scales.growth_time) if stable is None else not stable
-    stop, wanted = _stop(scene, scales, resolution, growing=growing), wanted_error(scene)
+    wanted, linear = wanted_error(scene), board.circuit.is_linear
+    tolerance, curved = state_space_tolerance(wanted), board.circuit.has_nonlinear_amplifiers
+    made = partial(
+        TransientPlan,
+        wanted=wanted,
+        tolerance=min(tolerance, CURVED_TOLERANCE) if curved else tolerance,
+        growing=growing,
+    )
     initial, points = scene.analysis.initial, scene.analysis.points_per_period
+    if stop is None and scene.analysis.stop != "auto":
+        stop = scene.analysis.stop
+    elif stop is None:
+        unstable = growing and math.isfinite(scales.growth_time)
+        grown = _six_digits(scales.growth_time)
+        stop = grown if unstable else settled_after(scene.checks, scales, resolution)
     notes: tuple[str, ...] = ()
-    count = error = seconds = 0.0
-    if steps:
-        model = StepModel.of(board, stop, initial, stable=not growing)
-        size = max(len(board.circuit.signal_nodes), len(board.circuit.constraint_nodes))
-        step_seconds = LINEAR_STEP * size + MATRIX_STEP * size**3
-        step_seconds *= 1.0 if board.circuit.is_linear else NEWTON
-        if points is not None:
-            transient, count, error = model.even(scales.max_step_for(points))
-        elif growing:
-            transient, count, error = model.cheapest(GROWTH_ERROR * GROWN)
-            if count * step_seconds > UNSTABLE_SECONDS:
-                stop *= UNSTABLE_SECONDS / (count * step_seconds)
-                notes = (
-                    f"{TOO_LONG.format(show(stop, 's', 3))}: ngspice needs {UNSTABLE_SECONDS:g} s",
-                )
-                model = StepModel.of(board, stop, initial)
-                transient, count, error = model.cheapest(GROWTH_ERROR)
-        else:
-            allowed = max(AIM * wanted if aim is None else aim, LEAST_ERROR)
-            forecast = model.cheapest(allowed)
-            if board.descriptor.devices.steepest.any():  # their slopes jump
-                forecast = _also_from_start(board, model, forecast, allowed)
-            transient, count, error = forecast
-        seconds = count * step_seconds
-    else:  # a growing run shows every period, and is kept short
-        stepped = not board.circuit.is_linear or board.descriptor.is_large
-        longest = (UNSTABLE_PERIODS if stepped else EXACT_PERIODS) * scales.max_step_for(1.0)
+    if not steps:  # a growing run shows every period, and is kept short
+        longest = UNSTABLE_PERIODS if not linear or board.descriptor.is_large else EXACT_PERIODS
+        longest *= scales.max_step_for(1.0)
         if growing and stop > longest:
             stop, notes = longest, (TOO_LONG.format(show(longest, "s", 3)),)
         spacing = min(stop, scales.max_step_for(GROWING_POINTS)) if growing else stop
-        transient = Transient(stop, spacing, initial=initial)
-    grown, curved = min(scales.growth_time, stop), board.circuit.has_nonlinear_amplifiers
-    return TransientPlan(transient, wanted, count, error, seconds, growing, grown, notes, curved)
+        return made(Transient(stop, spacing, initial=initial), notes=notes)
+    model = StepModel.of(board, stop, initial, stable=not growing)
+    size = max(len(board.circuit.signal_nodes), len(board.circuit.constraint_nodes))
+    step_seconds = (LINEAR_STEP * size + MATRIX_STEP * size**3) * (1.0 if linear else NEWTON)
+    if points is not None:
+        found = model.even(scales.max_step_for(points))
+    elif growing:
+        found = model.cheapest(GROWTH_ERROR * GROWN)
+        if (seconds := found.steps * step_seconds) > UNSTABLE_SECONDS:
+            stop *= UNSTABLE_SECONDS / seconds
+            why = f"ngspice needs {UNSTABLE_SECONDS:g} s"
+            notes = (f"{TOO_LONG.format(show(stop, 's', 3))}: {why}",)
+            found = StepModel.of(board, stop, initial).cheapest(GROWTH_ERROR)
+    else:
+        allowed = max(AIM * wanted if aim is None else aim, LEAST_ERROR)
+        found = model.cheapest(allowed)
+        if board.descriptor.devices.steepest.any():  # their slopes jump
+            found = _also_from_start(board, model, found, allowed)
+    seconds = found.steps * step_seconds
+    return made(found.transient, notes=notes, steps=found.steps, error=found.error, seconds=seconds)
 
 
 def _also_from_start(
@@ -362,14 +352,6 @@ def _also_from_start(
     least = {name: min(getattr(each, name) for each in both) for name in names}
     error = max(rest.error, other.error / share)
     return Forecast(replace(rest.transient, **least), max(rest.steps, other.steps), error)
-
-
-def _stop(scene: Scene, scales: TimeScales, resolution: float, *, growing: bool) -> float:
-    if scene.analysis.stop != "auto":
-        return scene.analysis.stop
-    if growing and math.isfinite(scales.growth_time):
-        return _six_digits(scales.growth_time)
-    return settled_after(scene.checks, scales, resolution)
 
 
 def settled_after(checks: Checks, scales: TimeScales, resolution: float = 0.0) -> float:

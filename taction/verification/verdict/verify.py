@@ -19,9 +19,7 @@ from taction.system.progress import Clock, Progress, attempt
 from taction.system.quantities import sizes
 from taction.system.results import RENDERERS, Result, load
 from taction.system.waveforms import Waveforms
-from taction.verification.engines.statespace.linearised.linear_board import (
-    LinearBoard,
-)
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.answer_error import (
     AnswerError,
@@ -31,18 +29,13 @@ from taction.verification.verdict.answer_error import (
 )
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
-from taction.verification.verdict.details import (
-    all_warnings,
-    find_contradiction,
-    missing_witness,
-)
+from taction.verification.verdict.details import all_warnings, find_contradiction, missing_witness
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.run import Accuracy, Run, observe
 from taction.verification.verdict.run_checks import run_checks
 from taction.verification.verdict.simulation import Waiting, begin, build
 
 T = TypeVar("T")
-DETAILS = ("answer", "budget")
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -147,8 +140,7 @@ class Verdict(Evidence, Result):
         """What makes no check fail, but may be wrong; last the details that are not known."""
         nothing: tuple[str, ...] = ()
         found = self._detail("the warnings", partial(all_warnings, self), nothing)
-        for detail in DETAILS:
-            getattr(self, detail)
+        _ = self.budget  # it needs the answer: what fails of both is told
         return (*found, *self._failures)
 
     def __str__(self) -> str:
@@ -212,7 +204,7 @@ def read(board: Board, pending: Waiting | None, clock: Clock) -> Evidence:
         end_error=run.error[1] / amplitude,
         steady=steady,
         end=float(run.ends.time[-1]),
-        forever=run.forever,
+        forever=run.own is not None and board.exact is not None,
         wanted=run.board.plan.wanted,
         agreement=run.beside,
         poles=board.poles,

@@ -23,6 +23,7 @@ from taction.netlist_gen.board.parts import NoiseCurrent
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.system.waveforms import Waveforms
+from taction.verification.engines.ngspice.evidence import integrated_noise
 from taction.verification.engines.ngspice.process import Simulation, find_simulator, simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
@@ -188,7 +189,7 @@ def test_two_files_have_the_noise_of_one(amplifier: str) -> None:
     for matrix_file in (None, "noise_matrix.inc"):
         deck = write_deck(circuit, BANDS, saved=[node], matrix_file=matrix_file)
         with Simulation(deck, find_simulator(), timeout=30.0) as run:
-            found.append(run.noise())
+            found.append(run.accept(integrated_noise))
     assert found[0] > 0.0
     assert found[1] == pytest.approx(found[0], rel=1e-9)
 

@@ -58,7 +58,7 @@ def assert_split(answer: AnswerError, clean: Floats, noisy: Floats, stress: Floa
     assert answer.regularisation == pytest.approx(shares[0], rel=1e-7)
     assert answer.noise == pytest.approx(shares[1], rel=1e-7, abs=1e-12)
     assert answer.regularisation + answer.noise == pytest.approx(answer.true_error, rel=1e-12)
-    assert abs(errors[answer.channel]) == pytest.approx(abs(errors[n]), rel=1e-8)
+    assert abs(errors[answer.channel - 1]) == pytest.approx(abs(errors[n]), rel=1e-8)
 
 
 @pytest.mark.parametrize(

@@ -19,12 +19,11 @@ from taction.system import progress
 from taction.system.array_types import Floats
 from taction.system.documents import plain, read
 from taction.system.errors import EngineError
-from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.report.blocks import Table
 from taction.verification.report.documents.verdict import budget_parts, verdict_document
 from taction.verification.report.views.verdict_view import budget_table
 from taction.verification.verdict import verify as module
-from taction.verification.verdict.answer_error import ErrorBudget
+from taction.verification.verdict.answer_error import ErrorBudget, ErrorPart
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import (
     ERROR,
@@ -34,7 +33,6 @@ from taction.verification.verdict.record import (
     compare,
     within_uncertainties,
 )
-from taction.verification.verdict.scene_deck import Pruning
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import make_scene, matrix_problem
 from tests.support.oracle import optimum
@@ -245,19 +243,17 @@ def small(prune: float, **design: Any) -> Scene:
     return taction.Scene.from_arrays(SMALL_T, [1.0, 2.0, 0.1], **values)
 
 
-def pruning_of(scene: Scene) -> Pruning:
-    network = ideal_network(make_problem(scene), scene)
-    found = Pruning.of(network, scene.design.prune, network.rest)
-    assert found is not None
-    return found
+def pruning_of(scene: Scene) -> ErrorPart:
+    budget = taction.verify(scene.with_engine("statespace")).budget
+    return next(part for part in budget if part.name == "pruning")
 
 
 def test_pruning_moves_the_steady_state_in_proportion_to_the_unit_voltage() -> None:
     found = pruning_of(small(0.01, unit_voltage=2.0))
-    assert found.entries == 4
-    assert 0.0 < found.change < found.bound
+    assert found.how.startswith("answer without 4 entries of T")
+    assert 0.0 < found.value < found.bound
     once = pruning_of(small(0.01))
-    assert found.change == pytest.approx(2.0 * once.change, rel=1e-9)
+    assert found.value == pytest.approx(2.0 * once.value, rel=1e-9)
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.verdict.board import Board
-from taction.verification.verdict.board_power import board_power
+from taction.verification.verdict.board_files import board_power
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.headroom import Load, PartLoads
 from taction.verification.verdict.simulation import begin, build, own_error
@@ -31,7 +31,7 @@ from tests.support.paths import CASES, SCENES
 
 
 def loads_of(design: Board) -> tuple[Load, ...]:
-    return PartLoads.of(design.linear, transient=design.transient).loads
+    return PartLoads.of(design.linear, design.transient).loads
 
 
 def worst(loads: tuple[Load, ...], quantity: str) -> Load:

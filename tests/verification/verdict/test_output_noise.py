@@ -16,6 +16,7 @@ from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.verification.engines.ngspice.evidence import integrated_noise
 from taction.verification.engines.ngspice.process import Simulation, find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
@@ -47,7 +48,7 @@ def from_ngspice(board: LinearBoard, channel: int) -> float:
         board.circuit, NoiseAnalysis(bands), saved=[board.circuit.outputs[channel].node]
     )
     with Simulation(deck, find_simulator(), timeout=60.0) as run:
-        return run.noise()
+        return run.accept(integrated_noise)
 
 
 @pytest.mark.usefixtures("ngspice")

@@ -66,7 +66,8 @@ BETWEEN = TIMES[:-1] + 0.37 * np.diff(TIMES)
 def planned(scene: Scene, **options: Any) -> tuple[TransientPlan, TimeScales]:
     board = LinearBoard(synthesise(scene))
     scales = time_scales(board, initial=scene.analysis.initial)
-    return plan_transient(scene, board, scales, **options), scales
+    growing = math.isfinite(scales.growth_time)
+    return plan_transient(scene, board, scales, growing=growing, **options), scales
 
 
 def breadboard(**values: Any) -> Scene:

@@ -124,15 +124,6 @@ def check_end(ending: Ending) -> None:
         raise SimulatorNotFound(f"ngspice did not start (exit status {status}). {REMEDY}")
 
 
-def check_log(ending: Ending) -> None:
-    """Check point 2, and the rest of point 1."""
-    for pattern, failure, meaning in FAILURES:
-        if re.search(pattern, ending.errors, re.IGNORECASE):
-            raise failure(meaning)
-    if ending.status != 0:
-        raise BadEvidence(f"ngspice ended with exit status {ending.status} and gave no reason")
-
-
 def important_lines(errors: str, limit: int = 12) -> str:
     """Return the lines of an error stream, each once, at most `limit`; notes without others."""
     shortened = (line.rstrip()[:LONGEST_LINE] for line in errors.splitlines() if line.strip())
@@ -188,7 +179,12 @@ def _explained(ending: Ending) -> Iterator[None]:
     """Check points 1 and 2 before the block; give its errors the log and the folder."""
     try:
         check_end(ending)
-        check_log(ending)
+        for pattern, failure, meaning in FAILURES:
+            if re.search(pattern, ending.errors, re.IGNORECASE):
+                raise failure(meaning)
+        if ending.status != 0:
+            status = f"exit status {ending.status}"
+            raise BadEvidence(f"ngspice ended with {status} and gave no reason")
         yield
     except SimulationError as error:
         error.log, error.folder = important_lines(ending.errors), ending.folder

@@ -14,7 +14,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from taction.system.errors import SimulatorNotFound, SimulatorTooOld
+from taction.system.errors import SimulationError, SimulatorNotFound, SimulatorTooOld, one_line
 
 OLDEST = 39
 """Oldest supported version (Debian 12)."""
@@ -77,6 +77,15 @@ def find_simulator(path: str | None = None) -> Simulator:
     if executable is None:
         raise SimulatorNotFound(f"no executable {name!r}. {REMEDY}")
     return _probe(str(Path(executable).absolute()))
+
+
+def missing_simulator() -> str:
+    """Return why there is no ngspice that can be used, on one line; empty if there is one."""
+    try:
+        find_simulator()
+    except SimulationError as error:
+        return one_line(error)
+    return ""
 
 
 @functools.cache

@@ -24,12 +24,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from taction.netlist_gen.analysis import SimulatedDeck
-from taction.system.errors import (
-    BadEvidence,
-    OutOfDisk,
-    SimulationError,
-    SimulatorNotFound,
-)
+from taction.system.errors import BadEvidence, OutOfDisk, SimulationError, SimulatorNotFound
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_ends
 from taction.system.processes import (
     end_orphans,
@@ -39,12 +34,7 @@ from taction.system.processes import (
     remove_own_folder,
 )
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
-from taction.verification.engines.ngspice.evidence import (
-    RAW,
-    Ending,
-    accepted_waveforms,
-    integrated_noise,
-)
+from taction.verification.engines.ngspice.evidence import RAW, Ending, accepted_waveforms
 from taction.verification.engines.ngspice.executable import Simulator, environment, find_simulator
 
 __all__ = ["Simulation", "Simulator", "find_simulator", "simulate"]
@@ -64,9 +54,9 @@ _ARGUMENTS = ("-b", "-n", "-r", RAW, "deck.cir")
 class Simulation:
     """A running simulation of a deck.
 
-    The process ends with all its descendants, and its folder is removed, when the run is cancelled,
-    at the end of a ``with`` block, when the object is deleted before a call of `result`, or when
-    Python ends: a failure elsewhere leaves no simulator behind.
+    The process ends with all its descendants, and its folder is removed, at the end of a ``with``
+    block, when the object is deleted before a call of `result`, or when Python ends: a failure
+    elsewhere leaves no simulator behind.
 
     `timeout`: wall time allowed, s.
     `bound`: voltage above which a result is rejected, V.
@@ -106,11 +96,7 @@ class Simulation:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self.cancel()
-
-    def cancel(self) -> None:
-        """End the process group and remove the run folder, unless `result` was called."""
-        self._discard()
+        self._discard()  # nothing, once `result` was called
 
     def result(self) -> Waveforms:
         """Wait for the end and return the waveforms; call it once.
@@ -120,10 +106,6 @@ class Simulation:
         engine, solver = self._simulator.engine, self._simulator.solver_of(self._deck.text)
         judge = partial(accepted_waveforms, engine=engine, solver=solver, bound=self._bound)
         return self.accept(judge)
-
-    def noise(self) -> float:
-        """Wait for the end and return the noise of the saved node, V; see `integrated_noise`."""
-        return self.accept(integrated_noise)
 
     def accept(self, evidence: Callable[[SimulatedDeck, Ending], Result]) -> Result:
         """Wait for the end and return what `evidence` accepts; else keep the folder."""

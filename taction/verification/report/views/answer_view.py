@@ -87,7 +87,7 @@ def _truth(answer: AnswerError, subject: str) -> str:
         return f"{subject} is the true stress {_within(off, answer.unit)}"
     unit = f"(of the largest, {quantity(answer.unit, 'V', 3)})"
     text = f"{subject} is {figure(far, 'step', 3)} {unit} from the true stress"
-    place = f" in channel {n + 1}" if len(stress) > 1 else ""
+    place = f" in channel {n}" if len(stress) > 1 else ""
     return f"{text}{place}, because of {_causes(answer)}{_lambda(answer)}"
 
 

@@ -18,7 +18,7 @@ from taction.system.quantities import counted, quantity, readable, sizes
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.report.blocks import Code, Content, Page, Section, Table
 from taction.verification.report.views.opamp_view import parts_content
-from taction.verification.verdict.board_power import board_power
+from taction.verification.verdict.board_files import board_power
 from taction.verification.verdict.verify import Verdict
 
 WRITTEN = 12  # rows or columns up to which the entries are written into the chart

@@ -29,7 +29,7 @@ from taction.verification.report.blocks import (
     Table,
 )
 from taction.verification.report.texts import Cell, fields
-from taction.verification.verdict.board_power import BoardPower, PartsList
+from taction.verification.verdict.board_files import BoardPower, PartsList
 
 if TYPE_CHECKING:
     from taction.verification.studies.decks.vendor_model import ImportedModel

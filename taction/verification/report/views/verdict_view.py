@@ -27,7 +27,7 @@ from taction.verification.report.views.answer_view import (
 from taction.verification.report.views.opamp_view import counts_text, packages_text
 from taction.verification.report.views.stability_view import stability_blocks
 from taction.verification.verdict.answer_error import ErrorPart, worst_channel
-from taction.verification.verdict.board_power import KICAD, OWN, REPORT, BuiltBoard
+from taction.verification.verdict.board_files import KICAD, OWN, REPORT, BuiltBoard
 from taction.verification.verdict.checks import Outcome, cause
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.record import Channel, Record

@@ -33,6 +33,7 @@ from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.decks.foreign_board import ForeignBoard, read_board
 from taction.verification.studies.decks.measured_board import Start, measure_board, step_response
 from taction.verification.studies.decks.questions import record_of
+from taction.verification.verdict.board_files import deck_of
 from taction.verification.verdict.record import (
     Channel,
     Difference,
@@ -42,7 +43,6 @@ from taction.verification.verdict.record import (
     within_uncertainties,
 )
 from taction.verification.verdict.run import state_space_beside
-from taction.verification.verdict.scene_deck import deck_of
 from taction.verification.verdict.transient_plan import state_space_tolerance
 from taction.verification.verdict.verify import Verdict
 
@@ -271,7 +271,7 @@ def _board(given: Place) -> ForeignBoard:
     """Read a deck, or the deck that a scene writes."""
     if not isinstance(given, Scene):
         return read_board(given)
-    _, deck = deck_of(given)
+    deck = deck_of(given)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "board.cir")
         file.write_text(deck.text, encoding="utf-8")
@@ -314,9 +314,9 @@ def _parts(board: ForeignBoard) -> dict[str, StoredKey]:
 def _stepped(board: Place, wave: Waveforms) -> tuple[Circuit, Start, float, tuple[str, ...]]:
     """Return the circuit, how it starts, when it is stepped, s, and what to say of it."""
     if isinstance(board, Scene):
-        circuit, deck = deck_of(board)
+        deck = deck_of(board)
         assert isinstance(deck.analysis, Transient)  # noqa: S101 - `deck_of` writes transients
-        return circuit, deck.analysis.initial, 0.0, ()
+        return deck.circuit, deck.analysis.initial, 0.0, ()
     found = read_board(board)
     if not found.is_linear:
         text = "is not linear, and small signals say nothing of a record; expected a linear deck"

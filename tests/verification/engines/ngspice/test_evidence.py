@@ -174,7 +174,7 @@ def noise_deck(bands: tuple[NoiseBand, ...], *, saved: str = "out", parts: str =
 
 def noise(deck: SmallDeck) -> float:
     with Simulation(deck, find_simulator(), timeout=30.0) as run:
-        return run.noise()
+        return run.accept(integrated_noise)
 
 
 @pytest.mark.usefixtures("ngspice")

@@ -21,7 +21,7 @@ from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import Terminal, page_text, plain, print_page
 from taction.verification.report.views.answer_view import check_bar
 from taction.verification.report.views.verdict_view import load_bars, screen, view
-from taction.verification.verdict.board_power import board_power
+from taction.verification.verdict.board_files import board_power
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.verify import Verdict, verify

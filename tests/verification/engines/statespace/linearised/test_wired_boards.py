@@ -19,7 +19,7 @@ from taction.verification.engines.statespace.equations.structured_solve import S
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.noise_covariance import noise_intensities
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
-from taction.verification.verdict.board_power import board_power
+from taction.verification.verdict.board_files import board_power
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.input_spread import outputs_at_rest
 

@@ -1,18 +1,70 @@
-"""The parts of a whole board with its power at rest, and what a builder of the board gets."""
+"""What a builder of a board gets: its deck, its parts with their power at rest, and its files."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
 from taction.netlist_gen.board.bill_of_materials import BillOfMaterials, bill_of_materials
-from taction.netlist_gen.board.circuit import joined_resistors
+from taction.netlist_gen.board.circuit import Circuit, joined_resistors
+from taction.netlist_gen.board.part_warnings import part_warnings
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.deck import Deck, write_deck
+from taction.netlist_gen.deck.dialects import DIALECTS, NATIVE, Measures
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import InputError, SolverError
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.verdict.simulation import build
 from taction.verification.verdict.verify import Verdict
+
+EVEN_POINTS = 125.0  # on a period of ringing: an error of about 1e-4 of the step in ngspice
+
+
+@dataclass(frozen=True, slots=True)
+class Netlist(Deck):
+    """The deck of a scene, with its board."""
+
+    DOCUMENT = (
+        *("files = written", "deck = printed", "omissions = circuit.omissions", "warnings"),
+        "lambda = circuit.facts.lambda.value",
+    )
+
+    circuit: Circuit = field(kw_only=True, repr=False)  # `omissions`: what the scene does not need
+    # Values that cannot be bought, or that the layout undoes.
+    warnings: tuple[str, ...] = field(default=(), repr=False)
+    written: tuple[str, ...] = field(default=(), repr=False)  # the file, if any
+
+    @property
+    def printed(self) -> str | None:
+        """The text; None where it is in a file."""
+        return None if self.written else self.text
+
+
+def deck_of(scene: Scene, *, dialect: str = NATIVE, measures: bool = False) -> Netlist:
+    """Return the deck that `verify` would run, and its board with a number for lambda.
+
+    With `measures`, or in another `dialect`, the transient has even steps: step control is tuned
+    for ngspice alone, and a measure is exact only to the spacing of the points. The errors are
+    those of `taction.netlist`.
+    """
+    if (measures or dialect != NATIVE) and scene.analysis.points_per_period is None:
+        even = {"points_per_period": EVEN_POINTS, "error": "auto"}
+        scene = scene.model_copy(update={"analysis": scene.analysis.model_copy(update=even)})
+    board = build(scene.with_engine("ngspice"))
+    circuit, compared = board.circuit, None
+    if complaints := list(DIALECTS[dialect].refusals(circuit)):
+        raise InputError(scene.file, *complaints)
+    if measures:  # they compare with the reference solution, at the output nodes
+        if board.ideal.problem:
+            raise SolverError(f"--measure needs a reference solution: {board.ideal.problem}")
+        signs, ends = [out.sign for out in circuit.outputs], (board.ideal.target, board.ideal.start)
+        targets, starts = (tuple((np.array(signs) * u).tolist()) for u in ends)
+        compared = Measures(targets, starts, scene.checks.settling_time.band)
+    deck = write_deck(circuit, board.transient, dialect=dialect, measures=compared)
+    facts = {each.name: getattr(deck, each.name) for each in fields(deck)}
+    return Netlist(**facts, circuit=circuit, warnings=tuple(part_warnings(circuit)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,21 +137,7 @@ OWN = {
 
 @dataclass(frozen=True, slots=True)
 class BuiltBoard(Result):
-    """The files for building a board, with its verdict.
-
-    Attributes
-    ----------
-    files : tuple of str
-        Names below the folder.
-    parts : BillOfMaterials
-        The parts to buy.
-    verdict : Verdict or None
-        None if the verification gave no verdict.
-    refused : str
-        Why there is no verdict.
-    exit_status : int or None
-        Of the command without a verdict; None: that of the verdict.
-    """
+    """The files for building a board, with its verdict."""
 
     VIEW = "taction.verification.report.views.verdict_view:built_view"
     DOCUMENT = (
@@ -111,11 +149,11 @@ class BuiltBoard(Result):
 
     scene: Scene = field(repr=False)
     folder: str
-    files: tuple[str, ...] = field(repr=False)
-    parts: BillOfMaterials = field(repr=False)
-    verdict: Verdict | None = None
-    refused: str = ""
-    exit_status: int | None = None
+    files: tuple[str, ...] = field(repr=False)  # names below the folder
+    parts: BillOfMaterials = field(repr=False)  # to buy
+    verdict: Verdict | None = None  # None if the verification gave no verdict
+    refused: str = ""  # why there is no verdict
+    exit_status: int | None = None  # of the command without a verdict; None: that of the verdict
 
     @property
     def outcome(self) -> str:
