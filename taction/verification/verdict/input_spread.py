@@ -145,11 +145,8 @@ class InputSpread:
 
     def within(self, target: Floats, limit: float) -> float:
         """Return an upper bound on the share of boards that rest within `limit`, V, of `target`."""
-        found = []
-        for farthest, error in self._farthest(target):
-            low, high = (float((farthest <= limit + end).mean()) for end in (-error, error))
-            found.append((max(low - self._scatter(low), 0.0), high + self._scatter(high)))
-        return min(min(found)[1], 1.0)
+        found = [float((far <= limit + error).mean()) for far, error in self._farthest(target)]
+        return min(1.0, *(share + self._scatter(share) for share in found))
 
     def _farthest(self, target: Floats) -> Iterator[tuple[Floats, float]]:
         """Yield how far drawn boards rest off `target`, and the error of the first order, V.
