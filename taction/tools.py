@@ -294,7 +294,7 @@ def check(
     from taction.verification.studies.decks.questions import wanted
 
     asked = wanted(_listed(checks), _listed(expect))
-    from taction.verification.studies.decks.board_sweep import swept_axis
+    from taction.verification.studies.decks.board_sweep import read_tolerances, swept_axis
     from taction.verification.studies.decks.foreign_board import read_board
 
     progress("deck")
@@ -302,8 +302,6 @@ def check(
     asked.refuse_unknown(board.flat.nodes)
     swept = [swept_axis(each, board) for each in _listed(over)]
     if tolerances is not None:
-        from taction.netlist_gen.deck.part_tolerances import read_tolerances
-
         spread = read_tolerances(tolerances, board.circuit)
     # all that can be refused is refused before the engine is loaded
     from taction.verification.studies.decks.board_check import check_board

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from itertools import groupby
@@ -46,6 +47,11 @@ from taction.spice_models.transistor import ZERO_CELSIUS, model_card
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import Circuit as PySpiceCircuit
 
+_CELL = re.compile(r"^\.subckt (\S+).*\n((?:.*\n)*?)\.ends \1\n", re.M)
+_CAPACITOR = re.compile(r"^C(\S+) (\S+) (\S+) (\S+)\n", re.M)
+VALUES = ("resistance", "voltage_gain", "transconductance", "dc_value")
+_FOREIGN = re.compile(r"^[^RCIVEGBXQ]", re.M)  # a card that taction does not write
+
 
 @dataclass(frozen=True, slots=True)
 class Deck(SimulatedDeck):
@@ -57,7 +63,8 @@ class Deck(SimulatedDeck):
         """Return the board as a ``PySpice.Spice.Netlist.Circuit`` to go on with.
 
         It has subcircuits, models and elements by name, and options; analysis and saved
-        nodes are PySpice's. ``str(circuit)`` is a deck without an analysis.
+        nodes are PySpice's. ``str(circuit)`` is a deck without an analysis. A vendor's
+        subcircuit stays text (``raw_spice``).
 
         Raises
         ------
@@ -74,9 +81,30 @@ class Deck(SimulatedDeck):
         """
         if self.dialect != NATIVE:
             raise ValueError(f"dialect {self.dialect!r} has no PySpice circuit; expected {NATIVE}")
-        from taction.netlist_gen.deck.pyspice_circuit import pyspice_circuit
+        from PySpice.Spice.Parser import SpiceParser
 
-        return pyspice_circuit(self.text, self.files)
+        text = self.text
+        for name, inner in self.files.items():
+            text = text.replace(f".include {name}\n", inner)
+        kept = [cell[0] for cell in _CELL.finditer(text) if _FOREIGN.search(cell[2])]
+        for vendors in kept:
+            text = text.replace(vendors, "")
+        parser = SpiceParser(source=_CAPACITOR.sub("", text))  # it takes them for expressions
+        circuit, cells = parser.build_circuit(), {cell[1]: cell[2] for cell in _CELL.finditer(text)}
+        netlists = [(circuit, _CELL.sub("", text))]
+        for statement in parser.subcircuits:
+            circuit.subcircuit(cell := statement.build())
+            netlists.append((cell, cells[cell.name]))
+        for netlist, cards in netlists:
+            for name, a, b, farads in _CAPACITOR.findall(cards):
+                netlist.C(name, a, b, float(farads))
+            for element in netlist.elements:
+                for key in VALUES:
+                    with suppress(AttributeError, ValueError):  # another part, or a waveform
+                        setattr(element, key, float(getattr(element, key)))
+        options = (line + "\n" for line in text.split("\n") if line.startswith(".options"))
+        circuit.raw_spice += "".join((*kept, *options))
+        return circuit
 
 
 def write_deck(

@@ -35,7 +35,7 @@ from taction.verification.studies.decks.foreign_board import ForeignBoard
 from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
 from taction.verification.studies.decks.part_influence import PartRow, influences, pole_vectors
 from taction.verification.studies.decks.questions import QUESTIONS, Wanted, judge, units
-from taction.verification.studies.decks.witnesses import compare_ac, stepping
+from taction.verification.studies.decks.witnesses import compare_ac, compare_transient, stepping
 from taction.verification.studies.running.study import HERE
 from taction.verification.studies.tolerance.corners import CornerStudy, worst_of
 from taction.verification.studies.tolerance.montecarlo import (
@@ -167,9 +167,7 @@ def check_board(
         every = np.append(found.poles.poles, found.apart.hidden)
         checks.append(compare_ac(deck.point, board, every, deck.flat.absent))
     if transient or "engines_agree" in asked.names:
-        from taction.verification.studies.decks.transient_witness import compare_transient
-
-        limit = asked.limits.engines_agree.tolerance
+        limit = asked.limits.engines_agree.limit
         checks.append(compare_transient(found, deck, limit, ngspice=ngspice))
     if ngspice and not deck.is_linear:
         why.append(points_note(found, deck.point))
