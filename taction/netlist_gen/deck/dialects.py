@@ -11,12 +11,7 @@ import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 
-from taction.netlist_gen.analysis import (
-    Analysis,
-    NoiseAnalysis,
-    SimulatorTolerances,
-    Transient,
-)
+from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, SimulatorTolerances, Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import NoiseCurrent
 from taction.spice_models.opamp import THERMAL

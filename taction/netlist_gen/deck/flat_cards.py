@@ -24,7 +24,7 @@ from taction.netlist_gen.deck.elements import CardError, Element, element_of, sh
 from taction.netlist_gen.deck.expressions import OWN, affine
 from taction.netlist_gen.deck.foreign_lines import number
 from taction.spice_models.branches import Branch, Source
-from taction.system.errors import Complaint, InputError
+from taction.system.errors import Complaint, InputError, first_ones
 
 _WAVE = re.compile(
     r"\b(pulse|pwl|sine?|sffm|exp|step|trnoise|trrandom)"
@@ -103,7 +103,6 @@ _PASSIVE = re.compile(r"\.model \S+ \w+ ?\(?([^()]*)\)?")
 _MODEL = re.compile(r"\.model (\S+) (\w+)")
 SCALES = {"tc1", "tc2", "tce", "rsh", "cj", "cjsw", "defw", "defl", "narrow", "short", "kf", "af"}
 """What a model of R, C or L may have where the part has a value of its own, which counts."""
-NAMED = 4  # sources in a sentence
 SMALL_STEP = 1e-3  # V or A, of a source of a circuit that is linear about its operating point
 BIASED_STEP = 0.01  # of its DC value: the step of a source with AC, within the rails
 LEAST_FARADS = 1e-12  # scale of the charges of a deck without capacitors
@@ -356,6 +355,4 @@ def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
 
 def _named(cards: Sequence[str]) -> str:
     """Return the names of some cards; of many only the first ones."""
-    names = [shown(card[0].lower() + card[1:]) for card in cards]
-    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return ", ".join(names[:NAMED]) + more
+    return first_ones([shown(card[0].lower() + card[1:]) for card in cards])

@@ -17,7 +17,6 @@ from taction.netlist_gen.deck.foreign_deck import (
 )
 from taction.system.errors import InputError
 from taction.verification.characterise.operating_point import find_point
-from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.stability.poles import poles
 from taction.verification.studies.decks.foreign_board import read_board
 from tests.support.paths import ROOT
@@ -308,11 +307,10 @@ def test_every_kind_of_card_has_its_value_in_ngspice(ngspice: str, tmp_path: Pat
     nodes = found.ports[1:]
     bench = ["Vin in 0 0.5", "Rin in 0 1k", *(f"Rload_{node} {node} 0 1e12" for node in nodes)]
     call = f"Xdevice in {' '.join(nodes)} "
-    simulator = find_simulator()
-    point = find_point([*found.lines, *bench, call + found.name], "", simulator)
+    point = find_point([*found.lines, *bench, call + found.name])
     flat = flat_subcircuit(point.cards, ("in", *nodes), "every")
     stored = stored_subcircuit(flat.lines, flat.name, "own")
-    again = find_point([*stored.lines, *bench, call + stored.name], "", simulator, modes=("",))
+    again = find_point([*stored.lines, *bench, call + stored.name], modes=("",))
     for value in (point.volts, again.volts):
         VT = 1.380649e-23 * 300.15 / 1.602176634e-19
         assert value["r"] == pytest.approx(1.0, rel=1e-6)

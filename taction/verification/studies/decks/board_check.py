@@ -22,15 +22,9 @@ from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.system.documents import Hertz, Number, Rate, Volts
 from taction.system.quantities import show
 from taction.system.results import Result
-from taction.verification.characterise.operating_point import AT_ONCE, DeckPoint, read_volts
-from taction.verification.engines.ngspice.commands import RESULT, run_commands
-from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.characterise.operating_point import AT_ONCE, DeckPoint
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.studies.decks.board_sweep import (
-    Sweep,
-    VariedDeck,
-    sweep_deck,
-)
+from taction.verification.studies.decks.board_sweep import Sweep, VariedDeck, sweep_deck
 from taction.verification.studies.decks.foreign_board import ForeignBoard
 from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
 from taction.verification.studies.decks.part_influence import PartRow, influences, pole_vectors
@@ -93,10 +87,8 @@ class BoardCheck(MeasuredBoard, Result):
     @property
     def outcome(self) -> Outcome:
         """Of the checks, at the worst corners, too."""
-        judged = [overall(self.checks)]
-        if self.corners is not None:
-            judged.append(Outcome(self.corners.outcome))
-        return max(judged, key=_WORSE.index)
+        corners = [] if self.corners is None else [Outcome(self.corners.outcome)]
+        return max([overall(self.checks), *corners], key=_WORSE.index)
 
     @cached_property
     def parts(self) -> tuple[PartRow, ...]:
@@ -201,18 +193,9 @@ SIZES = (0.05, 0.15, 0.4, 1.0, 10.0)
 REACHES = [sign * size for size in SIZES for sign in (1.0, -1.0)]  # of the range of all voltages
 WIDER = 2.0  # times the range of all voltages on either side: drawn ones
 SAME = 1e-3  # of this range, or of a voltage: a smaller distance is the same point
-SECONDS = 4.0  # of one start
 ALL_SECONDS = 8.0  # of all starts: no further one begins later
 TINY = 1e-30  # V: of no step at all
 LARGE = 0.01  # of the step, or of a node's own: how far ngspice's rest may be from the linear one
-
-
-def _rest(point: DeckPoint, limits: str, cards: Iterable[str], *commands: str) -> dict[str, float]:
-    """Return where ngspice finds the deck at rest with other cards; nothing where it does not."""
-    text = [*point.lines, f".options {limits} {point.options}", *cards]
-    every = [*commands, "save all", "op", f"write {RESULT}"]
-    simulator = find_simulator()
-    return read_volts(run_commands(text, every, simulator, mode=point.mode, seconds=SECONDS))
 
 
 def points_note(found: MeasuredBoard, point: DeckPoint) -> str:
@@ -234,7 +217,8 @@ def points_note(found: MeasuredBoard, point: DeckPoint) -> str:
     while tried < STARTS and time.monotonic() < end:
         start = zip(nodes, starts[tried].tolist(), strict=True)
         cards, tried = [f".nodeset v({node})={volts!r}" for node, volts in start], tried + 1
-        volts = _rest(point, "reltol=1e-6 abstol=1e-13 vntol=1e-10", cards, AT_ONCE)
+        limits = f".options reltol=1e-6 abstol=1e-13 vntol=1e-10 {point.options}"
+        volts = point.rest([*point.lines, limits, *cards], AT_ONCE)
         there = np.array([volts.get(name, np.nan) for name in nodes])
         if volts and all(np.abs(there - each).max() > SAME * span for each in known):
             known.append(there)
@@ -255,7 +239,8 @@ def step_note(found: MeasuredBoard, point: DeckPoint) -> str:
     if not found.poles.known_stable:
         return ""
     alter = (f"alter {name} dc={s.value!r}" for name, s in stepping(found.board).items())
-    volts = _rest(point, "reltol=1e-6", point.starts, *alter)
+    text = [*point.lines, f".options reltol=1e-6 {point.options}", *point.starts]
+    volts = point.rest(text, *alter)
     if not volts:
         return "ngspice finds no operating point after the step: readings hold for small steps only"
     values, places = found.board.equilibrium.values, found.board.descriptor.places

@@ -168,7 +168,7 @@ def _quantities(asked: Wanted) -> Iterator[Quantity]:
     """Yield the questions with their limits, the distance from the nominal rest, and poles."""
     for question in QUESTIONS.values():
         if question.over or question.name in asked.names:
-            limits = asked.tables.get(question.name) and getattr(asked.limits, question.name)
+            limits = getattr(asked.limits, question.name, None)
             limit = asked.own.get(question.name, getattr(limits, "max", None))
             band = asked.limits.settling_time.band if question.second == "band" else None
             worse, name, unit = -1.0 if question.large else 1.0, question.name, question.unit

@@ -24,7 +24,7 @@ from taction.netlist_gen.deck.flat_cards import (
     stepped,
 )
 from taction.netlist_gen.deck.foreign_deck import ForeignDeck, read_deck
-from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
+from taction.system.errors import Complaint, DidNotLoad, InputError, first_ones, one_line
 from taction.system.processes import one_limit
 from taction.verification.characterise.operating_point import (
     MISFIT,
@@ -72,7 +72,7 @@ class ForeignBoard:
             for name, value in changed.items():
                 own = rf"^(\.param (?:.*\W)?){name} ?=(?!=) ?(?:\{{[^{{}}]*\}}|\S+)"
                 text = re.sub(own, rf"\g<1>{name}={value!r}", text, flags=re.M)
-            point = find_point(text.split("\n"), _options(self.deck), find_simulator())
+            point = find_point(text.split("\n"), _options(self.deck))
             return _measured(point)[0]
 
         def circuit(read: Callable[[], Flat]) -> Circuit | InputError:
@@ -105,7 +105,7 @@ def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
     deck = read_deck(file).with_first_steps
     try:
         modes = MODES[-1:] if deck.is_plain else MODES
-        point = find_point(deck.lines, _options(deck), find_simulator(), modes)
+        point = find_point(deck.lines, _options(deck), modes)
         flat, small = _measured(point)
         flat, stimulus = stepped(flat, small=bool(small))
     except (CardError, DidNotLoad) as error:
@@ -140,12 +140,11 @@ def _measured(point: DeckPoint) -> tuple[Flat, str]:
         return flat, ""
     if not point.text:
         raise CardError("ngspice finds its operating point by a transient only, not from there")
-    flat = linear_flat(flat, point.volts, point.options, find_simulator())
+    flat = linear_flat(point)
     within = tuple(f"{each.subcircuit}." for each in elements if each.subcircuit)
     knobs = {name: part for name, part in flat.knobs.items() if not name.startswith(within)}
     places = list(dict.fromkeys(each.subcircuit or shown(each.name) for each in elements))
-    names = ", ".join(places[:NAMED])
-    names += f" and {len(places) - NAMED} more" * (len(places) > NAMED)
+    names = first_ones(places, NAMED)
     loose = "" if point.is_tight else f" (found with {point.limits} only)"
     return replace(flat, knobs=knobs), (
         f"linear about ngspice's operating point{loose}, for small signals: {names}, measured"

@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -58,7 +57,6 @@ class Question:
     words: str  # what the number is, in the sentence of its check
     # the number of each output, with its bound; None where an output has none
     answer: Callable[[MeasuredBoard], Answers]
-    short: str = ""  # word of ``--check``; empty: `name`
     example: str = "1"  # of a limit
     second: str = ""  # key of the scene's check for what follows ``@`` in a limit
     large: bool = False  # whether a large number is good: the limit is the least one
@@ -69,17 +67,12 @@ class Question:
     @property
     def asked(self) -> str:
         """The word of ``--check``."""
-        return self.short or self.name
+        return self.name.removesuffix("_time")
 
     @property
     def bound(self) -> str:
         """Key of the bound in a document."""
-        return f"{self.name.removesuffix('_time')}_bound"
-
-    @property
-    def is_of_scenes(self) -> bool:
-        """Whether scenes have a check of this name, which judges it."""
-        return self.name in Checks.model_fields
+        return f"{self.asked}_bound"
 
     def worst(self, found: MeasuredBoard) -> Reading | None:
         """Return the number of the whole board; None where an output has none."""
@@ -98,7 +91,7 @@ class Question:
         if extra and not self.second:
             several = [f"{q.asked}=LIMIT@{q.second.upper()}" for q in EVERY if q.second]
             raise _refused(self.asked, repr(extra), f"only {' and '.join(several)} have two values")
-        if not self.is_of_scenes:
+        if self.name not in Checks.model_fields:  # scenes' checks judge those in it
             try:
                 return {"limit": parse(text, self.unit) if self.unit else number(text)}
             except ValueError as error:
@@ -132,8 +125,8 @@ def _reading(name: str, title: str, words: str, example: str, second: str = "") 
     def whole(found: MeasuredBoard) -> Reading | None:
         return found.measurements.readings[name]
 
-    short, unit = name.removesuffix("_time"), READINGS[name].unit
-    return Question(name, unit, title, words, answer, short, example, second, whole=whole)
+    unit = READINGS[name].unit
+    return Question(name, unit, title, words, answer, example, second, whole=whole)
 
 
 def _noise(found: MeasuredBoard) -> Answers:
@@ -172,20 +165,11 @@ class Expected(NamedTuple):
 class Wanted:
     """What is to be checked."""
 
-    tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # keys of scenes' checks
-    expected: tuple[Expected, ...] = ()
-    own: Mapping[str, float] = field(default_factory=dict)  # limits of the other questions
-    oscillates: bool = False  # it has to; else it has to be stable
-
-    @cached_property
-    def limits(self) -> Checks:
-        """All limits, those of a scene without checks where nothing is asked."""
-        return validated(Checks, self.tables, "--check")
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The checks that are asked for."""
-        return (*self.tables, *self.own, *(() if self.oscillates else ("stability",)))
+    names: tuple[str, ...]  # of the checks that are asked for
+    limits: Checks  # those of a scene without checks where nothing is asked
+    expected: tuple[Expected, ...]
+    own: Mapping[str, float]  # limits of questions that no scene has
+    oscillates: bool  # it has to; else it has to be stable
 
     @property
     def lowest(self) -> float | None:
@@ -216,10 +200,10 @@ def wanted(checks: Iterable[str] = (), expect: Iterable[str] = ()) -> Wanted:
         known.update(keys)
     oscillates = tables.pop(OSCILLATES, None) is not None
     own = {name: keys["limit"] for name, keys in tables.items() if "limit" in keys}
-    tables = {name: keys for name, keys in tables.items() if name not in own}
-    found = Wanted(tables, tuple(map(_expected, expect)), own, oscillates)
-    _ = found.limits  # a wrong one is refused here
-    return found
+    names = (*tables, *(() if oscillates else ("stability",)))
+    expected = tuple(map(_expected, expect))
+    scenes = {name: keys for name, keys in tables.items() if name not in own}
+    return Wanted(names, validated(Checks, scenes, "--check"), expected, own, oscillates)
 
 
 def _check_of(text: str) -> tuple[str, dict[str, Any]]:
@@ -276,11 +260,7 @@ def _refused(key: str, value: str, text: str, option: str = "--check") -> InputE
     return InputError(option, Complaint(key, value, text))
 
 
-def judge(
-    found: MeasuredBoard,
-    asked: Wanted,
-    margin: Margin | None = None,
-) -> Iterator[Check]:
+def judge(found: MeasuredBoard, asked: Wanted, margin: Margin | None = None) -> Iterator[Check]:
     """Yield the expected values, then the limits that were asked for."""
     yield from (_at_rest(found, each) for each in asked.expected)
     evidence = Evidence(

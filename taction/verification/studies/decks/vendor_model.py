@@ -44,11 +44,7 @@ from taction.system.errors import (
 from taction.system.quantities import show_rate
 from taction.system.results import Result
 from taction.verification.characterise.characterise import RAMP, Bode, slope
-from taction.verification.characterise.operating_point import (
-    DeckPoint,
-    find_point,
-    linear_flat,
-)
+from taction.verification.characterise.operating_point import DeckPoint, find_point, linear_flat
 from taction.verification.engines.ngspice.executable import Simulator, find_simulator
 from taction.verification.engines.ngspice.process import simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -175,11 +171,7 @@ class ImportedModel(Result):
 
 
 def import_opamp(
-    file: str,
-    subcircuit: str,
-    pins: tuple[str, ...],
-    supply: float,
-    compensation: float = 0.0,
+    file: str, subcircuit: str, pins: tuple[str, ...], supply: float, compensation: float = 0.0
 ) -> ImportedOpAmp:
     """Read, check and characterise a subcircuit, as `taction.import_model` does."""
     found = vendor_subcircuit(file, subcircuit)
@@ -192,9 +184,9 @@ def import_opamp(
         raise InputError(file, Complaint("--compensation", f"{compensation:g} F", text))
     simulator, bench = find_simulator(), VendorBench(found, pins, supply, compensation)
     try:
-        cards = find_point(bench.lines(), "", simulator).cards
+        cards = find_point(bench.lines()).cards
         bench = replace(bench, subcircuit=flat_subcircuit(cards, port_nodes(pins), subcircuit))
-        point = find_point(bench.lines(), "", simulator, modes=("",), volts=True)
+        point = find_point(bench.lines(), modes=("",), volts=True)
     except (CardError, DidNotLoad) as error:
         raise InputError(file, Complaint("netlist", "", one_line(error))) from None
     seen = respond(point)
@@ -202,7 +194,7 @@ def import_opamp(
         raise InputError(file, Complaint("--pins", "", reason))
     figures, doubts = _figures(seen, bench, simulator)
     try:
-        linear, missing = _linear_model(point, seen.frequencies, simulator), ""
+        linear, missing = _linear_model(point, seen.frequencies), ""
     except (CardError, EngineError, SimulationError) as error:
         said = re.sub(rf"\b{DEVICE}\.\w\.(?={DEVICE}\.)", "", one_line(error))
         linear, missing = None, f"no linear model: {said}"
@@ -306,9 +298,9 @@ def _ends(
     return (min(rates) if slews else None), (None if beyond else swing)
 
 
-def _linear_model(point: DeckPoint, f: Floats, simulator: Simulator) -> LinearModel:
+def _linear_model(point: DeckPoint, f: Floats) -> LinearModel:
     """Return the cards of an op-amp, each measured where it rests; `CardError` without a model."""
-    flat = linear_flat(point.flat, point.volts, point.options, simulator)
+    flat = linear_flat(point)
     if moving := [card for card, found in flat.stimuli.items() if found.moves]:
         raise CardError(f"{moving[0]} changes over time")
     held = [  # both inputs; 1 GF of the servo hides other poles

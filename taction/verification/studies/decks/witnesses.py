@@ -25,7 +25,7 @@ from taction.netlist_gen.analysis import SimulatedDeck, Transient
 from taction.netlist_gen.board.circuit import GROUND, with_parts
 from taction.spice_models.branches import Branch, Source
 from taction.system.array_types import EPS, Complexes, Floats
-from taction.system.errors import EngineError, SimulationError, one_line
+from taction.system.errors import EngineError, SimulationError, first_ones, one_line
 from taction.system.processes import time_left
 from taction.system.waveforms import PHYSICAL_BOUND
 from taction.verification.characterise.operating_point import MISFIT, PROBE, DeckPoint
@@ -35,12 +35,11 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.studies.decks.foreign_board import ForeignBoard
 from taction.verification.studies.decks.measured_board import FAR, MeasuredBoard
-from taction.verification.verdict.checks import Check, Outcome, at_most
+from taction.verification.verdict.checks import Check, Outcome, at_most, undecided
 
 LIMIT = 1e-6  # relative difference of small signals
 ROUNDING = 3e4  # times that of one value: some 30 act on a node, and pivots of ngspice are >= 1e-3
 THERMAL = 0.0258  # V: no junction changes its slope faster than by e in so much
-NAMED = 4  # nodes in a reason
 POINTS = 40
 LEAST, MOST = 1e-3, 1e10  # Hz
 FAINT = 1e-6  # of the largest voltage at a frequency: smaller ones count as this
@@ -62,7 +61,7 @@ def compare_ac(
     hertz, theirs, said = ask()
     if not len(hertz):
         text = f"ngspice's .ac was not compared: {said}"
-        return Check("ac_agrees", Outcome.INCONCLUSIVE, None, None, LIMIT, None, "ratio", text)
+        return undecided("ac_agrees", "ratio", text, LIMIT)
     left_out = [part for part in absent if {*part.nodes} <= {GROUND, *known}]
     whole = LinearBoard(with_parts(board.circuit, left_out)) if left_out else board
     ours, doubt = _ours(point, whole, nodes, hertz)
@@ -89,8 +88,7 @@ def compare_ac(
     outcome = at_most(worst, 0.0, LIMIT)
     reason = f"largest at {nodes[node]}, {hertz[at]:.4g} Hz, {how}"
     if hidden:
-        more = f" and {len(hidden) - NAMED} more" * (len(hidden) > NAMED)
-        reason += f"; {', '.join(hidden[:NAMED])}{more}: not resolved within the limit"
+        reason += f"; {first_ones(hidden)}: not resolved within the limit"
         if outcome is Outcome.PASS and {*hidden} & {*board.reported(None)}:
             outcome = Outcome.INCONCLUSIVE
     return Check("ac_agrees", outcome, worst, 0.0, LIMIT, None, "ratio", reason)
@@ -191,7 +189,7 @@ def compare_transient(
     A deck that is not linear is not compared: how small a step is small enough is not known.
     """
     stop, amplitude = found.scales.stop, found.amplitude
-    unknown = partial(Check, "engines_agree", Outcome.INCONCLUSIVE, None, None, limit, None, "step")
+    unknown = partial(undecided, "engines_agree", "step", limit=limit)
     if not ngspice:
         return unknown("without ngspice")
     if not deck.is_linear:
