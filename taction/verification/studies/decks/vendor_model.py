@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.deck.deck import Deck
+from taction.netlist_gen.analysis import SimulatedDeck, Transient
 from taction.netlist_gen.deck.elements import CardError
 from taction.netlist_gen.deck.flat_cards import circuit_of
 from taction.netlist_gen.deck.foreign_deck import flat_subcircuit, vendor_subcircuit
@@ -45,7 +44,7 @@ from taction.system.quantities import show_rate
 from taction.system.results import Result
 from taction.verification.characterise.characterise import RAMP, Bode, slope
 from taction.verification.characterise.operating_point import DeckPoint, find_point, linear_flat
-from taction.verification.engines.ngspice.executable import Simulator, find_simulator
+from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.poles import poles
@@ -53,7 +52,6 @@ from taction.verification.studies.decks.witnesses import LIMIT, compare_ac
 
 OUT = "out"
 DRIVEN = ("vdrive", "vinp", "iload")  # inverting input, other input, output
-SERVO = ("gslow", "rslow", "cslow")
 PORTS = (OUT, "inn", "of_inn", "of_inp")
 """What is read: V, and A into the inputs."""
 SWITCHED = ".options reltol=1e-3 method=gear gmin=1e-9 abstol=1e-9 vntol=1e-4"  # for large steps
@@ -87,14 +85,11 @@ class VendorBench:
             "Vdrive drive 0 dc 0.0 ac 0.0",
             "Iload 0 out dc 0.0 ac 0.0",
             *([f"Rload out 0 {LOAD!r}", f"Rstep far inp {CLAMPED!r}"] if step else []),
-            *(
-                "Hof_inn of_inn 0 Vdrive -1.0",
-                "Hof_inp of_inp 0 Vinp -1.0",
-                "Hof_vcc of_vcc 0 Vcc -1",
-            ),
+            *("Hof_inn of_inn 0 Vdrive -1.0", "Hof_inp of_inp 0 Vinp -1.0"),
+            "Hof_vcc of_vcc 0 Vcc -1",
         ]
 
-    def switched(self, volts: float, period: float, simulator: Simulator) -> tuple[Floats, Floats]:
+    def switched(self, volts: float, period: float) -> tuple[Floats, Floats]:
         """Return instants, s, and the output, V, for +, -, + `volts`, each for a `period`, s."""
         levels = itertools.pairwise((0.0, volts, -volts, volts))
         points = (
@@ -105,7 +100,7 @@ class VendorBench:
         run = f".tran {plan.max_step!r} {plan.stop!r} 0.0 {plan.max_step!r}"
         cards = ["* bench of an imported op-amp", *self.lines(f"pwl({' '.join(points)})")]
         text = "\n".join([*cards, SWITCHED, f".save v({OUT})", run, ".end", ""])
-        wave = simulate(Deck(text, (OUT,), plan), simulator, timeout=TIMEOUT)
+        wave = simulate(SimulatedDeck(text, (OUT,), plan), find_simulator(), timeout=TIMEOUT)
         return wave.time, wave[OUT]
 
 
@@ -144,7 +139,7 @@ def respond(point: DeckPoint) -> Responses:
 
 
 GOOD = 1e-4  # largest relative difference from ngspice of a linear model that serves as a witness
-BENCH = (*DRIVEN, "eservo", *SERVO, "hof_inn", "hof_inp", "hof_vcc")
+BENCH = (*DRIVEN, "gslow", "rslow", "cslow", "eservo", "hof_inn", "hof_inp", "hof_vcc")
 JUMP = 2.0  # of the gain between two neighbouring frequencies, 6 % apart: no op-amp
 CURRENT_FEEDBACK = (1e-4, 100.0)  # S of the inverting input, and ratio to the other one
 AT_REST = 0.1  # V: output of a follower at 0 V
@@ -182,7 +177,7 @@ def import_opamp(
     if (COMPENSATION in pins) != (compensation > 0.0):
         text = f"a capacitor and two ports {COMPENSATION!r} belong together"
         raise InputError(file, Complaint("--compensation", f"{compensation:g} F", text))
-    simulator, bench = find_simulator(), VendorBench(found, pins, supply, compensation)
+    bench = VendorBench(found, pins, supply, compensation)
     try:
         cards = find_point(bench.lines()).cards
         bench = replace(bench, subcircuit=flat_subcircuit(cards, port_nodes(pins), subcircuit))
@@ -192,7 +187,7 @@ def import_opamp(
     seen = respond(point)
     if reason := _no_opamp(seen):
         raise InputError(file, Complaint("--pins", "", reason))
-    figures, doubts = _figures(seen, bench, simulator)
+    figures, doubts = _figures(seen, bench)
     try:
         linear, missing = _linear_model(point, seen.frequencies), ""
     except (CardError, EngineError, SimulationError) as error:
@@ -231,9 +226,7 @@ def _no_opamp(measured: Responses) -> str:
     return f"the gain jumps from {sizes} between {ends}"
 
 
-def _figures(
-    measured: Responses, bench: VendorBench, simulator: Simulator
-) -> tuple[Figures, list[str]]:
+def _figures(measured: Responses, bench: VendorBench) -> tuple[Figures, list[str]]:
     """Return the figures of a data sheet, and why one of them is missing.
 
     Both inputs are driven by sources, so the current into the one that is held goes between them.
@@ -245,7 +238,7 @@ def _figures(
     slew_rate = swing = None
     doubts = list[str]()
     try:
-        slew_rate, swing = _ends(bench, simulator, unity)
+        slew_rate, swing = _ends(bench, unity)
     except SimulationError as error:
         doubts.append(f"slew rate and swing are not known: {one_line(error)}")
     own, _, across = measured.admittances
@@ -270,16 +263,14 @@ def _figures(
     ), doubts
 
 
-def _ends(
-    bench: VendorBench, simulator: Simulator, unity: float
-) -> tuple[float | None, float | None]:
+def _ends(bench: VendorBench, unity: float) -> tuple[float | None, float | None]:
     """Return slew rate, V/s, and swing, V, of an open loop that is driven to both ends.
 
     None: the netlist has no such limit.
     """
     supply, drive, period = bench.supply, min(DRIVE, 0.5 * bench.supply), PERIODS / unity
     for attempt in range(ATTEMPTS):
-        time, output = bench.switched(drive, period * LONGER**attempt, simulator)
+        time, output = bench.switched(drive, period * LONGER**attempt)
         share = 3.0 * time / time[-1]  # of the three levels
         before, ends = (np.interp((k, 1.0 + k, 2.0 + k), share, output) for k in (0.9, 1.0))
         beyond = bool(np.abs(output).max() > BEYOND * supply)
