@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 from taction.system.processes import one_limit
 
 if TYPE_CHECKING:
+    from taction.netlist_gen.board.opamp_choice import OpAmpFigures
     from taction.spice_models.opamp import OpAmp
     from taction.system.progress import Progress
-    from taction.verification.characterise.characterise import OpAmpFigures
     from taction.verification.studies.decks.board_check import BoardCheck
     from taction.verification.studies.decks.vendor_model import ImportedModel
 
@@ -62,9 +62,11 @@ def opamp(name: str) -> OpAmpFigures:
     from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
 
     refuse_unknown(name, "parts show")
-    from taction.verification.characterise.characterise import OpAmpFigures
+    from taction.netlist_gen.board.opamp_choice import OpAmpFigures
+    from taction.spice_models.presets import figure_origins
 
-    return OpAmpFigures.of(OPAMPS[name])
+    found = OPAMPS[name]
+    return OpAmpFigures(found, figure_origins(found.name))
 
 
 def import_model(

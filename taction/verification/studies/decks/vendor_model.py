@@ -42,7 +42,6 @@ from taction.system.errors import (
 )
 from taction.system.quantities import show_rate
 from taction.system.results import Result
-from taction.verification.characterise.characterise import RAMP, Bode, slope
 from taction.verification.characterise.operating_point import DeckPoint, find_point, linear_flat
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import simulate
@@ -146,6 +145,7 @@ AT_REST = 0.1  # V: output of a follower at 0 V
 COMMON_MODE = 1e-7  # relative difference of both gains: less is rounding
 DRIVE = 2.0  # V, at most half of the supply: input of an open loop that is driven to its ends
 PERIODS, LONGER, ATTEMPTS = 300.0, 8.0, 4  # of the unity-gain bandwidth, in such a record
+RAMP = (0.2, 0.5)  # of the supply: where the slope of an output without a limit is measured
 MIDDLE = 0.4  # of the smaller end: between these levels of both signs the slope is measured
 BEYOND = 1.01  # of the supply: an output above it has no limit
 ENDED = 0.01  # of the supply: an output that changes by less in a tenth of the record has ended
@@ -232,7 +232,7 @@ def _figures(measured: Responses, bench: VendorBench) -> tuple[Figures, list[str
     Both inputs are driven by sources, so the current into the one that is held goes between them.
     """
     f, size, opened = measured.frequencies, np.abs(measured.gain), measured.gain
-    unity, margin = Bode(f, opened).crossing()
+    unity, margin = _crossing(f, opened)
     _, inverting, into_inn, into_inp, supplied = measured.rest
     common = abs(measured.every[1, 0, 0] / opened[0] - 1.0)
     slew_rate = swing = None
@@ -261,6 +261,33 @@ def _figures(measured: Responses, bench: VendorBench) -> tuple[Figures, list[str
         swing=swing,
         **inputs,
     ), doubts
+
+
+def _crossing(frequency: Floats, response: Complexes) -> tuple[float, float]:
+    """Return the frequency of unity gain, Hz, and the phase margin, degrees.
+
+    Gain and phase are cubic splines over the logarithm of the frequency; of several crossings the
+    first counts.
+    """
+    from scipy.interpolate import CubicSpline
+    from scipy.optimize import brentq
+
+    place, size = np.log(frequency), np.log(np.abs(response))
+    k = int(np.flatnonzero(size < 0.0)[0])
+    gain = CubicSpline(place, size)
+    root = float(brentq(lambda x: float(gain(x)), place[k - 1], place[k], xtol=1e-12))
+    phase = CubicSpline(place, np.unwrap(np.angle(response)))
+    return math.exp(root), 180.0 + math.degrees(float(phase(root)))
+
+
+def slope(time: Floats, volts: Floats, low: float, high: float) -> float:
+    """Return the mean slope of a rising voltage between two levels, V/s, each reached for good."""
+    ends = [1 + int(np.flatnonzero(volts < level)[-1]) for level in (low, high)]
+    begin, end = (
+        float(np.interp(level, volts[k - 1 : k + 1], time[k - 1 : k + 1]))
+        for level, k in zip((low, high), ends, strict=True)
+    )
+    return (high - low) / (end - begin)
 
 
 def _ends(bench: VendorBench, unity: float) -> tuple[float | None, float | None]:
