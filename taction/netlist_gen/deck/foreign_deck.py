@@ -15,8 +15,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from taction.netlist_gen.deck.elements import ACCEPTED, spelt_card
 from taction.netlist_gen.deck.expressions import OWN
+from taction.netlist_gen.deck.flat_cards import ACCEPTED, spelt_card
 from taction.netlist_gen.deck.foreign_cards import (
     LIBRARY,
     MISSING,

@@ -21,8 +21,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND
-from taction.netlist_gen.deck.elements import CardError, Element, Models, model_cards, shown
-from taction.netlist_gen.deck.flat_cards import ABSENT, Flat, card_of, read_cards, sum_parts
+from taction.netlist_gen.deck.flat_cards import (
+    ABSENT,
+    CardError,
+    Element,
+    Flat,
+    Models,
+    card_of,
+    model_cards,
+    read_cards,
+    shown,
+    sum_parts,
+)
 from taction.netlist_gen.deck.foreign_lines import number
 from taction.spice_models.branches import Branch
 from taction.system.array_types import Complexes, Floats

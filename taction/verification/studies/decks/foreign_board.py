@@ -7,23 +7,24 @@ measured (`operating_point`); they become parts without knobs.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.deck.elements import ACCEPTED, CardError, shown, spelt_card
 from taction.netlist_gen.deck.flat_cards import (
     ABSENT,
-    REMARKS,
+    ACCEPTED,
+    CardError,
     Flat,
     circuit_of,
-    outputs_of,
     read_cards,
-    stepped,
+    shown,
+    spelt_card,
 )
 from taction.netlist_gen.deck.foreign_deck import ForeignDeck, read_deck
+from taction.spice_models.branches import Source
 from taction.system.errors import Complaint, DidNotLoad, InputError, first_ones, one_line
 from taction.system.processes import one_limit
 from taction.verification.characterise.operating_point import (
@@ -37,10 +38,20 @@ from taction.verification.engines.ngspice.commands import expand
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.studies.decks.measured_board import Start
 
+REMARKS = {
+    "sin": "a sine (sin, sffm) counts with its offset",
+    "noise": "noise over time (trnoise, trrandom) does not count: its source has its DC value",
+    "repeated": "a pwl that repeats (r=) does not count: its source has its DC value",
+}
+"""What is said of kinds of sources that are constant here."""
 VALUE_SECONDS = 1.0  # that a value of a .param adds to the time of all runs
 NAMED = 12  # elements in a note
 IN_BRACES = "a value has no blanks, and an expression stands in braces, such as {2*1k}"
 _TEMPERATURE = re.compile(r"^\.(?:temp|opt\w* (?:.* )?(?:temp|tnom) ?=) ?(\S+)")
+SMALL_STEP = 1e-3  # V or A, of a source of a circuit that is linear about its operating point
+BIASED_STEP = 0.01  # of its DC value: the step of a source with AC, within the rails
+_OUTPUT = re.compile(r"\bv\s*\(\s*([^\s,()]+)\s*\)")
+USUAL = ("out", "vout", "output", "vo", "o")  # names of an output, in this order
 _OPTION = re.compile(r"\b(gmin|scale) ?= ?([-+\w.]+)")  # that change a circuit
 
 
@@ -178,3 +189,62 @@ def _notes(deck: ForeignDeck, flat: Flat, immediate: bool) -> Iterator[str]:
         yield f"less than {ABSENT:g} F, so left out: {', '.join(names)}"
     if flat.charged or any(card.word == ".ic" for card in deck.left):
         yield "initial charges (ic=, .ic) do not count"
+
+
+def outputs_of(flat: Flat, wanted: Sequence[str], shown_cards: Iterable[str]) -> tuple[str, ...]:
+    """Return the output nodes: `wanted`, which must be there, or those shown, or the usual ones."""
+    nodes = flat.nodes
+    if wanted:
+        names = [re.sub(r"^v\((.*)\)$", r"\1", name.strip().lower()) for name in wanted]
+        for name in names:
+            if name not in nodes:
+                text = f"the deck has no such node; it has {', '.join(list(nodes)[:20])}"
+                raise InputError("--output", Complaint("node", repr(name), text))
+        return tuple(dict.fromkeys(names))
+    held = {n for part in flat.parts if part.letter == "V" for n in part.nodes}
+    seen = [name for card in shown_cards for name in _OUTPUT.findall(card)]
+    known = tuple(dict.fromkeys(n for n in seen if n in nodes and n not in held))
+    if known:
+        return known
+    usual = [name for name in USUAL if name in nodes]
+    free = [name for name in nodes if name not in held and not {".", "#"} & set(name)]
+    return tuple(usual[:1] or free or list(nodes)[:1])
+
+
+def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
+    """Return the parts with a step to show: where no source changes, one that is switched on.
+
+    The sources with an ``ac`` value step from 0 to 1, or by `BIASED_STEP` to the DC value that they
+    have; without one of them all are switched on. A `small` signal is a step by `SMALL_STEP` of
+    those with an ``ac`` value, else of the last source.
+    """
+    moving = [card for card, found in flat.stimuli.items() if found.moves]
+    if moving:
+        return flat, f"step at t = 0: {_named(moving)}"
+    sources, before, step = [*flat.stimuli], 0.0, 0.0
+    excited = [card for card in sources if flat.stimuli[card].ac]
+    if small:
+        chosen, before, step = excited or sources[-1:], 1.0, SMALL_STEP
+        text = f"a step by {SMALL_STEP:g} at t = 0"
+    elif chosen := [card for card in excited if flat.stimuli[card].after]:
+        before = 1.0 - BIASED_STEP
+        text = f"at t = 0 from {before:.0%} to the DC value"
+    else:
+        chosen, text = excited or sources, "switched on at t = 0"
+        if not any(flat.stimuli[card].after for card in chosen):  # of an AC analysis: to 1
+            step, text = 1.0, "at t = 0 from 0 to 1"
+    still = "no source changes over time"
+    if not chosen:
+        return flat, still if small else ""
+    parts = [
+        replace(part, before=before * part.value, value=part.value + step)
+        if isinstance(part, Source) and part.card in chosen
+        else part
+        for part in flat.parts
+    ]
+    return replace(flat, parts=parts), f"{still}, so {text}: {_named(chosen)}"
+
+
+def _named(cards: Sequence[str]) -> str:
+    """Return the names of some cards; of many only the first ones."""
+    return first_ones([shown(card[0].lower() + card[1:]) for card in cards])

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.analysis import SimulatedDeck, Transient
-from taction.netlist_gen.deck.elements import CardError
-from taction.netlist_gen.deck.flat_cards import circuit_of
+from taction.netlist_gen.deck.flat_cards import CardError, circuit_of
 from taction.netlist_gen.deck.foreign_deck import flat_subcircuit, vendor_subcircuit
 from taction.spice_models.branches import Branch
 from taction.spice_models.imported import (

@@ -17,7 +17,7 @@ import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.deck.elements import shown
+from taction.netlist_gen.deck.flat_cards import shown
 from taction.netlist_gen.scene.scene import Scene, read_toml
 from taction.system.array_types import Floats
 from taction.system.documents import OPTIONAL
