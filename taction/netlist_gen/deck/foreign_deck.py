@@ -41,6 +41,7 @@ from taction.netlist_gen.deck.foreign_lines import (
     file_of,
     logical_lines,
     number,
+    plain_words,
 )
 from taction.spice_models.imported import DEVICE, Subcircuit
 from taction.system.errors import Complaint, InputError
@@ -154,10 +155,11 @@ def read_deck(file: str | Path) -> ForeignDeck:
     return deck
 
 
-def read_library(file: str | Path, name: str) -> ForeignDeck:
-    """Read a subcircuit of a library, with those that it calls, and check every card of them.
+def vendor_subcircuit(file: str | Path, name: str) -> Subcircuit:
+    """Return a subcircuit of a vendor's file as text for ngspice in PSpice's ways, all checked.
 
-    Models, parameters and functions outside of subcircuits stay; all else there is left out.
+    Those that it calls, and models, parameters and functions outside of subcircuits stay; all else
+    is left out. InputError: there is none of this name, or a card of it is not accepted.
     """
     path = Path(file)
     reading, own = _DeckReading(path), name.lower()
@@ -171,17 +173,11 @@ def read_library(file: str | Path, name: str) -> ForeignDeck:
         inner = dict.fromkeys(called(card.text) for card in top.inner[each].whole)
         wanted += [one for one in inner if one in top.inner and one not in wanted]
     check_expanded(replace(top, cards=[top.inner[own].cards[0].with_text(f"x {own}")]))
-    outside = (card for card in top.cards if card.word in (".model", ".param", ".func"))
-    return reading.checked([*outside, *(card for each in wanted for card in top.inner[each].whole)])
-
-
-def vendor_subcircuit(file: str | Path, name: str) -> Subcircuit:
-    """Return a subcircuit of a vendor's file as text for ngspice in PSpice's ways."""
-    lines, own = read_library(file, name).lines, plain_name(name.lower())
+    kept = [card for card in top.cards if card.word in (".model", ".param", ".func")]
+    kept += [card for each in wanted for card in top.inner[each].whole]
+    lines, own = reading.checked(kept).lines, plain_name(own)
     head = next(line for line in lines if line.split()[:2] == [".subckt", own])
-    words = re.sub(r" ?= ?", "=", head).split()[2:]
-    ports = tuple(word for word in words if "=" not in word and word != "params:")
-    return Subcircuit(own, ports, lines)
+    return Subcircuit(own, tuple(plain_words(head)[1:]), lines)
 
 
 def flat_subcircuit(cards: Iterable[str], nodes: Sequence[str], name: str) -> Subcircuit:
@@ -214,8 +210,7 @@ def stored_subcircuit(lines: Sequence[str], name: str, prefix: str) -> Subcircui
     for card in cards[1:-1]:
         if card.word != ".model" and card.text[0] not in LETTERS.replace("x", ""):
             raise card.refused(f"the card {card.word!r} is not accepted; expected flat cards")
-        if reason := forbidden(card.text):
-            raise card.refused(reason)
+        _screen(card)
     return _subcircuit(f"{prefix}_{name}", words[0][2:], (card.text for card in cards[1:-1]))
 
 
@@ -324,16 +319,9 @@ def _screen(card: Card) -> None:
     if word[0] not in f".{LETTERS}":
         what = CODE_MODEL if word[0] == "a" else f"a device {word[0].upper()!r} is not accepted"
         raise card.refused(f"{what}; {ACCEPTED}")
-    if reason := forbidden(text):
-        raise card.refused(reason)
-
-
-def forbidden(text: str) -> str:
-    """Return why no card may hold this text; empty if it may."""
     for pattern, reason in REFUSED:
         if match := pattern.search(_NODE.sub("0", text)):
-            return reason.format(match[1])
-    return ""
+            raise card.refused(reason.format(match[1]))
 
 
 def _real(path: Path) -> Path:

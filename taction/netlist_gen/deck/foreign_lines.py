@@ -219,9 +219,15 @@ def blocks_of(cards: Iterable[Card]) -> Block:
     return here
 
 
+def plain_words(text: str) -> list[str]:
+    """Return what follows the first word of a card, without values of parameters."""
+    words = re.sub(r" ?= ?", "=", text).split()[1:]
+    return [word for word in words if "=" not in word and word != "params:"]
+
+
 def called(text: str) -> str:
     """Return the subcircuit that a card X calls; empty where it names none."""
-    words = [w for w in re.sub(r" ?= ?", "=", text).split()[1:] if "=" not in w and w != "params:"]
+    words = plain_words(text)
     return words[-1] if text[0] == "x" and words else ""
 
 

@@ -149,12 +149,10 @@ def check_board(
     progress("poles")
     board, band = LinearBoard(deck.circuit), asked.limits.settling_time.band
     found = measure_board(board, deck.initial, band, asked.lowest)
-    margin, rows = None, tuple[PartRow, ...]()
     if asked.margin:
         progress("parts")
-        margin, rows = influences(board, found.poles, every=True)
+    checks, why = [*judge(found, asked)], ["" if ngspice else "without ngspice"]
     progress("ngspice")
-    checks, why = [*judge(found, asked, margin)], ["" if ngspice else "without ngspice"]
     if ngspice:
         every = np.append(found.poles.poles, found.apart.hidden)
         checks.append(compare_ac(deck.point, board, every, deck.flat.absent))
@@ -178,7 +176,7 @@ def check_board(
     made = BoardCheck(
         **{each.name: getattr(found, each.name) for each in fields(found)},
         notes=tuple(filter(None, (*found.apart.sentences, *deck.notes, *why))),
-        looked=rows,
+        looked=found.every_part[1] if asked.margin else (),
         checks=tuple(checks),
         sweeps=sweeps,
         corners=corners,

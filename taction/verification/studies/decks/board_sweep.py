@@ -21,7 +21,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.variation import parameters, vary, varying_parts
+from taction.netlist_gen.board.variation import parameters, varying_parts
 from taction.netlist_gen.scene.axes import SweepAxis, range_values
 from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.netlist_gen.scene.fields import Model
@@ -39,8 +39,7 @@ from taction.verification.stability.poles import poles
 from taction.verification.stability.shown_poles import told_apart
 from taction.verification.studies.decks.foreign_board import ForeignBoard
 from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
-from taction.verification.studies.decks.part_influence import influences
-from taction.verification.studies.decks.questions import QUESTIONS, Wanted, judge, record_of, units
+from taction.verification.studies.decks.questions import QUESTIONS, Wanted, record_of, units
 from taction.verification.studies.tolerance.varied_board import BoardSample, Quantity, Varied
 
 LARGEST = 10.0  # of a tolerance: the value is up to 11 times as large
@@ -147,16 +146,9 @@ class VariedDeck(Varied):
 
     def measured(self, number: int, z: Floats) -> BoardSample:
         """Return the sample with deviations `z`; `EngineError` where it cannot be measured."""
-        band, margin = self.asked.limits.settling_time.band, None
-        found = measure_board(
-            LinearBoard(vary(self.nominal, self.tolerances, z)),
-            self.deck.initial,
-            band,
-            self.asked.lowest,
-        )
-        if self.asked.margin:
-            margin, _ = influences(found.board, found.poles, every=True)
-        record = record_of(found, judge(found, self.asked, margin), self.asked, margin)
+        board, band = LinearBoard(self.at(z)), self.asked.limits.settling_time.band
+        found = measure_board(board, self.deck.initial, band, self.asked.lowest)
+        record = record_of(found, self.asked)
         errors = (found.rest - self.target) / self.step_amplitude
         off = float(np.abs(errors).max(initial=0.0))
         figures = {**record.figures, "steady_state_error": off}
@@ -226,10 +218,8 @@ class PointRow:
     )
 
     @classmethod
-    def of(cls, value: float, found: MeasuredBoard | Exception) -> PointRow:
+    def of(cls, value: float, found: MeasuredBoard) -> PointRow:
         """Return the poles and the answers at a value."""
-        if isinstance(found, Exception):
-            return cls(value, failure=str(found))
         poles, figures = found.poles, dict[str, float | None]()
         for each in QUESTIONS.values():
             figures |= each.figures(each.worst(found)) if each.over else {}
@@ -283,11 +273,12 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweepAxis, band: f
     at = cache(family.board)  # a scan and the readings share boards
     family = replace(family, board=at)
 
-    def measured(value: float) -> MeasuredBoard | Exception:
+    def row(value: float) -> PointRow:
         try:
-            return measure_board(LinearBoard.of(at(value)), deck.initial, band)
+            found = measure_board(LinearBoard.of(at(value)), deck.initial, band)
         except (EngineError, InputError) as error:
-            return error
+            return PointRow(value, failure=str(error))
+        return PointRow.of(value, found)
 
     if not board.state_space.n:  # and so without a pole at any value of a part
         edges = Edges(min(values), max(values), ())
@@ -301,9 +292,8 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweepAxis, band: f
         edges = find_edges(family, min(values), max(values), values=values)
     else:
         edges = family.scan(values, logarithmic=logarithmic)
-    points = tuple(PointRow.of(value, measured(value)) for value in values)
     own = deck.circuit.value(swept.name) if knob else None
-    return Sweep(swept.name, swept.key.unit, own, edges, points)
+    return Sweep(swept.name, swept.key.unit, own, edges, tuple(map(row, values)))
 
 
 def _over(deck: ForeignBoard, name: str, values: Sequence[float]) -> Callable[[float], Circuit]:

@@ -22,7 +22,6 @@ from taction.system.errors import Complaint, InputError
 from taction.system.quantities import fraction, number, parse, show_rate
 from taction.system.reading_definitions import READINGS
 from taction.verification.readings.readings import Reading
-from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles
 from taction.verification.studies.decks.measured_board import LATCH, WANTED, MeasuredBoard
 from taction.verification.verdict import record
@@ -260,7 +259,7 @@ def _refused(key: str, value: str, text: str, option: str = "--check") -> InputE
     return InputError(option, Complaint(key, value, text))
 
 
-def judge(found: MeasuredBoard, asked: Wanted, margin: Margin | None = None) -> Iterator[Check]:
+def judge(found: MeasuredBoard, asked: Wanted) -> Iterator[Check]:
     """Yield the expected values, then the limits that were asked for."""
     yield from (_at_rest(found, each) for each in asked.expected)
     evidence = Evidence(
@@ -273,7 +272,7 @@ def judge(found: MeasuredBoard, asked: Wanted, margin: Margin | None = None) -> 
         wanted=WANTED,
         agreement=None,
         poles=found.poles,
-        margin=margin if asked.margin else None,
+        margin=found.every_part[0] if asked.margin else None,
         reference_error=0.0,
         reference_problem="",
         noise=found.noise if asked.limits.noise is not None else None,
@@ -320,16 +319,12 @@ def _oscillates(found: Poles) -> Check:
     return check(Outcome.PASS, reason, complex(p[first]), float(errors[first]))
 
 
-def record_of(
-    found: MeasuredBoard,
-    checks: Iterable[Check] = (),
-    asked: Wanted | None = None,
-    margin: Margin | None = None,
-) -> Record:
+def record_of(found: MeasuredBoard, asked: Wanted | None = None) -> Record:
     """Return what is known of a board as a record; its outcome is that of the checks."""
-    judged, poles = tuple(checks), found.poles
+    judged, poles = () if asked is None else tuple(judge(found, asked)), found.poles
     decisive, lead = cause(judged), poles.rightmost if len(poles.poles) else None
     bound, named = finite(poles.resolution), () if asked is None else asked.names
+    margin = found.every_part[0] if asked is not None and asked.margin else None
     figures = {
         each.name: record.FigureRule(each.unit, each.worst).figure(found)
         if each.over or each.name in named
