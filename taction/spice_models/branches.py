@@ -57,6 +57,9 @@ class Source(Branch):
     """A source V or I of `value` from t = 0, and of `before` until then."""
 
     before: float = field(kw_only=True)
+    at: float = field(default=0.0, kw_only=True)  # of its first change in its deck, s
+    kind: str = field(default="dc", kw_only=True)  # of its waveform there
+    ac: bool = field(default=False, kw_only=True)  # whether it has a small signal there
 
     @property
     def step(self) -> float:

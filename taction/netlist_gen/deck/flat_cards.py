@@ -12,6 +12,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 from taction.netlist_gen.board.circuit import (
     GROUND,
@@ -212,24 +213,10 @@ _WAVE = re.compile(
 _SMALL = re.compile(r"\b(?:ac|distof[12])(?= |$)(?: +[-+.\d]\S*)*")  # with magnitude and phase
 
 
-@dataclass(frozen=True, slots=True)
-class Stimulus:
-    """What a source does: its value before and after the step, the instant, and the kind."""
-
-    before: float
-    after: float
-    at: float = 0.0  # of its first change, s
-    kind: str = "dc"
-    ac: bool = False
-
-    @property
-    def moves(self) -> bool:
-        """Whether it changes over time."""
-        return self.before != self.after
-
-
-def stimulus_of(text: str) -> Stimulus:
-    """Return what a source does, from its card without name and nodes."""
+def source_of(name: str, text: str) -> Source:
+    """Return a source V or I from its name and the rest of its card."""
+    a, b, *words = text.split(None, 2)
+    made, text = partial(Source, name[0].upper(), name[1:], a, b), "".join(words)
     match = _WAVE.search(text)
     plain = text if match is None else f"{text[: match.start()]} {text[match.end() :]}"
     plain, wave = re.sub(r"[=(),]", " ", plain), match[1] if match else ""
@@ -241,22 +228,23 @@ def stimulus_of(text: str) -> Stimulus:
         raise ValueError("two DC values")
     dc = number(keyed["dc"] or "0") if "dc" in keyed else values[-1] if values else None
     if match is None:
-        return Stimulus(dc or 0.0, dc or 0.0, ac=ac)
+        return made(dc or 0.0, before=dc or 0.0, ac=ac)
     given = [number(word) for word in re.split(r"[\s,]+", match[2].strip()) if word]
     repeats = number(keyed.get("r", "-1")) >= 0.0
     if repeats or wave.startswith("tr"):  # ngspice rests at the first value, or at the mean
         rest = given[1] if repeats else given[4] if wave == "trrandom" and given[4:] else 0.0
         rest = rest if dc is None else dc
-        return Stimulus(rest, rest, 0.0, "repeated" if repeats else "noise", ac)
+        return made(rest, before=rest, kind="repeated" if repeats else "noise", ac=ac)
     if wave == "pwl":
         changes = zip(given[::2], given[1::2], given[3::2], strict=False)
         at = next((t for t, one, other in changes if one != other), 0.0)
         delay = number(keyed.get("td", "0"))
-        return Stimulus(given[1], given[1::2][-1], at + delay, "pwl", ac)
+        return made(given[1::2][-1], before=given[1], at=at + delay, kind="pwl", ac=ac)
     if wave in ("sin", "sine", "sffm"):
-        return Stimulus(given[0], given[0], 0.0, "sin", ac)
+        return made(given[0], before=given[0], kind="sin", ac=ac)
     at = given[2] if len(given) > 2 else 0.0
-    return Stimulus(given[0], given[1], at, "exp" if wave == "exp" else "pulse", ac)
+    kind = "exp" if wave == "exp" else "pulse"
+    return made(given[1], before=given[0], at=at, kind=kind, ac=ac)
 
 
 PARTS = {
@@ -294,10 +282,14 @@ class Flat:
     parts: list[Branch] = field(default_factory=list)  # linear ones
     elements: list[Element] = field(default_factory=list)  # which are measured
     models: dict[str, tuple[str, str]] = field(default_factory=dict)  # kind and card, by name
-    stimuli: dict[str, Stimulus] = field(default_factory=dict)  # of V and I, by card
     charged: list[str] = field(default_factory=list)  # cards with ic=
     absent: list[Branch] = field(default_factory=list)  # capacitances below `ABSENT`
     knobs: dict[str, Branch] = field(default_factory=dict)  # by name
+
+    @property
+    def sources(self) -> list[Source]:
+        """The sources V and I, but for those of expressions."""
+        return [part for part in self.parts if isinstance(part, Source)]
 
     @property
     def nodes(self) -> dict[str, None]:
@@ -345,11 +337,7 @@ def _read(flat: Flat, name: str, text: str) -> None:
     """Add the parts of a linear card."""
     letter = name[0]
     if letter in "vi":
-        a, b, *rest = text.split(None, 2)
-        found = stimulus_of(rest[0] if rest else "")
-        part = Source(letter.upper(), name[1:], a, b, found.after, before=found.before)
-        flat.add(part)
-        flat.stimuli[part.card] = found
+        flat.add(source_of(name, text))
     elif letter == "b":
         _expression(flat, name, text)
     elif letter in PARTS:

@@ -161,7 +161,7 @@ def check_board(
         checks.append(compare_transient(found, deck, limit, ngspice=ngspice))
     if ngspice and not deck.is_linear:
         why.append(points_note(found, deck.point))
-        if any(each.moves for each in deck.flat.stimuli.values()):
+        if any(each.step for each in deck.point.flat.sources):
             why.append(step_note(found, deck.point))
     progress("sweeps")
     sweeps = tuple(sweep_deck(deck, board, each, band) for each in over)

@@ -118,7 +118,7 @@ def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
         modes = MODES[-1:] if deck.is_plain else MODES
         point = find_point(deck.lines, _options(deck), modes)
         flat, small = _measured(point)
-        flat, stimulus = stepped(flat, small=bool(small))
+        made, stimulus = stepped(flat, small=bool(small))
     except (CardError, DidNotLoad) as error:
         said = one_line(error)
         said += f"; {IN_BRACES}" if "unknown parameter" in said else ""
@@ -134,8 +134,7 @@ def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
     immediate &= not small  # the small signal begins where the circuit rests
     notes = (*([small] if small else ()), stimulus, *_notes(deck, flat, immediate))
     start: Start = "zero" if immediate else "rest"
-    circuit = circuit_of(flat, deck.file.stem, nodes)
-    return ForeignBoard(deck, flat, circuit, start, notes, point)
+    return ForeignBoard(deck, made, circuit_of(made, deck.file.stem, nodes), start, notes, point)
 
 
 def _options(deck: ForeignDeck) -> str:
@@ -176,12 +175,12 @@ def _notes(deck: ForeignDeck, flat: Flat, immediate: bool) -> Iterator[str]:
             yield f"{card.text}: does not count; every part is at 27 degrees C"
         if card.word == ".step":  # such as .step param C list 1p 2p
             yield f"{card.text}: does not run; --over NAME=LOW:HIGH:POINTS or NAME=A,B,C does it"
-    moving = [found for found in flat.stimuli.values() if found.moves]
+    moving = [source for source in flat.sources if source.step]
     if len({found.at for found in moving}) > 1:
         yield "the sources change at different times; all steps are taken at t = 0"
     if any(found.kind in ("pulse", "pwl", "exp") for found in moving):
         yield "edges are steps: rise times and later edges of the sources do not count"
-    kinds = {found.kind for found in flat.stimuli.values()}
+    kinds = {source.kind for source in flat.sources}
     yield from (text for kind, text in REMARKS.items() if kind in kinds)
     if flat.absent:
         devices = (part.name.partition("#") for part in flat.absent)  # D1#cj is of D1
@@ -218,33 +217,32 @@ def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
     have; without one of them all are switched on. A `small` signal is a step by `SMALL_STEP` of
     those with an ``ac`` value, else of the last source.
     """
-    moving = [card for card, found in flat.stimuli.items() if found.moves]
-    if moving:
+    sources, before, step = flat.sources, 0.0, 0.0
+    if moving := [source for source in sources if source.step]:
         return flat, f"step at t = 0: {_named(moving)}"
-    sources, before, step = [*flat.stimuli], 0.0, 0.0
-    excited = [card for card in sources if flat.stimuli[card].ac]
+    excited = [source for source in sources if source.ac]
     if small:
         chosen, before, step = excited or sources[-1:], 1.0, SMALL_STEP
         text = f"a step by {SMALL_STEP:g} at t = 0"
-    elif chosen := [card for card in excited if flat.stimuli[card].after]:
+    elif chosen := [source for source in excited if source.value]:
         before = 1.0 - BIASED_STEP
         text = f"at t = 0 from {before:.0%} to the DC value"
     else:
         chosen, text = excited or sources, "switched on at t = 0"
-        if not any(flat.stimuli[card].after for card in chosen):  # of an AC analysis: to 1
+        if not any(source.value for source in chosen):  # of an AC analysis: to 1
             step, text = 1.0, "at t = 0 from 0 to 1"
     still = "no source changes over time"
     if not chosen:
         return flat, still if small else ""
     parts = [
         replace(part, before=before * part.value, value=part.value + step)
-        if isinstance(part, Source) and part.card in chosen
+        if isinstance(part, Source) and part in chosen
         else part
         for part in flat.parts
     ]
     return replace(flat, parts=parts), f"{still}, so {text}: {_named(chosen)}"
 
 
-def _named(cards: Sequence[str]) -> str:
-    """Return the names of some cards; of many only the first ones."""
-    return first_ones([shown(card[0].lower() + card[1:]) for card in cards])
+def _named(sources: Iterable[Source]) -> str:
+    """Return the names of some sources; of many only the first ones."""
+    return first_ones([shown(source.letter.lower() + source.name) for source in sources])

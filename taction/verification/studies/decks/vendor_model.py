@@ -318,7 +318,7 @@ def _ends(bench: VendorBench, unity: float) -> tuple[float | None, float | None]
 def _linear_model(point: DeckPoint, f: Floats) -> LinearModel:
     """Return the cards of an op-amp, each measured where it rests; `CardError` without a model."""
     flat = linear_flat(point)
-    if moving := [card for card, found in flat.stimuli.items() if found.moves]:
+    if moving := [part.card for part in flat.sources if part.step]:
         raise CardError(f"{moving[0]} changes over time")
     held = [  # both inputs; 1 GF of the servo hides other poles
         replace(part, value=0.0) if part.card.lower() == "eservo" else part
