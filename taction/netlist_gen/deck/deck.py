@@ -48,7 +48,6 @@ if TYPE_CHECKING:
     from PySpice.Spice.Netlist import Circuit as PySpiceCircuit
 
 _CELL = re.compile(r"^\.subckt (\S+).*\n((?:.*\n)*?)\.ends \1\n", re.M)
-_CAPACITOR = re.compile(r"^C(\S+) (\S+) (\S+) (\S+)\n", re.M)
 VALUES = ("resistance", "voltage_gain", "transconductance", "dc_value")
 _FOREIGN = re.compile(r"^[^RCIVEGBXQ]", re.M)  # a card that taction does not write
 
@@ -81,6 +80,7 @@ class Deck(SimulatedDeck):
         """
         if self.dialect != NATIVE:
             raise ValueError(f"dialect {self.dialect!r} has no PySpice circuit; expected {NATIVE}")
+        from PySpice.Spice.BasicElement import BehavioralCapacitor
         from PySpice.Spice.Parser import SpiceParser
 
         text = self.text
@@ -89,16 +89,16 @@ class Deck(SimulatedDeck):
         kept = [cell[0] for cell in _CELL.finditer(text) if _FOREIGN.search(cell[2])]
         for vendors in kept:
             text = text.replace(vendors, "")
-        parser = SpiceParser(source=_CAPACITOR.sub("", text))  # it takes them for expressions
-        circuit, cells = parser.build_circuit(), {cell[1]: cell[2] for cell in _CELL.finditer(text)}
-        netlists = [(circuit, _CELL.sub("", text))]
+        parser = SpiceParser(source=text)
+        circuit = parser.build_circuit()
         for statement in parser.subcircuits:
-            circuit.subcircuit(cell := statement.build())
-            netlists.append((cell, cells[cell.name]))
-        for netlist, cards in netlists:
-            for name, a, b, farads in _CAPACITOR.findall(cards):
-                netlist.C(name, a, b, float(farads))
-            for element in netlist.elements:
+            circuit.subcircuit(statement.build())
+        for netlist in (circuit, *circuit.subcircuits):
+            for element in [*netlist.elements]:
+                if isinstance(element, BehavioralCapacitor):  # the parser takes all C for these
+                    nodes, farads = element.nodes, float(element.capacitance_expression)
+                    element.detach()
+                    element = netlist.C(element.name[1:], *nodes, farads)
                 for key in VALUES:
                     with suppress(AttributeError, ValueError):  # another part, or a waveform
                         setattr(element, key, float(getattr(element, key)))
@@ -254,12 +254,12 @@ def board_text(
         title = "* the resistor matrix of a taction board: swap this file for another of the same"
         text = [f"{title} ports", " ".join([".subckt matrix", *pads]), *matrices, ".ends matrix"]
         files[matrix_file] = "\n".join([*text, ""])
-    grounded: dict[str, bool] = {}
-    for cell in circuit.opamps:
-        grounded[cell.model] = cell.noninverting == GROUND and grounded.get(cell.model, True)
-    models = [model for model in circuit.models.values() if model.name in grounded]
+    used = {cell.model for cell in circuit.opamps}
+    driven = {cell.model for cell in circuit.opamps if cell.noninverting != GROUND}
     cells = "\n".join(
-        _opamp_text(model, grounded[model.name], circuit.supply, noisy) for model in models
+        _opamp_text(model, model.name not in driven, circuit.supply, noisy)
+        for model in circuit.models.values()
+        if model.name in used
     )
     biases = [
         f"{bias.card} {bias.node} {GROUND} {bias.volts!r}" for bias in circuit.constant_voltages

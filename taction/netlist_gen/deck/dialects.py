@@ -60,17 +60,15 @@ class Dialect:
         """Return cards of parts and measures, given as ngspice has them."""
         if self.name == NATIVE:
             return text
-        patterns = [(re.compile(pattern), made) for pattern, made in self.cards_as]
         written = list[str]()
         for line in text.split("\n"):
-            for pattern, made in patterns:  # a comment as it is, but for patterns of comments
-                if not line.startswith("*") or pattern.pattern.startswith(r"^\*"):
-                    line = pattern.sub(made, line)
+            for pattern, made in self.cards_as:  # a comment as it is, but for patterns of comments
+                if not line.startswith("*") or pattern.startswith(r"^\*"):
+                    line = re.sub(pattern, made, line)
             written.append(self._folded(line))
-        title, *lines = written
         if text.startswith(".title"):  # the deck itself, not an included file
-            return "\n".join([title, *self.head, *lines])
-        return "\n".join([*filter(None, [self.language]), title, *lines])
+            return "\n".join([written[0], *self.head, *written[1:]])
+        return "\n".join([*filter(None, [self.language]), *written])
 
     def closing(
         self,

@@ -23,8 +23,7 @@ from taction.netlist_gen.board.circuit import (
     common_facts,
     with_parts,
 )
-from taction.netlist_gen.deck.expressions import OWN, affine
-from taction.netlist_gen.deck.foreign_lines import number
+from taction.netlist_gen.deck.expressions import OWN, affine, number
 from taction.spice_models.branches import Branch, Source, label_of
 
 OHMIC = {

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND
+from taction.netlist_gen.deck.expressions import number
 from taction.netlist_gen.deck.flat_cards import (
     ABSENT,
     CardError,
@@ -33,7 +34,6 @@ from taction.netlist_gen.deck.flat_cards import (
     shown,
     sum_parts,
 )
-from taction.netlist_gen.deck.foreign_lines import number
 from taction.spice_models.branches import Branch
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import DidNotLoad, first_ones

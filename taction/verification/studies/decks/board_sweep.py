@@ -298,11 +298,10 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweepAxis, band: f
 
 def _over(deck: ForeignBoard, name: str, values: Sequence[float]) -> Callable[[float], Circuit]:
     """Return the circuit as a function of a ``.param``; those at `values` are built at once."""
-    made = deck.at([{name: value} for value in values])
-    known = dict(zip(values, made, strict=True))
+    known = dict(zip(values, deck.at(name, values), strict=True))
 
     def at(value: float) -> Circuit:
-        found = known[value] if value in known else deck.at([{name: value}])[0]
+        found = known[value] if value in known else deck.at(name, [value])[0]
         if isinstance(found, InputError):
             raise found
         return found

@@ -7,7 +7,7 @@ measured (`operating_point`); they become parts without knobs.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -71,18 +71,17 @@ class ForeignBoard:
         """Whether nothing in it is measured."""
         return not self.point.flat.elements
 
-    def at(self, changes: Sequence[Mapping[str, float]]) -> list[Circuit | InputError]:
-        """Return the circuit at some values of its ``.param`` cards, an error where there is none.
+    def at(self, name: str, values: Sequence[float]) -> list[Circuit | InputError]:
+        """Return the circuit at some values of a ``.param``, an error where there is none.
 
         One that is not linear has a point of its own at each; others are expanded by one run.
         `InputError`: ngspice does not expand the deck with one of them.
         """
 
-        def measured(changed: Mapping[str, float]) -> Flat:
-            text = "\n".join(self.deck.lines)
-            for name, value in changed.items():
-                own = rf"^(\.param (?:.*\W)?){name} ?=(?!=) ?(?:\{{[^{{}}]*\}}|\S+)"
-                text = re.sub(own, rf"\g<1>{name}={value!r}", text, flags=re.M)
+        def measured(value: float) -> Flat:
+            own = rf"^(\.param (?:.*\W)?){name} ?=(?!=) ?(?:\{{[^{{}}]*\}}|\S+)"
+            lines = "\n".join(self.deck.lines)
+            text = re.sub(own, rf"\g<1>{name}={value!r}", lines, flags=re.M)
             point = find_point(text.split("\n"), _options(self.deck))
             return _measured(point)[0]
 
@@ -95,10 +94,10 @@ class ForeignBoard:
             return circuit_of(flat, self.circuit.name, nodes)
 
         if not self.is_linear:
-            with one_limit(VALUE_SECONDS * len(changes), more=True):
-                return [circuit(partial(measured, each)) for each in changes]
+            with one_limit(VALUE_SECONDS * len(values), more=True):
+                return [circuit(partial(measured, each)) for each in values]
         try:
-            every = expand(self.deck.lines, find_simulator(), changes)
+            every = expand(self.deck.lines, find_simulator(), [{name: each} for each in values])
         except DidNotLoad as error:
             raise self._error(f"with other values of its .param: {one_line(error)}") from None
         return [circuit(partial(read_cards, cards)) for cards in every]

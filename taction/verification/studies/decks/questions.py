@@ -301,22 +301,19 @@ def _at_rest(found: MeasuredBoard, wanted: Expected) -> Check:
 
 def _oscillates(found: Poles) -> Check:
     """Pass a board in which a complex pair grows, and no real pole; its value is the frequency."""
-
-    def check(outcome: Outcome, reason: str, pole: complex = 0.0, error: float = 0.0) -> Check:
-        value, bound = (abs(pole.imag) / math.tau, error / math.tau) if pole else (None, None)
-        return Check("oscillates", outcome, value, bound, None, None, "Hz", reason)
-
-    p, errors = found.poles, found.errors
+    p, errors, value, bound = found.poles, found.errors, None, None
     growing, may_grow = p.real > errors, p.real >= -errors
     if np.any(growing & (p.imag == 0.0)):
-        return check(Outcome.FAIL, f"runs away, a real pole grows: {LATCH}")
-    if not np.any(may_grow):
-        return check(Outcome.FAIL, "every mode decays")
-    if not np.any(growing) or np.any(may_grow & (np.abs(p.imag) <= errors)):
-        return check(Outcome.INCONCLUSIVE, doubtful(found))
-    first = int(np.argmax(growing))
-    reason = f"grows with {show_rate(p.real[first])}; of its start, before anything limits it"
-    return check(Outcome.PASS, reason, complex(p[first]), float(errors[first]))
+        outcome, reason = Outcome.FAIL, f"runs away, a real pole grows: {LATCH}"
+    elif not np.any(may_grow):
+        outcome, reason = Outcome.FAIL, "every mode decays"
+    elif not np.any(growing) or np.any(may_grow & (np.abs(p.imag) <= errors)):
+        outcome, reason = Outcome.INCONCLUSIVE, doubtful(found)
+    else:
+        first, outcome = int(np.argmax(growing)), Outcome.PASS
+        value, bound = abs(float(p[first].imag)) / math.tau, float(errors[first]) / math.tau
+        reason = f"grows with {show_rate(p.real[first])}; of its start, before anything limits it"
+    return Check("oscillates", outcome, value, bound, None, None, "Hz", reason)
 
 
 def record_of(found: MeasuredBoard, asked: Wanted | None = None) -> Record:
