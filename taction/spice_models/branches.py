@@ -15,8 +15,9 @@ LETTERS = "RCLKVIEGYFH"
 
 def label_of(letter: str, name: str) -> str:
     """Return the name of a part as its designer wrote it: ``R1``, or ``x1.Rin`` in a subcircuit."""
-    path, _, last = name.rpartition(".")
-    return f"{path[1:]}.{last[:1].upper()}{last[1:]}" if path else letter + name
+    path, _, last = name.rpartition(".")  # R.1 and Ra.b are names of the top level
+    nested = path.startswith(".")
+    return f"{path[1:]}.{last[:1].upper()}{last[1:]}" if nested else letter + name
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,10 +54,7 @@ class CardError(ValueError):
 
 def shown(card: str) -> str:
     """Return the name of a flat card as its designer wrote it."""
-    letter, dot, rest = card.partition(".")
-    if not dot or len(letter) != 1 or "." not in rest:  # R.1 is a name of the top level
-        return card[:1].upper() + card[1:]
-    return label_of("", f".{rest}")
+    return label_of(card[:1].upper(), card[1:])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -305,7 +302,7 @@ class Flat:
         """Add a part; it can be moved as a `knob` unless it is one of ours."""
         self.parts.append(part)
         if knob and OWN not in part.name:
-            self.knobs[shown(part.letter.lower() + part.name)] = part
+            self.knobs[part.label] = part
 
 
 def read_cards(lines: Iterable[str], *, measure: bool = False) -> Flat:

@@ -232,7 +232,7 @@ def test_a_choice_of_cards(chosen: int, ohms: float, folder: Path, ngspice: str)
     )
     board = read_board(written(folder, f"t\n{RC}{cards}.end\n"))
     assert board.circuit.value("R2") == ohms
-    (other,) = board.at([{"n": 2.0}])
+    (other,) = board.at("n", [2.0])
     assert not isinstance(other, InputError)
     assert other.value("R2") == 3e3
 

@@ -218,7 +218,7 @@ def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
     """
     sources, before, step = flat.sources, 0.0, 0.0
     if moving := [source for source in sources if source.step]:
-        return flat, f"step at t = 0: {_named(moving)}"
+        return flat, f"step at t = 0: {first_ones([each.label for each in moving])}"
     excited = [source for source in sources if source.ac]
     if small:
         chosen, before, step = excited or sources[-1:], 1.0, SMALL_STEP
@@ -239,9 +239,5 @@ def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
         else part
         for part in flat.parts
     ]
-    return replace(flat, parts=parts), f"{still}, so {text}: {_named(chosen)}"
-
-
-def _named(sources: Iterable[Source]) -> str:
-    """Return the names of some sources; of many only the first ones."""
-    return first_ones([shown(source.letter.lower() + source.name) for source in sources])
+    names = first_ones([each.label for each in chosen])
+    return replace(flat, parts=parts), f"{still}, so {text}: {names}"

@@ -17,7 +17,6 @@ import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.deck.flat_cards import shown
 from taction.netlist_gen.scene.scene import Scene, read_toml
 from taction.spice_models.branches import Source
 from taction.system.array_types import Floats
@@ -301,11 +300,11 @@ def _parts(board: ForeignBoard) -> dict[str, StoredKey]:
     for knob in circuit.knobs:
         found[knob.name] = StoredKey(circuit.value(knob.name), circuit.facts[knob.name].unit)
     for source in board.point.flat.sources:
-        name, unit = shown(source.card.lower()), UNITS_OF_SOURCES[source.letter]
+        name, unit = source.label, UNITS_OF_SOURCES[source.letter]
         found[name] = StoredKey(source.value, unit)
         found[f"{name} before the step"] = StoredKey(source.before, unit)
     for part in flat.parts:
-        name = shown(part.card.lower())
+        name = part.label
         if part.letter in UNITS_OF_SOURCES and not isinstance(part, Source):  # of an expression
             found[name] = StoredKey(part.value, UNITS_OF_SOURCES[part.letter])
         found[f"{name} nodes"] = StoredKey(" ".join(part.nodes))

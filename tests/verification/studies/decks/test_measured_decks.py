@@ -287,7 +287,7 @@ def test_a_parameter_moves_the_point(tmp_path: Path) -> None:
     place = tmp_path / "deck.cir"
     place.write_text(f"t\n{text}\n.end\n")
     board = read_board(place)
-    one, other = board.at([{"amps": 1e-3}, {"amps": 2e-3}])
+    one, other = board.at("amps", [1e-3, 2e-3])
     slopes = [
         sum(part.value for part in circuit.branches if "#g" in part.card)
         for circuit in (one, other)
