@@ -189,13 +189,9 @@ def matrix_lines(matrices: Iterable[ResistorMatrix]) -> list[str]:
     """Return one line per resistor by rows, ``Rf_3_5`` in row 3, column 5, or with its wires."""
     lines = list[str]()
     for matrix in matrices:
-        if matrix.wires is not None:
-            lines += [f"{name} {a} {b} {ohms!r}" for name, a, b, ohms in wire_branches(matrix)]
-        else:
-            lines += [
-                f"{matrix.name}_{k + 1}_{n + 1} {drive} {sink} {ohms!r}"
-                for k, n, drive, sink, ohms in matrix.elements()
-            ]
+        plain = ((part.card, part.a, part.b, part.ohms) for part in matrix.resistors())
+        parts = plain if matrix.wires is None else wire_branches(matrix)
+        lines += [f"{name} {a} {b} {ohms!r}" for name, a, b, ohms in parts]
     return lines
 
 

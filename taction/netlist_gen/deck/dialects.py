@@ -265,15 +265,11 @@ class Measures:
     starts: tuple[float, ...]  # their voltages before the step, V
     band: float  # half width of the settling band, fraction of the largest step
 
-    @property
-    def amplitude(self) -> float:
-        """The largest step of any channel, V."""
-        return max(abs(b - a) for a, b in zip(self.starts, self.targets, strict=True))
-
 
 def measure_lines(circuit: Circuit, measures: Measures, stop: float) -> list[str]:
     """Return sources and ``.meas`` cards, for ngspice, of a transient that ends at `stop`, s."""
-    scale = measures.amplitude
+    channels = list(zip(circuit.outputs, measures.starts, measures.targets, strict=True))
+    scale = max(abs(target - start) for _, start, target in channels)
     if not scale > 0.0:
         raise ValueError("no channel has a step, so there is nothing to measure")
     width = measures.band * scale
@@ -282,7 +278,6 @@ def measure_lines(circuit: Circuit, measures: Measures, stop: float) -> list[str
         f"* step amplitude A = {scale!r} V; settling band {measures.band!r} A;"
         f" {NOT_SETTLED!r} s: not settled",
     ]
-    channels = list(zip(circuit.outputs, measures.starts, measures.targets, strict=True))
     for n, (output, _, target) in enumerate(channels, 1):  # most_n: the largest distance of n
         before = f"V(most_{n - 1})" if n > 1 else "0"
         lines.append(f"Berr_{n} err_{n} 0 V=abs(V({output.node})-({target!r}))")

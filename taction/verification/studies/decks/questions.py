@@ -88,7 +88,9 @@ class Question:
         if not text:
             raise _refused(self.asked, "", f"expected a limit, such as {self.asked}={self.example}")
         if extra and not self.second:
-            several = [f"{q.asked}=LIMIT@{q.second.upper()}" for q in EVERY if q.second]
+            several = [
+                f"{q.asked}=LIMIT@{q.second.upper()}" for q in QUESTIONS.values() if q.second
+            ]
             raise _refused(self.asked, repr(extra), f"only {' and '.join(several)} have two values")
         if self.name not in Checks.model_fields:  # scenes' checks judge those in it
             try:
@@ -134,15 +136,14 @@ def _noise(found: MeasuredBoard) -> Answers:
             for each in zip(rms, bounds, strict=True)]  # fmt: skip
 
 
-EVERY = (
+QUESTIONS = {each.name: each for each in (
     _reading("settling_time", "settles", "the settling time", "1ms@1%", "band"),
     _reading("rise_time", "rises", "the rise time", "10us"),
     _reading("overshoot", "overshoot", "the overshoot", "5%"),
     _reading("undershoot", "undershoot", "the undershoot", "5%"),
     Question("noise", "V", "output noise", "the noise at rest, rms", _noise,
              example="1mV", second="lowest", over=False),
-)  # fmt: skip
-QUESTIONS = {each.name: each for each in EVERY}
+)}  # fmt: skip
 """The questions by name."""
 
 
