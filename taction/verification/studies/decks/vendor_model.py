@@ -269,12 +269,9 @@ def _crossing(frequency: Floats, response: Complexes) -> tuple[float, float]:
     first counts.
     """
     from scipy.interpolate import CubicSpline
-    from scipy.optimize import brentq
 
-    place, size = np.log(frequency), np.log(np.abs(response))
-    k = int(np.flatnonzero(size < 0.0)[0])
-    gain = CubicSpline(place, size)
-    root = float(brentq(lambda x: float(gain(x)), place[k - 1], place[k], xtol=1e-12))
+    place = np.log(frequency)
+    root = float(CubicSpline(place, np.log(np.abs(response))).roots(extrapolate=False)[0])
     phase = CubicSpline(place, np.unwrap(np.angle(response)))
     return math.exp(root), 180.0 + math.degrees(float(phase(root)))
 
