@@ -9,7 +9,7 @@ import ast
 import math
 import operator
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import chain, combinations_with_replacement, count, pairwise
 
@@ -197,7 +197,7 @@ def as_expression(text: str) -> str:
     """Return a card with ``POLY`` or a table as a B card; any other card as it is."""
     if match := _POLY.fullmatch(text):
         letter, name, a, b, many, rest = match.groups()
-        made = _poly(letter in "eg", many, rest)
+        made = polynomial(letter in "eg", many, rest)
     elif match := _TABLE.fullmatch(text):
         letter, name, a, b, across, inner, points = match.groups()
         across = across and f"v({','.join(across.split())})"
@@ -210,8 +210,14 @@ def as_expression(text: str) -> str:
     return f"b{letter}{name} {a} {b} {'v' if letter in 'eh' else 'i'}={made}"
 
 
-def _poly(by_voltage: bool, many: str, rest: str) -> str:
-    """Return ``POLY(many)`` of the names of its inputs and its coefficients as an expression."""
+def polynomial(by_voltage: bool, many: str, rest: str) -> str:
+    """Return SPICE's ``POLY(many)`` of the names of its inputs and its coefficients.
+
+    It is an expression of ``v(a,b)`` or ``i(source)``. The coefficients, numbers or expressions of
+    parameters, are those of 1, then of each input, then of each product of two inputs in the order
+    ``x1 x1, x1 x2, ..., x2 x2, ...``, of three, and so on. A single coefficient of one input is
+    that of the input itself.
+    """
     if len(many) > len(str(LONGEST)):
         raise ValueError(f"POLY of {many[:20]}... inputs; expected as many as the card has")
     words, width = re.sub(r"[(),]", " ", rest).split(), int(many) * (2 if by_voltage else 1)
@@ -219,16 +225,7 @@ def _poly(by_voltage: bool, many: str, rest: str) -> str:
         raise ValueError(f"POLY({many}) needs {width} names of its inputs, and coefficients")
     pairs = zip(words[:width:2], words[1:width:2], strict=False)
     inputs = [f"v({p},{q})" for p, q in pairs] if by_voltage else [f"i({w})" for w in words[:width]]
-    return polynomial(inputs, words[width:])
-
-
-def polynomial(inputs: Sequence[str], coefficients: Sequence[str]) -> str:
-    """Return SPICE's POLY as an expression of its inputs, ``v(a,b)`` or ``i(source)``.
-
-    The coefficients, numbers or expressions of parameters, are those of 1, then of each input, then
-    of each product of two inputs in the order ``x1 x1, x1 x2, ..., x2 x2, ...``, of three, and so
-    on. A single coefficient of one input is that of the input itself.
-    """
+    coefficients = words[width:]
     if len(inputs) == len(coefficients) == 1:
         coefficients = ["0", *coefficients]
     factors = chain.from_iterable(combinations_with_replacement(inputs, k) for k in count())
@@ -249,18 +246,16 @@ def without_calls(text: str) -> str:
         if not every:
             return text
         begin, depth = every[-1], 0  # the innermost one, or one after it
-        words = [""]
+        places = [begin.end()]  # where its arguments begin
         for end in range(begin.end(), len(text)):
-            letter = text[end]
-            if letter == ")" and depth == 0:
+            depth += (text[end] == "(") - (text[end] == ")")
+            if depth < 0 or (depth == 0 and text[end] == ","):
+                places.append(end + 1)
+            if depth < 0:
                 break
-            depth += (letter == "(") - (letter == ")")
-            if letter == "," and depth == 0:
-                words.append("")
-            else:
-                words[-1] += letter
         else:
             raise ValueError("parentheses that do not match")
+        words = [text[one : other - 1] for one, other in pairwise(places)]
         made = _piecewise(words[0].strip(), words[1:])
         text = f"{text[: begin.start()]}{made}{text[end + 1 :]}"
         if len(text) > LONGEST:

@@ -228,12 +228,12 @@ def test_what_a_subcircuit_does_not_call_is_not_read(tmp_path: Path) -> None:
 
 def test_a_polynomial_has_the_order_of_spice2() -> None:
     """The terms of two inputs: 1, x, y, x², xy, y²."""
-    text = polynomial(["v(a,0)", "v(b,0)"], [*"123456"])
+    text = polynomial(True, "2", "a 0 b 0 1 2 3 4 5 6")
     x, y = 0.7, -1.3
     found = eval(text.replace("v(a,0)", "x").replace("v(b,0)", "y"), {"x": x, "y": y})  # noqa: S307
     assert found == pytest.approx(1 + 2 * x + 3 * y + 4 * x * x + 5 * x * y + 6 * y * y)
-    assert polynomial(["i(v1)"], ["2"]) == "2.0*i(v1)"
-    assert polynomial(["i(v1)"], ["0", "0", "0", "{k}"]) == "(k)*i(v1)*i(v1)*i(v1)"
+    assert polynomial(False, "1", "v1 2") == "2.0*i(v1)"
+    assert polynomial(False, "1", "v1 0 0 0 {k}") == "(k)*i(v1)*i(v1)*i(v1)"
 
 
 EVERY_CARD = """
