@@ -11,7 +11,6 @@ import re
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
-from functools import lru_cache
 from itertools import groupby
 from typing import TYPE_CHECKING
 
@@ -40,7 +39,6 @@ from taction.netlist_gen.deck.dialects import (
     starts_from_rest,
 )
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS
-from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import opamp_subcircuit
 from taction.spice_models.transistor import ZERO_CELSIUS, model_card
 
@@ -253,7 +251,9 @@ def board_text(
     used = {cell.model for cell in circuit.opamps}
     driven = {cell.model for cell in circuit.opamps if cell.noninverting != GROUND}
     cells = "\n".join(
-        _opamp_text(model, model.name not in driven, circuit.supply, noisy)
+        model.imported.text(model.name)
+        if model.imported is not None
+        else str(opamp_subcircuit(model, model.name not in driven, circuit.supply, noisy))
         for model in circuit.models.values()
         if model.name in used
     )
@@ -263,13 +263,6 @@ def board_text(
     cards = [model_card(model) for model in circuit.transistor_models.values()]
     head = [".title taction board", *header_lines(circuit), *cards, *before, ""]
     return "\n".join(head) + cells + "\n".join([*after, *biases, ""]), files
-
-
-@lru_cache(maxsize=64)
-def _opamp_text(model: OpAmp, grounded: bool, supply: float, noisy: bool) -> str:
-    if model.imported is not None:
-        return model.imported.text(model.name)
-    return str(opamp_subcircuit(model, noninverting_grounded=grounded, supply=supply, noisy=noisy))
 
 
 def _parts(circuit: Circuit) -> list[str]:

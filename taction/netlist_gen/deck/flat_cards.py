@@ -322,8 +322,6 @@ def read_cards(lines: Iterable[str], *, measure: bool = False) -> Flat:
             element = element_of(card, flat.models) if measure else None
             if element is not None:
                 flat.elements.append(element)
-            elif isinstance(error, CardError):
-                raise
             else:
                 raise CardError(f"{shown(name)}: {error}: {card!r}") from None
     return flat
@@ -443,8 +441,6 @@ def circuit_of(flat: Flat, name: str, outputs: Iterable[str]) -> Circuit:
         amplifier="linear",
         topology="deck",
         facts=facts,
-        resistors=(),
-        capacitors=(),
         outputs=tuple(Output(node, 1.0) for node in outputs),
         knobs=tuple(Knob(own, own, own, words=own) for own in flat.knobs),
         roles={own: frozenset((part.card,)) for own, part in flat.knobs.items()},
