@@ -107,8 +107,7 @@ class DeckPoint:
         answers = run_commands(text, commands, find_simulator(), mode=self.mode, seconds=SECONDS)
         if len(answers.plots) != len(driven) * len(sweeps):
             return [], answers.complaint
-        plots = answers.plots
-        return [dict(zip(map(str.lower, n), v.T, strict=True)) for n, v in plots], ""
+        return [*answers.plots], ""
 
     @property
     def probed(self) -> Iterator[str]:
@@ -188,12 +187,13 @@ def read_volts(answers: Answers) -> dict[str, float]:
 
     By the name of a node, ``name#branch`` of a current, or ``name[key]``.
     """
-    for names, values in reversed(answers.plots):
-        if any(name.startswith("v(") for name in names):
-            inner = [re.sub(r"^v\((.*)\)$", r"\1", name.lower()) for name in names]
+    for plot in reversed(answers.plots):
+        if any(name.startswith("v(") for name in plot):
+            inner = [re.sub(r"^v\((.*)\)$", r"\1", name) for name in plot]
             inner = [re.sub(r"^i\(([^@].*)\)$", r"\1#branch", name) for name in inner]
             plain = [re.sub(r"^i\((.*)\)$", r"\1", name).removeprefix("@") for name in inner]
-            return dict(zip(plain, values[-1].real.tolist(), strict=True))
+            volts = (float(values[-1].real) for values in plot.values())
+            return dict(zip(plain, volts, strict=True))
     return {}
 
 
@@ -224,7 +224,7 @@ def linear_flat(point: DeckPoint) -> Flat:
     answers = run_commands(cards, commands, find_simulator())
     if len(answers.plots) != 1 + len(FREQUENCIES):
         raise CardError(f"ngspice does not measure the elements alone: {answers.complaint}")
-    tables = [dict(zip(names, values[-1], strict=True)) for names, values in answers.plots]
+    tables = [{name: values[-1] for name, values in plot.items()} for plot in answers.plots]
     parts, absent, wrong = [*flat.parts], [*flat.absent], list[str]()
     for each in bench:
         text = each.fit(tables, flat.models)
