@@ -93,7 +93,7 @@ class BoardCheck(MeasuredBoard, Result):
     @cached_property
     def parts(self) -> tuple[PartRow, ...]:
         """What each part does to the stability, the most important first."""
-        return self.looked or influences(self.board, self.poles)[1]
+        return self.looked or influences(self.board, self.poles)
 
     @property
     def name(self) -> str:
@@ -176,7 +176,7 @@ def check_board(
     made = BoardCheck(
         **{each.name: getattr(found, each.name) for each in fields(found)},
         notes=tuple(filter(None, (*found.apart.sentences, *deck.notes, *why))),
-        looked=found.every_part[1] if asked.margin else (),
+        looked=found.every_part if asked.margin else (),
         checks=tuple(checks),
         sweeps=sweeps,
         corners=corners,

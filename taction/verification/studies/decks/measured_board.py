@@ -29,7 +29,7 @@ from taction.verification.readings.settling import ChannelState, Settlement
 from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.stability.shown_poles import PolesApart, latching, told_apart
-from taction.verification.studies.decks.part_influence import PartRow, influences
+from taction.verification.studies.decks.part_influence import PartRow, influences, least_margin
 from taction.verification.verdict.output_noise import OutputNoise
 
 WANTED = 1e-4  # error of ngspice's transient, in step amplitudes
@@ -106,9 +106,14 @@ class MeasuredBoard:
         return OutputNoise(tuple(rms.tolist()), tuple(error.tolist()), unknown=said, lowest=low)
 
     @cached_property
-    def every_part(self) -> tuple[Margin | None, tuple[PartRow, ...]]:
-        """The least margin of any part, and what each part does to the stability."""
+    def every_part(self) -> tuple[PartRow, ...]:
+        """What each part does to the stability, with the margins of all."""
         return influences(self.board, self.poles, every=True)
+
+    @property
+    def margin(self) -> Margin:
+        """The least margin of any part."""
+        return least_margin(self.board, self.poles, self.every_part)
 
     @property
     def remedy(self) -> str:

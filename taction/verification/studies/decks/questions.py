@@ -273,7 +273,7 @@ def judge(found: MeasuredBoard, asked: Wanted) -> Iterator[Check]:
         wanted=WANTED,
         agreement=None,
         poles=found.poles,
-        margin=found.every_part[0] if asked.margin else None,
+        margin=found.margin if asked.margin else None,
         reference_error=0.0,
         reference_problem="",
         noise=found.noise if asked.limits.noise is not None else None,
@@ -322,7 +322,7 @@ def record_of(found: MeasuredBoard, asked: Wanted | None = None) -> Record:
     judged, poles = () if asked is None else tuple(judge(found, asked)), found.poles
     decisive, lead = cause(judged), poles.rightmost if len(poles.poles) else None
     bound, named = finite(poles.resolution), () if asked is None else asked.names
-    margin = found.every_part[0] if asked is not None and asked.margin else None
+    margin = found.margin if asked is not None and asked.margin else None
     figures = {
         each.name: record.FigureRule(each.unit, each.worst).figure(found)
         if each.over or each.name in named
