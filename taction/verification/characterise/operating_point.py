@@ -168,7 +168,7 @@ def _tight(point: DeckPoint) -> DeckPoint:
         for key in ("gx", "cbx")
     ]
     shared, first = tuple(point.probed), {node: point.volts[node] for node in point.weights}
-    span = max(0.0, *first.values()) - min(0.0, *first.values())
+    span = float(np.ptp([0.0, *first.values()]))
     for limits, near in itertools.product(TRIED, (True, False)):
         for _ in range(1 + near):  # again: ngspice's last step, which junctions lack, is nearly 0
             starts = point.starts if near else ()

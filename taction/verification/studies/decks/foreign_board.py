@@ -79,11 +79,8 @@ class ForeignBoard:
         """
 
         def measured(value: float) -> Flat:
-            own = rf"^(\.param (?:.*\W)?){name} ?=(?!=) ?(?:\{{[^{{}}]*\}}|\S+)"
-            lines = "\n".join(self.deck.lines)
-            text = re.sub(own, rf"\g<1>{name}={value!r}", lines, flags=re.M)
-            point = find_point(text.split("\n"), _options(self.deck))
-            return _measured(point)[0]
+            lines = (*self.deck.lines, f".param {name}={value!r}")  # of two the last one counts
+            return _measured(find_point(lines, _options(self.deck)))[0]
 
         def circuit(read: Callable[[], Flat]) -> Circuit | InputError:
             try:
@@ -96,8 +93,9 @@ class ForeignBoard:
         if not self.is_linear:
             with one_limit(VALUE_SECONDS * len(values), more=True):
                 return [circuit(partial(measured, each)) for each in values]
+        changes, mode = [{name: each} for each in values], self.point.mode
         try:
-            every = expand(self.deck.lines, find_simulator(), [{name: each} for each in values])
+            every = expand(self.deck.lines, find_simulator(), changes, mode)
         except DidNotLoad as error:
             raise self._error(f"with other values of its .param: {one_line(error)}") from None
         return [circuit(partial(read_cards, cards)) for cards in every]
