@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 from taction.system.processes import one_limit
 
 if TYPE_CHECKING:
+    from taction.netlist_gen.board.opamp_choice import OpAmpFigures
     from taction.spice_models.opamp import OpAmp
     from taction.system.progress import Progress
-    from taction.verification.characterise.characterise import OpAmpFigures
     from taction.verification.studies.decks.board_check import BoardCheck
     from taction.verification.studies.decks.vendor_model import ImportedModel
 
@@ -62,9 +62,11 @@ def opamp(name: str) -> OpAmpFigures:
     from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
 
     refuse_unknown(name, "parts show")
-    from taction.verification.characterise.characterise import OpAmpFigures
+    from taction.netlist_gen.board.opamp_choice import OpAmpFigures
+    from taction.spice_models.presets import figure_origins
 
-    return OpAmpFigures.of(OPAMPS[name])
+    found = OPAMPS[name]
+    return OpAmpFigures(found, figure_origins(found.name))
 
 
 def import_model(
@@ -294,7 +296,7 @@ def check(
     from taction.verification.studies.decks.questions import wanted
 
     asked = wanted(_listed(checks), _listed(expect))
-    from taction.verification.studies.decks.board_sweep import swept_axis
+    from taction.verification.studies.decks.board_sweep import read_tolerances, swept_axis
     from taction.verification.studies.decks.foreign_board import read_board
 
     progress("deck")
@@ -302,8 +304,6 @@ def check(
     asked.refuse_unknown(board.flat.nodes)
     swept = [swept_axis(each, board) for each in _listed(over)]
     if tolerances is not None:
-        from taction.netlist_gen.deck.part_tolerances import read_tolerances
-
         spread = read_tolerances(tolerances, board.circuit)
     # all that can be refused is refused before the engine is loaded
     from taction.verification.studies.decks.board_check import check_board

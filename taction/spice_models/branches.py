@@ -15,8 +15,9 @@ LETTERS = "RCLKVIEGYFH"
 
 def label_of(letter: str, name: str) -> str:
     """Return the name of a part as its designer wrote it: ``R1``, or ``x1.Rin`` in a subcircuit."""
-    path, _, last = name.rpartition(".")
-    return f"{path[1:]}.{last[:1].upper()}{last[1:]}" if path else letter + name
+    path, _, last = name.rpartition(".")  # R.1 and Ra.b are names of the top level
+    nested = path.startswith(".")
+    return f"{path[1:]}.{last[:1].upper()}{last[1:]}" if nested else letter + name
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +58,9 @@ class Source(Branch):
     """A source V or I of `value` from t = 0, and of `before` until then."""
 
     before: float = field(kw_only=True)
+    at: float = field(default=0.0, kw_only=True)  # of its first change in its deck, s
+    kind: str = field(default="dc", kw_only=True)  # of its waveform there
+    ac: bool = field(default=False, kw_only=True)  # whether it has a small signal there
 
     @property
     def step(self) -> float:

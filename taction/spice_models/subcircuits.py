@@ -22,7 +22,7 @@ currents of amperes make the step control reject more steps. The operating point
 
 
 def opamp_subcircuit(
-    model: OpAmp, *, noninverting_grounded: bool, supply: float = 15.0, noisy: bool = False
+    model: OpAmp, noninverting_grounded: bool, supply: float = 15.0, noisy: bool = False
 ) -> SubCircuit:
     """Build the macromodel of one op-amp type with PySpice's object model.
 

@@ -74,7 +74,7 @@ def model_card(transistor: Transistor) -> str:
 
 @cache
 def load_pairs() -> dict[str, Transistor]:
-    """Return the presets of ``transistors.toml`` by name; the file is read once."""
-    with (Path(__file__).parent / "transistors.toml").open("rb") as file:
-        tables = tomllib.load(file)
+    """Return the presets of ``devices.toml`` by name; the file is read once."""
+    text = (Path(__file__).parent / "devices.toml").read_text("utf-8")
+    tables = tomllib.loads(text)["transistors"]
     return {name: Transistor(name=name, **table) for name, table in tables.items()}

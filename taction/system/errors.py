@@ -25,7 +25,7 @@ study is `Interrupted`, a `KeyboardInterrupt` with what the study has finished.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -106,6 +106,12 @@ class InputError(TactionError):
 def listed(names: Iterable[object]) -> str:
     """Return names as a message has them: ``'ideal', 'ua741'``."""
     return ", ".join(map(repr, names))
+
+
+def first_ones(texts: Sequence[str], most: int = 4, mark: str = ", ") -> str:
+    """Return some texts, and how many there are besides: ``R1, R2 and 3 more``."""
+    left = len(texts) - most
+    return mark.join(texts[:most]) + (f" and {left} more" if left > 0 else "")
 
 
 def nearest_question(word: str, known: Iterable[str], cutoff: float = 0.5) -> str:

@@ -322,4 +322,5 @@ def load_devices() -> dict[str, Device]:
     from importlib.resources import files
 
     text = files("taction.spice_models").joinpath("devices.toml").read_text("utf-8")
-    return {name: Device.in_microsiemens(table) for name, table in tomllib.loads(text).items()}
+    tables = tomllib.loads(text)["devices"]
+    return {name: Device.in_microsiemens(table) for name, table in tables.items()}

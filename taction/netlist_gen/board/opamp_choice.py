@@ -6,7 +6,8 @@ The file is JSON that `taction parts import` writes and scenes name.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from taction.netlist_gen.deck.foreign_deck import stored_subcircuit
@@ -17,10 +18,11 @@ from taction.spice_models.imported import Figures, ImportedOpAmp, LinearModel, c
 from taction.spice_models.input_errors import CHANGES, changes, with_input_errors
 from taction.spice_models.input_errors import NONE as INPUT_ERRORS
 from taction.spice_models.opamp import OpAmp, poles_from_phase_margin
-from taction.spice_models.presets import FIGURES, derive
+from taction.spice_models.presets import FIGURES, Origin, derive
 from taction.system.documents import plain, read, taken
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
+from taction.system.results import Result
 
 FORMAT = 3
 LEAST, MOST = 1e-30, 1e30  # SI base units: beyond is no op-amp, and no arithmetic
@@ -29,6 +31,17 @@ FIGURES_LEAST = {
     "supply_current": 0.0, "slew_rate": LEAST, "swing": 0.0,
 }  # fmt: skip
 """The least value of a figure that is not negative."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpAmpFigures(Result):
+    """An op-amp with its figures, and where they come from; empty of another package."""
+
+    VIEW = "taction.verification.report.views.opamp_view:view"
+    DOCUMENT = "taction.verification.report.documents.plain:ShowDocument.of"
+
+    opamp: OpAmp = field(repr=False)
+    origins: Mapping[str, Origin] = field(repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,10 +80,10 @@ def from_document(data: Any) -> tuple[str, ImportedOpAmp]:
         raise ValueError(f"name = {stored.name!r}: expected letters, digits and '_'")
     _check_range("supply", stored.supply, least=LEAST)
     _check_range("compensation", stored.compensation, least=0.0)
-    for field in fields(Figures):
-        value = getattr(stored.figures, field.name)
+    for each in fields(Figures):
+        value = getattr(stored.figures, each.name)
         if value is not None:
-            _check_range(f"figures.{field.name}", value, FIGURES_LEAST.get(field.name))
+            _check_range(f"figures.{each.name}", value, FIGURES_LEAST.get(each.name))
     if stored.linear is not None:
         _check_linear(stored.linear)
     try:

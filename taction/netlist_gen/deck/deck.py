@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields
-from functools import lru_cache
 from itertools import groupby
 from typing import TYPE_CHECKING
 
@@ -39,12 +39,15 @@ from taction.netlist_gen.deck.dialects import (
     starts_from_rest,
 )
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS
-from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import opamp_subcircuit
 from taction.spice_models.transistor import ZERO_CELSIUS, model_card
 
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import Circuit as PySpiceCircuit
+
+_CELL = re.compile(r"^\.subckt (\S+).*\n((?:.*\n)*?)\.ends \1\n", re.M)
+VALUES = ("resistance", "voltage_gain", "transconductance", "dc_value")
+_FOREIGN = re.compile(r"^[^RCIVEGBXQ]", re.M)  # a card that taction does not write
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +60,8 @@ class Deck(SimulatedDeck):
         """Return the board as a ``PySpice.Spice.Netlist.Circuit`` to go on with.
 
         It has subcircuits, models and elements by name, and options; analysis and saved
-        nodes are PySpice's. ``str(circuit)`` is a deck without an analysis.
+        nodes are PySpice's. ``str(circuit)`` is a deck without an analysis. A vendor's
+        subcircuit stays text (``raw_spice``).
 
         Raises
         ------
@@ -74,9 +78,31 @@ class Deck(SimulatedDeck):
         """
         if self.dialect != NATIVE:
             raise ValueError(f"dialect {self.dialect!r} has no PySpice circuit; expected {NATIVE}")
-        from taction.netlist_gen.deck.pyspice_circuit import pyspice_circuit
+        from PySpice.Spice.BasicElement import BehavioralCapacitor
+        from PySpice.Spice.Parser import SpiceParser
 
-        return pyspice_circuit(self.text, self.files)
+        text = self.text
+        for name, inner in self.files.items():
+            text = text.replace(f".include {name}\n", inner)
+        kept = [cell[0] for cell in _CELL.finditer(text) if _FOREIGN.search(cell[2])]
+        for vendors in kept:
+            text = text.replace(vendors, "")
+        parser = SpiceParser(source=text)
+        circuit = parser.build_circuit()
+        for statement in parser.subcircuits:
+            circuit.subcircuit(statement.build())
+        for netlist in (circuit, *circuit.subcircuits):
+            for element in [*netlist.elements]:
+                if isinstance(element, BehavioralCapacitor):  # the parser takes all C for these
+                    nodes, farads = element.nodes, float(element.capacitance_expression)
+                    element.detach()
+                    element = netlist.C(element.name[1:], *nodes, farads)
+                for key in VALUES:
+                    with suppress(AttributeError, ValueError):  # another part, or a waveform
+                        setattr(element, key, float(getattr(element, key)))
+        options = (line + "\n" for line in text.split("\n") if line.startswith(".options"))
+        circuit.raw_spice += "".join((*kept, *options))
+        return circuit
 
 
 def write_deck(
@@ -161,13 +187,9 @@ def matrix_lines(matrices: Iterable[ResistorMatrix]) -> list[str]:
     """Return one line per resistor by rows, ``Rf_3_5`` in row 3, column 5, or with its wires."""
     lines = list[str]()
     for matrix in matrices:
-        if matrix.wires is not None:
-            lines += [f"{name} {a} {b} {ohms!r}" for name, a, b, ohms in wire_branches(matrix)]
-        else:
-            lines += [
-                f"{matrix.name}_{k + 1}_{n + 1} {drive} {sink} {ohms!r}"
-                for k, n, drive, sink, ohms in matrix.elements()
-            ]
+        plain = ((part.card, part.a, part.b, part.ohms) for part in matrix.resistors())
+        parts = plain if matrix.wires is None else wire_branches(matrix)
+        lines += [f"{name} {a} {b} {ohms!r}" for name, a, b, ohms in parts]
     return lines
 
 
@@ -226,12 +248,14 @@ def board_text(
         title = "* the resistor matrix of a taction board: swap this file for another of the same"
         text = [f"{title} ports", " ".join([".subckt matrix", *pads]), *matrices, ".ends matrix"]
         files[matrix_file] = "\n".join([*text, ""])
-    grounded: dict[str, bool] = {}
-    for cell in circuit.opamps:
-        grounded[cell.model] = cell.noninverting == GROUND and grounded.get(cell.model, True)
-    models = [model for model in circuit.models.values() if model.name in grounded]
+    used = {cell.model for cell in circuit.opamps}
+    driven = {cell.model for cell in circuit.opamps if cell.noninverting != GROUND}
     cells = "\n".join(
-        _opamp_text(model, grounded[model.name], circuit.supply, noisy) for model in models
+        model.imported.text(model.name)
+        if model.imported is not None
+        else str(opamp_subcircuit(model, model.name not in driven, circuit.supply, noisy))
+        for model in circuit.models.values()
+        if model.name in used
     )
     biases = [
         f"{bias.card} {bias.node} {GROUND} {bias.volts!r}" for bias in circuit.constant_voltages
@@ -239,13 +263,6 @@ def board_text(
     cards = [model_card(model) for model in circuit.transistor_models.values()]
     head = [".title taction board", *header_lines(circuit), *cards, *before, ""]
     return "\n".join(head) + cells + "\n".join([*after, *biases, ""]), files
-
-
-@lru_cache(maxsize=64)
-def _opamp_text(model: OpAmp, grounded: bool, supply: float, noisy: bool) -> str:
-    if model.imported is not None:
-        return model.imported.text(model.name)
-    return str(opamp_subcircuit(model, noninverting_grounded=grounded, supply=supply, noisy=noisy))
 
 
 def _parts(circuit: Circuit) -> list[str]:

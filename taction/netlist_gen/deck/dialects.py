@@ -11,12 +11,7 @@ import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 
-from taction.netlist_gen.analysis import (
-    Analysis,
-    NoiseAnalysis,
-    SimulatorTolerances,
-    Transient,
-)
+from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, SimulatorTolerances, Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import NoiseCurrent
 from taction.spice_models.opamp import THERMAL
@@ -65,17 +60,15 @@ class Dialect:
         """Return cards of parts and measures, given as ngspice has them."""
         if self.name == NATIVE:
             return text
-        patterns = [(re.compile(pattern), made) for pattern, made in self.cards_as]
         written = list[str]()
         for line in text.split("\n"):
-            for pattern, made in patterns:  # a comment as it is, but for patterns of comments
-                if not line.startswith("*") or pattern.pattern.startswith(r"^\*"):
-                    line = pattern.sub(made, line)
+            for pattern, made in self.cards_as:  # a comment as it is, but for patterns of comments
+                if not line.startswith("*") or pattern.startswith(r"^\*"):
+                    line = re.sub(pattern, made, line)
             written.append(self._folded(line))
-        title, *lines = written
         if text.startswith(".title"):  # the deck itself, not an included file
-            return "\n".join([title, *self.head, *lines])
-        return "\n".join([*filter(None, [self.language]), title, *lines])
+            return "\n".join([written[0], *self.head, *written[1:]])
+        return "\n".join([*filter(None, [self.language]), *written])
 
     def closing(
         self,
@@ -272,15 +265,11 @@ class Measures:
     starts: tuple[float, ...]  # their voltages before the step, V
     band: float  # half width of the settling band, fraction of the largest step
 
-    @property
-    def amplitude(self) -> float:
-        """The largest step of any channel, V."""
-        return max(abs(b - a) for a, b in zip(self.starts, self.targets, strict=True))
-
 
 def measure_lines(circuit: Circuit, measures: Measures, stop: float) -> list[str]:
     """Return sources and ``.meas`` cards, for ngspice, of a transient that ends at `stop`, s."""
-    scale = measures.amplitude
+    channels = list(zip(circuit.outputs, measures.starts, measures.targets, strict=True))
+    scale = max(abs(target - start) for _, start, target in channels)
     if not scale > 0.0:
         raise ValueError("no channel has a step, so there is nothing to measure")
     width = measures.band * scale
@@ -289,7 +278,6 @@ def measure_lines(circuit: Circuit, measures: Measures, stop: float) -> list[str
         f"* step amplitude A = {scale!r} V; settling band {measures.band!r} A;"
         f" {NOT_SETTLED!r} s: not settled",
     ]
-    channels = list(zip(circuit.outputs, measures.starts, measures.targets, strict=True))
     for n, (output, _, target) in enumerate(channels, 1):  # most_n: the largest distance of n
         before = f"V(most_{n - 1})" if n > 1 else "0"
         lines.append(f"Berr_{n} err_{n} 0 V=abs(V({output.node})-({target!r}))")

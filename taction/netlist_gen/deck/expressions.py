@@ -6,14 +6,19 @@ A transfer function becomes a chain of states, each the voltage of a capacitor.
 from __future__ import annotations
 
 import ast
+import math
 import operator
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import chain, combinations_with_replacement, count, pairwise
 
-from taction.netlist_gen.deck.foreign_lines import LONGEST, beyond, number
-
+SUFFIXES = {
+    "meg": 1e6, "mil": 25.4e-6, "t": 1e12, "g": 1e9, "k": 1e3, "m": 1e-3, "u": 1e-6, "n": 1e-9,
+    "p": 1e-12, "f": 1e-15,
+}  # fmt: skip
+_NUMBER = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?)([a-z]*)")
+LONGEST = 20_000  # characters of a line, with its continuations, and of an expression written anew
 DEEPEST = 50  # parentheses within one another
 OWN = "_taction_"
 """In names of cards that are made: such parts are no knobs."""
@@ -26,8 +31,25 @@ _OPERATORS: dict[type, Callable[[_Ratio, _Ratio], _Ratio]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
     ast.Div: operator.truediv, ast.Pow: operator.pow,
 }  # fmt: skip
-_NUMBER = re.compile(r"[a-z_]\w*|(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?[a-z]*", re.I)
+_LEAF = re.compile(r"[a-z_]\w*|(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?[a-z]*", re.I)
 _PROBE = re.compile(r"\b([vi])\s*\(\s*([^\s(),]+)\s*(?:,\s*([^\s(),]+)\s*)?\)")
+
+
+def number(text: str) -> float:
+    """Return a SPICE number: ``M`` is milli, ``MEG`` mega, further letters are a unit."""
+    match = _NUMBER.fullmatch(text)
+    if match is None:
+        raise ValueError(f"{text!r} is not a number")
+    scale = next((by for suffix, by in SUFFIXES.items() if match[2].startswith(suffix)), 1.0)
+    value = float(match[1]) * scale
+    if not math.isfinite(value):
+        raise ValueError(f"{text!r} is not finite")
+    return value
+
+
+def beyond(count: int, what: str, most: int) -> str:
+    """Return the reason for a refusal, such as ``"9 cards; at most 8 are read"``."""
+    return f"{count:,} {what}; at most {most:,} are read"
 
 
 def _evaluated(text: str, leaf: Callable[[str | float], _Ratio], refused: str) -> _Ratio:
@@ -52,7 +74,7 @@ def _evaluated(text: str, leaf: Callable[[str | float], _Ratio], refused: str) -
     if text.count("(") > DEEPEST:
         raise ValueError(f"more than {DEEPEST} parentheses")
     try:
-        tree = ast.parse(_NUMBER.sub(plain, text.strip()).replace("^", "**"), mode="eval")
+        tree = ast.parse(_LEAF.sub(plain, text.strip()).replace("^", "**"), mode="eval")
         return value(tree.body)
     except (SyntaxError, MemoryError):
         raise ValueError(f"the expression {text[:40]!r} cannot be read; {refused}") from None
@@ -171,30 +193,39 @@ _POINT = re.compile(r"\{[^{}]*\}|[^\s(),{}]+")
 _PLAIN = re.compile(r"-?[0-9.]+(?:e[+-]?[0-9]+)?")
 
 
-def without_poly(text: str) -> str:
-    """Return a card with ``POLY`` as a B card with its expression; any other card as it is."""
-    if not (match := _POLY.fullmatch(text)):
+def as_expression(text: str) -> str:
+    """Return a card with ``POLY`` or a table as a B card; any other card as it is."""
+    if match := _POLY.fullmatch(text):
+        letter, name, a, b, many, rest = match.groups()
+        made = polynomial(letter in "eg", many, rest)
+    elif match := _TABLE.fullmatch(text):
+        letter, name, a, b, across, inner, points = match.groups()
+        across = across and f"v({','.join(across.split())})"
+        across = across or (f"v({a},{b})" if letter == "i" else "")
+        if not (inner or across):
+            raise ValueError("a table needs its expression: TABLE {expression} = (x,y) (x,y) ...")
+        made = _piecewise(inner or across, _POINT.findall(points))
+    else:
         return text
-    letter, name, a, b, many, rest = match.groups()
+    return f"b{letter}{name} {a} {b} {'v' if letter in 'eh' else 'i'}={made}"
+
+
+def polynomial(by_voltage: bool, many: str, rest: str) -> str:
+    """Return SPICE's ``POLY(many)`` of the names of its inputs and its coefficients.
+
+    It is an expression of ``v(a,b)`` or ``i(source)``. The coefficients, numbers or expressions of
+    parameters, are those of 1, then of each input, then of each product of two inputs in the order
+    ``x1 x1, x1 x2, ..., x2 x2, ...``, of three, and so on. A single coefficient of one input is
+    that of the input itself.
+    """
     if len(many) > len(str(LONGEST)):
         raise ValueError(f"POLY of {many[:20]}... inputs; expected as many as the card has")
-    words, by_voltage = re.sub(r"[(),]", " ", rest).split(), letter in "eg"
-    width = int(many) * (2 if by_voltage else 1)
+    words, width = re.sub(r"[(),]", " ", rest).split(), int(many) * (2 if by_voltage else 1)
     if len(words) <= width:
         raise ValueError(f"POLY({many}) needs {width} names of its inputs, and coefficients")
     pairs = zip(words[:width:2], words[1:width:2], strict=False)
     inputs = [f"v({p},{q})" for p, q in pairs] if by_voltage else [f"i({w})" for w in words[:width]]
-    made = polynomial(inputs, words[width:])
-    return f"b{letter}{name} {a} {b} {'v' if letter in 'eh' else 'i'}={made}"
-
-
-def polynomial(inputs: Sequence[str], coefficients: Sequence[str]) -> str:
-    """Return SPICE's POLY as an expression of its inputs, ``v(a,b)`` or ``i(source)``.
-
-    The coefficients, numbers or expressions of parameters, are those of 1, then of each input, then
-    of each product of two inputs in the order ``x1 x1, x1 x2, ..., x2 x2, ...``, of three, and so
-    on. A single coefficient of one input is that of the input itself.
-    """
+    coefficients = words[width:]
     if len(inputs) == len(coefficients) == 1:
         coefficients = ["0", *coefficients]
     factors = chain.from_iterable(combinations_with_replacement(inputs, k) for k in count())
@@ -215,37 +246,21 @@ def without_calls(text: str) -> str:
         if not every:
             return text
         begin, depth = every[-1], 0  # the innermost one, or one after it
-        words = [""]
+        places = [begin.end()]  # where its arguments begin
         for end in range(begin.end(), len(text)):
-            letter = text[end]
-            if letter == ")" and depth == 0:
+            depth += (text[end] == "(") - (text[end] == ")")
+            if depth < 0 or (depth == 0 and text[end] == ","):
+                places.append(end + 1)
+            if depth < 0:
                 break
-            depth += (letter == "(") - (letter == ")")
-            if letter == "," and depth == 0:
-                words.append("")
-            else:
-                words[-1] += letter
         else:
             raise ValueError("parentheses that do not match")
+        words = [text[one : other - 1] for one, other in pairwise(places)]
         made = _piecewise(words[0].strip(), words[1:])
         text = f"{text[: begin.start()]}{made}{text[end + 1 :]}"
         if len(text) > LONGEST:
             raise ValueError(beyond(len(text), "characters with tables written anew", LONGEST))
     raise ValueError(f"more than {DEEPEST} tables in an expression")
-
-
-def without_table(text: str) -> str:
-    """Return a card with a table, of PSpice or LTspice, as a B card with its expression."""
-    match = _TABLE.fullmatch(text)
-    if match is None:
-        return text
-    letter, name, a, b, across, inner, points = match.groups()
-    across = across and f"v({','.join(across.split())})"
-    across = across or (f"v({a},{b})" if letter == "i" else "")
-    if not (inner or across):
-        raise ValueError("a table needs its expression: TABLE {expression} = (x,y) (x,y) ...")
-    made = _piecewise(inner or across, _POINT.findall(points))
-    return f"b{letter}{name} {a} {b} {'v' if letter in 'eh' else 'i'}={made}"
 
 
 def _piecewise(value: str, points: list[str]) -> str:

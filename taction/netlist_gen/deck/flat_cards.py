@@ -2,14 +2,17 @@
 
 The roles of the parts are unknown: each part is a knob of its own. What a deck says of time is a
 step: a source rests at its value before the first change, and steps at t = 0 to its last one.
+An `Element` is a card that is measured alone, a transistor, a diode, a switch or any other
+expression, with places for the nodes and currents that are held on a bench.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
 
 from taction.netlist_gen.board.circuit import (
     GROUND,
@@ -20,43 +23,196 @@ from taction.netlist_gen.board.circuit import (
     common_facts,
     with_parts,
 )
-from taction.netlist_gen.deck.elements import CardError, Element, element_of, shown, spelt_card
-from taction.netlist_gen.deck.expressions import OWN, affine
-from taction.netlist_gen.deck.foreign_lines import number
-from taction.spice_models.branches import Branch, Source
-from taction.system.errors import Complaint, InputError
+from taction.netlist_gen.deck.expressions import OWN, affine, number
+from taction.spice_models.branches import Branch, Source, label_of
+
+OHMIC = {
+    "d": (("rs",),),
+    "q": (("rc",), ("rb", "rbm", "irb"), ("re",)),
+    "j": (("rd",), (), ("rs",)),
+    "m": (("rd", "rsh"), (), ("rs", "rsh")),
+}
+"""Parameters of a model that are resistances in series with its terminals, by terminal."""
+SHEET = (("rsh",), (), ("rsh",))  # of a MOS transistor of another level than `LEVELS`
+LEVELS = (None, "1", "2", "3")
+STRIPPED = "__inner"  # ends the name of a model without them
+LEAST_TERMINALS = {"d": 2, "q": 3, "j": 3, "m": 3}
+_VOLTAGE = re.compile(r"(?<![\w.#])v ?\( ?([^,() ]+) ?(?:, ?([^,() ]+) ?)?\)")
+_CURRENT = re.compile(r"(?<![\w.#])i ?\( ?([^,() ]+) ?\)")
+_TAKES = re.compile(r"(?<![\w.#])[vi] ?\(")
+_GIVEN = re.compile(r"(\w+) ?= ?([^\s(),]+)")
+ACCEPTED = (
+    "accepted are R C L K V I E F G H B, D Q J M with a .model, switches S W, and subcircuits X"
+)
+Models = Mapping[str, tuple[str, str]]
+"""Kind and card of each model, by name."""
+
+
+class CardError(ValueError):
+    """A flat card that is not accepted; the text says what is."""
+
+
+def shown(card: str) -> str:
+    """Return the name of a flat card as its designer wrote it."""
+    return label_of(card[:1].upper(), card[1:])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Element:
+    """A card that is measured."""
+
+    name: str  # of the flat card
+    # the card: ``~`` for its name, ``{0}`` ``{1}`` for held nodes, ``{i0}`` for controlling
+    # sources, ``{o0}`` ``{o1}`` for the nodes of its output
+    pattern: str
+    held: tuple[str, ...]  # nodes whose voltages are held, terminals first
+    currents: tuple[str, ...] = ()  # sources whose currents are held
+    out: tuple[str, str, str] | None = None  # kind (``v`` or ``i``) and both nodes of its output
+    terminals: int = 0  # how many of `held` are terminals, whose currents are read
+    # by terminal, the inner node behind an ohmic resistance, ohm
+    inner: Mapping[int, tuple[str, float]] = field(default_factory=dict)
+
+    @property
+    def subcircuit(self) -> str:
+        """The innermost subcircuit in which it stands, such as ``x1.xop``; empty at the top."""
+        return ".".join(self.name.split(".")[1:-1])
+
+
+def model_cards(models: Models, elements: Iterable[Element]) -> Iterator[str]:
+    """Yield the models, and those without ohmic resistances that elements name."""
+    yield from (card for _, card in models.values())
+    words = {word for element in elements for word in element.pattern.split()}
+    for name in sorted(w.removesuffix(STRIPPED) for w in words if w.endswith(STRIPPED)):
+        kind, card = models[name]
+        values = dict(_GIVEN.findall(card))
+        if "xcjc" in values and "cjc" in values:  # its share is behind the base resistance
+            try:
+                inner = number(values["cjc"]) * number(values["xcjc"])
+            except ValueError as error:
+                raise CardError(f"{name}: {error}") from None
+            card = re.sub(r"(?<=[\s(])xcjc ?= ?[^\s(),]+", " ", card)
+            card = re.sub(r"(?<=[\s(])cjc ?= ?[^\s(),]+", f"cjc={inner!r}", card)
+        keys = "|".join(key for each in _ohmic(_KINDS.get(kind, "m"), values) for key in each)
+        card = re.sub(rf"(?<=[\s(])(?:{keys}) ?= ?[^\s(),]+", " ", card)
+        yield re.sub(r"^\.model \S+", f".model {name}{STRIPPED}", card)
+
+
+_KINDS = {"npn": "q", "pnp": "q", "d": "d", "njf": "j", "pjf": "j"}
+
+
+def _ohmic(kind: str, values: Mapping[str, str]) -> tuple[tuple[str, ...], ...]:
+    """Return the parameters of a model that are resistances in series, by terminal."""
+    if kind in "mq" and values.get("level") not in LEVELS:
+        return SHEET if kind == "m" else ((), (), ())
+    return OHMIC[kind]
+
+
+def spelt_card(card: str) -> str:
+    """Return a card of a listing as ngspice reads it again."""
+    card = re.sub(r"\s*=\s*", "=", " ".join(card.split()))
+    card = re.sub(r"(?<=[a-z_0-9]) \(", "(", card) if card[0] in "begrcl" else card
+    return re.sub(r"(?<=[\s=])\(\s*([-+\w.]+)\s*\)(?=\s|$)", r"\1", card)
+
+
+def element_of(card: str, models: Models) -> Element | None:
+    """Return the element of a card that is not linear; None of one that none can be."""
+    kind, (name, *words) = card[0], card.split()
+    if kind in "dqjm":
+        return _device(card, models)
+    held, currents, out, terminals = list[str](), list[str](), "", 0
+    taking, front, count = _TAKES.search(card) is not None, "", 2
+    if kind == "s":
+        held, front, count, terminals = words[:4], "{0} {1} {2} {3}", 4, 2
+    elif kind == "w":
+        held, currents, front, count, terminals = words[:2], words[2:3], "{0} {1} {i0}", 3, 2
+    elif kind in "rc" and (taking or any(word in models for word in words[2:])):
+        card = re.sub(r"\bic=\S+", "", card)
+        held, front, terminals = words[:2], "{0} {1}", 2
+    elif kind in "begh" and "poly" not in card and (taking or kind in "eg"):
+        front, value = "{o0} {o1}", " ".join(words[2:])
+        is_current = re.match(r"(?:i|cur)=", value) or (kind == "g" and value[:3] != "vol")
+        out = "i" if is_current else "v"
+        if not taking:
+            held, front, count = words[2:4], "{o0} {o1} {0} {1}", 4
+    rest = " ".join(card.split()[count + 1 :])
+    if not (front and rest):
+        return None
+    rest = _placed(rest, held, currents) if kind not in "sw" else rest
+    outs = (out, words[0], words[1]) if out else None
+    return Element(name, f"{kind}~ {front} {rest}", tuple(held), tuple(currents), outs, terminals)
+
+
+def _placed(text: str, held: list[str], currents: list[str]) -> str:
+    """Return an expression with places for its nodes and currents, which are added to the lists."""
+    text = text.replace("{", "(").replace("}", ")")
+
+    def place(node: str) -> str:
+        if node == "0":
+            return "0"
+        if node not in held:
+            held.append(node)
+        return f"{{{held.index(node)}}}"
+
+    def voltage(match: re.Match[str]) -> str:
+        other = f",{place(match[2])}" if match[2] else ""
+        return f"v({place(match[1])}{other})"
+
+    def current(match: re.Match[str]) -> str:
+        if match[1] not in currents:
+            currents.append(match[1])
+        return f"i({{i{currents.index(match[1])}}})"
+
+    return _CURRENT.sub(current, _VOLTAGE.sub(voltage, text))
+
+
+def _device(card: str, models: Models) -> Element:
+    """Return a transistor or a diode; its ohmic resistances lead to inner nodes of their own."""
+    kind, (name, *words) = card[0], card.split()
+    n = next((k for k, w in enumerate(words) if k > 1 and (w in models or f"{w}.1" in models)), 0)
+    if n < LEAST_TERMINALS[kind]:
+        raise CardError(f"{shown(name)}: the deck has no .model of it; {ACCEPTED}: {card!r}")
+    nodes, model, rest = words[:n], words[n], words[n + 1 :]
+    if "thermal" in rest:
+        raise CardError(f"{shown(name)}: a device that heats itself (thermal) is not measured")
+    if kind == "q" and n == 3:
+        nodes.append("0")  # its substrate
+    type_name, text = models.get(model, ("", ""))
+    values, given = dict(_GIVEN.findall(text)), dict(_GIVEN.findall(" ".join(rest)))
+    inner = dict[int, tuple[str, float]]()
+    try:
+        plain = [number(word) for word in rest if "=" not in word and word != "off"]
+        many = number(given.get("m", "1"))
+        area = number(given.get("area", "1")) if not plain or kind == "m" else plain[0]
+        for k, keys in enumerate(_ohmic(kind, values)):
+            if not keys or type_name.startswith("vdmos"):
+                continue
+            ohms = number(values.get(keys[0], "0")) / (area * many)
+            if kind == "m":
+                squares = number(given.get("nrd" if k == 0 else "nrs", "1"))
+                sheet = number(values.get("rsh", "0")) * squares
+                own = keys[0] in values and keys[0] != "rsh"
+                ohms = (number(values[keys[0]]) if own else sheet) / many
+            if ohms > 0.0:
+                inner[k] = f"{name}#r{k}", ohms
+    except (ValueError, ZeroDivisionError) as error:
+        raise CardError(f"{shown(name)}: {error}") from None
+    places = " ".join(f"{{{k}}}" for k in range(len(nodes)))
+    tail = " ".join(word for word in rest if word != "off" and not word.startswith("ic="))
+    pattern = f"{kind}~ {places} {model}{STRIPPED if inner else ''} {tail}"
+    return Element(name, pattern, tuple(nodes), (), None, len(nodes), inner)
+
 
 _WAVE = re.compile(
     r"\b(pulse|pwl|sine?|sffm|exp|step|trnoise|trrandom)"
     r"\s*\(?((?:(?!\b(?:\w+ ?=|(?:[ad]c|distof[12])\b))[^()])*)\)?"
 )
 _SMALL = re.compile(r"\b(?:ac|distof[12])(?= |$)(?: +[-+.\d]\S*)*")  # with magnitude and phase
-REMARKS = {
-    "sin": "a sine (sin, sffm) counts with its offset",
-    "noise": "noise over time (trnoise, trrandom) does not count: its source has its DC value",
-    "repeated": "a pwl that repeats (r=) does not count: its source has its DC value",
-}
-"""What is said of kinds of sources that are constant here."""
 
 
-@dataclass(frozen=True, slots=True)
-class Stimulus:
-    """What a source does: its value before and after the step, the instant, and the kind."""
-
-    before: float
-    after: float
-    at: float = 0.0  # of its first change, s
-    kind: str = "dc"
-    ac: bool = False
-
-    @property
-    def moves(self) -> bool:
-        """Whether it changes over time."""
-        return self.before != self.after
-
-
-def stimulus_of(text: str) -> Stimulus:
-    """Return what a source does, from its card without name and nodes."""
+def source_of(name: str, text: str) -> Source:
+    """Return a source V or I from its name and the rest of its card."""
+    a, b, *words = text.split(None, 2)
+    made, text = partial(Source, name[0].upper(), name[1:], a, b), "".join(words)
     match = _WAVE.search(text)
     plain = text if match is None else f"{text[: match.start()]} {text[match.end() :]}"
     plain, wave = re.sub(r"[=(),]", " ", plain), match[1] if match else ""
@@ -68,22 +224,23 @@ def stimulus_of(text: str) -> Stimulus:
         raise ValueError("two DC values")
     dc = number(keyed["dc"] or "0") if "dc" in keyed else values[-1] if values else None
     if match is None:
-        return Stimulus(dc or 0.0, dc or 0.0, ac=ac)
+        return made(dc or 0.0, before=dc or 0.0, ac=ac)
     given = [number(word) for word in re.split(r"[\s,]+", match[2].strip()) if word]
     repeats = number(keyed.get("r", "-1")) >= 0.0
     if repeats or wave.startswith("tr"):  # ngspice rests at the first value, or at the mean
         rest = given[1] if repeats else given[4] if wave == "trrandom" and given[4:] else 0.0
         rest = rest if dc is None else dc
-        return Stimulus(rest, rest, 0.0, "repeated" if repeats else "noise", ac)
+        return made(rest, before=rest, kind="repeated" if repeats else "noise", ac=ac)
     if wave == "pwl":
         changes = zip(given[::2], given[1::2], given[3::2], strict=False)
         at = next((t for t, one, other in changes if one != other), 0.0)
         delay = number(keyed.get("td", "0"))
-        return Stimulus(given[1], given[1::2][-1], at + delay, "pwl", ac)
+        return made(given[1::2][-1], before=given[1], at=at + delay, kind="pwl", ac=ac)
     if wave in ("sin", "sine", "sffm"):
-        return Stimulus(given[0], given[0], 0.0, "sin", ac)
+        return made(given[0], before=given[0], kind="sin", ac=ac)
     at = given[2] if len(given) > 2 else 0.0
-    return Stimulus(given[0], given[1], at, "exp" if wave == "exp" else "pulse", ac)
+    kind = "exp" if wave == "exp" else "pulse"
+    return made(given[1], before=given[0], at=at, kind=kind, ac=ac)
 
 
 PARTS = {
@@ -103,15 +260,10 @@ _PASSIVE = re.compile(r"\.model \S+ \w+ ?\(?([^()]*)\)?")
 _MODEL = re.compile(r"\.model (\S+) (\w+)")
 SCALES = {"tc1", "tc2", "tce", "rsh", "cj", "cjsw", "defw", "defl", "narrow", "short", "kf", "af"}
 """What a model of R, C or L may have where the part has a value of its own, which counts."""
-NAMED = 4  # sources in a sentence
-SMALL_STEP = 1e-3  # V or A, of a source of a circuit that is linear about its operating point
-BIASED_STEP = 0.01  # of its DC value: the step of a source with AC, within the rails
 LEAST_FARADS = 1e-12  # scale of the charges of a deck without capacitors
 ABSENT = 1e-23  # F: at 1e12 ohm a pole beyond 10 GHz; vendors write 1e-30 for nothing, and areas
 _FIELD = re.compile(r"[^\s=(),]+\s*=\s*[^\s=]+|[^\s=(),]+")
 _B = re.compile(r"(\S+) (\S+) ([vi]) ?= ?(.+)")
-_OUTPUT = re.compile(r"\bv\s*\(\s*([^\s,()]+)\s*\)")
-USUAL = ("out", "vout", "output", "vo", "o")  # names of an output, in this order
 
 
 def card_of(name: str) -> str:
@@ -126,10 +278,14 @@ class Flat:
     parts: list[Branch] = field(default_factory=list)  # linear ones
     elements: list[Element] = field(default_factory=list)  # which are measured
     models: dict[str, tuple[str, str]] = field(default_factory=dict)  # kind and card, by name
-    stimuli: dict[str, Stimulus] = field(default_factory=dict)  # of V and I, by card
     charged: list[str] = field(default_factory=list)  # cards with ic=
     absent: list[Branch] = field(default_factory=list)  # capacitances below `ABSENT`
     knobs: dict[str, Branch] = field(default_factory=dict)  # by name
+
+    @property
+    def sources(self) -> list[Source]:
+        """The sources V and I, but for those of expressions."""
+        return [part for part in self.parts if isinstance(part, Source)]
 
     @property
     def nodes(self) -> dict[str, None]:
@@ -146,7 +302,7 @@ class Flat:
         """Add a part; it can be moved as a `knob` unless it is one of ours."""
         self.parts.append(part)
         if knob and OWN not in part.name:
-            self.knobs[shown(part.letter.lower() + part.name)] = part
+            self.knobs[part.label] = part
 
 
 def read_cards(lines: Iterable[str], *, measure: bool = False) -> Flat:
@@ -166,8 +322,6 @@ def read_cards(lines: Iterable[str], *, measure: bool = False) -> Flat:
             element = element_of(card, flat.models) if measure else None
             if element is not None:
                 flat.elements.append(element)
-            elif isinstance(error, CardError):
-                raise
             else:
                 raise CardError(f"{shown(name)}: {error}: {card!r}") from None
     return flat
@@ -177,11 +331,7 @@ def _read(flat: Flat, name: str, text: str) -> None:
     """Add the parts of a linear card."""
     letter = name[0]
     if letter in "vi":
-        a, b, *rest = text.split(None, 2)
-        found = stimulus_of(rest[0] if rest else "")
-        part = Source(letter.upper(), name[1:], a, b, found.after, before=found.before)
-        flat.add(part)
-        flat.stimuli[part.card] = found
+        flat.add(source_of(name, text))
     elif letter == "b":
         _expression(flat, name, text)
     elif letter in PARTS:
@@ -278,26 +428,6 @@ def sum_parts(
         yield Branch(letter, f"{name}#g{k}" if control else f"{name}#i", a, b, value, control)
 
 
-def outputs_of(flat: Flat, wanted: Sequence[str], shown_cards: Iterable[str]) -> tuple[str, ...]:
-    """Return the output nodes: `wanted`, which must be there, or those shown, or the usual ones."""
-    nodes = flat.nodes
-    if wanted:
-        names = [re.sub(r"^v\((.*)\)$", r"\1", name.strip().lower()) for name in wanted]
-        for name in names:
-            if name not in nodes:
-                text = f"the deck has no such node; it has {', '.join(list(nodes)[:20])}"
-                raise InputError("--output", Complaint("node", repr(name), text))
-        return tuple(dict.fromkeys(names))
-    held = {n for part in flat.parts if part.letter == "V" for n in part.nodes}
-    seen = [name for card in shown_cards for name in _OUTPUT.findall(card)]
-    known = tuple(dict.fromkeys(n for n in seen if n in nodes and n not in held))
-    if known:
-        return known
-    usual = [name for name in USUAL if name in nodes]
-    free = [name for name in nodes if name not in held and not {".", "#"} & set(name)]
-    return tuple(usual[:1] or free or list(nodes)[:1])
-
-
 def circuit_of(flat: Flat, name: str, outputs: Iterable[str]) -> Circuit:
     """Return the circuit of flat cards: its parts are its knobs, its facts are their values."""
     farads = [abs(part.value) for part in flat.parts if part.letter == "C"]
@@ -311,51 +441,8 @@ def circuit_of(flat: Flat, name: str, outputs: Iterable[str]) -> Circuit:
         amplifier="linear",
         topology="deck",
         facts=facts,
-        resistors=(),
-        capacitors=(),
         outputs=tuple(Output(node, 1.0) for node in outputs),
         knobs=tuple(Knob(own, own, own, words=own) for own in flat.knobs),
         roles={own: frozenset((part.card,)) for own, part in flat.knobs.items()},
     )
     return with_parts(circuit, flat.parts)
-
-
-def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
-    """Return the parts with a step to show: where no source changes, one that is switched on.
-
-    The sources with an ``ac`` value step from 0 to 1, or by `BIASED_STEP` to the DC value that they
-    have; without one of them all are switched on. A `small` signal is a step by `SMALL_STEP` of
-    those with an ``ac`` value, else of the last source.
-    """
-    moving = [card for card, found in flat.stimuli.items() if found.moves]
-    if moving:
-        return flat, f"step at t = 0: {_named(moving)}"
-    sources, before, step = [*flat.stimuli], 0.0, 0.0
-    excited = [card for card in sources if flat.stimuli[card].ac]
-    if small:
-        chosen, before, step = excited or sources[-1:], 1.0, SMALL_STEP
-        text = f"a step by {SMALL_STEP:g} at t = 0"
-    elif chosen := [card for card in excited if flat.stimuli[card].after]:
-        before = 1.0 - BIASED_STEP
-        text = f"at t = 0 from {before:.0%} to the DC value"
-    else:
-        chosen, text = excited or sources, "switched on at t = 0"
-        if not any(flat.stimuli[card].after for card in chosen):  # of an AC analysis: to 1
-            step, text = 1.0, "at t = 0 from 0 to 1"
-    still = "no source changes over time"
-    if not chosen:
-        return flat, still if small else ""
-    parts = [
-        replace(part, before=before * part.value, value=part.value + step)
-        if isinstance(part, Source) and part.card in chosen
-        else part
-        for part in flat.parts
-    ]
-    return replace(flat, parts=parts), f"{still}, so {text}: {_named(chosen)}"
-
-
-def _named(cards: Sequence[str]) -> str:
-    """Return the names of some cards; of many only the first ones."""
-    names = [shown(card[0].lower() + card[1:]) for card in cards]
-    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return ", ".join(names[:NAMED]) + more

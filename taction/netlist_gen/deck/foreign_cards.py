@@ -1,4 +1,4 @@
-"""What other simulators read and ngspice does not, written anew as plain cards of ngspice.
+"""Cards of a foreign netlist, its subcircuits, and what ngspice does not read, written anew for it.
 
 LTspice's characters, op-amps, parasitics and numbers; PSpice's switches, its ground and its
 temperature; POLY, tables and transfer functions. What a card stands for, or that something of it
@@ -10,23 +10,24 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from taction.netlist_gen.deck.expressions import (
+    as_expression,
+    beyond,
+    number,
     source_cards,
     without_calls,
-    without_poly,
-    without_table,
 )
-from taction.netlist_gen.deck.foreign_lines import (
-    MOST_COUPLINGS,
-    Block,
-    Card,
-    blocks_of,
-    called,
-    number,
-)
+from taction.system.errors import Complaint, InputError
 
+MOST_CARDS = 20_000  # of the files, and after every subcircuit is put in the place of its calls
+MOST_LEVELS = 30  # of subcircuits within one another
+MOST_COUPLINGS = 200  # that one card K stands for
+LEVELS = "levels of subcircuits within one another"
+WHOLE = "expected '.subckt NAME ports', its cards, and '.ends NAME'"
 SPELT = {
     "\N{MICRO SIGN}": "u",
     "\N{GREEK SMALL LETTER MU}": "u",
@@ -114,6 +115,127 @@ DROPPED = (
     (".model", re.compile(r"\bt_abs ?= ?(?:\{[^{}]*\}|[^ ,()]+)"), "T_ABS"),
 )
 """What is left out of cards with these beginnings, and its name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """A logical line of a netlist."""
+
+    number: int  # the line of the file where it begins, from 1
+    text: str  # in lower case, if it names no file
+    file: str | Path = "netlist"
+
+    @property
+    def word(self) -> str:
+        """Its first word."""
+        return self.text.split(maxsplit=1)[0].lower()
+
+    def with_text(self, text: str) -> Card:
+        """Return another card in its place."""
+        return replace(self, text=text)
+
+    def refused(self, reason: str) -> InputError:
+        """Return the error for this card: why it is not accepted, or what is."""
+        shown = repr(self.text[:80]) if self.text else ""
+        return InputError(self.file, Complaint(f"line {self.number}", shown, reason))
+
+    def limited(self, count: int, what: str, most: int) -> None:
+        """Refuse this card where something is counted too often."""
+        if count > most:
+            raise self.refused(beyond(count, what, most))
+
+
+@dataclass(slots=True, eq=False)
+class Block:
+    """A subcircuit, or all of a deck: its cards, and the subcircuits that stand in it."""
+
+    outer: Block | None = None
+    cards: list[Card] = field(default_factory=list)  # its own, the ``.subckt`` first
+    whole: list[Card] = field(default_factory=list)  # with the inner ones, and its ``.ends``
+    inner: dict[str, Block] = field(default_factory=dict)
+
+    def find(self, name: str) -> Block | None:
+        """Return the subcircuit that a name means here: an inner one hides an outer one."""
+        block: Block | None = self
+        while block is not None and name not in block.inner:
+            block = block.outer
+        return block and block.inner[name]
+
+
+def blocks_of(cards: Iterable[Card]) -> Block:
+    """Return a deck as a block, its subcircuits within one another as they stand."""
+    here, depth = Block(), 0
+    for card in cards:
+        depth += (card.word == ".subckt") - (card.word == ".ends")
+        card.limited(depth, LEVELS, MOST_LEVELS)
+        if card.word == ".subckt" and card.text != ".subckt":
+            here = Block(here)
+        elif card.word == ".subckt" or (card.word == ".ends" and here.outer is None):
+            raise card.refused(WHOLE)
+        here.whole.append(card)
+        if card.word != ".ends" or here.outer is None:
+            here.cards.append(card)
+            continue
+        done, here = here, here.outer
+        here.whole += done.whole
+        first = here.inner.setdefault(done.cards[0].text.split()[1], done)
+        if [each.text for each in first.whole] != [each.text for each in done.whole]:
+            raise done.cards[0].refused("a second subcircuit of this name, which differs")
+    if here.outer is not None:
+        raise here.cards[0].refused(WHOLE)
+    return here
+
+
+def plain_words(text: str) -> list[str]:
+    """Return what follows the first word of a card, without values of parameters."""
+    words = re.sub(r" ?= ?", "=", text).split()[1:]
+    return [word for word in words if "=" not in word and word != "params:"]
+
+
+def called(text: str) -> str:
+    """Return the subcircuit that a card X calls; empty where it names none."""
+    words = plain_words(text)
+    return words[-1] if text[0] == "x" and words else ""
+
+
+def check_expanded(
+    top: Block,
+    calls: Callable[[str], Sequence[str]] = lambda text: [called(text)],
+    what: str = "subcircuit",
+) -> None:
+    """Refuse the card with which there are too many, each block in the place of its calls."""
+    sizes = dict[Block, int]()
+
+    def size(block: Block, callers: tuple[Block, ...]) -> int:
+        total = len(block.cards)
+        for card in block.cards:
+            for inner in filter(None, map(block.find, calls(card.text))):
+                if inner in callers:
+                    raise card.refused(f"a {what} that calls itself")
+                card.limited(len(callers) + 1, LEVELS.replace("subcircuit", what), MOST_LEVELS)
+                if inner not in sizes:
+                    sizes[inner] = size(inner, (*callers, inner))
+                total += sizes[inner]
+            card.limited(total, f"cards with every {what} expanded", MOST_CARDS)
+        return total
+
+    size(top, ())
+
+
+_FUNC = re.compile(r"\.func ([a-z_]\w*) ?\([^()]*\) ?=? ?(.*)")
+_WORD = re.compile(r"[a-z_]\w*")
+
+
+def check_functions(cards: Iterable[Card]) -> None:
+    """Refuse functions that call too many others; what their arguments add, ngspice refuses."""
+    top = Block()
+    for card in cards:
+        if match := _FUNC.fullmatch(card.text):
+            top.inner[match[1]] = Block(top, [card.with_text(match[2])])
+        else:
+            top.cards.append(card)
+    if top.inner:
+        check_expanded(top, _WORD.findall, "function")
 
 
 def spelt(text: str) -> str:
@@ -243,7 +365,7 @@ def _written(text: str, here: Block) -> Iterator[str]:
     for plain in plain_cards(text):
         switch = _smooth_switch(plain, here) if plain[0] in "sw" else plain
         for each in source_cards(switch):
-            yield without_calls(without_table(without_poly(each)))
+            yield without_calls(as_expression(each))
 
 
 def plain_name(name: str) -> str:

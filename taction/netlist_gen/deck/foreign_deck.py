@@ -1,5 +1,10 @@
 """A deck of another hand, or a vendor's subcircuit: its text, checked card by card.
 
+A line of the file ends at a line feed (or carriage return and line feed) and nowhere else, and a
+logical line has only the characters of `ALLOWED`: no other separator, quote or backslash reaches
+ngspice, which reads a line after any newline as a command. Comments are cut off, continuations
+joined, and all is in lower case. Lengths are counted before any regular expression reads a line.
+
 No line of the file reaches ngspice as it is. Cards of parts and of values stay, one line each;
 analyses, outputs and options are left out, and so is everything between ``.control`` and ``.endc``.
 ``.include`` and ``.lib`` are followed inside the deck's folder only. Any other card is refused.
@@ -15,37 +20,55 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from taction.netlist_gen.deck.elements import ACCEPTED, spelt_card
-from taction.netlist_gen.deck.expressions import OWN
+from taction.netlist_gen.deck.expressions import LONGEST, OWN, number
+from taction.netlist_gen.deck.flat_cards import ACCEPTED, spelt_card
 from taction.netlist_gen.deck.foreign_cards import (
     LIBRARY,
     MISSING,
-    ngspice_cards,
-    plain_name,
-    spelt,
-)
-from taction.netlist_gen.deck.foreign_lines import (
-    CODE_MODEL,
-    DEEPEST_FILES,
-    FILES,
-    LARGEST,
-    LEFT,
     MOST_CARDS,
-    MOST_FILES,
-    MOST_LINES,
     Card,
     blocks_of,
     called,
     check_expanded,
     check_functions,
-    file_of,
-    logical_lines,
-    number,
+    ngspice_cards,
+    plain_name,
+    plain_words,
+    spelt,
 )
 from taction.spice_models.imported import DEVICE, Subcircuit
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import UnusableFileError, read_bounded
 
+LARGEST = 8_000_000  # bytes of a netlist with the files that it includes
+MOST_LINES = 100_000  # of all these files
+MOST_FILES = 500  # that a netlist includes, each as often as it is read
+DEEPEST_FILES = 10  # within one another
+ALLOWED = re.compile(r"[a-z0-9_ .,+\-*/(){}=:^<>!?&|#]*")
+CODE_MODEL = (
+    "a code model of ngspice (A) is not accepted: some start programs; a B source with"
+    " V={...} does what gain, summer, mult, divide, limit, pwl (as table) and spice2poly (as E with"
+    " POLY) do, a switch S with a .model sw what aswitch and pswitch do"
+)
+_ENDS = re.compile(r"\.ends\*.*")  # of joined files: a comment without a line of its own
+_COMMENT = re.compile(r";|//|(?:^|(?<=\s))\$")
+FILES = (".include", ".inc", ".lib")
+_LEFT = """
+    .title .options .option .opt .temp .tran .ac .op .dc .noise .tf .sens .pz .pss .sp .disto
+    .four .fourier
+    .print .plot .probe .save .meas .measure .width .step .backanno .ic .nodeset .csparam
+"""
+LEFT = tuple(_LEFT.split())
+"""Cards that say what to simulate and to show, and nothing about the parts."""
+_FILE = re.compile(
+    r"\.(?:include|inc|lib)\s+(?:\"([^\"]*)\"|'([^']*)'|(\S+))(?:\s+([^\s\\/]+))?", re.I
+)
+_SPACED = re.compile(
+    r"\.(?:include|inc|lib)\s+(?=\S)()()([^\"';]*[\\/][^\"';\\/]*)()", re.I
+)  # with blanks
+_UNUSUAL = tuple('=[]?()&%$"!:,')  # a line that begins so is a comment of ngspice
+_STRANGE = re.compile(r"[@\[\]\"'%\\~`]")  # such as in .save @v1[i]
+_QUOTED = re.compile(r"'([^']*)'")
 STEP = re.compile(r"^\.step (?:(?:lin|dec|oct) )?param (?:list )?([a-z_]\w*) (?:list )?(\S+)")
 ASKED = (
     *(".ac", ".noise", ".meas", ".measure", ".pz", ".sens", ".dc"),
@@ -154,10 +177,11 @@ def read_deck(file: str | Path) -> ForeignDeck:
     return deck
 
 
-def read_library(file: str | Path, name: str) -> ForeignDeck:
-    """Read a subcircuit of a library, with those that it calls, and check every card of them.
+def vendor_subcircuit(file: str | Path, name: str) -> Subcircuit:
+    """Return a subcircuit of a vendor's file as text for ngspice in PSpice's ways, all checked.
 
-    Models, parameters and functions outside of subcircuits stay; all else there is left out.
+    Those that it calls, and models, parameters and functions outside of subcircuits stay; all else
+    is left out. InputError: there is none of this name, or a card of it is not accepted.
     """
     path = Path(file)
     reading, own = _DeckReading(path), name.lower()
@@ -171,17 +195,11 @@ def read_library(file: str | Path, name: str) -> ForeignDeck:
         inner = dict.fromkeys(called(card.text) for card in top.inner[each].whole)
         wanted += [one for one in inner if one in top.inner and one not in wanted]
     check_expanded(replace(top, cards=[top.inner[own].cards[0].with_text(f"x {own}")]))
-    outside = (card for card in top.cards if card.word in (".model", ".param", ".func"))
-    return reading.checked([*outside, *(card for each in wanted for card in top.inner[each].whole)])
-
-
-def vendor_subcircuit(file: str | Path, name: str) -> Subcircuit:
-    """Return a subcircuit of a vendor's file as text for ngspice in PSpice's ways."""
-    lines, own = read_library(file, name).lines, plain_name(name.lower())
+    kept = [card for card in top.cards if card.word in (".model", ".param", ".func")]
+    kept += [card for each in wanted for card in top.inner[each].whole]
+    lines, own = reading.checked(kept).lines, plain_name(own)
     head = next(line for line in lines if line.split()[:2] == [".subckt", own])
-    words = re.sub(r" ?= ?", "=", head).split()[2:]
-    ports = tuple(word for word in words if "=" not in word and word != "params:")
-    return Subcircuit(own, ports, lines)
+    return Subcircuit(own, tuple(plain_words(head)[1:]), lines)
 
 
 def flat_subcircuit(cards: Iterable[str], nodes: Sequence[str], name: str) -> Subcircuit:
@@ -214,8 +232,7 @@ def stored_subcircuit(lines: Sequence[str], name: str, prefix: str) -> Subcircui
     for card in cards[1:-1]:
         if card.word != ".model" and card.text[0] not in LETTERS.replace("x", ""):
             raise card.refused(f"the card {card.word!r} is not accepted; expected flat cards")
-        if reason := forbidden(card.text):
-            raise card.refused(reason)
+        _screen(card)
     return _subcircuit(f"{prefix}_{name}", words[0][2:], (card.text for card in cards[1:-1]))
 
 
@@ -313,6 +330,79 @@ class _DeckReading:
         self.file(target, card, section)
 
 
+def logical_lines(
+    text: str, file: str | Path = "netlist", *, title: bool = False
+) -> tuple[list[Card], list[str]]:
+    """Return the logical lines of a file's text, and what is said of those that were left out.
+
+    A card that names a file has its text as it stands, any other one is in lower case. The first
+    line may be a `title`.
+    """
+    raw = text.split("\n")
+    Card(MOST_LINES + 1, "", file).limited(len(raw), "lines", MOST_LINES)
+    if title and not raw[0].lstrip().startswith((".", "*")):
+        raw[0] = ""  # whatever it says
+    found, commands, unusual = list[tuple[int, list[str]]](), 0, list[int]()
+    inside = left = False
+    for place, each in enumerate(raw, 1):
+        Card(place, "", file).limited(len(each), "characters in a line", LONGEST)
+        # 0x1A ends a file of DOS; joined files have it between them.
+        line = each.strip("\x1a").rstrip("\r").replace("\t", " ").strip(" ")
+        word = line.split(" ", maxsplit=1)[0].lower()
+        if inside or word == ".control":
+            inside = word != ".endc"
+            commands += 1
+            continue
+        if line.startswith("*"):
+            continue
+        left = word in LEFT or (left and word.startswith("+"))
+        if word in FILES and file_of(line):
+            found.append((place, [line]))
+            continue
+        if left:
+            line = _STRANGE.sub(" ", line)
+        elif line.startswith(_UNUSUAL):
+            unusual.append(place)
+            continue
+        line = _ENDS.sub(".ends", _QUOTED.sub(_braced, line).lower())
+        if comment := _COMMENT.search(line):
+            line = line[: comment.start()]
+        if wrong := ALLOWED.sub("", line, count=1):
+            code_model = f"; {CODE_MODEL}" if line.startswith("a") else ""
+            reason = f"the character {wrong[0]!r} is not accepted{code_model}"
+            raise Card(place, "", file).refused(reason)
+        line = " ".join(line.split())
+        if line.startswith("+"):
+            if not found:
+                raise Card(place, "", file).refused("a continuation of no line")
+            found[-1][1].append(line[1:].strip())
+        elif line:
+            found.append((place, [line]))
+    cards, name = [Card(begin, " ".join(parts), file) for begin, parts in found], Path(file).name
+    for card in cards:
+        what = "characters in a line with its continuations"
+        card.with_text("").limited(len(card.text), what, LONGEST)
+    remarks = [f"{name}: {commands} lines of commands (.control) do not run"] * bool(commands)
+    if unusual:
+        more = f" and {len(unusual) - 1} more" if len(unusual) > 1 else ""
+        why = "begins with no letter, so that it is a comment, as in ngspice"
+        remarks.insert(0, f"{name}: line {unusual[0]}{more}: {why}")
+    return cards, remarks
+
+
+def _braced(match: re.Match[str]) -> str:
+    """Return an expression in quotes in braces, with parentheses for those in it."""
+    return "{" + match[1].replace("{", "(").replace("}", ")") + "}"
+
+
+def file_of(line: str) -> tuple[str, str] | None:
+    """Return the name of the file in a card, and the section of a library; None without one."""
+    if match := _FILE.fullmatch(line) or _SPACED.fullmatch(line):
+        name = next(filter(None, match.groups()[:3]), "")
+        return name.replace("\\", "/"), (match[4] or "").lower()
+    return None
+
+
 def _screen(card: Card) -> None:
     """Refuse a card that is not accepted."""
     word, text = card.word, card.text
@@ -324,16 +414,9 @@ def _screen(card: Card) -> None:
     if word[0] not in f".{LETTERS}":
         what = CODE_MODEL if word[0] == "a" else f"a device {word[0].upper()!r} is not accepted"
         raise card.refused(f"{what}; {ACCEPTED}")
-    if reason := forbidden(text):
-        raise card.refused(reason)
-
-
-def forbidden(text: str) -> str:
-    """Return why no card may hold this text; empty if it may."""
     for pattern, reason in REFUSED:
         if match := pattern.search(_NODE.sub("0", text)):
-            return reason.format(match[1])
-    return ""
+            raise card.refused(reason.format(match[1]))
 
 
 def _real(path: Path) -> Path:

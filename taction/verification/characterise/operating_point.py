@@ -15,20 +15,30 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND
-from taction.netlist_gen.deck.elements import CardError, Element, Models, model_cards, shown
-from taction.netlist_gen.deck.flat_cards import ABSENT, Flat, card_of, read_cards, sum_parts
-from taction.netlist_gen.deck.foreign_lines import number
+from taction.netlist_gen.deck.expressions import number
+from taction.netlist_gen.deck.flat_cards import (
+    ABSENT,
+    CardError,
+    Element,
+    Flat,
+    Models,
+    card_of,
+    model_cards,
+    read_cards,
+    shown,
+    sum_parts,
+)
 from taction.spice_models.branches import Branch
 from taction.system.array_types import Complexes, Floats
-from taction.system.errors import DidNotLoad
+from taction.system.errors import DidNotLoad, first_ones
 from taction.verification.engines.ngspice.commands import RESULT, Answers, expand, run_commands
-from taction.verification.engines.ngspice.executable import Simulator, find_simulator
+from taction.verification.engines.ngspice.executable import find_simulator
 
 MOST_NODES = 600  # of a deck: above it the engine needs the structure of a topology
 MOST_PARTS = 3000  # R C L K E F G H that are not measured
@@ -45,7 +55,7 @@ TRIED = (
 """Tolerances of ngspice in the order in which they are tried; in the end with its other solver."""
 ELSEWHERE = 0.1  # of the range of all voltages: a point farther away is another one
 OWN = "a transient"  # limits of a point that ngspice finds in no other way
-TRIED_SECONDS = 4.0
+TRIED_SECONDS = 4.0  # of one start
 SECONDS = 60.0  # of small signals
 PROBE = "taction_probe"
 MODES = ("psa", "")  # PSpice's ways first; what they break is read in ngspice's own
@@ -64,23 +74,6 @@ class DeckPoint:
     volts: Mapping[str, float]  # by node, V; currents by ``name#branch``, A; what transistors say
     limits: str  # tolerances of ngspice with which it was found
     text: tuple[str, ...] = ()  # with it, after `AT_ONCE`, ngspice finds the point again; or empty
-
-    @classmethod
-    def of(
-        cls,
-        lines: Sequence[str],
-        cards: Sequence[str],
-        flat: Flat,
-        nodes: Sequence[str],
-        options: str = "",
-        mode: str = "",
-    ) -> DeckPoint:
-        """Return any point of a linear deck: it is the same everywhere."""
-        drawn = np.random.default_rng(3)
-        signs, sizes = drawn.choice([-1.0, 1.0], len(nodes)), drawn.uniform(0.5, 1.0, len(nodes))
-        weights = dict(zip(nodes, (signs * sizes).tolist(), strict=True))
-        point = cls(tuple(lines), tuple(cards), weights, options, mode, flat, {}, TIGHT)
-        return replace(point, text=(*point.probed, f".options {TIGHT} {options}"))
 
     @property
     def is_tight(self) -> bool:
@@ -114,8 +107,7 @@ class DeckPoint:
         answers = run_commands(text, commands, find_simulator(), mode=self.mode, seconds=SECONDS)
         if len(answers.plots) != len(driven) * len(sweeps):
             return [], answers.complaint
-        plots = answers.plots
-        return [dict(zip(map(str.lower, n), v.T, strict=True)) for n, v in plots], ""
+        return [*answers.plots], ""
 
     @property
     def probed(self) -> Iterator[str]:
@@ -124,21 +116,23 @@ class DeckPoint:
         for k, (node, weight) in enumerate(self.weights.items()):
             yield f"g{PROBE}{k} 0 {node} {PROBE} 0 {weight!r}"
 
+    def rest(self, text: Iterable[str], *commands: str, saved: str = "") -> dict[str, float]:
+        """Return where ngspice finds a text at rest after some commands; see `read_volts`."""
+        every = [*commands, f"save all {saved}", "op", f"write {RESULT}"]
+        simulator = find_simulator()
+        answers = run_commands(text, every, simulator, mode=self.mode, seconds=TRIED_SECONDS)
+        return read_volts(answers)
+
 
 def find_point(
-    lines: Sequence[str],
-    options: str,
-    simulator: Simulator,
-    modes: Sequence[str] = MODES,
-    *,
-    volts: bool = False,
+    lines: Sequence[str], options: str = "", modes: Sequence[str] = MODES, *, volts: bool = False
 ) -> DeckPoint:
     """Return where a deck rests; of a linear one any point, with its voltages only if `volts`.
 
     It is read in the first of the `modes` that expands it. `CardError`: it has too many nodes, or
     a card is not read, or ngspice finds no point. `DidNotLoad`: ngspice does not expand it.
     """
-    given = [*lines, *([f".options {options}"] if options else [])]
+    given, simulator = [*lines, *([f".options {options}"] if options else [])], find_simulator()
     for mode in modes:
         try:
             (cards,) = expand(given, simulator, mode=mode)
@@ -146,25 +140,26 @@ def find_point(
         except DidNotLoad:
             if mode == modes[-1]:
                 raise
-    flat = read_cards(cards, measure=True)
+    flat, found = read_cards(cards, measure=True), dict[str, float]()
     for what, each, most in (("nodes", flat.nodes, MOST_NODES), ("parts", flat.knobs, MOST_PARTS)):
         if len(each) > most:
             raise CardError(f"the deck has {len(each)} {what}; up to {most} are read")
-    linear = DeckPoint.of(lines, cards, flat, [*flat.nodes], options, mode)
-    if not (flat.elements or volts):
-        return linear
-    first = run_commands(given, ["save all", "op", f"write {RESULT}"], simulator, mode=mode)
-    if not (found := read_volts(first)):
-        raise CardError(f"ngspice finds no operating point: {first.complaint}")
-    if not flat.elements:
-        return replace(linear, volts=found)
+    if flat.elements or volts:
+        first = run_commands(given, ["save all", "op", f"write {RESULT}"], simulator, mode=mode)
+        if not (found := read_volts(first)):
+            raise CardError(f"ngspice finds no operating point: {first.complaint}")
     words = {word for card in cards for word in card.split()}
-    nodes = [name for name in found if name in words]
-    point = DeckPoint.of(lines, cards, flat, nodes, options, mode)
-    return _tight(replace(point, volts=found, limits=OWN, text=()), simulator)
+    nodes = [name for name in found if name in words] if flat.elements else [*flat.nodes]
+    drawn = np.random.default_rng(3)
+    signs, sizes = drawn.choice([-1.0, 1.0], len(nodes)), drawn.uniform(0.5, 1.0, len(nodes))
+    weights = dict(zip(nodes, (signs * sizes).tolist(), strict=True))
+    point = DeckPoint(tuple(lines), cards, weights, options, mode, flat, found, OWN)
+    if flat.elements:
+        return _tight(point)
+    return replace(point, limits=TIGHT, text=(*point.probed, f".options {TIGHT} {options}"))
 
 
-def _tight(point: DeckPoint, simulator: Simulator) -> DeckPoint:
+def _tight(point: DeckPoint) -> DeckPoint:
     """Return a point with as many digits as ngspice finds from there, or by itself."""
     asked = [
         f"@{each.name}[{key}]"
@@ -173,16 +168,13 @@ def _tight(point: DeckPoint, simulator: Simulator) -> DeckPoint:
         for key in ("gx", "cbx")
     ]
     shared, first = tuple(point.probed), {node: point.volts[node] for node in point.weights}
-    commands = [AT_ONCE, f"save all {' '.join(asked)}", "op", f"write {RESULT}"]
+    span = float(np.ptp([0.0, *first.values()]))
     for limits, near in itertools.product(TRIED, (True, False)):
         for _ in range(1 + near):  # again: ngspice's last step, which junctions lack, is nearly 0
             starts = point.starts if near else ()
             text = (*shared, f".options {limits} {point.options}", *starts)
-            answers = run_commands(
-                text, commands, simulator, mode=point.mode, seconds=TRIED_SECONDS
-            )
-            volts = read_volts(answers)
-            if not volts or _is_elsewhere(volts, first):
+            volts = point.rest(text, AT_ONCE, saved=" ".join(asked))
+            if not volts or any(abs(volts[n] - v) > ELSEWHERE * span for n, v in first.items()):
                 break
             point = replace(point, text=text, volts=volts, limits=limits)
         if point.text:
@@ -190,23 +182,18 @@ def _tight(point: DeckPoint, simulator: Simulator) -> DeckPoint:
     return point
 
 
-def _is_elsewhere(volts: Mapping[str, float], first: Mapping[str, float]) -> bool:
-    """Tell whether a point is another one than that which ngspice finds for the deck as it is."""
-    span = max(0.0, *first.values()) - min(0.0, *first.values())
-    return any(abs(volts[node] - v) > ELSEWHERE * span for node, v in first.items())
-
-
 def read_volts(answers: Answers) -> dict[str, float]:
     """Return the last operating point that ngspice wrote; nothing where it failed.
 
     By the name of a node, ``name#branch`` of a current, or ``name[key]``.
     """
-    for names, values in reversed(answers.plots):
-        if any(name.startswith("v(") for name in names):
-            inner = [re.sub(r"^v\((.*)\)$", r"\1", name.lower()) for name in names]
+    for plot in reversed(answers.plots):
+        if any(name.startswith("v(") for name in plot):
+            inner = [re.sub(r"^v\((.*)\)$", r"\1", name) for name in plot]
             inner = [re.sub(r"^i\(([^@].*)\)$", r"\1#branch", name) for name in inner]
             plain = [re.sub(r"^i\((.*)\)$", r"\1", name).removeprefix("@") for name in inner]
-            return dict(zip(plain, values[-1].real.tolist(), strict=True))
+            volts = (float(values[-1].real) for values in plot.values())
+            return dict(zip(plain, volts, strict=True))
     return {}
 
 
@@ -216,29 +203,28 @@ ROUNDED = 1e-12  # of the largest admittance: less is rounding
 SMALL = 1e-9  # of the largest capacitance of an element: a difference below is rounding
 SAME = 1e-12  # of two gains with opposite signs: they are one of a difference
 LEAST_OHMS = 1e-6
-NAMED = 4  # elements in a message
 Reads = list[tuple[str, float]]  # vectors of a copy, with their signs
 Control = tuple[str, ...]
 
 
-def linear_flat(flat: Flat, volts: Mapping[str, float], options: str, simulator: Simulator) -> Flat:
+def linear_flat(point: DeckPoint) -> Flat:
     """Return flat cards with linear parts for every element, measured where it rests; no knobs.
 
-    `volts` and `options` are those of a `DeckPoint`. `CardError`: an element is not of the form
-    ``G + s C``, or ngspice does not measure it.
+    `CardError`: an element is not of the form ``G + s C``, or ngspice does not measure it.
     """
+    flat = point.flat
     if not flat.elements:
         return flat
-    bench = [_Measured(f"b{k}", each, volts) for k, each in enumerate(flat.elements)]
+    bench = [_Measured(f"b{k}", each, point.volts) for k, each in enumerate(flat.elements)]
     commands = ["save all", "op", f"write {RESULT}", "set appendwrite"]
     for hertz in FREQUENCIES:
         commands += [f"ac lin 1 {hertz!r} {hertz!r}", f"write {RESULT}"]
     cards = [card for each in bench for card in each.cards]
-    cards = [*model_cards(flat.models, flat.elements), *cards, f".options {TIGHT} {options}"]
-    answers = run_commands(cards, commands, simulator)
+    cards = [*model_cards(flat.models, flat.elements), *cards, f".options {TIGHT} {point.options}"]
+    answers = run_commands(cards, commands, find_simulator())
     if len(answers.plots) != 1 + len(FREQUENCIES):
         raise CardError(f"ngspice does not measure the elements alone: {answers.complaint}")
-    tables = [dict(zip(names, values[-1], strict=True)) for names, values in answers.plots]
+    tables = [{name: values[-1] for name, values in plot.items()} for plot in answers.plots]
     parts, absent, wrong = [*flat.parts], [*flat.absent], list[str]()
     for each in bench:
         text = each.fit(tables, flat.models)
@@ -247,8 +233,7 @@ def linear_flat(flat: Flat, volts: Mapping[str, float], options: str, simulator:
             left = part.letter in "CY" and abs(part.value) < ABSENT
             (absent if left else parts).append(part)
     if wrong:
-        more = f"; and {len(wrong) - NAMED} more" if len(wrong) > NAMED else ""
-        raise CardError("; ".join(wrong[:NAMED]) + more)
+        raise CardError(first_ones(wrong, mark="; "))
     return replace(flat, parts=parts, absent=absent)
 
 

@@ -23,7 +23,7 @@ from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.spice_models.branches import Branch
 from taction.system.array_types import Complexes, Floats
-from taction.system.errors import EngineError
+from taction.system.errors import EngineError, first_ones
 from taction.system.quantities import show, show_rate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.poles import Poles, poles
@@ -63,9 +63,8 @@ class PolesApart:
         """What is to be said of them."""
         found = []
         if upper := [p for p in self.hidden.tolist() if p.imag >= 0.0]:
-            more = f" and {len(upper) - NAMED} more" if len(upper) > NAMED else ""
-            names = ", ".join(map(_shown, upper[:NAMED]))
-            found.append(f"no output shows these poles, which decay: {names}{more}")
+            names = first_ones([*map(_shown, upper)], NAMED)
+            found.append(f"no output shows these poles, which decay: {names}")
         upper = [f"a pole at {_shown(p)}, beyond {show(BAND, 'Hz')}"
                  for p in self.far.tolist() if p.imag >= 0.0][:1]  # fmt: skip
         if self.lost:

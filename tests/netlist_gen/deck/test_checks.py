@@ -16,9 +16,10 @@ from taction.netlist_gen.board.circuit import Circuit, Omission
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
-from taction.netlist_gen.deck.foreign_lines import LONGEST, Card, logical_lines
-from taction.netlist_gen.deck.part_tolerances import read_tolerances
+from taction.netlist_gen.deck.foreign_cards import Card
+from taction.netlist_gen.deck.foreign_deck import LONGEST, logical_lines
 from taction.system.errors import InputError
+from taction.verification.studies.decks.board_sweep import read_tolerances
 from tests.support.making import make_scene, matrix_problem
 from tests.support.paths import ROOT
 from tests.support.running import taction

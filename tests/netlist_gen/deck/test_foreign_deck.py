@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from taction import check
-from taction.netlist_gen.deck.flat_cards import stimulus_of
+from taction.netlist_gen.deck.flat_cards import source_of
 from taction.netlist_gen.deck.foreign_deck import read_deck
 from taction.system.errors import InputError, TactionError
 from taction.verification.engines.ngspice import commands
@@ -203,8 +203,8 @@ def test_ltspice_writes_utf_16_and_micro(folder: Path) -> None:
     ],
 )  # fmt: skip
 def test_what_a_source_does(text: str, before: float, after: float, at: float) -> None:
-    found = stimulus_of(text)
-    assert (found.before, found.after, found.at) == (before, after, at)
+    found = source_of("v1", f"a 0 {text}")
+    assert (found.before, found.value, found.at) == (before, after, at)
 
 
 def test_a_capacitor_of_nothing_is_left_out(folder: Path, ngspice: str) -> None:
@@ -232,7 +232,7 @@ def test_a_choice_of_cards(chosen: int, ohms: float, folder: Path, ngspice: str)
     )
     board = read_board(written(folder, f"t\n{RC}{cards}.end\n"))
     assert board.circuit.value("R2") == ohms
-    (other,) = board.at([{"n": 2.0}])
+    (other,) = board.at("n", [2.0])
     assert not isinstance(other, InputError)
     assert other.value("R2") == 3e3
 
@@ -288,6 +288,6 @@ def test_a_source_over_time_rests_where_ngspice_rests(
         [ngspice, "-b"], input=text + commands, capture_output=True, text=True, check=False
     )
     volts = float(answer.stdout.split("v(in) =")[1].split()[0])
-    (found,) = board.flat.stimuli.values()
-    assert found.after == pytest.approx(volts, rel=1e-6)
+    (found,) = board.flat.sources
+    assert found.value == pytest.approx(volts, rel=1e-6)
     assert any(said in note for note in board.notes)

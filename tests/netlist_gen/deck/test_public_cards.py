@@ -17,7 +17,6 @@ from taction.netlist_gen.deck.foreign_deck import (
 )
 from taction.system.errors import InputError
 from taction.verification.characterise.operating_point import find_point
-from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.stability.poles import poles
 from taction.verification.studies.decks.foreign_board import read_board
 from tests.support.paths import ROOT
@@ -229,12 +228,12 @@ def test_what_a_subcircuit_does_not_call_is_not_read(tmp_path: Path) -> None:
 
 def test_a_polynomial_has_the_order_of_spice2() -> None:
     """The terms of two inputs: 1, x, y, x², xy, y²."""
-    text = polynomial(["v(a,0)", "v(b,0)"], [*"123456"])
+    text = polynomial(True, "2", "a 0 b 0 1 2 3 4 5 6")
     x, y = 0.7, -1.3
     found = eval(text.replace("v(a,0)", "x").replace("v(b,0)", "y"), {"x": x, "y": y})  # noqa: S307
     assert found == pytest.approx(1 + 2 * x + 3 * y + 4 * x * x + 5 * x * y + 6 * y * y)
-    assert polynomial(["i(v1)"], ["2"]) == "2.0*i(v1)"
-    assert polynomial(["i(v1)"], ["0", "0", "0", "{k}"]) == "(k)*i(v1)*i(v1)*i(v1)"
+    assert polynomial(False, "1", "v1 2") == "2.0*i(v1)"
+    assert polynomial(False, "1", "v1 0 0 0 {k}") == "(k)*i(v1)*i(v1)*i(v1)"
 
 
 EVERY_CARD = """
@@ -308,11 +307,10 @@ def test_every_kind_of_card_has_its_value_in_ngspice(ngspice: str, tmp_path: Pat
     nodes = found.ports[1:]
     bench = ["Vin in 0 0.5", "Rin in 0 1k", *(f"Rload_{node} {node} 0 1e12" for node in nodes)]
     call = f"Xdevice in {' '.join(nodes)} "
-    simulator = find_simulator()
-    point = find_point([*found.lines, *bench, call + found.name], "", simulator)
+    point = find_point([*found.lines, *bench, call + found.name])
     flat = flat_subcircuit(point.cards, ("in", *nodes), "every")
     stored = stored_subcircuit(flat.lines, flat.name, "own")
-    again = find_point([*stored.lines, *bench, call + stored.name], "", simulator, modes=("",))
+    again = find_point([*stored.lines, *bench, call + stored.name], modes=("",))
     for value in (point.volts, again.volts):
         VT = 1.380649e-23 * 300.15 / 1.602176634e-19
         assert value["r"] == pytest.approx(1.0, rel=1e-6)

@@ -16,7 +16,7 @@ from taction.verification.stability.poles import poles
 from taction.verification.stability.shown_poles import latching
 from taction.verification.studies.decks.board_sweep import Sweep, sweep_deck, swept_axis
 from taction.verification.studies.decks.foreign_board import read_board
-from taction.verification.studies.decks.part_influence import influences
+from taction.verification.studies.decks.part_influence import influences, least_margin
 from tests.support.designer_decks import DECKS
 from tests.support.nodal_analysis import exact_poles
 from tests.support.random_circuits import wide_cards
@@ -25,9 +25,8 @@ CASES = Path(__file__).parents[2] / "data" / "cases"
 
 
 def margin_of(board: LinearBoard) -> Margin:
-    found, _ = influences(board, poles(board), every=True)
-    assert found is not None
-    return found
+    found = poles(board)
+    return least_margin(board, found, influences(board, found, every=True))
 
 
 def case(name: str) -> LinearBoard:

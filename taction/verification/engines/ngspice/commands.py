@@ -51,7 +51,7 @@ class Answers:
     `failure` is why there is nothing to read; `errors` is the error stream.
     """
 
-    plots: tuple[tuple[tuple[str, ...], Complexes], ...] = ()
+    plots: tuple[dict[str, Complexes], ...] = ()  # vectors by name, in lower case
     listed: str = ""
     said: str = ""
     errors: str = ""
@@ -102,8 +102,8 @@ def _answers(deck: object, ending: Ending) -> Answers:
         return Answers((), listed, said, ending.errors, error)
     # A failed simulation leaves the plot of constants.
     simulated = [plot for plot in plots if "boltz" not in plot.vectors]
-    tables = tuple((plot.vectors, plot.data.astype(np.complex128)) for plot in simulated)
-    return Answers(tables, listed, said, ending.errors)
+    tables = (zip(p.vectors, p.data.astype(np.complex128).T, strict=True) for p in simulated)
+    return Answers(tuple(map(dict, tables)), listed, said, ending.errors)
 
 
 def _text(place: Path) -> str:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, cast
 
-from taction.netlist_gen.board.opamp_choice import StoredOpAmp
+from taction.netlist_gen.board.opamp_choice import OpAmpFigures, StoredOpAmp
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.presets import Origin
 from taction.system.documents import INLINE, OPTIONAL, Failure, Number, taken
-from taction.verification.characterise.characterise import OpAmpFigures
 from taction.verification.design.fresh_scene import NewScene
 from taction.verification.design.scaling import Scaled
 from taction.verification.report.documents.verdict import VerdictBody

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taction.netlist_gen.board.bill_of_materials import UNITS, BillOfMaterials, PartLine
+from taction.netlist_gen.board.opamp_choice import OpAmpFigures
 from taction.netlist_gen.kicad.part_symbols import printed_value
 from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.presets import Origin
 from taction.system.charts import BLUE, Axis, Chart, Curve, Limit, Mark, Text
 from taction.system.foreign_files import visible
 from taction.system.quantities import counted, percent, quantity, readable, show
-from taction.verification.characterise.characterise import Bode, OpAmpFigures, open_loop
 from taction.verification.report.blocks import (
     BOTH,
     DRAWN,
@@ -62,6 +62,8 @@ TITLES = {
     "channels_per_package": ("op-amps in a package", ""),
 }
 """Title and unit of every figure of the data file."""
+POINTS = 500  # of a Bode plot
+BELOW, ABOVE = 0.01, 100.0  # its ends: of the first pole, and of the unity-gain bandwidth
 ABSENT = (0.0, math.inf, -math.inf, None)  # values of a figure that a part does not have
 Origins = Mapping[str, Origin]  # by the name of the figure
 WORDS = ("derived", "assumed")  # in the place of a document
@@ -90,7 +92,7 @@ def view(result: OpAmpFigures) -> Page:
         command="taction parts show",
         sections=(
             Section("Figures", (table, *sources), "", EVERYWHERE),
-            Section("Open loop", lambda: _bode(open_loop(opamp)), media=DRAWN),
+            Section("Open loop", lambda: _bode(opamp), media=DRAWN),
         ),
     )
 
@@ -129,13 +131,19 @@ def _cell(value: float | None, unit: str) -> Cell:
     return Cell(f"{value:.4g} {unit}" if known else quantity(value, unit), value)
 
 
-def _bode(found: Bode) -> tuple[Chart, Chart]:
-    response, hertz = found.response, Axis("frequency", "Hz", "log")
-    decibels, phase = 20.0 * np.log10(np.abs(response)), np.degrees(np.unwrap(np.angle(response)))
-    gain: tuple[Mark, ...] = (Curve(found.frequency, decibels, "", BLUE),)
-    angle: tuple[Mark, ...] = (Curve(found.frequency, phase, "", BLUE),)
-    if abs(response[-1]) < 1.0:
-        crossing, margin = found.crossing()
+def _bode(opamp: OpAmp) -> tuple[Chart, Chart]:
+    """Return the open loop as stated, from below the first pole to above unity gain."""
+    finite, crossing = math.isfinite(opamp.gbw), unity_gain_bandwidth(opamp)
+    low, high = (opamp.first_pole, crossing) if finite else (1.0, 1e6)
+    frequency = np.geomspace(BELOW * low, ABOVE * high, POINTS)
+    response = np.full(POINTS, complex(opamp.dc_gain))
+    for pole in (opamp.first_pole, opamp.second_pole):
+        response = response / (1.0 + 1j * frequency / pole)
+    hertz, phase = Axis("frequency", "Hz", "log"), np.degrees(np.unwrap(np.angle(response)))
+    gain: tuple[Mark, ...] = (Curve(frequency, 20.0 * np.log10(np.abs(response)), "", BLUE),)
+    angle: tuple[Mark, ...] = (Curve(frequency, phase, "", BLUE),)
+    if finite:
+        margin = phase_margin(opamp)
         gain += _crossing(crossing, 0.0, f"unity gain at {quantity(crossing, 'Hz', 3)}")
         angle += _crossing(crossing, margin - 180.0, f"phase margin {margin:.3g} degrees")
     degrees, text = Axis("phase (degrees)", limits=(-190.0, 10.0)), "of the open loop"

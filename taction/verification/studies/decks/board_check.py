@@ -22,20 +22,14 @@ from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.system.documents import Hertz, Number, Rate, Volts
 from taction.system.quantities import show
 from taction.system.results import Result
-from taction.verification.characterise.operating_point import AT_ONCE, DeckPoint, read_volts
-from taction.verification.engines.ngspice.commands import RESULT, run_commands
-from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.characterise.operating_point import AT_ONCE, DeckPoint
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.studies.decks.board_sweep import (
-    Sweep,
-    VariedDeck,
-    sweep_deck,
-)
+from taction.verification.studies.decks.board_sweep import Sweep, VariedDeck, sweep_deck
 from taction.verification.studies.decks.foreign_board import ForeignBoard
 from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
 from taction.verification.studies.decks.part_influence import PartRow, influences, pole_vectors
 from taction.verification.studies.decks.questions import QUESTIONS, Wanted, judge, units
-from taction.verification.studies.decks.witnesses import compare_ac, stepping
+from taction.verification.studies.decks.witnesses import compare_ac, compare_transient, stepping
 from taction.verification.studies.running.study import HERE
 from taction.verification.studies.tolerance.corners import CornerStudy, worst_of
 from taction.verification.studies.tolerance.montecarlo import (
@@ -93,15 +87,13 @@ class BoardCheck(MeasuredBoard, Result):
     @property
     def outcome(self) -> Outcome:
         """Of the checks, at the worst corners, too."""
-        judged = [overall(self.checks)]
-        if self.corners is not None:
-            judged.append(Outcome(self.corners.outcome))
-        return max(judged, key=_WORSE.index)
+        corners = [] if self.corners is None else [Outcome(self.corners.outcome)]
+        return max([overall(self.checks), *corners], key=_WORSE.index)
 
     @cached_property
     def parts(self) -> tuple[PartRow, ...]:
         """What each part does to the stability, the most important first."""
-        return self.looked or influences(self.board, self.poles)[1]
+        return self.looked or influences(self.board, self.poles)
 
     @property
     def name(self) -> str:
@@ -157,23 +149,19 @@ def check_board(
     progress("poles")
     board, band = LinearBoard(deck.circuit), asked.limits.settling_time.band
     found = measure_board(board, deck.initial, band, asked.lowest)
-    margin, rows = None, tuple[PartRow, ...]()
     if asked.margin:
         progress("parts")
-        margin, rows = influences(board, found.poles, every=True)
+    checks, why = [*judge(found, asked)], ["" if ngspice else "without ngspice"]
     progress("ngspice")
-    checks, why = [*judge(found, asked, margin)], ["" if ngspice else "without ngspice"]
     if ngspice:
         every = np.append(found.poles.poles, found.apart.hidden)
         checks.append(compare_ac(deck.point, board, every, deck.flat.absent))
     if transient or "engines_agree" in asked.names:
-        from taction.verification.studies.decks.transient_witness import compare_transient
-
-        limit = asked.limits.engines_agree.tolerance
+        limit = asked.limits.engines_agree.limit
         checks.append(compare_transient(found, deck, limit, ngspice=ngspice))
     if ngspice and not deck.is_linear:
         why.append(points_note(found, deck.point))
-        if any(each.moves for each in deck.flat.stimuli.values()):
+        if any(each.step for each in deck.point.flat.sources):
             why.append(step_note(found, deck.point))
     progress("sweeps")
     sweeps = tuple(sweep_deck(deck, board, each, band) for each in over)
@@ -188,7 +176,7 @@ def check_board(
     made = BoardCheck(
         **{each.name: getattr(found, each.name) for each in fields(found)},
         notes=tuple(filter(None, (*found.apart.sentences, *deck.notes, *why))),
-        looked=rows,
+        looked=found.every_part if asked.margin else (),
         checks=tuple(checks),
         sweeps=sweeps,
         corners=corners,
@@ -203,18 +191,9 @@ SIZES = (0.05, 0.15, 0.4, 1.0, 10.0)
 REACHES = [sign * size for size in SIZES for sign in (1.0, -1.0)]  # of the range of all voltages
 WIDER = 2.0  # times the range of all voltages on either side: drawn ones
 SAME = 1e-3  # of this range, or of a voltage: a smaller distance is the same point
-SECONDS = 4.0  # of one start
 ALL_SECONDS = 8.0  # of all starts: no further one begins later
 TINY = 1e-30  # V: of no step at all
 LARGE = 0.01  # of the step, or of a node's own: how far ngspice's rest may be from the linear one
-
-
-def _rest(point: DeckPoint, limits: str, cards: Iterable[str], *commands: str) -> dict[str, float]:
-    """Return where ngspice finds the deck at rest with other cards; nothing where it does not."""
-    text = [*point.lines, f".options {limits} {point.options}", *cards]
-    every = [*commands, "save all", "op", f"write {RESULT}"]
-    simulator = find_simulator()
-    return read_volts(run_commands(text, every, simulator, mode=point.mode, seconds=SECONDS))
 
 
 def points_note(found: MeasuredBoard, point: DeckPoint) -> str:
@@ -236,7 +215,8 @@ def points_note(found: MeasuredBoard, point: DeckPoint) -> str:
     while tried < STARTS and time.monotonic() < end:
         start = zip(nodes, starts[tried].tolist(), strict=True)
         cards, tried = [f".nodeset v({node})={volts!r}" for node, volts in start], tried + 1
-        volts = _rest(point, "reltol=1e-6 abstol=1e-13 vntol=1e-10", cards, AT_ONCE)
+        limits = f".options reltol=1e-6 abstol=1e-13 vntol=1e-10 {point.options}"
+        volts = point.rest([*point.lines, limits, *cards], AT_ONCE)
         there = np.array([volts.get(name, np.nan) for name in nodes])
         if volts and all(np.abs(there - each).max() > SAME * span for each in known):
             known.append(there)
@@ -257,7 +237,8 @@ def step_note(found: MeasuredBoard, point: DeckPoint) -> str:
     if not found.poles.known_stable:
         return ""
     alter = (f"alter {name} dc={s.value!r}" for name, s in stepping(found.board).items())
-    volts = _rest(point, "reltol=1e-6", point.starts, *alter)
+    text = [*point.lines, f".options reltol=1e-6 {point.options}", *point.starts]
+    volts = point.rest(text, *alter)
     if not volts:
         return "ngspice finds no operating point after the step: readings hold for small steps only"
     values, places = found.board.equilibrium.values, found.board.descriptor.places

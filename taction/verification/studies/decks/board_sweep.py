@@ -1,27 +1,37 @@
 """A board without a scene whose parts vary: over one value, in samples and in worst corners.
 
 Corners and Monte Carlo are those of scenes; outputs at rest are compared with the nominal ones.
+Tolerances are from a small TOML file: a kind counts outside of subcircuits; a name in ``[parts]``,
+with * and ? for any letters, anywhere.
 """
 
 from __future__ import annotations
 
+import difflib
+import fnmatch
 import math
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import BeforeValidator, Field
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.variation import parameters, vary
+from taction.netlist_gen.board.variation import parameters, varying_parts
 from taction.netlist_gen.scene.axes import SweepAxis, range_values
 from taction.netlist_gen.scene.check_keys import Tolerances
+from taction.netlist_gen.scene.fields import Model
 from taction.netlist_gen.scene.keys import Key
+from taction.netlist_gen.scene.mistakes import validated
+from taction.netlist_gen.scene.scene import read_toml
 from taction.system.array_types import Floats
 from taction.system.documents import Hertz, Number, Rate
 from taction.system.errors import Complaint, EngineError, InputError
-from taction.system.quantities import UNITS
+from taction.system.quantities import UNITS, fraction
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.edges import Edge, Edges, Range, scan
 from taction.verification.stability.families import Family, find_edges
@@ -29,9 +39,84 @@ from taction.verification.stability.poles import poles
 from taction.verification.stability.shown_poles import told_apart
 from taction.verification.studies.decks.foreign_board import ForeignBoard
 from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
-from taction.verification.studies.decks.part_influence import influences
-from taction.verification.studies.decks.questions import QUESTIONS, Wanted, judge, record_of, units
+from taction.verification.studies.decks.questions import QUESTIONS, Wanted, record_of, units
 from taction.verification.studies.tolerance.varied_board import BoardSample, Quantity, Varied
+
+LARGEST = 10.0  # of a tolerance: the value is up to 11 times as large
+ACCEPTED = (
+    'a file of tolerances in TOML: resistor = "1%", capacitor = "5%", coil, coupling, gain,'
+    ' distribution, and a table [parts] with R1 = "0.1%"'
+)
+
+
+def _share(value: object) -> float:
+    """Return a fraction from ``"5%"`` or 0.05."""
+    with suppress(ValueError):
+        if 0.0 <= (share := fraction(value)) <= LARGEST:
+            return share
+    raise ValueError(f'expected a share from 0 to {LARGEST:g}, such as "5%" or 0.05')
+
+
+Share = Annotated[float, BeforeValidator(_share)]
+
+
+class _File(Model):
+    """The keys of a file."""
+
+    resistor: Share | None = None
+    capacitor: Share | None = None
+    coil: Share | None = None
+    coupling: Share | None = None
+    gain: Share | None = None
+    distribution: Literal["normal", "uniform"] = "normal"
+    parts: dict[str, Share] = Field(default_factory=dict)
+
+
+def read_tolerances(file: str | Path, circuit: Circuit) -> Tolerances:
+    r"""Return the tolerances of single parts, those above zero; all others are exact.
+
+    `circuit`: of a deck.
+    InputError: the file cannot be read, has a key or a value that is none, or names no part; all
+      mistakes.
+    """
+    path, found, wrong = Path(file), _File(), list[Complaint]()
+    data, _ = read_toml(path, ACCEPTED)
+    table = data.get("tolerances", data)
+    if not isinstance(table, dict):
+        raise InputError(path, Complaint("tolerances", repr(table)[:80], f"expected {ACCEPTED}"))
+    if "params" in table:
+        text = "a .param has no tolerance any more; give its parts one in [parts]"
+        raise InputError(path, Complaint("params", "", text))
+    try:
+        found = validated(_File, table, path)
+    except InputError as error:
+        wrong += error.complaints
+    kinds = {key: kind for key, kind in varying_parts(circuit) if kind in _File.model_fields}
+    lower = {name.lower(): name for name in kinds}
+    named = table.get("parts")
+    for key in named if isinstance(named, dict) else ():
+        if not fnmatch.filter(lower, key.lower()):
+            near = difflib.get_close_matches(key.lower(), lower, n=1, cutoff=0.0)
+            more = f"; the nearest is {near[0]!r}" if near else "; it has none"
+            text = f"no part of the deck has this name{more}"
+            wrong.append(Complaint(f"parts.{key}", "", text))
+    parts = {name: getattr(found, kind) for name, kind in kinds.items() if "." not in name}
+    for key, share in found.parts.items():
+        parts |= {lower[name]: share for name in fnmatch.filter(lower, key.lower())}
+    parts = {name: share for name, share in parts.items() if share}
+    for branch in circuit.branches:
+        share, size = parts.get(branch.label, 0.0), abs(branch.value)
+        if branch.letter == "K" and share and size * (1.0 + share) >= 1.0:
+            most = 100.0 * (1.0 / size - 1.0)
+            text = f"reaches 1 within its tolerance; expected less than {most:.2g} %"
+            given = f"{branch.value:g} ± {100.0 * share:g} %"
+            wrong.append(Complaint(branch.label, given, text))
+    if not (wrong or parts):
+        wrong.append(Complaint("tolerances", "", "nothing varies; expected " + ACCEPTED))
+    if wrong:
+        raise InputError(path, *wrong)
+    exact = dict.fromkeys(("resistor", "capacitor", "stray", "opamp_gbw", "opamp_gain"), 0.0)
+    return Tolerances(distribution=found.distribution, parts=parts, **exact)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,16 +146,9 @@ class VariedDeck(Varied):
 
     def measured(self, number: int, z: Floats) -> BoardSample:
         """Return the sample with deviations `z`; `EngineError` where it cannot be measured."""
-        band, margin = self.asked.limits.settling_time.band, None
-        found = measure_board(
-            LinearBoard(vary(self.nominal, self.tolerances, z)),
-            self.deck.initial,
-            band,
-            self.asked.lowest,
-        )
-        if self.asked.margin:
-            margin, _ = influences(found.board, found.poles, every=True)
-        record = record_of(found, judge(found, self.asked, margin), self.asked, margin)
+        board, band = LinearBoard(self.at(z)), self.asked.limits.settling_time.band
+        found = measure_board(board, self.deck.initial, band, self.asked.lowest)
+        record = record_of(found, self.asked)
         errors = (found.rest - self.target) / self.step_amplitude
         off = float(np.abs(errors).max(initial=0.0))
         figures = {**record.figures, "steady_state_error": off}
@@ -82,7 +160,7 @@ def _quantities(asked: Wanted) -> Iterator[Quantity]:
     """Yield the questions with their limits, the distance from the nominal rest, and poles."""
     for question in QUESTIONS.values():
         if question.over or question.name in asked.names:
-            limits = asked.tables.get(question.name) and getattr(asked.limits, question.name)
+            limits = getattr(asked.limits, question.name, None)
             limit = asked.own.get(question.name, getattr(limits, "max", None))
             band = asked.limits.settling_time.band if question.second == "band" else None
             worse, name, unit = -1.0 if question.large else 1.0, question.name, question.unit
@@ -140,10 +218,8 @@ class PointRow:
     )
 
     @classmethod
-    def of(cls, value: float, found: MeasuredBoard | Exception) -> PointRow:
+    def of(cls, value: float, found: MeasuredBoard) -> PointRow:
         """Return the poles and the answers at a value."""
-        if isinstance(found, Exception):
-            return cls(value, failure=str(found))
         poles, figures = found.poles, dict[str, float | None]()
         for each in QUESTIONS.values():
             figures |= each.figures(each.worst(found)) if each.over else {}
@@ -197,11 +273,12 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweepAxis, band: f
     at = cache(family.board)  # a scan and the readings share boards
     family = replace(family, board=at)
 
-    def measured(value: float) -> MeasuredBoard | Exception:
+    def row(value: float) -> PointRow:
         try:
-            return measure_board(LinearBoard.of(at(value)), deck.initial, band)
+            found = measure_board(LinearBoard.of(at(value)), deck.initial, band)
         except (EngineError, InputError) as error:
-            return error
+            return PointRow(value, failure=str(error))
+        return PointRow.of(value, found)
 
     if not board.state_space.n:  # and so without a pole at any value of a part
         edges = Edges(min(values), max(values), ())
@@ -215,18 +292,16 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweepAxis, band: f
         edges = find_edges(family, min(values), max(values), values=values)
     else:
         edges = family.scan(values, logarithmic=logarithmic)
-    points = tuple(PointRow.of(value, measured(value)) for value in values)
     own = deck.circuit.value(swept.name) if knob else None
-    return Sweep(swept.name, swept.key.unit, own, edges, points)
+    return Sweep(swept.name, swept.key.unit, own, edges, tuple(map(row, values)))
 
 
 def _over(deck: ForeignBoard, name: str, values: Sequence[float]) -> Callable[[float], Circuit]:
     """Return the circuit as a function of a ``.param``; those at `values` are built at once."""
-    made = deck.at([{name: value} for value in values])
-    known = dict(zip(values, made, strict=True))
+    known = dict(zip(values, deck.at(name, values), strict=True))
 
     def at(value: float) -> Circuit:
-        found = known[value] if value in known else deck.at([{name: value}])[0]
+        found = known[value] if value in known else deck.at(name, [value])[0]
         if isinstance(found, InputError):
             raise found
         return found

@@ -26,8 +26,10 @@ from taction.verification.readings.exact_measures import ExactResponse, ExactTra
 from taction.verification.readings.measurements import Measurements, channel_measure, summary
 from taction.verification.readings.readings import unread
 from taction.verification.readings.settling import ChannelState, Settlement
+from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.stability.shown_poles import PolesApart, latching, told_apart
+from taction.verification.studies.decks.part_influence import PartRow, influences, least_margin
 from taction.verification.verdict.output_noise import OutputNoise
 
 WANTED = 1e-4  # error of ngspice's transient, in step amplitudes
@@ -102,6 +104,16 @@ class MeasuredBoard:
                 reasons.setdefault(why, []).append(out.node)
         said = "; ".join(f"{', '.join(nodes)}: {why}" for why, nodes in reasons.items())
         return OutputNoise(tuple(rms.tolist()), tuple(error.tolist()), unknown=said, lowest=low)
+
+    @cached_property
+    def every_part(self) -> tuple[PartRow, ...]:
+        """What each part does to the stability, with the margins of all."""
+        return influences(self.board, self.poles, every=True)
+
+    @property
+    def margin(self) -> Margin:
+        """The least margin of any part."""
+        return least_margin(self.board, self.poles, self.every_part)
 
     @property
     def remedy(self) -> str:

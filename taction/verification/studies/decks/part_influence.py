@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Annotated
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes
-from taction.system.documents import Hertz, Number, Rate
+from taction.system.documents import HIDDEN, Hertz, Number, Rate
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -43,6 +42,9 @@ class PartRow:
     below: Number = None
     above: Number = None
     doubt: str = ""  # why they are not known
+    # These over the factor of the value; the factor up to which is no other in spite of a doubt.
+    edges: Annotated[tuple[Edge, ...], HIDDEN] = ()
+    sure: Annotated[float, HIDDEN] = math.inf
 
 
 def sensitivities(
@@ -86,13 +88,11 @@ def pole_vectors(board: LinearBoard, p: complex) -> tuple[Complexes, Complexes]:
     return V[-1].conj() / columns, U[:, -1].conj() / rows[:, 0]
 
 
-def influences(
-    board: LinearBoard, found: Poles, every: bool = False
-) -> tuple[Margin | None, tuple[PartRow, ...]]:
-    """Return the least margin of any part, and the rows of all parts, the most important first.
+def influences(board: LinearBoard, found: Poles, every: bool = False) -> tuple[PartRow, ...]:
+    """Return the rows of all parts, the most important first.
 
-    The margin is None unless `every` part was to be looked at; else the edges of a stable board are
-    those of the `MOST_MARGINS` parts that move the rightmost pole most, and of a board of more than
+    Unless `every` part is to be looked at, the edges of a stable board are those of the
+    `MOST_MARGINS` parts that move the rightmost pole most, and of a board of more than
     `MOST_UNKNOWNS` those of none.
     """
     c = board.circuit
@@ -104,52 +104,36 @@ def influences(
     large = not every and board.descriptor.size > MOST_UNKNOWNS
     if large or found.stable is None or board.state_space.lost:
         most = 0
-    nearest, rows = dict[str, Nearest](), list[PartRow]()
+    rows = list[PartRow]()
     for k, name in enumerate(order):
-        near = _nearest(families[name], found) if k < most else Nearest(doubt=UNKNOWN, sure=1.0)
-        rate, own, unit, nearest[name] = rates[name], c.value(name), c.facts[name].unit, near
-        rate_of = rate.real, rate.imag / math.tau
-        rows.append(PartRow(name, own, unit, *rate_of, *near.values(own), near.doubt))
-    margin = None
-    if every and not found.known_stable:
-        margin = Margin(0.0, 0.0, "the board is not stable")
-    elif every and not len(found.poles):
-        gains = c.opamps or any(part.control for part in c.branches)
-        active = gains or any(part.ohms <= 0.0 for part in c.resistors)
-        doubt = "a source with gain may have another sign of its feedback" * bool(active)
-        margin = Margin(REACH, 0.0, "no part makes a pole", doubt)
-    elif every:
-        margin = _least(c, nearest)
-    return margin, tuple(rows)
+        edges, doubt, sure = _nearest(families[name], found) if k < most else ((), UNKNOWN, 1.0)
+        own, unit, rate = c.value(name), c.facts[name].unit, rates[name]
+        ends = beside(own, edges)
+        known = rate.real, rate.imag / math.tau, *ends
+        rows.append(PartRow(name, own, unit, *known, doubt, edges, sure))
+    return tuple(rows)
 
 
-class Nearest(NamedTuple):
-    """The nearest edges over a value's factor; a doubt, and the factor up to which is none."""
-
-    below: Edge | None = None
-    above: Edge | None = None
-    doubt: str = ""
-    sure: float = math.inf
-
-    def values(self, own: float) -> tuple[float | None, float | None]:
-        """Return the value at the edge below `own`, and at that above."""
-        low, high = (None if e is None else own * e.value for e in (self.below, self.above))
-        return (low, high) if own > 0.0 else (high, low)
+def beside(own: float, edges: Iterable[Edge]) -> tuple[Number, Number]:
+    """Return the value at the edge below `own`, and at that above."""
+    ends = [own * edge.value for edge in edges]
+    return next((v for v in ends if v < own), None), next((v for v in ends if v > own), None)
 
 
-def _nearest(family: Family, found: Poles) -> Nearest:
-    """Return the nearest edges of a value, which keeps its sign; of 0 none.
+def _nearest(family: Family, found: Poles) -> tuple[tuple[Edge, ...], str, float]:
+    """Return the nearest edges over the factor of a value, which keeps its sign; of 0 none.
 
-    Of a board that is not stable they are the nearest ends of ranges in which it is.
+    Then a doubt, and the factor up to which is none. Of a board that is not stable the edges are
+    the nearest ends of ranges in which it is.
     """
     reach, stable = REACH * MORE, found.known_stable
     if not family.own:
-        return Nearest()
+        return (), "", math.inf
     over = replace(family, board=lambda factor: family.board(family.own * factor), own=1.0)
     try:
         edges = find_edges(over, 1.0 / reach, reach, found)
     except EngineError as error:
-        return Nearest(doubt=str(error), sure=1.0)
+        return (), str(error), 1.0
     seen = [edge for edge in edges.edges if edge.frequency <= BAND]  # no pole of a model beyond
     every = [edge for edge in seen if stable or edge.changes_stability]
     below = max((e for e in every if e.value < 1.0), key=lambda e: e.value, default=None)
@@ -157,24 +141,27 @@ def _nearest(family: Family, found: Poles) -> Nearest:
     low, high = below.value if below else 0.0, above.value if above else math.inf
     near = [max(factor, 1.0 / factor) for factor in edges.near if low <= factor <= high]
     doubt = "a pole comes close to the axis" if near else ""
-    return Nearest(below, above, doubt, min(near, default=math.inf))
+    return tuple(filter(None, (below, above))), doubt, min(near, default=math.inf)
 
 
-def _least(circuit: Circuit, nearest: Mapping[str, Nearest]) -> Margin:
-    """Return the least margin of all parts."""
-    if not nearest:
+def least_margin(board: LinearBoard, found: Poles, rows: Sequence[PartRow]) -> Margin:
+    """Return the least margin of any part, from the rows of `every` part."""
+    c = board.circuit
+    if not found.known_stable:
+        return Margin(0.0, 0.0, "the board is not stable")
+    if not len(found.poles):
+        gains = c.opamps or any(part.control for part in c.branches)
+        active = gains or any(part.ohms <= 0.0 for part in c.resistors)
+        doubt = "a source with gain may have another sign of its feedback" * bool(active)
+        return Margin(REACH, 0.0, "no part makes a pole", doubt)
+    if not rows:
         return Margin(1.0, 0.0, "no margin is known", "the board is too large")
     factor, bound, text = REACH, 0.0, f"no crossing up to a factor of {REACH:g} of any part"
-    every = ((name, edge) for name, each in nearest.items() for edge in (each.below, each.above))
-    for name, edge in every:
-        if edge and (by := max(edge.value, 1.0 / edge.value)) < factor:
+    for row, edge in ((each, edge) for each in rows for edge in each.edges):
+        if (by := max(edge.value, 1.0 / edge.value)) < factor:
             factor, bound = by, edge.bound * by / edge.value
-            moves, value = "grow" if edge.value > 1.0 else "shrink", circuit.value(name)
-            end = show(value * edge.value, circuit.facts[name].unit)
-            text = f"{circuit.knob(name).words} can {moves} by the factor {by:.4g}, to {end}"
-    doubts = (
-        f"{part}: {edges.doubt}"
-        for part, edges in nearest.items()
-        if edges.doubt and edges.sure <= factor
-    )
+            moves = "grow" if edge.value > 1.0 else "shrink"
+            end = show(c.value(row.name) * edge.value, row.unit)
+            text = f"{c.knob(row.name).words} can {moves} by the factor {by:.4g}, to {end}"
+    doubts = (f"{row.name}: {row.doubt}" for row in rows if row.doubt and row.sure <= factor)
     return Margin(factor, bound, text, next(doubts, ""))

@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +22,6 @@ from taction.system.errors import Complaint, InputError
 from taction.system.quantities import fraction, number, parse, show_rate
 from taction.system.reading_definitions import READINGS
 from taction.verification.readings.readings import Reading
-from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles
 from taction.verification.studies.decks.measured_board import LATCH, WANTED, MeasuredBoard
 from taction.verification.verdict import record
@@ -58,7 +56,6 @@ class Question:
     words: str  # what the number is, in the sentence of its check
     # the number of each output, with its bound; None where an output has none
     answer: Callable[[MeasuredBoard], Answers]
-    short: str = ""  # word of ``--check``; empty: `name`
     example: str = "1"  # of a limit
     second: str = ""  # key of the scene's check for what follows ``@`` in a limit
     large: bool = False  # whether a large number is good: the limit is the least one
@@ -69,17 +66,12 @@ class Question:
     @property
     def asked(self) -> str:
         """The word of ``--check``."""
-        return self.short or self.name
+        return self.name.removesuffix("_time")
 
     @property
     def bound(self) -> str:
         """Key of the bound in a document."""
-        return f"{self.name.removesuffix('_time')}_bound"
-
-    @property
-    def is_of_scenes(self) -> bool:
-        """Whether scenes have a check of this name, which judges it."""
-        return self.name in Checks.model_fields
+        return f"{self.asked}_bound"
 
     def worst(self, found: MeasuredBoard) -> Reading | None:
         """Return the number of the whole board; None where an output has none."""
@@ -96,9 +88,11 @@ class Question:
         if not text:
             raise _refused(self.asked, "", f"expected a limit, such as {self.asked}={self.example}")
         if extra and not self.second:
-            several = [f"{q.asked}=LIMIT@{q.second.upper()}" for q in EVERY if q.second]
+            several = [
+                f"{q.asked}=LIMIT@{q.second.upper()}" for q in QUESTIONS.values() if q.second
+            ]
             raise _refused(self.asked, repr(extra), f"only {' and '.join(several)} have two values")
-        if not self.is_of_scenes:
+        if self.name not in Checks.model_fields:  # scenes' checks judge those in it
             try:
                 return {"limit": parse(text, self.unit) if self.unit else number(text)}
             except ValueError as error:
@@ -132,8 +126,8 @@ def _reading(name: str, title: str, words: str, example: str, second: str = "") 
     def whole(found: MeasuredBoard) -> Reading | None:
         return found.measurements.readings[name]
 
-    short, unit = name.removesuffix("_time"), READINGS[name].unit
-    return Question(name, unit, title, words, answer, short, example, second, whole=whole)
+    unit = READINGS[name].unit
+    return Question(name, unit, title, words, answer, example, second, whole=whole)
 
 
 def _noise(found: MeasuredBoard) -> Answers:
@@ -142,15 +136,14 @@ def _noise(found: MeasuredBoard) -> Answers:
             for each in zip(rms, bounds, strict=True)]  # fmt: skip
 
 
-EVERY = (
+QUESTIONS = {each.name: each for each in (
     _reading("settling_time", "settles", "the settling time", "1ms@1%", "band"),
     _reading("rise_time", "rises", "the rise time", "10us"),
     _reading("overshoot", "overshoot", "the overshoot", "5%"),
     _reading("undershoot", "undershoot", "the undershoot", "5%"),
     Question("noise", "V", "output noise", "the noise at rest, rms", _noise,
              example="1mV", second="lowest", over=False),
-)  # fmt: skip
-QUESTIONS = {each.name: each for each in EVERY}
+)}  # fmt: skip
 """The questions by name."""
 
 
@@ -172,20 +165,11 @@ class Expected(NamedTuple):
 class Wanted:
     """What is to be checked."""
 
-    tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # keys of scenes' checks
-    expected: tuple[Expected, ...] = ()
-    own: Mapping[str, float] = field(default_factory=dict)  # limits of the other questions
-    oscillates: bool = False  # it has to; else it has to be stable
-
-    @cached_property
-    def limits(self) -> Checks:
-        """All limits, those of a scene without checks where nothing is asked."""
-        return validated(Checks, self.tables, "--check")
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The checks that are asked for."""
-        return (*self.tables, *self.own, *(() if self.oscillates else ("stability",)))
+    names: tuple[str, ...]  # of the checks that are asked for
+    limits: Checks  # those of a scene without checks where nothing is asked
+    expected: tuple[Expected, ...]
+    own: Mapping[str, float]  # limits of questions that no scene has
+    oscillates: bool  # it has to; else it has to be stable
 
     @property
     def lowest(self) -> float | None:
@@ -216,10 +200,10 @@ def wanted(checks: Iterable[str] = (), expect: Iterable[str] = ()) -> Wanted:
         known.update(keys)
     oscillates = tables.pop(OSCILLATES, None) is not None
     own = {name: keys["limit"] for name, keys in tables.items() if "limit" in keys}
-    tables = {name: keys for name, keys in tables.items() if name not in own}
-    found = Wanted(tables, tuple(map(_expected, expect)), own, oscillates)
-    _ = found.limits  # a wrong one is refused here
-    return found
+    names = (*tables, *(() if oscillates else ("stability",)))
+    expected = tuple(map(_expected, expect))
+    scenes = {name: keys for name, keys in tables.items() if name not in own}
+    return Wanted(names, validated(Checks, scenes, "--check"), expected, own, oscillates)
 
 
 def _check_of(text: str) -> tuple[str, dict[str, Any]]:
@@ -276,11 +260,7 @@ def _refused(key: str, value: str, text: str, option: str = "--check") -> InputE
     return InputError(option, Complaint(key, value, text))
 
 
-def judge(
-    found: MeasuredBoard,
-    asked: Wanted,
-    margin: Margin | None = None,
-) -> Iterator[Check]:
+def judge(found: MeasuredBoard, asked: Wanted) -> Iterator[Check]:
     """Yield the expected values, then the limits that were asked for."""
     yield from (_at_rest(found, each) for each in asked.expected)
     evidence = Evidence(
@@ -293,7 +273,7 @@ def judge(
         wanted=WANTED,
         agreement=None,
         poles=found.poles,
-        margin=margin if asked.margin else None,
+        margin=found.margin if asked.margin else None,
         reference_error=0.0,
         reference_problem="",
         noise=found.noise if asked.limits.noise is not None else None,
@@ -322,34 +302,27 @@ def _at_rest(found: MeasuredBoard, wanted: Expected) -> Check:
 
 def _oscillates(found: Poles) -> Check:
     """Pass a board in which a complex pair grows, and no real pole; its value is the frequency."""
-
-    def check(outcome: Outcome, reason: str, pole: complex = 0.0, error: float = 0.0) -> Check:
-        value, bound = (abs(pole.imag) / math.tau, error / math.tau) if pole else (None, None)
-        return Check("oscillates", outcome, value, bound, None, None, "Hz", reason)
-
-    p, errors = found.poles, found.errors
+    p, errors, value, bound = found.poles, found.errors, None, None
     growing, may_grow = p.real > errors, p.real >= -errors
     if np.any(growing & (p.imag == 0.0)):
-        return check(Outcome.FAIL, f"runs away, a real pole grows: {LATCH}")
-    if not np.any(may_grow):
-        return check(Outcome.FAIL, "every mode decays")
-    if not np.any(growing) or np.any(may_grow & (np.abs(p.imag) <= errors)):
-        return check(Outcome.INCONCLUSIVE, doubtful(found))
-    first = int(np.argmax(growing))
-    reason = f"grows with {show_rate(p.real[first])}; of its start, before anything limits it"
-    return check(Outcome.PASS, reason, complex(p[first]), float(errors[first]))
+        outcome, reason = Outcome.FAIL, f"runs away, a real pole grows: {LATCH}"
+    elif not np.any(may_grow):
+        outcome, reason = Outcome.FAIL, "every mode decays"
+    elif not np.any(growing) or np.any(may_grow & (np.abs(p.imag) <= errors)):
+        outcome, reason = Outcome.INCONCLUSIVE, doubtful(found)
+    else:
+        first, outcome = int(np.argmax(growing)), Outcome.PASS
+        value, bound = abs(float(p[first].imag)) / math.tau, float(errors[first]) / math.tau
+        reason = f"grows with {show_rate(p.real[first])}; of its start, before anything limits it"
+    return Check("oscillates", outcome, value, bound, None, None, "Hz", reason)
 
 
-def record_of(
-    found: MeasuredBoard,
-    checks: Iterable[Check] = (),
-    asked: Wanted | None = None,
-    margin: Margin | None = None,
-) -> Record:
+def record_of(found: MeasuredBoard, asked: Wanted | None = None) -> Record:
     """Return what is known of a board as a record; its outcome is that of the checks."""
-    judged, poles = tuple(checks), found.poles
+    judged, poles = () if asked is None else tuple(judge(found, asked)), found.poles
     decisive, lead = cause(judged), poles.rightmost if len(poles.poles) else None
     bound, named = finite(poles.resolution), () if asked is None else asked.names
+    margin = found.margin if asked is not None and asked.margin else None
     figures = {
         each.name: record.FigureRule(each.unit, each.worst).figure(found)
         if each.over or each.name in named

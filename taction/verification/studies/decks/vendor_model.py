@@ -15,10 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.deck.deck import Deck
-from taction.netlist_gen.deck.elements import CardError
-from taction.netlist_gen.deck.flat_cards import circuit_of
+from taction.netlist_gen.analysis import SimulatedDeck, Transient
+from taction.netlist_gen.deck.flat_cards import CardError, circuit_of
 from taction.netlist_gen.deck.foreign_deck import flat_subcircuit, vendor_subcircuit
 from taction.spice_models.branches import Branch
 from taction.spice_models.imported import (
@@ -43,13 +41,8 @@ from taction.system.errors import (
 )
 from taction.system.quantities import show_rate
 from taction.system.results import Result
-from taction.verification.characterise.characterise import RAMP, Bode, slope
-from taction.verification.characterise.operating_point import (
-    DeckPoint,
-    find_point,
-    linear_flat,
-)
-from taction.verification.engines.ngspice.executable import Simulator, find_simulator
+from taction.verification.characterise.operating_point import DeckPoint, find_point, linear_flat
+from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.poles import poles
@@ -57,7 +50,6 @@ from taction.verification.studies.decks.witnesses import LIMIT, compare_ac
 
 OUT = "out"
 DRIVEN = ("vdrive", "vinp", "iload")  # inverting input, other input, output
-SERVO = ("gslow", "rslow", "cslow")
 PORTS = (OUT, "inn", "of_inn", "of_inp")
 """What is read: V, and A into the inputs."""
 SWITCHED = ".options reltol=1e-3 method=gear gmin=1e-9 abstol=1e-9 vntol=1e-4"  # for large steps
@@ -91,14 +83,11 @@ class VendorBench:
             "Vdrive drive 0 dc 0.0 ac 0.0",
             "Iload 0 out dc 0.0 ac 0.0",
             *([f"Rload out 0 {LOAD!r}", f"Rstep far inp {CLAMPED!r}"] if step else []),
-            *(
-                "Hof_inn of_inn 0 Vdrive -1.0",
-                "Hof_inp of_inp 0 Vinp -1.0",
-                "Hof_vcc of_vcc 0 Vcc -1",
-            ),
+            *("Hof_inn of_inn 0 Vdrive -1.0", "Hof_inp of_inp 0 Vinp -1.0"),
+            "Hof_vcc of_vcc 0 Vcc -1",
         ]
 
-    def switched(self, volts: float, period: float, simulator: Simulator) -> tuple[Floats, Floats]:
+    def switched(self, volts: float, period: float) -> tuple[Floats, Floats]:
         """Return instants, s, and the output, V, for +, -, + `volts`, each for a `period`, s."""
         levels = itertools.pairwise((0.0, volts, -volts, volts))
         points = (
@@ -109,7 +98,7 @@ class VendorBench:
         run = f".tran {plan.max_step!r} {plan.stop!r} 0.0 {plan.max_step!r}"
         cards = ["* bench of an imported op-amp", *self.lines(f"pwl({' '.join(points)})")]
         text = "\n".join([*cards, SWITCHED, f".save v({OUT})", run, ".end", ""])
-        wave = simulate(Deck(text, (OUT,), plan), simulator, timeout=TIMEOUT)
+        wave = simulate(SimulatedDeck(text, (OUT,), plan), find_simulator(), timeout=TIMEOUT)
         return wave.time, wave[OUT]
 
 
@@ -148,13 +137,14 @@ def respond(point: DeckPoint) -> Responses:
 
 
 GOOD = 1e-4  # largest relative difference from ngspice of a linear model that serves as a witness
-BENCH = (*DRIVEN, "eservo", *SERVO, "hof_inn", "hof_inp", "hof_vcc")
+BENCH = (*DRIVEN, "gslow", "rslow", "cslow", "eservo", "hof_inn", "hof_inp", "hof_vcc")
 JUMP = 2.0  # of the gain between two neighbouring frequencies, 6 % apart: no op-amp
 CURRENT_FEEDBACK = (1e-4, 100.0)  # S of the inverting input, and ratio to the other one
 AT_REST = 0.1  # V: output of a follower at 0 V
 COMMON_MODE = 1e-7  # relative difference of both gains: less is rounding
 DRIVE = 2.0  # V, at most half of the supply: input of an open loop that is driven to its ends
 PERIODS, LONGER, ATTEMPTS = 300.0, 8.0, 4  # of the unity-gain bandwidth, in such a record
+RAMP = (0.2, 0.5)  # of the supply: where the slope of an output without a limit is measured
 MIDDLE = 0.4  # of the smaller end: between these levels of both signs the slope is measured
 BEYOND = 1.01  # of the supply: an output above it has no limit
 ENDED = 0.01  # of the supply: an output that changes by less in a tenth of the record has ended
@@ -175,11 +165,7 @@ class ImportedModel(Result):
 
 
 def import_opamp(
-    file: str,
-    subcircuit: str,
-    pins: tuple[str, ...],
-    supply: float,
-    compensation: float = 0.0,
+    file: str, subcircuit: str, pins: tuple[str, ...], supply: float, compensation: float = 0.0
 ) -> ImportedOpAmp:
     """Read, check and characterise a subcircuit, as `taction.import_model` does."""
     found = vendor_subcircuit(file, subcircuit)
@@ -190,19 +176,19 @@ def import_opamp(
     if (COMPENSATION in pins) != (compensation > 0.0):
         text = f"a capacitor and two ports {COMPENSATION!r} belong together"
         raise InputError(file, Complaint("--compensation", f"{compensation:g} F", text))
-    simulator, bench = find_simulator(), VendorBench(found, pins, supply, compensation)
+    bench = VendorBench(found, pins, supply, compensation)
     try:
-        cards = find_point(bench.lines(), "", simulator).cards
+        cards = find_point(bench.lines()).cards
         bench = replace(bench, subcircuit=flat_subcircuit(cards, port_nodes(pins), subcircuit))
-        point = find_point(bench.lines(), "", simulator, modes=("",), volts=True)
+        point = find_point(bench.lines(), modes=("",), volts=True)
     except (CardError, DidNotLoad) as error:
         raise InputError(file, Complaint("netlist", "", one_line(error))) from None
     seen = respond(point)
     if reason := _no_opamp(seen):
         raise InputError(file, Complaint("--pins", "", reason))
-    figures, doubts = _figures(seen, bench, simulator)
+    figures, doubts = _figures(seen, bench)
     try:
-        linear, missing = _linear_model(point, seen.frequencies, simulator), ""
+        linear, missing = _linear_model(point, seen.frequencies), ""
     except (CardError, EngineError, SimulationError) as error:
         said = re.sub(rf"\b{DEVICE}\.\w\.(?={DEVICE}\.)", "", one_line(error))
         linear, missing = None, f"no linear model: {said}"
@@ -239,21 +225,19 @@ def _no_opamp(measured: Responses) -> str:
     return f"the gain jumps from {sizes} between {ends}"
 
 
-def _figures(
-    measured: Responses, bench: VendorBench, simulator: Simulator
-) -> tuple[Figures, list[str]]:
+def _figures(measured: Responses, bench: VendorBench) -> tuple[Figures, list[str]]:
     """Return the figures of a data sheet, and why one of them is missing.
 
     Both inputs are driven by sources, so the current into the one that is held goes between them.
     """
     f, size, opened = measured.frequencies, np.abs(measured.gain), measured.gain
-    unity, margin = Bode(f, opened).crossing()
+    unity, margin = _crossing(f, opened)
     _, inverting, into_inn, into_inp, supplied = measured.rest
     common = abs(measured.every[1, 0, 0] / opened[0] - 1.0)
     slew_rate = swing = None
     doubts = list[str]()
     try:
-        slew_rate, swing = _ends(bench, simulator, unity)
+        slew_rate, swing = _ends(bench, unity)
     except SimulationError as error:
         doubts.append(f"slew rate and swing are not known: {one_line(error)}")
     own, _, across = measured.admittances
@@ -278,16 +262,38 @@ def _figures(
     ), doubts
 
 
-def _ends(
-    bench: VendorBench, simulator: Simulator, unity: float
-) -> tuple[float | None, float | None]:
+def _crossing(frequency: Floats, response: Complexes) -> tuple[float, float]:
+    """Return the frequency of unity gain, Hz, and the phase margin, degrees.
+
+    Gain and phase are cubic splines over the logarithm of the frequency; of several crossings the
+    first counts.
+    """
+    from scipy.interpolate import CubicSpline
+
+    place = np.log(frequency)
+    root = float(CubicSpline(place, np.log(np.abs(response))).roots(extrapolate=False)[0])
+    phase = CubicSpline(place, np.unwrap(np.angle(response)))
+    return math.exp(root), 180.0 + math.degrees(float(phase(root)))
+
+
+def slope(time: Floats, volts: Floats, low: float, high: float) -> float:
+    """Return the mean slope of a rising voltage between two levels, V/s, each reached for good."""
+    ends = [1 + int(np.flatnonzero(volts < level)[-1]) for level in (low, high)]
+    begin, end = (
+        float(np.interp(level, volts[k - 1 : k + 1], time[k - 1 : k + 1]))
+        for level, k in zip((low, high), ends, strict=True)
+    )
+    return (high - low) / (end - begin)
+
+
+def _ends(bench: VendorBench, unity: float) -> tuple[float | None, float | None]:
     """Return slew rate, V/s, and swing, V, of an open loop that is driven to both ends.
 
     None: the netlist has no such limit.
     """
     supply, drive, period = bench.supply, min(DRIVE, 0.5 * bench.supply), PERIODS / unity
     for attempt in range(ATTEMPTS):
-        time, output = bench.switched(drive, period * LONGER**attempt, simulator)
+        time, output = bench.switched(drive, period * LONGER**attempt)
         share = 3.0 * time / time[-1]  # of the three levels
         before, ends = (np.interp((k, 1.0 + k, 2.0 + k), share, output) for k in (0.9, 1.0))
         beyond = bool(np.abs(output).max() > BEYOND * supply)
@@ -306,10 +312,10 @@ def _ends(
     return (min(rates) if slews else None), (None if beyond else swing)
 
 
-def _linear_model(point: DeckPoint, f: Floats, simulator: Simulator) -> LinearModel:
+def _linear_model(point: DeckPoint, f: Floats) -> LinearModel:
     """Return the cards of an op-amp, each measured where it rests; `CardError` without a model."""
-    flat = linear_flat(point.flat, point.volts, point.options, simulator)
-    if moving := [card for card, found in flat.stimuli.items() if found.moves]:
+    flat = linear_flat(point)
+    if moving := [part.card for part in flat.sources if part.step]:
         raise CardError(f"{moving[0]} changes over time")
     held = [  # both inputs; 1 GF of the servo hides other poles
         replace(part, value=0.0) if part.card.lower() == "eservo" else part

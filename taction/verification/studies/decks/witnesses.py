@@ -1,31 +1,45 @@
-"""ngspice's small signal beside the linear circuit of a deck.
+"""ngspice beside the linear circuit of a deck: its small signal, and its transient where asked for.
 
-It is that of the deck as it is, asked twice in one run: from the sources that step, and from
-currents of random size into every node, which see every pole, also one that no source reaches. Two
-things are no disagreement, and are said where they are more than the limit: what the rounding of
-all values does to a node, and the currents that ngspice does not resolve. A node that only 1 nS
-holds rests within 1 uV of them, and a junction there has a slope that is known within 4e-5.
+The small signal is that of the deck as it is, asked twice in one run: from the sources that step,
+and from currents of random size into every node, which see every pole, also one that no source
+reaches. Two things are no disagreement, and are said where they are more than the limit: what the
+rounding of all values does to a node, and the currents that ngspice does not resolve. A node that
+only 1 nS holds rests within 1 uV of them, and a junction there has a slope that is known within
+4e-5.
+
+The transient is that of the flat cards, with finer and finer steps, until these decide. What two
+runs differ by is the error of the steps: a difference to the exact response within it decides
+nothing.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 
 import numpy as np
 
+from taction.netlist_gen.analysis import SimulatedDeck, Transient
 from taction.netlist_gen.board.circuit import GROUND, with_parts
 from taction.spice_models.branches import Branch, Source
 from taction.system.array_types import EPS, Complexes, Floats
+from taction.system.errors import EngineError, SimulationError, first_ones, one_line
+from taction.system.processes import time_left
+from taction.system.waveforms import PHYSICAL_BOUND
 from taction.verification.characterise.operating_point import MISFIT, PROBE, DeckPoint
+from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.process import simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.verdict.checks import Check, Outcome, at_most
+from taction.verification.engines.statespace.transients.exact import exact_solution
+from taction.verification.studies.decks.foreign_board import ForeignBoard
+from taction.verification.studies.decks.measured_board import FAR, MeasuredBoard
+from taction.verification.verdict.checks import Check, Outcome, at_most, undecided
 
 LIMIT = 1e-6  # relative difference of small signals
 ROUNDING = 3e4  # times that of one value: some 30 act on a node, and pivots of ngspice are >= 1e-3
 THERMAL = 0.0258  # V: no junction changes its slope faster than by e in so much
-NAMED = 4  # nodes in a reason
 POINTS = 40
 LEAST, MOST = 1e-3, 1e10  # Hz
 FAINT = 1e-6  # of the largest voltage at a frequency: smaller ones count as this
@@ -47,7 +61,7 @@ def compare_ac(
     hertz, theirs, said = ask()
     if not len(hertz):
         text = f"ngspice's .ac was not compared: {said}"
-        return Check("ac_agrees", Outcome.INCONCLUSIVE, None, None, LIMIT, None, "ratio", text)
+        return undecided("ac_agrees", "ratio", text, LIMIT)
     left_out = [part for part in absent if {*part.nodes} <= {GROUND, *known}]
     whole = LinearBoard(with_parts(board.circuit, left_out)) if left_out else board
     ours, doubt = _ours(point, whole, nodes, hertz)
@@ -74,8 +88,7 @@ def compare_ac(
     outcome = at_most(worst, 0.0, LIMIT)
     reason = f"largest at {nodes[node]}, {hertz[at]:.4g} Hz, {how}"
     if hidden:
-        more = f" and {len(hidden) - NAMED} more" * (len(hidden) > NAMED)
-        reason += f"; {', '.join(hidden[:NAMED])}{more}: not resolved within the limit"
+        reason += f"; {first_ones(hidden)}: not resolved within the limit"
         if outcome is Outcome.PASS and {*hidden} & {*board.reported(None)}:
             outcome = Outcome.INCONCLUSIVE
     return Check("ac_agrees", outcome, worst, 0.0, LIMIT, None, "ratio", reason)
@@ -157,3 +170,81 @@ def _sweeps(poles: Complexes) -> Iterator[str]:
     if len(sizes) and damping.min() < SHARP:
         hertz = float(sizes[damping.argmin()])
         yield f"ac lin 5 {0.98 * hertz!r} {1.02 * hertz!r}"
+
+
+RUNS = ((1e-5, 1e3), (1e-6, 4e3), (1e-7, 1.6e4), (1e-8, 6.4e4))  # reltol, least number of steps
+LEFT = 0.5  # of what a run differs by from one with steps four times as long: its own error
+SETTLED = 0.05  # of a difference beyond the limit: what finer steps may still change of it
+FIRST = 0.1  # of the fastest time constant: the first steps of ngspice are of this size
+EDGE = 1e-3  # of the first step: the edge of a step in ngspice
+_CHARGE = re.compile(r"\bic\s*=\s*\S+")  # which does not count
+TIMEOUT, LEAST_SECONDS = 20.0, 0.1  # s, of a run; of one for which no time is left
+
+
+def compare_transient(
+    found: MeasuredBoard, deck: ForeignBoard, limit: float, *, ngspice: bool = True
+) -> Check:
+    """Return the check ``engines_agree``: the largest difference, in step amplitudes.
+
+    A deck that is not linear is not compared: how small a step is small enough is not known.
+    """
+    stop, amplitude = found.scales.stop, found.amplitude
+    unknown = partial(undecided, "engines_agree", "step", limit=limit)
+    if not ngspice:
+        return unknown("without ngspice")
+    if not deck.is_linear:
+        return unknown("the deck is not linear: a step of any size may leave its operating point")
+    if found.apart.beyond:
+        return unknown(FAR)
+    if amplitude == 0.0 or not stop > 0.0:
+        return unknown("no output moves")
+    if found.poles.known_unstable and math.isfinite(found.scales.growth_time):
+        stop = min(stop, found.scales.growth_time)
+    simulator, bound = find_simulator(), PHYSICAL_BOUND * max(1.0, amplitude)
+    off, error, outcome, why = math.inf, math.inf, Outcome.INCONCLUSIVE, ""
+    try:
+        exact = exact_solution(found.board, initial=deck.initial)
+        fastest = float(np.abs(found.poles.poles).max(initial=1.0 / stop))
+        for reltol, steps in RUNS:
+            plan = Transient(stop, stop / steps, initial=deck.initial)
+            first = min(FIRST / fastest, plan.max_step)
+            written = _written(deck, plan, first, f"{simulator.solver_option} reltol={reltol!r}")
+            seconds = max(time_left(TIMEOUT), LEAST_SECONDS)
+            wave = simulate(written, simulator, timeout=seconds, bound=bound)
+            later = wave.time > 2.0 * EDGE * first
+            apart = np.abs(wave.values[later] - exact.at(wave.time[later]))
+            before, off = off, float(apart.max()) / amplitude
+            error = LEFT * abs(before - off) + exact.error / amplitude
+            outcome = at_most(off, error, limit)
+            if outcome is Outcome.FAIL and error > SETTLED * off:
+                outcome = Outcome.INCONCLUSIVE
+            if outcome is not Outcome.INCONCLUSIVE:
+                break
+    except (EngineError, SimulationError) as problem:
+        why = one_line(problem)
+    if not math.isfinite(error):
+        return unknown(f"ngspice's transient was not compared: {why}")
+    reason = f"ngspice's own transient up to {stop:.4g} s"
+    reason += f"; finer steps were not compared: {why}" if why else ""
+    return Check("engines_agree", outcome, off, error, limit, None, "step", reason)
+
+
+def _written(deck: ForeignBoard, plan: Transient, first: float, options: str) -> SimulatedDeck:
+    """Return the flat cards with the step at t = 0, and a transient with a `first` step, s."""
+    cards = [_CHARGE.sub("", line) for line in deck.point.cards if line[0] not in "vi"]
+    for part in deck.flat.parts:
+        if isinstance(part, Source):
+            wave = f"dc {part.value!r}"
+            if part.before != part.value and deck.initial == "rest":
+                wave = f"dc {part.before!r} PWL(0 {part.before!r} {EDGE * first!r} {part.value!r})"
+            cards.append(f"{part.card} {part.a} {part.b} {wave}")
+    nodes = tuple(out.node for out in deck.circuit.outputs)
+    uncharged = " uic" if deck.initial == "zero" else ""
+    closing = [
+        f".options {options} method=trap trtol=1 abstol=1e-15 vntol=1e-9",
+        ".options chgtol=1e-18 gmin=1e-15 pivtol=1e-18",
+        ".save " + " ".join(f"v({node})" for node in nodes),
+        f".tran {first!r} {plan.stop!r} 0 {plan.max_step!r}{uncharged}",
+        *(".end", ""),
+    ]
+    return SimulatedDeck("\n".join(["* flat cards of a deck", *cards, *closing]), nodes, plan)

@@ -17,8 +17,8 @@ import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.deck.elements import shown
 from taction.netlist_gen.scene.scene import Scene, read_toml
+from taction.spice_models.branches import Source
 from taction.system.array_types import Floats
 from taction.system.documents import OPTIONAL
 from taction.system.errors import Complaint, InputError
@@ -299,13 +299,13 @@ def _parts(board: ForeignBoard) -> dict[str, StoredKey]:
     circuit, flat, found = board.circuit, board.flat, dict[str, StoredKey]()
     for knob in circuit.knobs:
         found[knob.name] = StoredKey(circuit.value(knob.name), circuit.facts[knob.name].unit)
-    for card, source in flat.stimuli.items():
-        name, unit = shown(card.lower()), UNITS_OF_SOURCES[card[0]]
-        found[name] = StoredKey(source.after, unit)
+    for source in board.point.flat.sources:
+        name, unit = source.label, UNITS_OF_SOURCES[source.letter]
+        found[name] = StoredKey(source.value, unit)
         found[f"{name} before the step"] = StoredKey(source.before, unit)
     for part in flat.parts:
-        name = shown(part.card.lower())
-        if part.letter in UNITS_OF_SOURCES and part.card not in flat.stimuli:  # of an expression
+        name = part.label
+        if part.letter in UNITS_OF_SOURCES and not isinstance(part, Source):  # of an expression
             found[name] = StoredKey(part.value, UNITS_OF_SOURCES[part.letter])
         found[f"{name} nodes"] = StoredKey(" ".join(part.nodes))
     return found
@@ -321,7 +321,7 @@ def _stepped(board: Place, wave: Waveforms) -> tuple[Circuit, Start, float, tupl
     if not found.is_linear:
         text = "is not linear, and small signals say nothing of a record; expected a linear deck"
         raise InputError(board, Complaint("deck", "", text))
-    steps = [each.at for each in found.flat.stimuli.values() if each.moves]
+    steps = [source.at for source in found.point.flat.sources if source.step]
     if not any(out.node in wave.nodes for out in found.circuit.outputs):
         shared = [node for node in wave.nodes if node in found.flat.nodes]
         found = _with_outputs(found, shared) if shared else found

@@ -282,16 +282,19 @@ def test_a_single_supply_shifts_all_voltages(tmp_path: Path) -> None:
 
 
 def test_a_parameter_moves_the_point(tmp_path: Path) -> None:
-    """The conductance of a diode follows a .param that sets its current."""
+    """The conductance of a diode follows a .param, and not the one of a subcircuit, its current."""
     text = ".param amps=1m\n.model dd d(is=1e-14)\nI1 0 out {amps}\nD1 out 0 dd\nC1 out 0 1u"
+    text += "\nX1 x 0 own\n.subckt own a b\n.param amps=5\nR1 a b {amps}\n.ends"
     place = tmp_path / "deck.cir"
     place.write_text(f"t\n{text}\n.end\n")
     board = read_board(place)
-    one, other = board.at([{"amps": 1e-3}, {"amps": 2e-3}])
+    one, other = board.at("amps", [1e-3, 2e-3])
+    assert not isinstance(one, InputError)
+    assert not isinstance(other, InputError)
+    assert [part.ohms for part in other.resistors] == [5.0]
     slopes = [
         sum(part.value for part in circuit.branches if "#g" in part.card)
         for circuit in (one, other)
-        if not isinstance(circuit, InputError)
     ]
     assert slopes == pytest.approx([1e-3 / VT, 2e-3 / VT], rel=1e-6)
 

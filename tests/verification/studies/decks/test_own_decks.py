@@ -28,7 +28,7 @@ from taction.verification.stability.poles import poles
 from taction.verification.studies.decks.board_check import BoardCheck
 from taction.verification.studies.decks.foreign_board import read_board
 from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
-from taction.verification.studies.decks.part_influence import Nearest, _least
+from taction.verification.studies.decks.part_influence import PartRow, beside, least_margin
 from taction.verification.studies.decks.questions import QUESTIONS, Question
 from tests.support.running import taction as command
 
@@ -124,18 +124,19 @@ def test_a_part_between_one_node_and_itself_moves_nothing(tmp_path: Path, ngspic
 def test_a_doubt_counts_within_the_margin_only(sure: float, doubt: str) -> None:
     """A loop gain of 2 at R1/R2 = 1: the edge is at R2 of twice its value."""
     cards = ["v1 in 0 1", "r1 in a 1e3", "c1 a 0 1e-9", "g1 0 a a 0 5e-4", "r2 a 0 1e6"]
-    circuit = circuit_of(read_cards(cards), "negative", ["a"])
+    board = LinearBoard(circuit_of(read_cards(cards), "negative", ["a"]))
     edge = Edge(2.002, 0.0, 0, 1, 1e-9)  # over the factor of the part
-    doubtful = Nearest(doubt="a pole comes close", sure=sure)
-    least = _least(circuit, {"G1": Nearest(above=edge), "R1": doubtful})
+    surely = PartRow("G1", 5e-4, "S", 0.0, 0.0, edges=(edge,))
+    doubtful = PartRow("R1", 1e3, "ohm", 0.0, 0.0, doubt="a pole comes close", sure=sure)
+    least = least_margin(board, poles(board), [surely, doubtful])
     assert least.factor == pytest.approx(2.002, rel=1e-6)
     assert least.doubt == doubt
 
 
 def test_the_edges_of_a_negative_value_are_in_the_order_of_values() -> None:
-    nearest = Nearest(Edge(0.5, 0.0, 0, 1), Edge(2.0, 0.0, 0, 1))
-    assert nearest.values(10.0) == (5.0, 20.0)
-    assert nearest.values(-10.0) == (-20.0, -5.0)
+    edges = Edge(0.5, 0.0, 0, 1), Edge(2.0, 0.0, 0, 1)
+    assert beside(10.0, edges) == (5.0, 20.0)
+    assert beside(-10.0, edges) == (-20.0, -5.0)
 
 
 def test_an_output_that_returns_settles_in_shares_of_its_exact_peak(tmp_path: Path) -> None:

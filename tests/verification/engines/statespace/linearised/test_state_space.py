@@ -7,21 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.board.parts import (
-    Capacitor,
-    OpAmpCell,
-    Resistor,
-    VoltageSource,
-)
-from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards, stepped
+from taction.netlist_gen.board.parts import Capacitor, OpAmpCell, Resistor, VoltageSource
+from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.linearised.linear_board import (
-    LinearBoard,
-)
+from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.poles import poles
+from taction.verification.studies.decks.foreign_board import stepped
 from tests.support.boards import bare, kernel, paper_board, strain
 from tests.support.nodal_analysis import exact_poles
 
