@@ -13,7 +13,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from typing import Any
@@ -51,7 +51,7 @@ class CommandParameter:
     # `reads`, `writes`: whether it is a file or a folder that the command reads or writes.
     reads: bool = False
     writes: bool = False
-    check: Target | None = None  # takes the value and refuses it, before any work is done
+    check: Target | None = None  # takes the file and refuses it, before any work is done
     write: Target | None = None  # takes the result and the path, and writes what shows the result
 
     def made(self, function: str) -> click.Parameter:
@@ -222,15 +222,11 @@ class EngineChoice(click.Choice[str]):
     """The engines of taction; the scene knows those of other packages, and refuses any other."""
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the name as it is."""
+        """Return the name as it is; refuse an engine that is no more."""
+        if value in ("both", "hybrid"):
+            text = "it was withdrawn: --engine ngspice compares every point with state space"
+            raise InputError("--engine", Complaint("NAME", repr(value), text))
         return value
-
-
-def refuse_withdrawn(engine: str) -> None:
-    """Refuse an engine that is no more; the scene refuses one that is unknown."""
-    if engine in ("both", "hybrid"):
-        text = "it was withdrawn: --engine ngspice compares every point with state space"
-        raise InputError("--engine", Complaint("NAME", repr(engine), text))
 
 
 class NumberRange(click.FloatRange):
@@ -250,16 +246,14 @@ class NumberRange(click.FloatRange):
 
 
 OUTPUT = option("output", "-o", "--output", type=FILE, writes=True)
-DATABASE = replace(OUTPUT, check="verification.studies.running.store:check_database")
-ADDRESS = "verification.studies.running.cluster:check_address"
 PYTHON_ONLY = ("progress", "strains", "announce")
 """Parameters of functions that are no options."""
 OPTIONS = {
     each.name: each
     for each in (
-        option("engine", type=EngineChoice(ENGINES), check=refuse_withdrawn),
+        option("engine", type=EngineChoice(ENGINES)),
         option("jobs", type=click.IntRange(1, 4096)),
-        option("cluster", metavar="tcp://HOST:PORT", check=ADDRESS),
+        option("cluster", metavar="tcp://HOST:PORT"),
         OUTPUT,
         option("settings", "--set", multiple=True, metavar="KEY=VALUE"),
         option("samples", "-n", "--samples", type=click.IntRange(1, 10_000_000)),
@@ -373,10 +367,12 @@ def _check(command: Command, job: Command, given: dict[str, Any]) -> None:
     """
     parameters, inputs = command.every, list[str]()
     for output in command.outputs:
-        _apply_check(output, given)
+        if output.check is not None and given[output.name] is not None:
+            load(output.check)(given[output.name])
     for parameter in parameters:
         if parameter.reads:
-            names = list(_each(given[parameter.name]))
+            value = given[parameter.name]
+            names = value if isinstance(value, tuple) else [value] if value is not None else []
             inputs += names
             # A board is refused where it is read, as in Python.
             expected = ARGUMENTS.get(parameter.name.removesuffix("s"))
@@ -396,42 +392,26 @@ def _check(command: Command, job: Command, given: dict[str, Any]) -> None:
         for parameter, file in asked.items():
             if parameter.attributes["type"].file_okay:
                 check_folder(file, parameter.option)
-    for parameter in parameters:
-        if parameter.write is None:
-            _apply_check(parameter, given)
-        elif given[parameter.name] is not None and parameter not in job.outputs:
-            value = repr(given[parameter.name])
-            raise InputError(parameter.option, Complaint("FILE", value, job.lacks))
-
-
-def _apply_check(parameter: CommandParameter, given: Mapping[str, Any]) -> None:
-    for each in _each(given[parameter.name]):
-        if parameter.check is not None:
-            load(parameter.check)(each)
-
-
-def _each(value: Any) -> Iterator[Any]:
-    """Yield the values of a parameter, which may have none or several."""
-    yield from value if isinstance(value, tuple) else [value] if value is not None else []
+    for each, file in asked.items():
+        if each.write is not None and each not in job.outputs:
+            raise InputError(each.option, Complaint("FILE", repr(file), job.lacks))
 
 
 def _write(job: Command, result: Any, given: Mapping[str, Any]) -> bool:
-    """Write the files that show the result, also after an error; return whether all are written."""
-    complete = True
-    for output in job.outputs:
-        if (path := given[output.name]) is not None:
-            step = partial(_write_one, output, result, path)
-            try:
-                attempt(f"--{output.name}", step, None, say, _is_bad_input)
-            except InputError as error:
-                say(str(error))
-                complete = False
-    return complete
+    """Write the files that show the result, also after an error; return whether all are right."""
 
+    def write(output: CommandParameter) -> bool:
+        try:
+            load(output.write or "")(result, given[output.name])
+        except InputError as error:
+            say(str(error))
+            return False
+        tell([f"wrote {visible(given[output.name])}"])
+        return True
 
-def _write_one(output: CommandParameter, result: Any, path: str) -> None:
-    load(output.write or "")(result, path)
-    tell([f"wrote {visible(path)}"])
+    asked = [output for output in job.outputs if given[output.name] is not None]
+    written = [attempt(f"--{each.name}", partial(write, each), True, say) for each in asked]
+    return all(written)
 
 
 def _show(job: Command, result: Any, call: Call) -> None:
@@ -453,10 +433,6 @@ def _show(job: Command, result: Any, call: Call) -> None:
             click.echo(str(getattr(result, "outcome", "")).upper())
         return
     print_json(load(job.document)(result), job.schema or None)
-
-
-def _is_bad_input(error: Exception) -> bool:
-    return isinstance(error, InputError)
 
 
 def is_of_stdout(error: Exception) -> bool:

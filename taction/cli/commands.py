@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from taction.cli.command import (
-    DATABASE,
     FILE,
     OUTPUT,
     REPORT,
@@ -145,16 +144,12 @@ TABLE = {
         about="Verify a board, and write the waveforms of its record.",
         text=lambda found: sys.stdout.write(f"{found}\n"),
         files=own_file,
-        parameters=(replace(OUTPUT, check="verification.report.output_checks:check_export"),),
         ends="Exit status: that of the verdict.",
     ),
     "montecarlo": Command(
         about="Estimate the yield under component tolerances.",
         outputs=(picture("histograms with limits"), REPORT),
-        parameters=(
-            option("min_yield", type=NumberRange(0, 1)),
-            DATABASE,
-        ),
+        parameters=(option("min_yield", type=NumberRange(0, 1)),),
         ends="Exit status with --min-yield: 0 if the whole 95 % interval of the yield lies above"
         " that value, 1 if it lies below, else 3. Without --min-yield: 0.",
     ),
@@ -192,8 +187,8 @@ TABLE = {
             option("opamps", metavar="A,B,C"),
             option("c_range", metavar="LOW:HIGH"),
             option("gain_range", metavar="LOW:HIGH"),
-            folder("output", "-o", check="system.output_files:check_own_folder"),
-            replace(DATABASE, name="store", flags=("--store",)),
+            folder("output", "-o"),
+            replace(OUTPUT, name="store", flags=("--store",)),
         ),
         ends="Exit status: 0 if a design passes on both engines, 1 if none passes.",
     ),
@@ -225,7 +220,6 @@ TABLE = {
         parameters=(
             option("over", multiple=True, metavar="KEY=LOW:HIGH:N"),
             option("fix", multiple=True, metavar="KEY[=VALUE]"),
-            DATABASE,
         ),
         ends="Exit status: 0 if every point is stored, whatever its outcome; with --strict 1 if a"
         " point fails; 3 if no point has a verdict.",
