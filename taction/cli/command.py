@@ -8,6 +8,7 @@ such as a range, stands in `OPTIONS`, or in the entry of the command.
 
 from __future__ import annotations
 
+import errno
 import inspect
 import math
 import os
@@ -21,7 +22,6 @@ from typing import Any
 import click
 
 import taction
-from taction.cli.ending import ARGUMENTS, of_stdout
 from taction.cli.printing import STATUS, StageLine, console, display, print_json, say, tell
 from taction.system import results
 from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted
@@ -74,6 +74,7 @@ class CommandParameter:
         return self.flags[0] if self.flags else "FILE"
 
 
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # of a stream that takes no more
 OWN = ("of", "reads", "writes", "check", "write")
 FILE = click.Path(dir_okay=False)
 
@@ -278,6 +279,17 @@ def own_file(found: Any, call: Call) -> list[str]:
     return [] if call.options["output"] is None else [call.options["output"]]
 
 
+TWO_BOARDS = "two scene files, decks (.cir), or records (.raw)"
+ARGUMENTS = {
+    "scene": "a scene file, such as board.toml; `taction new board.toml` writes one",
+    "folder": "a folder with scene files",
+    "first": TWO_BOARDS,
+    "second": TWO_BOARDS,
+    "deck": "a SPICE deck, such as filter.cir",
+    "file": "a vendor's netlist with the op-amp as a subcircuit",
+    "name": "the name of a preset; `taction parts` lists them",
+}
+"""What the arguments of the commands are, by name."""
 BOARDS = ("scene", "first", "second")
 """Arguments that are one board. Of several boards a wrong one is a row of the result."""
 
@@ -435,6 +447,6 @@ def _show(job: Command, result: Any, call: Call) -> None:
     print_json(load(job.document)(result), job.schema or None)
 
 
-def is_of_stdout(error: Exception) -> bool:
-    """Whether stdout takes no more, which is no fault of the step that prints."""
-    return isinstance(error, OSError) and of_stdout(error)
+def is_of_stdout(error: BaseException) -> bool:
+    """Whether a stream takes no more; a full disk elsewhere is another error of ours."""
+    return isinstance(error, OSError) and error.errno in (errno.EPIPE, *FULL)
