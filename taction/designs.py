@@ -37,7 +37,7 @@ def netlist(
     scene : path or Scene
         The board.
     output : path, optional
-        Write the deck into this file; the command by default on stdout.
+        Deck file; the command writes to stdout by default.
     dialect : {"ngspice", "ltspice", "hspice", "xyce", "spectre"}
         The simulator that reads the deck.
     measure : bool

@@ -36,10 +36,6 @@ JUNIT = "verification.report.junit"
 DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does not load the table
 
 
-def _nothing(found: Any) -> None:
-    """Print nothing: the files are the result."""
-
-
 def _announce(call: Call) -> None:
     """Say the address of the page as soon as it can be opened."""
 
@@ -116,17 +112,7 @@ TABLE = {
         text=lambda found: None if found.written else sys.stdout.write(found.text),
         after=lambda found, call: tell(f"warning: {visible(each)}" for each in found.warnings),
         files=own_file,
-        parameters=(
-            option(
-                "output",
-                "-o",
-                "--output",
-                type=FILE,
-                writes=True,
-                help="Deck file; by default stdout.",
-            ),
-            option("dialect", type=click.Choice(DIALECTS), show_default=True),
-        ),
+        parameters=(option("dialect", type=click.Choice(DIALECTS)),),
     ),
     "bom": Command(about="List the parts to buy, with packages and power.", files=own_file),
     "build": Command(
@@ -137,7 +123,6 @@ TABLE = {
     ),
     "solve": Command(
         about="Solve the problem numerically, with a certificate.",
-        schema="solve",
         ends="Exit status: 3 if the solution has no certificate.",
     ),
     "simulate": Command(
@@ -277,7 +262,6 @@ TABLE = {
                 files=lambda found, call: [found.file],
                 parameters=(
                     option("pins", metavar="ROLE,ROLE,..."),
-                    option("supply", show_default=True),
                     option("compensation", metavar="FARADS"),
                 ),
             ),
@@ -289,7 +273,7 @@ TABLE = {
     ),
     "new": Command(
         about="Write a scene file with comments.",
-        text=_nothing,
+        text=lambda found: None,  # the file is the result
         files=_new_files,
         other=lambda options: None if options["matrix"] is None else NEW_MATRIX,
         parameters=(

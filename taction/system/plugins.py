@@ -85,29 +85,27 @@ class OpenTable(Mapping[str, T]):
         self._group, self._own, self._kind = group, own, kind
         self._part, self._optional = part, optional
 
-    def _entries(self) -> tuple[dict[str, T], dict[str, EntryPoint]]:
+    def _entries(self) -> dict[str, T | EntryPoint]:
         """Return the own entries, and the offers of others, which are not loaded."""
-        own = {**(self._own() if callable(self._own) else self._own)}
+        own = self._own() if callable(self._own) else self._own
         others = {offer.name: offer for offer in offers() if offer.group == self._group}
         if taken := own.keys() & others.keys():
             text = "taction itself has this name; take another one"
             raise _refused(others[min(taken)], text)
-        return own, others
+        return {**own, **others}
 
     def __iter__(self) -> Iterator[str]:
-        own, others = self._entries()
-        return iter([*own, *others])
+        return iter(self._entries())
 
     def __len__(self) -> int:
-        own, others = self._entries()
-        return len(own) + len(others)
+        return len(self._entries())
 
     def __contains__(self, name: object) -> bool:
-        return any(name in table for table in self._entries())
+        return name in self._entries()
 
     def __getitem__(self, name: str) -> T:
-        own, others = self._entries()
-        return own[name] if name in own else cast(T, self._loaded(others[name]))
+        entry = self._entries()[name]
+        return cast(T, self._loaded(entry)) if isinstance(entry, EntryPoint) else entry
 
     def _loaded(self, offer: EntryPoint) -> Any:
         try:

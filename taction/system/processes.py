@@ -176,12 +176,6 @@ def keep_folder(folder: Path) -> Path:
     return kept
 
 
-@functools.cache
-def _clear_once(place: str, process: int) -> None:
-    """Clear a place once in a process, by its number."""
-    clear_abandoned(place)
-
-
 def clear_abandoned(place: str | Path) -> None:
     """Remove the folders in `place` whose processes have ended, and end what still runs in them.
 
@@ -197,6 +191,9 @@ def clear_abandoned(place: str | Path) -> None:
                     shutil.rmtree(folder)
             finally:
                 os.close(number)
+
+
+_clear_once = functools.cache(lambda place, process: clear_abandoned(place))  # in a process
 
 
 def end_orphans(folder: str | Path, leader: int = 0) -> None:
