@@ -26,6 +26,7 @@ from taction.cli.printing import STATUS, StageLine, console, display, print_json
 from taction.system import results
 from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted
 from taction.system.foreign_files import visible
+from taction.system.output_files import ENDINGS, check_file, check_folder, write_atomically
 from taction.system.progress import attempt
 
 ENGINES = ("auto", "ngspice", "statespace")
@@ -51,7 +52,6 @@ class CommandParameter:
     # `reads`, `writes`: whether it is a file or a folder that the command reads or writes.
     reads: bool = False
     writes: bool = False
-    check: Target | None = None  # takes the file and refuses it, before any work is done
     write: Target | None = None  # takes the result and the path, and writes what shows the result
 
     def made(self, function: str) -> click.Parameter:
@@ -75,7 +75,7 @@ class CommandParameter:
 
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # of a stream that takes no more
-OWN = ("of", "reads", "writes", "check", "write")
+OWN = ("of", "reads", "writes", "write")
 FILE = click.Path(dir_okay=False)
 
 
@@ -96,34 +96,27 @@ def folder(name: str, *flags: str, **attributes: Any) -> CommandParameter:
     return option(name, *flags, metavar="FOLDER", type=kind, writes=True, **attributes)
 
 
-def output(name: str, text: str, write: Target, **more: Any) -> CommandParameter:
+def output(name: str, text: str, write: Target) -> CommandParameter:
     """Return the option of a file that shows the result."""
-    return option(name, type=FILE, metavar="FILE", help=text, writes=True, write=write, **more)
+    return option(name, type=FILE, metavar="FILE", help=text, writes=True, write=write)
 
 
 def picture(content: str) -> CommandParameter:
     """Return the option ``--plot`` of a result with a picture."""
     text = f"Draw {content} into FILE (PNG, SVG or PDF)."
-    check = "system.results:check_plot_file"
-    return output("plot", text, lambda found, path: found.plot(path), check=check)
+    return output("plot", text, lambda found, path: found.plot(path))
 
 
 REPORT = output(
     "report",
     "Write a report with pictures into FILE (HTML, one file that needs no network).",
     lambda found, path: found.report(path),
-    check="verification.report.output_checks:check_report_file",
 )
 
 
 def text_file(name: str, text: str, make: Target) -> CommandParameter:
     """Return the option ``--NAME``; `make` takes the result and returns the file's text."""
-
-    def write(result: Any, path: str) -> None:
-        from taction.system.output_files import write_atomically
-
-        write_atomically(path, load(make)(result))
-
+    write = lambda result, path: write_atomically(path, load(make)(result))  # noqa: E731
     return output(name, text, write)
 
 
@@ -378,9 +371,11 @@ def _check(command: Command, job: Command, given: dict[str, Any]) -> None:
     its name.
     """
     parameters, inputs = command.every, list[str]()
-    for output in command.outputs:
-        if output.check is not None and given[output.name] is not None:
-            load(output.check)(given[output.name])
+    written = [each for each in parameters if each.writes and given[each.name] is not None]
+    asked = {each: given[each.name] for each in written}
+    for each, file in asked.items():
+        if each.option in ENDINGS:
+            check_file(file, each.option)
     for parameter in parameters:
         if parameter.reads:
             value = given[parameter.name]
@@ -396,15 +391,13 @@ def _check(command: Command, job: Command, given: dict[str, Any]) -> None:
         from taction.netlist_gen.scene.scene import load_scene
 
         given |= {"scene": load_scene(given["scene"])}
-    asked = {each: given[each.name] for each in parameters if each.writes and given[each.name]}
     if asked:
-        from taction.verification.report.output_checks import check_folder, check_separate
+        from taction.verification.report.output_checks import check_separate
 
         check_separate(inputs, {each.option: file for each, file in asked.items()})
-        for parameter, file in asked.items():
-            if parameter.attributes["type"].file_okay:
-                check_folder(file, parameter.option)
     for each, file in asked.items():
+        if each.attributes["type"].file_okay:
+            check_folder(file, each.option)
         if each.write is not None and each not in job.outputs:
             raise InputError(each.option, Complaint("FILE", repr(file), job.lacks))
 

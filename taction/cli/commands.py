@@ -196,7 +196,6 @@ TABLE = {
                 "export",
                 "Write a table (.csv, .parquet).",
                 "verification.studies.sweep:export_sweep",
-                check="verification.studies.sweep:check_sweep_export",
             ),
             picture("maps over two axes, or curves over one axis,"),
             REPORT,

@@ -126,11 +126,20 @@ def check_folder(path: str | Path, option: str) -> None:
         raise InputError(option, Complaint("FILE", repr(str(path)), text))
 
 
-def check_file(path: str, option: str, endings: Mapping[str, str]) -> None:
+ENDINGS = {
+    "--plot": dict.fromkeys((".png", ".svg", ".pdf"), "plot"),
+    "--report": dict.fromkeys((".html", ".htm"), "report"),
+    "--export": {".csv": "", ".parquet": "parquet"},
+}
+"""By option: the endings of its file in lower case, with the extra of taction that each needs."""
+
+
+def check_file(path: str, option: str, own: Mapping[str, str] | None = None) -> None:
     """Refuse a file that could not be written, before any work is done.
 
-    `endings`, in lower case, with the extra of taction that writes each; empty: none is needed.
+    `own`: endings and extras as in `ENDINGS`, which has those of the option otherwise.
     """
+    endings = ENDINGS[option] if own is None else own
     ending = Path(path).suffix.lower()
     if ending not in endings:
         text = f"expected a file that ends in {', '.join(endings)}"
