@@ -24,10 +24,12 @@ if TYPE_CHECKING:
     from taction.designs import check as check
     from taction.designs import import_model as import_model
     from taction.designs import netlist as netlist
+    from taction.designs import opamp as opamp
     from taction.designs import solve as solve
     from taction.netlist_gen.board.circuit import Circuit as Circuit
     from taction.netlist_gen.board.synthesis import synthesise as synthesise
     from taction.netlist_gen.deck.deck import write_deck as write_deck
+    from taction.netlist_gen.scene.open_tables import models as models
     from taction.netlist_gen.scene.scene import Scene as Scene
     from taction.netlist_gen.scene.scene import load_scene as load_scene
     from taction.netlist_gen.scene.scene import scene_schema as scene_schema
@@ -42,8 +44,6 @@ if TYPE_CHECKING:
     from taction.transients import verify as verify
     from taction.transients import verify_files as verify_files
     from taction.transients import what_to_change as what_to_change
-    from taction.verification.characterise.characterise import models as models
-    from taction.verification.characterise.characterise import opamp as opamp
     from taction.verification.design.choose import choose as choose
     from taction.verification.design.fresh_scene import new as new
     from taction.verification.design.scaling import scale as scale

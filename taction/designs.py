@@ -1,4 +1,4 @@
-"""Jobs without a study: a board's deck, parts, files and solution, a vendor's model, a deck."""
+"""Jobs without a study: a board's deck, parts, files and solution, an op-amp, a deck."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from taction.netlist_gen.scene.scene import Scene
     from taction.system.progress import Progress
+    from taction.verification.characterise.characterise import OpAmpFigures
     from taction.verification.reference.problem import Solution
     from taction.verification.studies.decks.board_check import BoardCheck
     from taction.verification.studies.decks.vendor_model import ImportedModel
@@ -253,6 +254,38 @@ def solve(
     if strains is None:
         return network.rest
     return solve_each(network.problem, [inverse.strain for inverse in with_strains(scene, strains)])
+
+
+def opamp(name: str) -> OpAmpFigures:
+    """Show all figures of the op-amp NAME with their sources, and its open loop.
+
+    Parameters
+    ----------
+    name : str
+        A preset.
+
+    Returns
+    -------
+    OpAmpFigures
+        The figures of the data sheet; `plot` draws the open loop.
+
+    Raises
+    ------
+    InputError
+        There is no such preset.
+
+    Examples
+    --------
+    >>> import taction
+    >>> taction.opamp("ua741").opamp.name
+    'ua741'
+    """
+    from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
+
+    refuse_unknown(name, "parts show")
+    from taction.verification.characterise.characterise import OpAmpFigures
+
+    return OpAmpFigures.of(OPAMPS[name])
 
 
 def import_model(

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
 from taction.spice_models.opamp import OpAmp, unity_gain_bandwidth
 from taction.spice_models.presets import Origin, figure_origins
 from taction.system.array_types import Complexes, Floats
@@ -29,50 +28,10 @@ class OpAmpFigures(Result):
     opamp: OpAmp = field(repr=False)
     origins: Mapping[str, Origin] = field(repr=False)
 
-
-def models() -> dict[str, OpAmp]:
-    """List the op-amp presets; `show NAME` has one with all figures, measured beside stated.
-
-    Returns
-    -------
-    dict of str to OpAmp
-        The presets by name.
-
-    Examples
-    --------
-    >>> import taction
-    >>> taction.models()["tl084"].slew_rate
-    13000000.0
-    """
-    return dict(OPAMPS)
-
-
-def opamp(name: str) -> OpAmpFigures:
-    """Show all figures of the op-amp NAME with their sources, and its open loop.
-
-    Parameters
-    ----------
-    name : str
-        A preset.
-
-    Returns
-    -------
-    OpAmpFigures
-        The figures of the data sheet; `plot` draws the open loop.
-
-    Raises
-    ------
-    InputError
-        There is no such preset.
-
-    Examples
-    --------
-    >>> import taction
-    >>> taction.opamp("ua741").opamp.name
-    'ua741'
-    """
-    refuse_unknown(name, "parts show")
-    return OpAmpFigures(OPAMPS[name], figure_origins(name))
+    @classmethod
+    def of(cls, opamp: OpAmp) -> OpAmpFigures:
+        """Return an op-amp with the sources of its figures."""
+        return cls(opamp, figure_origins(opamp.name))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
