@@ -31,7 +31,7 @@ from taction.cli.command import (
     picture,
     text_file,
 )
-from taction.cli.printing import StageLine, print_json, put, say, tell
+from taction.cli.printing import StageLine, console, print_json, say, tell
 from taction.system.errors import Interrupted
 from taction.system.foreign_files import visible
 from taction.system.progress import attempt
@@ -105,7 +105,7 @@ def _print_verdict(found: Verified, progress: StageLine) -> None:
     page = view(verdict, notes=margins, verbose=True) if found.whole else screen(verdict, margins)
     with progress.aside(), suppress(BrokenPipeError):
         for line in [*page_lines(page)][:-1]:
-            put(line)
+            console().print(line)
 
 
 def _print_changes(found: Verified) -> None:
@@ -113,7 +113,7 @@ def _print_changes(found: Verified) -> None:
     from taction.verification.report.renderers.terminal import outcome_line
 
     for line in (*found.changes(whole=found.whole), outcome_line(found.outcome)):
-        put(line)
+        console().print(line)
 
 
 def _write_report(found: Verified, path: str) -> None:

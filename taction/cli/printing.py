@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -44,11 +44,6 @@ def console(*, stderr: bool = False) -> Console:
     from taction.verification.report.renderers.terminal import Terminal
 
     return Terminal(stderr=stderr)
-
-
-def put(*what: Any, **more: Any) -> None:
-    """Print on the console of results, as ``rich`` does."""
-    console().print(*what, **more)
 
 
 def print_json(document: object, schema: str | None = None) -> None:

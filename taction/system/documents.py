@@ -31,10 +31,10 @@ import types
 import typing
 from collections.abc import Mapping, Sequence
 from functools import cache
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
-from taction.system.errors import Complaint, InputError, SimulationError, listed
+from taction.system.errors import Complaint, TactionError, listed
 from taction.system.foreign_files import shortened, visible
 from taction.system.output_files import printable
 from taction.system.results import load
@@ -198,7 +198,7 @@ def _plain_parts(value: Any) -> dict[str, Any]:
     return found
 
 
-def taken(kind: type[T], source: object, **others: Any) -> T:
+def taken(kind: type[T], source: object, /, **others: Any) -> T:
     """Return a value of a type from `others`, and attributes of `source` of the same names."""
     fields = dataclasses.fields(kind)  # type: ignore[arg-type]
     names = [field.name for field in fields if field.name not in others]
@@ -309,7 +309,7 @@ class Failure:
     file: Annotated[str | None, OPTIONAL, {"note": "of bad input"}] = None
     complaints: Annotated[tuple[Complaint, ...] | None, OPTIONAL] = None
     log: Annotated[str | None, OPTIONAL, {"note": "of a simulation"}] = None
-    folder: Annotated[str | None, OPTIONAL, {"note": "what reproduces the failed simulation"}] = (
+    folder: Annotated[Path | None, OPTIONAL, {"note": "what reproduces the failed simulation"}] = (
         None
     )
 
@@ -324,12 +324,8 @@ class ErrorDocument:
 
 def error_document(error: Exception, message: str = "") -> ErrorDocument:
     """Return `error` with its outcome, ``bad input`` or ``inconclusive``, and all that it knows."""
-    more: dict[str, Any] = {}
-    if isinstance(error, InputError):
-        more = {"file": str(error.file), "complaints": tuple(error.complaints)}
-    if isinstance(error, SimulationError):
-        more = {"log": error.log, "folder": str(error.folder) if error.folder else None}
-    failure = Failure(type(error).__name__, message or str(error), **more)
+    known = error if isinstance(error, TactionError) else None
+    failure = taken(Failure, known, kind=type(error).__name__, message=message or str(error))
     # As the error of a command line, of click, a mistake of the user has the exit status 2.
     ours = getattr(error, "exit_status", getattr(error, "exit_code", None)) == 2
     return ErrorDocument("bad input" if ours else "inconclusive", failure)

@@ -23,18 +23,17 @@ ABANDONED = 3600.0  # s since the last write to a file: nobody writes to it any 
 UNCHANGED = "expected a file that can be written. An older file is unchanged"
 
 
-def write_atomically(path: str | Path, content: str | bytes) -> None:
-    r"""Write `content` to `path` by `replacing`; text is UTF-8, see `printable`."""
-    with replacing(path) as file:
-        data = content if isinstance(content, bytes) else content.encode(errors="backslashreplace")
-        file.write_bytes(data)
+def write_atomically(path: str | Path, content: str) -> None:
+    """Write a text to `path` by `replacing`, as UTF-8; see `printable`."""
+    write_together({Path(path): content})
 
 
 def write_together(files: Mapping[Path, str]) -> None:
     """Write several texts, all or none: they go to their places when all are complete."""
     with contextlib.ExitStack() as stack:
         for file, text in files.items():
-            stack.enter_context(replacing(file)).write_text(text, encoding="utf-8")
+            data = text.encode(errors="backslashreplace")
+            stack.enter_context(replacing(file)).write_bytes(data)
 
 
 @contextlib.contextmanager

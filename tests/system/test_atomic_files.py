@@ -49,7 +49,7 @@ def test_text_that_is_no_unicode_is_escaped(tmp_path: Path) -> None:
     name = os.fsdecode(b"board-\xff.toml")
     write_atomically(tmp_path / "a.json", json.dumps({"µ": name}, ensure_ascii=False))
     assert json.loads((tmp_path / "a.json").read_text(encoding="utf-8")) == {"µ": name}
-    write_atomically(tmp_path / name, b"content")
+    write_atomically(tmp_path / name, "content")
     assert (tmp_path / name).read_bytes() == b"content"
 
 
