@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 import sys
-import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from time import monotonic
 from typing import TYPE_CHECKING
 
 import click
@@ -83,14 +83,8 @@ class StageLine:
     of its own, and is said once.
     """
 
-    def __init__(
-        self,
-        bar: Progress | None = None,
-        say: Callable[[str], None] = say,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._bar, self._say, self._clock = bar, say, clock
-        self._start, self._due, self._said = clock(), FIRST, set[str]()
+    def __init__(self, bar: Progress | None = None) -> None:
+        self._bar, self._start, self._due, self._said = bar, monotonic(), FIRST, set[str]()
         self._task = None if bar is None else bar.add_task("starting", total=None)
 
     def __call__(self, stage: str) -> None:
@@ -99,14 +93,14 @@ class StageLine:
             if stage not in self._said:
                 self._said.add(stage)
                 with self.aside():
-                    self._say(stage)
+                    say(stage)
         elif self._bar is not None and self._task is not None:
             counted = COUNTED.search(stage)
             done, total = map(int, counted.groups()) if counted else (0, None)
             self._bar.update(self._task, completed=done, total=total, description=stage)
-        elif (elapsed := self._clock() - self._start) >= self._due:
+        elif (elapsed := monotonic() - self._start) >= self._due:
             self._due = min(elapsed * GROWTH, elapsed + LONGEST)
-            self._say(stage)
+            say(stage)
 
     @contextmanager
     def aside(self) -> Iterator[None]:

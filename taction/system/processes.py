@@ -122,13 +122,13 @@ ROUNDS = 5  # of trying: other processes may clear, and may start others while t
 _locks: dict[str, int] = {}  # file descriptors by folder
 
 
-def make_own_folder(place: str | Path | None = None) -> Path:
-    """Make a folder in `place`, by default in that for temporary files, and lock it.
+def make_own_folder() -> Path:
+    """Make a folder where temporary files are (TMPDIR), and lock it.
 
     OutOfDisk: the folder cannot be made.
     """
     # `gettempdir` alone would take another folder than TMPDIR without a word.
-    parent = str(place or os.environ.get("TMPDIR") or "")
+    parent = os.environ.get("TMPDIR", "")
     try:
         parent = parent or tempfile.gettempdir()
         _clear_once(parent, os.getpid())
