@@ -31,6 +31,8 @@ from taction.system.progress import attempt
 
 ENGINES = ("auto", "ngspice", "statespace")
 
+Options = dict[str, Any]
+"""The arguments and options of a command line by name."""
 Target = str | Callable[..., Any]
 """A function, or its place below `taction`: "verification.report.views.board_view:view"."""
 
@@ -120,19 +122,6 @@ def text_file(name: str, text: str, make: Target) -> CommandParameter:
     return output(name, text, write)
 
 
-@dataclass(slots=True)
-class Call:
-    """A command line that is running."""
-
-    arguments: dict[str, Any]  # of the function
-    options: dict[str, Any]  # all options and arguments of the command by name
-
-    @property
-    def as_json(self) -> bool:
-        """Whether stdout gets one document."""
-        return bool(self.options["as_json"])
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Command:
     """A public function with its options, and what shows its result; None shows nothing."""
@@ -144,15 +133,15 @@ class Command:
     view: Target = lambda found: found.page()
     text: Target | None = None  # takes the result and prints it, in the place of its page
     outputs: tuple[CommandParameter, ...] = ()  # the files that show the result
-    # Takes the `Call` and the progress, and returns the result in the place of the function.
-    work: Callable[[Call, StageLine], Any] | None = None
+    # Takes the options and the progress, and returns the result in the place of the function.
+    work: Callable[[Options, StageLine], Any] | None = None
     schema: str = ""  # of the document; by default the name of the command
-    # Takes the `Call` before any work: questions and checks of its own.
-    before: Callable[[Call], None] | None = None
-    # Takes the result and the `Call` after the work: what is said on stderr.
-    after: Callable[[Any, Call], object] | None = None
-    # Takes the result and the `Call`, and returns the names of the files that are written.
-    files: Callable[[Any, Call], Iterable[str]] = lambda found, call: ()
+    # Takes the options before any work: checks and defaults of its own.
+    before: Callable[[Options], None] | None = None
+    # Takes the result after the work: what is said on stderr.
+    after: Callable[[Any], object] | None = None
+    # Takes the result and the options, and returns the names of the files that are written.
+    files: Callable[[Any, Options], Iterable[str]] = lambda found, options: ()
     lacks: str = ""  # why an output of the command's other job is refused
     about: str = ""  # its line in the list of commands
     # Those that are not as the function's signature and `OPTIONS` have them, or not of it.
@@ -160,7 +149,7 @@ class Command:
     python_only: tuple[str, ...] = ()  # parameters of the function that are no options
     ends: str = ""  # what the exit status means, where it is not as usual
     # Takes the options and returns another job for some of them.
-    other: Callable[[Mapping[str, Any]], Command | None] = lambda options: None
+    other: Callable[[Options], Command | None] = lambda options: None
     commands: Mapping[str, Command] = field(default_factory=dict)  # below it
 
     @property
@@ -267,9 +256,9 @@ OPTIONS = {
 """What options have beside their names, defaults and sentences, in every command that has them."""
 
 
-def own_file(found: Any, call: Call) -> list[str]:
+def own_file(found: Any, options: Options) -> list[str]:
     """Return the file of ``-o``, which the function has written."""
-    return [] if call.options["output"] is None else [call.options["output"]]
+    return [] if options["output"] is None else [options["output"]]
 
 
 TWO_BOARDS = "two scene files, decks (.cir), or records (.raw)"
@@ -309,31 +298,24 @@ def made(name: str, command: Command) -> click.Command:
     return click.Command(name, short_help=line, **same)
 
 
-def run(command: Command, given: dict[str, Any]) -> None:
+def run(command: Command, given: Options) -> None:
     """Run a command with its options, show the result, and end with the exit status."""
     job = command.other(given) or command
     _check(command, job, given)
-    known, absent = signature(job.function), inspect.Parameter.empty
-    arguments = {
-        name: known[name].default if value is None and known[name].default is not absent else value
-        for name, value in given.items()
-        if name in known
-    }
-    call = Call(arguments, given)
     if job.before is not None:
-        job.before(call)
+        job.before(given)
     if given.get("scene") is not None:
         from taction.netlist_gen.scene.axes import questions
 
         for question in questions(given["scene"]):
             say(f"question: {question}")
-    result, interrupted = _result(job, call)
-    tell(f"wrote {visible(name)}" for name in job.files(result, call))
+    result, interrupted = _result(job, given)
+    tell(f"wrote {visible(name)}" for name in job.files(result, given))
     written = _write(job, result, given)  # before the text: its reader may go
     if job.after is not None:
-        attempt("the remarks", partial(job.after, result, call), None, say, is_of_stdout)
+        attempt("the remarks", partial(job.after, result), None, say, is_of_stdout)
     if result is not None:
-        _show(job, result, call)
+        _show(job, result, as_json=given["as_json"])
     if interrupted:
         say(f"interrupted; {interrupted}")
     sys.exit(INTERRUPTED if interrupted else status_of(result) if written else 2)
@@ -348,23 +330,25 @@ def status_of(result: Any) -> int:
     return int(status)
 
 
-def _result(job: Command, call: Call) -> tuple[Any, str]:
+def _result(job: Command, given: Options) -> tuple[Any, str]:
     """Run the function; return its result, and after Ctrl-C what is kept."""
     function: Callable[..., Any] = getattr(taction, job.function)
-    if job.work is None and "progress" not in signature(job.function):
-        return function(**call.arguments), ""
+    known = signature(job.function)
+    arguments = {name: given[name] for name in known if given.get(name) is not None}
+    if job.work is None and "progress" not in known:
+        return function(**arguments), ""
     try:
         with display() as progress:
             if job.work is not None:
-                return job.work(call, progress), ""
-            return function(**call.arguments, progress=progress), ""
+                return job.work(given, progress), ""
+            return function(**arguments, progress=progress), ""
     except Interrupted as end:
         if end.result is None:
             raise
         return end.result, str(end)
 
 
-def _check(command: Command, job: Command, given: dict[str, Any]) -> None:
+def _check(command: Command, job: Command, given: Options) -> None:
     """Refuse, before any work, a scene with mistakes and an output that cannot be written.
 
     Neither may an output be an input, or another output. A scene that is read takes the place of
@@ -402,7 +386,7 @@ def _check(command: Command, job: Command, given: dict[str, Any]) -> None:
             raise InputError(each.option, Complaint("FILE", repr(file), job.lacks))
 
 
-def _write(job: Command, result: Any, given: Mapping[str, Any]) -> bool:
+def _write(job: Command, result: Any, given: Options) -> bool:
     """Write the files that show the result, also after an error; return whether all are right."""
 
     def write(output: CommandParameter) -> bool:
@@ -419,7 +403,7 @@ def _write(job: Command, result: Any, given: Mapping[str, Any]) -> bool:
     return all(written)
 
 
-def _show(job: Command, result: Any, call: Call) -> None:
+def _show(job: Command, result: Any, *, as_json: bool) -> None:
     """Print the result, or its document; a text that fails ends with the outcome."""
 
     def show() -> None:
@@ -430,14 +414,14 @@ def _show(job: Command, result: Any, call: Call) -> None:
 
         print_page(load(job.view)(result), console())
 
-    if not call.as_json:
-        failed: list[str] = []
-        attempt("the text", show, None, failed.append, is_of_stdout)
-        for line in failed:
-            say(line)
-            click.echo(str(getattr(result, "outcome", "")).upper())
-        return
-    print_json(load(job.document)(result), job.schema or None)
+    def failed(text: str) -> None:
+        say(text)
+        click.echo(str(getattr(result, "outcome", "")).upper())
+
+    if as_json:
+        print_json(load(job.document)(result), job.schema or None)
+    else:
+        attempt("the text", show, None, failed, is_of_stdout)
 
 
 def is_of_stdout(error: BaseException) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,9 +17,9 @@ from taction.cli.command import (
     OPTIONS,
     OUTPUT,
     REPORT,
-    Call,
     Command,
     NumberRange,
+    Options,
     argument,
     folder,
     is_of_stdout,
@@ -73,19 +72,18 @@ class Verified:
         return [*lines[: len(lines) - rest], *[f"  and {rest} more: -v"] * bool(rest)]
 
 
-def verify_scene(call: Call, progress: StageLine) -> Verified:
+def verify_scene(options: Options, progress: StageLine) -> Verified:
     """Verify the scene, print the verdict, and search for changes if it fails."""
-    options = call.options
     scene, given = options["scenes"][0], {name: options[name] for name in ("engine", "settings")}
     verdict = taction.verify(scene, **given, progress=progress)
     for text in verdict.scene.written_questions * bool(options["settings"]):
         say(text)
     document: dict[str, Any] = {}
-    if call.as_json or options["margins"]:
+    if options["as_json"] or options["margins"]:
         place = f"{DOCUMENTS}.verdict:verdict_document"
         document = load(place + "_with_margins" * bool(options["margins"]))(verdict)
     found = Verified(verdict, document, options["verbose"])
-    if not call.as_json:
+    if not options["as_json"]:
         attempt("the text", partial(_print_verdict, found, progress), None, say, is_of_stdout)
     changes = options["changes"]
     search = partial(taction.what_to_change, verdict, changes=changes, progress=progress)
@@ -128,7 +126,7 @@ def _document(found: Verified) -> object:
     return found.document | more
 
 
-def _several(options: Mapping[str, Any]) -> Command | None:
+def _several(options: Options) -> Command | None:
     """Return the job of several scenes; None for one scene."""
     scenes = options["scenes"]
     if len(scenes) == 1 and not Path(scenes[0]).is_dir() and options["junit"] is None:
@@ -138,33 +136,31 @@ def _several(options: Mapping[str, Any]) -> Command | None:
     return VERIFY_FILES
 
 
-def _announce(call: Call) -> None:
+def _announce(options: Options) -> None:
     """Say the address of the page as soon as it can be opened."""
 
     def announce(address: str) -> None:
-        if call.as_json:
+        if options["as_json"]:
             print_json({"address": address})
         else:
             click.echo(address)
         say("Ctrl-C ends the explorer")
 
-    call.arguments["announce"] = announce
+    options["announce"] = announce
 
 
-def _choice_database(call: Call) -> None:
+def _choice_database(options: Options) -> None:
     """Name the database after the scene."""
-    given = call.arguments
-    given["store"] = given["store"] or f"{given['scene'].name}-choose.sqlite"
+    options["store"] = options["store"] or f"{options['scene'].name}-choose.sqlite"
 
 
-def _check_sweep(call: Call) -> None:
+def _check_sweep(options: Options) -> None:
     """Refuse axes that cannot be drawn, and name the database after the scene's file."""
-    given = call.arguments
-    if call.options["plot"] is not None:
+    if options["plot"] is not None:
         from taction.verification.report.views.sweep_view import check_axes
 
-        check_axes(len(given["over"]), call.options["plot"])
-    given["output"] = given["output"] or f"{given['scene'].file.stem}.sqlite"
+        check_axes(len(options["over"]), options["plot"])
+    options["output"] = options["output"] or f"{options['scene'].file.stem}.sqlite"
 
 
 def _sweep_document(found: SweepResult) -> dict[str, Any]:
@@ -180,7 +176,7 @@ def _regression_markdown(found: RegressionReport) -> str:
     return markdown(found.page(), "taction regress")
 
 
-def _new_files(found: NewScene, call: Call) -> list[str]:
+def _new_files(found: NewScene, options: Options) -> list[str]:
     if found.scaled is not None:
         return [found.file]
     return [f"{found.file}; `taction verify {found.file}` verifies it"]
@@ -253,14 +249,14 @@ TABLE = {
     "netlist": Command(
         about="Write the ngspice deck of a scene.",
         text=lambda found: None if found.written else sys.stdout.write(found.text),
-        after=lambda found, call: tell(f"warning: {visible(each)}" for each in found.warnings),
+        after=lambda found: tell(f"warning: {visible(each)}" for each in found.warnings),
         files=own_file,
         parameters=(option("dialect", type=click.Choice(DIALECTS)),),
     ),
     "bom": Command(about="List the parts to buy, with packages and power.", files=own_file),
     "build": Command(
         about="Write all files for building a board, with its verdict.",
-        files=lambda found, call: [found.folder],
+        files=lambda found, options: [found.folder],
         parameters=(folder("output", "-o"),),
         ends="Exit status: that of the verdict.",
     ),
@@ -290,7 +286,7 @@ TABLE = {
     "explore": Command(
         about="Move C, gain and more on a local page and watch the board.",
         before=_announce,
-        after=lambda found, call: say("ended"),
+        after=lambda found: say("ended"),
         parameters=(option("port", type=click.IntRange(0, 65535)),),
     ),
     "tune": Command(
@@ -306,7 +302,7 @@ TABLE = {
         about="Choose op-amp, C and gain for given limits.",
         outputs=(picture("maps of C and gain for every op-amp"), REPORT),
         before=_choice_database,
-        files=lambda found, call: [one.file for one in found.best if one.file],
+        files=lambda found, options: [one.file for one in found.best if one.file],
         parameters=(
             option("settling", metavar="TIME"),
             option("rise", metavar="TIME"),
@@ -358,7 +354,7 @@ TABLE = {
             text_file("markdown", "Write a Markdown summary.", _regression_markdown),
             REPORT,
         ),
-        files=lambda found, call: [call.options["baseline"]] if found.updated else [],
+        files=lambda found, options: [options["baseline"]] if found.updated else [],
         parameters=(
             argument("folder", metavar="DIR"),
             option("baseline", type=click.Path(), metavar="FILE", reads=True),
@@ -387,7 +383,7 @@ TABLE = {
     "demo": Command(
         about="Tell the paper's story on three boards; no file is needed.",
         outputs=(picture("the outputs of the three boards"),),
-        files=lambda found, call: [found.file] if found.file else [],
+        files=lambda found, options: [found.file] if found.file else [],
         ends="Exit status: 0 if the boards behave as told.",
     ),
     "models": Command(
@@ -401,7 +397,7 @@ TABLE = {
             ),
             "import": Command(
                 function="import_model",
-                files=lambda found, call: [found.file],
+                files=lambda found, options: [found.file],
                 parameters=(
                     option("pins", metavar="ROLE,ROLE,..."),
                     option("compensation", metavar="FARADS"),
