@@ -168,13 +168,8 @@ def build(
     from taction.netlist_gen.board.synthesis import synthesise
     from taction.netlist_gen.kicad.board import kicad_project
     from taction.netlist_gen.kicad.part_symbols import BoardParts, wiring
+    from taction.system import output_files
     from taction.system.errors import TactionError
-    from taction.system.output_files import (
-        check_extra,
-        check_own_folder,
-        make_folder,
-        write_together,
-    )
     from taction.transients import verify
     from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.report.renderers.page import page_html
@@ -183,15 +178,12 @@ def build(
     from taction.verification.verdict.scene_deck import deck_of
 
     scene, place = read_scene(scene, engine), Path(output)
-    check_extra("report", "-o")
+    output_files.check_extra("report", "-o")
     circuit = synthesise(scene)
     drawn = {f"{KICAD}/{name}": text for name, text in kicad_project(circuit, scene).items()}
-    check_own_folder(place, [*OWN, *drawn])
-    parts = bill_of_materials(circuit, scene)
-    texts = {
-        "parts.csv": parts_csv(parts),
-        "wiring.csv": wiring(BoardParts(circuit, scene)),
-    } | drawn
+    output_files.check_own_folder(place, [*OWN, *drawn])
+    parts, wires = bill_of_materials(circuit, scene), wiring(BoardParts(circuit, scene))
+    texts = {"parts.csv": parts_csv(parts), "wiring.csv": wires} | drawn
     verdict, refused, status = None, "", None
     try:
         texts["deck.cir"] = deck_of(scene)[1].text
@@ -201,8 +193,8 @@ def build(
     files = tuple(name for name in [*OWN, *drawn] if name in texts or name == REPORT)
     found = BuiltBoard(scene, str(place), files, parts, verdict, refused, status)
     texts[REPORT] = page_html(found.page())
-    make_folder(place / KICAD)
-    write_together({place / name: text for name, text in texts.items()})
+    output_files.make_folder(place / KICAD)
+    output_files.write_together({place / name: text for name, text in texts.items()})
     for name in OWN.keys() - texts.keys():
         (place / name).unlink(missing_ok=True)  # of an earlier board
     return found

@@ -118,8 +118,7 @@ REPORT = output(
 
 def text_file(name: str, text: str, make: Target) -> CommandParameter:
     """Return the option ``--NAME``; `make` takes the result and returns the file's text."""
-    write = lambda result, path: write_atomically(path, load(make)(result))  # noqa: E731
-    return output(name, text, write)
+    return output(name, text, lambda found, path: write_atomically(path, load(make)(found)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,7 +20,6 @@ from taction.system.processes import own_folder
 PREFIX = ".taction-"  # of a file that is being written, beside the file that it will replace
 LONGEST_ENDING = 16  # characters
 ABANDONED = 3600.0  # s since the last write to a file: nobody writes to it any more
-UNCHANGED = "expected a file that can be written. An older file is unchanged"
 
 
 def write_atomically(path: str | Path, content: str) -> None:
@@ -58,7 +57,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
     except (OSError, ValueError) as error:  # a name with a zero byte is a ValueError
         missing = isinstance(error, FileNotFoundError)
         reason = "its folder does not exist" if missing else getattr(error, "strerror", error)
-        raise InputError(path, Complaint("FILE", "", f"{reason}; {UNCHANGED}")) from None
+        text = f"{reason}; expected a file that can be written. An older file is unchanged"
+        raise InputError(path, Complaint("FILE", "", text)) from None
 
 
 @contextlib.contextmanager
@@ -160,17 +160,17 @@ def check_extra(extra: str, option: str, otherwise: str = "") -> None:
         raise InputError(option, Complaint("packages", "", text))
 
 
-def make_folder(folder: str | Path, option: str = "-o") -> None:
-    """Make a missing folder; InputError where that is not possible."""
+def make_folder(folder: str | Path) -> None:
+    """Make a missing folder of the option ``-o``; InputError where that is not possible."""
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:  # a name with a zero byte is a ValueError
         reason = f"cannot be made: {getattr(error, 'strerror', error)}"
-        raise InputError(option, Complaint("FOLDER", repr(str(folder)), reason)) from None
+        raise InputError("-o", Complaint("FOLDER", repr(str(folder)), reason)) from None
 
 
-def check_own_folder(folder: str | Path, files: Collection[str] = (), option: str = "-o") -> None:
-    """Refuse a folder that cannot be written, or holds links or other files than `files`."""
+def check_own_folder(folder: str | Path, files: Collection[str] = ()) -> None:
+    """Refuse a folder of ``-o`` that cannot be written, or holds links or others than `files`."""
     place, text = Path(folder), ""
     there = next(each for each in (place, *place.absolute().parents) if os.path.lexists(each))
     if not there.is_dir():
@@ -188,7 +188,7 @@ def check_own_folder(folder: str | Path, files: Collection[str] = (), option: st
             # A file would be written where it leads.
             text = f"{links[0]!r} in it is a link; expected a folder without links"
     if text:
-        raise InputError(option, Complaint("FOLDER", repr(str(folder)), text))
+        raise InputError("-o", Complaint("FOLDER", repr(str(folder)), text))
 
 
 def printable(text: str) -> str:

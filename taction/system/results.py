@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-REPORT = "taction.verification.report"
-RENDERERS = f"{REPORT}.renderers"
+RENDERERS = "taction.verification.report.renderers"
 
 
 def load(place: str) -> Callable[..., Any]:
