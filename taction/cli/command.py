@@ -30,6 +30,7 @@ from taction.system.output_files import ENDINGS, check_file, check_folder, write
 from taction.system.progress import attempt
 
 ENGINES = ("auto", "ngspice", "statespace")
+DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does not load the table
 
 Options = dict[str, Any]
 """The arguments and options of a command line by name."""
@@ -90,12 +91,6 @@ def option(name: str, *flags: str, **attributes: Any) -> CommandParameter:
 def argument(name: str, *, reads: bool = True, **attributes: Any) -> CommandParameter:
     """Return an argument, a file or a folder that is read if `reads` is not False."""
     return replace(option(name, **{"type": click.Path(), **attributes}), flags=(), reads=reads)
-
-
-def folder(name: str, *flags: str, **attributes: Any) -> CommandParameter:
-    """Return an option that names a folder to write."""
-    kind = click.Path(file_okay=False)
-    return option(name, *flags, metavar="FOLDER", type=kind, writes=True, **attributes)
 
 
 def output(name: str, text: str, write: Target) -> CommandParameter:
@@ -228,6 +223,9 @@ class NumberRange(click.FloatRange):
 
 
 OUTPUT = option("output", "-o", "--output", type=FILE, writes=True)
+FOLDER = replace(
+    OUTPUT, flags=("-o",), attributes={"metavar": "FOLDER", "type": click.Path(file_okay=False)}
+)
 PYTHON_ONLY = ("progress", "strains", "announce")
 """Parameters of functions that are no options."""
 OPTIONS = {
@@ -250,6 +248,28 @@ OPTIONS = {
         option("opamp", metavar="NAME"),
         option("agree", metavar="SHARE", type=NumberRange(0, 1, min_open=True)),
         option("only", multiple=True, metavar="NAME"),
+        option("outputs", "--output", metavar="NODE", multiple=True),
+        option("checks", "--check", metavar="NAME=LIMIT", multiple=True),
+        option("expect", metavar="V(NODE)=VALUE", multiple=True),
+        option("tolerances", metavar="FILE", type=FILE, reads=True),
+        option("dialect", type=click.Choice(DIALECTS)),
+        option("min_yield", type=NumberRange(0, 1)),
+        option("corner", multiple=True, metavar="KEY=Z,..."),
+        option("port", type=click.IntRange(0, 65535)),
+        option("reach", type=NumberRange(1, 1000, min_open=True)),
+        option("settling", metavar="TIME"),
+        option("rise", metavar="TIME"),
+        option("opamps", metavar="A,B,C"),
+        option("c_range", metavar="LOW:HIGH"),
+        option("gain_range", metavar="LOW:HIGH"),
+        replace(OUTPUT, name="store", flags=("--store",)),
+        option("transients", "--confirm/--no-confirm"),
+        option("fix", multiple=True, metavar="KEY[=VALUE]"),
+        option("baseline", type=click.Path(), metavar="FILE", reads=True),
+        option("budget", type=NumberRange(min=0.5)),
+        option("pins", metavar="ROLE,ROLE,..."),
+        option("compensation", metavar="FARADS"),
+        option("limit", metavar="SECONDS", type=NumberRange(0, 86400, min_open=True)),
     )
 }
 """What options have beside their names, defaults and sentences, in every command that has them."""

@@ -14,14 +14,13 @@ import click
 import taction
 from taction.cli.command import (
     FILE,
+    FOLDER,
     OPTIONS,
-    OUTPUT,
     REPORT,
     Command,
     NumberRange,
     Options,
     argument,
-    folder,
     is_of_stdout,
     load,
     option,
@@ -43,7 +42,6 @@ if TYPE_CHECKING:
 
 DOCUMENTS = "verification.report.documents"
 JUNIT = "verification.report.junit"
-DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does not load the table
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,13 +227,7 @@ TABLE = {
     "check": Command(
         about="Find poles, onset, settling and noise of a SPICE deck.",
         outputs=(picture("step response and poles"), REPORT),
-        parameters=(
-            option("outputs", "--output", metavar="NODE", multiple=True),
-            option("over", metavar="NAME[=LOW:HIGH:N]", multiple=True),
-            option("checks", "--check", metavar="NAME=LIMIT", multiple=True),
-            option("expect", metavar="V(NODE)=VALUE", multiple=True),
-            option("tolerances", metavar="FILE", type=FILE, reads=True),
-        ),
+        parameters=(option("over", metavar="NAME[=LOW:HIGH:N]", multiple=True),),
         ends="Exit status: 0 without checks or if all pass, 1 a check failed, 3 one is not"
         " decided.",
     ),
@@ -251,13 +243,12 @@ TABLE = {
         text=lambda found: None if found.written else sys.stdout.write(found.text),
         after=lambda found: tell(f"warning: {visible(each)}" for each in found.warnings),
         files=own_file,
-        parameters=(option("dialect", type=click.Choice(DIALECTS)),),
     ),
     "bom": Command(about="List the parts to buy, with packages and power.", files=own_file),
     "build": Command(
         about="Write all files for building a board, with its verdict.",
         files=lambda found, options: [found.folder],
-        parameters=(folder("output", "-o"),),
+        parameters=(FOLDER,),
         ends="Exit status: that of the verdict.",
     ),
     "solve": Command(
@@ -273,30 +264,24 @@ TABLE = {
     "montecarlo": Command(
         about="Estimate the yield under component tolerances.",
         outputs=(picture("histograms with limits"), REPORT),
-        parameters=(option("min_yield", type=NumberRange(0, 1)),),
         ends="Exit status with --min-yield: 0 if the whole 95 % interval of the yield lies above"
         " that value, 1 if it lies below, else 3. Without --min-yield: 0.",
     ),
     "corners": Command(
         about="Find the worst cases within the tolerances.",
         outputs=(REPORT,),
-        parameters=(option("corner", multiple=True, metavar="KEY=Z,..."),),
         ends="Exit status: 1 if a corner fails, else 3 if a corner has no verdict.",
     ),
     "explore": Command(
         about="Move C, gain and more on a local page and watch the board.",
         before=_announce,
         after=lambda found: say("ended"),
-        parameters=(option("port", type=click.IntRange(0, 65535)),),
     ),
     "tune": Command(
         about="Find the gain with the least settling time.",
         outputs=(picture("outputs and settling band of the design"), REPORT),
         files=own_file,
-        parameters=(
-            option("reach", type=NumberRange(1, 1000, min_open=True)),
-            option("overshoot", type=NumberRange(0, min_open=True)),
-        ),
+        parameters=(option("overshoot", type=NumberRange(0, min_open=True)),),
     ),
     "choose": Command(
         about="Choose op-amp, C and gain for given limits.",
@@ -304,15 +289,9 @@ TABLE = {
         before=_choice_database,
         files=lambda found, options: [one.file for one in found.best if one.file],
         parameters=(
-            option("settling", metavar="TIME"),
-            option("rise", metavar="TIME"),
             option("overshoot", metavar="SHARE"),
             option("noise", metavar="VOLTS"),
-            option("opamps", metavar="A,B,C"),
-            option("c_range", metavar="LOW:HIGH"),
-            option("gain_range", metavar="LOW:HIGH"),
-            folder("output", "-o"),
-            replace(OUTPUT, name="store", flags=("--store",)),
+            FOLDER,
         ),
         ends="Exit status: 0 if a design passes on both engines, 1 if none passes.",
     ),
@@ -320,10 +299,7 @@ TABLE = {
     "onset": Command(
         about="Find every stability crossing over a range.",
         outputs=(picture("damping and frequency of every mode over the value"), REPORT),
-        parameters=(
-            option("over", metavar="KEY[=LOW:HIGH:N]"),
-            option("transients", "--confirm/--no-confirm"),
-        ),
+        parameters=(option("over", metavar="KEY[=LOW:HIGH:N]"),),
         ends="Exit status: 0 if the question was answered, 3 if a transient contradicts a"
         " crossing.",
     ),
@@ -340,10 +316,7 @@ TABLE = {
             REPORT,
         ),
         before=_check_sweep,
-        parameters=(
-            option("over", multiple=True, metavar="KEY=LOW:HIGH:N"),
-            option("fix", multiple=True, metavar="KEY[=VALUE]"),
-        ),
+        parameters=(option("over", multiple=True, metavar="KEY=LOW:HIGH:N"),),
         ends="Exit status: 0 if every point is stored, whatever its outcome; with --strict 1 if a"
         " point fails; 3 if no point has a verdict.",
     ),
@@ -355,10 +328,7 @@ TABLE = {
             REPORT,
         ),
         files=lambda found, options: [options["baseline"]] if found.updated else [],
-        parameters=(
-            argument("folder", metavar="DIR"),
-            option("baseline", type=click.Path(), metavar="FILE", reads=True),
-        ),
+        parameters=(argument("folder", metavar="DIR"),),
         ends="Exit status: 1 if a check failed, or if a result differs from the baseline by more"
         " than the scene's table [regression] allows. --update stores differences, but"
         " leaves a scene with a failed check as it was.",
@@ -371,7 +341,6 @@ TABLE = {
     "accuracy": Command(
         about="Compare error and run time of engines and methods.",
         outputs=(picture("error against run time"), REPORT),
-        parameters=(option("budget", type=NumberRange(min=0.5)),),
         ends="Exit status: 3 if no run of the board ended within the budget.",
     ),
     "reproduce": Command(
@@ -398,16 +367,11 @@ TABLE = {
             "import": Command(
                 function="import_model",
                 files=lambda found, options: [found.file],
-                parameters=(
-                    option("pins", metavar="ROLE,ROLE,..."),
-                    option("compensation", metavar="FARADS"),
-                ),
             ),
         },
     ),
     "mcp": Command(
         about="Serve verify, check, onset and more to a program, by MCP.",
-        parameters=(option("limit", metavar="SECONDS", type=NumberRange(0, 86400, min_open=True)),),
     ),
     "new": Command(
         about="Write a scene file with comments.",
