@@ -69,6 +69,17 @@ class Verified:
         rest = 0 if whole else max(len(lines) - CHANGES, 0)
         return [*lines[: len(lines) - rest], *[f"  and {rest} more: -v"] * bool(rest)]
 
+    def plot(self, path: str) -> None:
+        """Draw the verdict."""
+        self.verdict.plot(path)
+
+    def report(self, path: str) -> None:
+        """Write the report of the verdict with all changes."""
+        from taction.verification.report.renderers.page import write_page
+        from taction.verification.report.views.verdict_view import view
+
+        write_page(view(self.verdict, changes="\n".join(self.changes(whole=True))), path)
+
 
 def verify_scene(options: Options, progress: StageLine) -> Verified:
     """Verify the scene, print the verdict, and search for changes if it fails."""
@@ -110,13 +121,6 @@ def _print_changes(found: Verified) -> None:
 
     for line in (*found.changes(whole=found.whole), outcome_line(found.outcome)):
         console().print(line)
-
-
-def _write_report(found: Verified, path: str) -> None:
-    from taction.verification.report.renderers.page import write_page
-    from taction.verification.report.views.verdict_view import view
-
-    write_page(view(found.verdict, changes="\n".join(found.changes(whole=True))), path)
 
 
 def _document(found: Verified) -> object:
@@ -195,13 +199,7 @@ TABLE = {
         work=verify_scene,
         document=_document,
         text=_print_changes,
-        outputs=(
-            replace(
-                picture("outputs, settling band and recovered stress"),
-                write=lambda found, path: found.verdict.plot(path),
-            ),
-            replace(REPORT, write=_write_report),
-        ),
+        outputs=(picture("outputs, settling band and recovered stress"), REPORT),
         other=_several,
         python_only=("scene",),
         parameters=(

@@ -16,6 +16,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from importlib import metadata, util
 from importlib.metadata import EntryPoint
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -85,27 +86,27 @@ class OpenTable(Mapping[str, T]):
         self._group, self._own, self._kind = group, own, kind
         self._part, self._optional = part, optional
 
-    def _entries(self) -> dict[str, T | EntryPoint]:
+    def _entries(self) -> tuple[Mapping[str, T], Mapping[str, EntryPoint]]:
         """Return the own entries, and the offers of others, which are not loaded."""
         own = self._own() if callable(self._own) else self._own
         others = {offer.name: offer for offer in offers() if offer.group == self._group}
         if taken := own.keys() & others.keys():
             text = "taction itself has this name; take another one"
             raise _refused(others[min(taken)], text)
-        return {**own, **others}
+        return own, others
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._entries())
+        return chain(*self._entries())
 
     def __len__(self) -> int:
-        return len(self._entries())
+        return sum(map(len, self._entries()))
 
     def __contains__(self, name: object) -> bool:
-        return name in self._entries()
+        return any(name in table for table in self._entries())
 
     def __getitem__(self, name: str) -> T:
-        entry = self._entries()[name]
-        return cast(T, self._loaded(entry)) if isinstance(entry, EntryPoint) else entry
+        own, others = self._entries()
+        return own[name] if name in own else cast(T, self._loaded(others[name]))
 
     def _loaded(self, offer: EntryPoint) -> Any:
         try:
