@@ -77,7 +77,7 @@ def write_notebooks(folder: Path) -> None:
 
 def write_schemas() -> None:
     """Write the schema of scenes, and those of all documents; one that is none any more goes."""
-    from taction.tools import scene_schema
+    from taction.netlist_gen.scene.scene import scene_schema
     from taction.verification.report.documents.document_catalogue import schemas
 
     scenes = json.dumps(scene_schema(), indent=2, ensure_ascii=False)

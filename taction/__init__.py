@@ -21,24 +21,23 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from taction.designs import bom as bom
     from taction.designs import build as build
+    from taction.designs import check as check
+    from taction.designs import import_model as import_model
     from taction.designs import netlist as netlist
+    from taction.designs import opamp as opamp
     from taction.designs import solve as solve
     from taction.netlist_gen.board.circuit import Circuit as Circuit
     from taction.netlist_gen.board.synthesis import synthesise as synthesise
     from taction.netlist_gen.deck.deck import write_deck as write_deck
+    from taction.netlist_gen.scene.open_tables import models as models
     from taction.netlist_gen.scene.scene import Scene as Scene
     from taction.netlist_gen.scene.scene import load_scene as load_scene
+    from taction.netlist_gen.scene.scene import scene_schema as scene_schema
     from taction.system.errors import InputError as InputError
     from taction.system.errors import Interrupted as Interrupted
     from taction.system.errors import NoVerdictError as NoVerdictError
     from taction.system.errors import TactionError as TactionError
     from taction.system.waveforms import Waveforms as Waveforms
-    from taction.tools import check as check
-    from taction.tools import import_model as import_model
-    from taction.tools import mcp as mcp
-    from taction.tools import models as models
-    from taction.tools import opamp as opamp
-    from taction.tools import scene_schema as scene_schema
     from taction.transients import diff as diff
     from taction.transients import explore as explore
     from taction.transients import simulate as simulate
@@ -52,6 +51,7 @@ if TYPE_CHECKING:
     from taction.verification.evidence.demonstration import demo as demo
     from taction.verification.evidence.paper.reproduce import reproduce as reproduce
     from taction.verification.evidence.stress.run_cases import stress as stress
+    from taction.verification.report.tool_server import mcp as mcp
     from taction.verification.studies.onset.onset import onset as onset
     from taction.verification.studies.regression.regress import regress as regress
     from taction.verification.studies.sweep import sweep as sweep

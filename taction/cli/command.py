@@ -8,12 +8,13 @@ such as a range, stands in `OPTIONS`, or in the entry of the command.
 
 from __future__ import annotations
 
+import errno
 import inspect
 import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from typing import Any
@@ -21,15 +22,18 @@ from typing import Any
 import click
 
 import taction
-from taction.cli.ending import ARGUMENTS, of_stdout
 from taction.cli.printing import STATUS, StageLine, console, display, print_json, say, tell
 from taction.system import results
 from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted
 from taction.system.foreign_files import visible
+from taction.system.output_files import ENDINGS, check_file, check_folder, write_atomically
 from taction.system.progress import attempt
 
 ENGINES = ("auto", "ngspice", "statespace")
+DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does not load the table
 
+Options = dict[str, Any]
+"""The arguments and options of a command line by name."""
 Target = str | Callable[..., Any]
 """A function, or its place below `taction`: "verification.report.views.board_view:view"."""
 
@@ -51,7 +55,6 @@ class CommandParameter:
     # `reads`, `writes`: whether it is a file or a folder that the command reads or writes.
     reads: bool = False
     writes: bool = False
-    check: Target | None = None  # takes the value and refuses it, before any work is done
     write: Target | None = None  # takes the result and the path, and writes what shows the result
 
     def made(self, function: str) -> click.Parameter:
@@ -74,7 +77,8 @@ class CommandParameter:
         return self.flags[0] if self.flags else "FILE"
 
 
-OWN = ("of", "reads", "writes", "check", "write")
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # of a stream that takes no more
+OWN = ("of", "reads", "writes", "write")
 FILE = click.Path(dir_okay=False)
 
 
@@ -89,54 +93,27 @@ def argument(name: str, *, reads: bool = True, **attributes: Any) -> CommandPara
     return replace(option(name, **{"type": click.Path(), **attributes}), flags=(), reads=reads)
 
 
-def folder(name: str, *flags: str, **attributes: Any) -> CommandParameter:
-    """Return an option that names a folder to write."""
-    kind = click.Path(file_okay=False)
-    return option(name, *flags, metavar="FOLDER", type=kind, writes=True, **attributes)
-
-
-def output(name: str, text: str, write: Target, **more: Any) -> CommandParameter:
+def output(name: str, text: str, write: Target) -> CommandParameter:
     """Return the option of a file that shows the result."""
-    return option(name, type=FILE, metavar="FILE", help=text, writes=True, write=write, **more)
+    return option(name, type=FILE, metavar="FILE", help=text, writes=True, write=write)
 
 
 def picture(content: str) -> CommandParameter:
     """Return the option ``--plot`` of a result with a picture."""
     text = f"Draw {content} into FILE (PNG, SVG or PDF)."
-    check = "system.results:check_plot_file"
-    return output("plot", text, lambda found, path: found.plot(path), check=check)
+    return output("plot", text, lambda found, path: found.plot(path))
 
 
 REPORT = output(
     "report",
     "Write a report with pictures into FILE (HTML, one file that needs no network).",
     lambda found, path: found.report(path),
-    check="verification.report.output_checks:check_report_file",
 )
 
 
 def text_file(name: str, text: str, make: Target) -> CommandParameter:
     """Return the option ``--NAME``; `make` takes the result and returns the file's text."""
-
-    def write(result: Any, path: str) -> None:
-        from taction.system.output_files import write_atomically
-
-        write_atomically(path, load(make)(result))
-
-    return output(name, text, write)
-
-
-@dataclass(slots=True)
-class Call:
-    """A command line that is running."""
-
-    arguments: dict[str, Any]  # of the function
-    options: dict[str, Any]  # all options and arguments of the command by name
-
-    @property
-    def as_json(self) -> bool:
-        """Whether stdout gets one document."""
-        return bool(self.options["as_json"])
+    return output(name, text, lambda found, path: write_atomically(path, load(make)(found)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,15 +127,15 @@ class Command:
     view: Target = lambda found: found.page()
     text: Target | None = None  # takes the result and prints it, in the place of its page
     outputs: tuple[CommandParameter, ...] = ()  # the files that show the result
-    # Takes the `Call` and the progress, and returns the result in the place of the function.
-    work: Callable[[Call, StageLine], Any] | None = None
+    # Takes the options and the progress, and returns the result in the place of the function.
+    work: Callable[[Options, StageLine], Any] | None = None
     schema: str = ""  # of the document; by default the name of the command
-    # Takes the `Call` before any work: questions and checks of its own.
-    before: Callable[[Call], None] | None = None
-    # Takes the result and the `Call` after the work: what is said on stderr.
-    after: Callable[[Any, Call], object] | None = None
-    # Takes the result and the `Call`, and returns the names of the files that are written.
-    files: Callable[[Any, Call], Iterable[str]] = lambda found, call: ()
+    # Takes the options before any work: checks and defaults of its own.
+    before: Callable[[Options], None] | None = None
+    # Takes the result after the work: what is said on stderr.
+    after: Callable[[Any], object] | None = None
+    # Takes the result and the options, and returns the names of the files that are written.
+    files: Callable[[Any, Options], Iterable[str]] = lambda found, options: ()
     lacks: str = ""  # why an output of the command's other job is refused
     about: str = ""  # its line in the list of commands
     # Those that are not as the function's signature and `OPTIONS` have them, or not of it.
@@ -166,7 +143,7 @@ class Command:
     python_only: tuple[str, ...] = ()  # parameters of the function that are no options
     ends: str = ""  # what the exit status means, where it is not as usual
     # Takes the options and returns another job for some of them.
-    other: Callable[[Mapping[str, Any]], Command | None] = lambda options: None
+    other: Callable[[Options], Command | None] = lambda options: None
     commands: Mapping[str, Command] = field(default_factory=dict)  # below it
 
     @property
@@ -222,15 +199,11 @@ class EngineChoice(click.Choice[str]):
     """The engines of taction; the scene knows those of other packages, and refuses any other."""
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the name as it is."""
+        """Return the name as it is; refuse an engine that is no more."""
+        if value in ("both", "hybrid"):
+            text = "it was withdrawn: --engine ngspice compares every point with state space"
+            raise InputError("--engine", Complaint("NAME", repr(value), text))
         return value
-
-
-def refuse_withdrawn(engine: str) -> None:
-    """Refuse an engine that is no more; the scene refuses one that is unknown."""
-    if engine in ("both", "hybrid"):
-        text = "it was withdrawn: --engine ngspice compares every point with state space"
-        raise InputError("--engine", Complaint("NAME", repr(engine), text))
 
 
 class NumberRange(click.FloatRange):
@@ -250,16 +223,17 @@ class NumberRange(click.FloatRange):
 
 
 OUTPUT = option("output", "-o", "--output", type=FILE, writes=True)
-DATABASE = replace(OUTPUT, check="verification.studies.running.store:check_database")
-ADDRESS = "verification.studies.running.cluster:check_address"
+FOLDER = replace(
+    OUTPUT, flags=("-o",), attributes={"metavar": "FOLDER", "type": click.Path(file_okay=False)}
+)
 PYTHON_ONLY = ("progress", "strains", "announce")
 """Parameters of functions that are no options."""
 OPTIONS = {
     each.name: each
     for each in (
-        option("engine", type=EngineChoice(ENGINES), check=refuse_withdrawn),
+        option("engine", type=EngineChoice(ENGINES)),
         option("jobs", type=click.IntRange(1, 4096)),
-        option("cluster", metavar="tcp://HOST:PORT", check=ADDRESS),
+        option("cluster", metavar="tcp://HOST:PORT"),
         OUTPUT,
         option("settings", "--set", multiple=True, metavar="KEY=VALUE"),
         option("samples", "-n", "--samples", type=click.IntRange(1, 10_000_000)),
@@ -274,16 +248,49 @@ OPTIONS = {
         option("opamp", metavar="NAME"),
         option("agree", metavar="SHARE", type=NumberRange(0, 1, min_open=True)),
         option("only", multiple=True, metavar="NAME"),
+        option("outputs", "--output", metavar="NODE", multiple=True),
+        option("checks", "--check", metavar="NAME=LIMIT", multiple=True),
+        option("expect", metavar="V(NODE)=VALUE", multiple=True),
+        option("tolerances", metavar="FILE", type=FILE, reads=True),
+        option("dialect", type=click.Choice(DIALECTS)),
+        option("min_yield", type=NumberRange(0, 1)),
+        option("corner", multiple=True, metavar="KEY=Z,..."),
+        option("port", type=click.IntRange(0, 65535)),
+        option("reach", type=NumberRange(1, 1000, min_open=True)),
+        option("settling", metavar="TIME"),
+        option("rise", metavar="TIME"),
+        option("opamps", metavar="A,B,C"),
+        option("c_range", metavar="LOW:HIGH"),
+        option("gain_range", metavar="LOW:HIGH"),
+        replace(OUTPUT, name="store", flags=("--store",)),
+        option("transients", "--confirm/--no-confirm"),
+        option("fix", multiple=True, metavar="KEY[=VALUE]"),
+        option("baseline", type=click.Path(), metavar="FILE", reads=True),
+        option("budget", type=NumberRange(min=0.5)),
+        option("pins", metavar="ROLE,ROLE,..."),
+        option("compensation", metavar="FARADS"),
+        option("limit", metavar="SECONDS", type=NumberRange(0, 86400, min_open=True)),
     )
 }
 """What options have beside their names, defaults and sentences, in every command that has them."""
 
 
-def own_file(found: Any, call: Call) -> list[str]:
+def own_file(found: Any, options: Options) -> list[str]:
     """Return the file of ``-o``, which the function has written."""
-    return [] if call.options["output"] is None else [call.options["output"]]
+    return [] if options["output"] is None else [options["output"]]
 
 
+TWO_BOARDS = "two scene files, decks (.cir), or records (.raw)"
+ARGUMENTS = {
+    "scene": "a scene file, such as board.toml; `taction new board.toml` writes one",
+    "folder": "a folder with scene files",
+    "first": TWO_BOARDS,
+    "second": TWO_BOARDS,
+    "deck": "a SPICE deck, such as filter.cir",
+    "file": "a vendor's netlist with the op-amp as a subcircuit",
+    "name": "the name of a preset; `taction parts` lists them",
+}
+"""What the arguments of the commands are, by name."""
 BOARDS = ("scene", "first", "second")
 """Arguments that are one board. Of several boards a wrong one is a row of the result."""
 
@@ -310,31 +317,24 @@ def made(name: str, command: Command) -> click.Command:
     return click.Command(name, short_help=line, **same)
 
 
-def run(command: Command, given: dict[str, Any]) -> None:
+def run(command: Command, given: Options) -> None:
     """Run a command with its options, show the result, and end with the exit status."""
     job = command.other(given) or command
     _check(command, job, given)
-    known, absent = signature(job.function), inspect.Parameter.empty
-    arguments = {
-        name: known[name].default if value is None and known[name].default is not absent else value
-        for name, value in given.items()
-        if name in known
-    }
-    call = Call(arguments, given)
     if job.before is not None:
-        job.before(call)
+        job.before(given)
     if given.get("scene") is not None:
         from taction.netlist_gen.scene.axes import questions
 
         for question in questions(given["scene"]):
             say(f"question: {question}")
-    result, interrupted = _result(job, call)
-    tell(f"wrote {visible(name)}" for name in job.files(result, call))
+    result, interrupted = _result(job, given)
+    tell(f"wrote {visible(name)}" for name in job.files(result, given))
     written = _write(job, result, given)  # before the text: its reader may go
     if job.after is not None:
-        attempt("the remarks", partial(job.after, result, call), None, say, is_of_stdout)
+        attempt("the remarks", partial(job.after, result), None, say, is_of_stdout)
     if result is not None:
-        _show(job, result, call)
+        _show(job, result, as_json=given["as_json"])
     if interrupted:
         say(f"interrupted; {interrupted}")
     sys.exit(INTERRUPTED if interrupted else status_of(result) if written else 2)
@@ -349,34 +349,40 @@ def status_of(result: Any) -> int:
     return int(status)
 
 
-def _result(job: Command, call: Call) -> tuple[Any, str]:
+def _result(job: Command, given: Options) -> tuple[Any, str]:
     """Run the function; return its result, and after Ctrl-C what is kept."""
     function: Callable[..., Any] = getattr(taction, job.function)
-    if job.work is None and "progress" not in signature(job.function):
-        return function(**call.arguments), ""
+    known = signature(job.function)
+    arguments = {name: given[name] for name in known if given.get(name) is not None}
+    if job.work is None and "progress" not in known:
+        return function(**arguments), ""
     try:
         with display() as progress:
             if job.work is not None:
-                return job.work(call, progress), ""
-            return function(**call.arguments, progress=progress), ""
+                return job.work(given, progress), ""
+            return function(**arguments, progress=progress), ""
     except Interrupted as end:
         if end.result is None:
             raise
         return end.result, str(end)
 
 
-def _check(command: Command, job: Command, given: dict[str, Any]) -> None:
+def _check(command: Command, job: Command, given: Options) -> None:
     """Refuse, before any work, a scene with mistakes and an output that cannot be written.
 
     Neither may an output be an input, or another output. A scene that is read takes the place of
     its name.
     """
     parameters, inputs = command.every, list[str]()
-    for output in command.outputs:
-        _apply_check(output, given)
+    written = [each for each in parameters if each.writes and given[each.name] is not None]
+    asked = {each: given[each.name] for each in written}
+    for each, file in asked.items():
+        if each.option in ENDINGS:
+            check_file(file, each.option)
     for parameter in parameters:
         if parameter.reads:
-            names = list(_each(given[parameter.name]))
+            value = given[parameter.name]
+            names = value if isinstance(value, tuple) else [value] if value is not None else []
             inputs += names
             # A board is refused where it is read, as in Python.
             expected = ARGUMENTS.get(parameter.name.removesuffix("s"))
@@ -388,53 +394,35 @@ def _check(command: Command, job: Command, given: dict[str, Any]) -> None:
         from taction.netlist_gen.scene.scene import load_scene
 
         given |= {"scene": load_scene(given["scene"])}
-    asked = {each: given[each.name] for each in parameters if each.writes and given[each.name]}
     if asked:
-        from taction.verification.report.output_checks import check_folder, check_separate
+        from taction.verification.report.output_checks import check_separate
 
         check_separate(inputs, {each.option: file for each, file in asked.items()})
-        for parameter, file in asked.items():
-            if parameter.attributes["type"].file_okay:
-                check_folder(file, parameter.option)
-    for parameter in parameters:
-        if parameter.write is None:
-            _apply_check(parameter, given)
-        elif given[parameter.name] is not None and parameter not in job.outputs:
-            value = repr(given[parameter.name])
-            raise InputError(parameter.option, Complaint("FILE", value, job.lacks))
+    for each, file in asked.items():
+        if each.attributes["type"].file_okay:
+            check_folder(file, each.option)
+        if each.write is not None and each not in job.outputs:
+            raise InputError(each.option, Complaint("FILE", repr(file), job.lacks))
 
 
-def _apply_check(parameter: CommandParameter, given: Mapping[str, Any]) -> None:
-    for each in _each(given[parameter.name]):
-        if parameter.check is not None:
-            load(parameter.check)(each)
+def _write(job: Command, result: Any, given: Options) -> bool:
+    """Write the files that show the result, also after an error; return whether all are right."""
+
+    def write(output: CommandParameter) -> bool:
+        try:
+            load(output.write or "")(result, given[output.name])
+        except InputError as error:
+            say(str(error))
+            return False
+        tell([f"wrote {visible(given[output.name])}"])
+        return True
+
+    asked = [output for output in job.outputs if given[output.name] is not None]
+    written = [attempt(f"--{each.name}", partial(write, each), True, say) for each in asked]
+    return all(written)
 
 
-def _each(value: Any) -> Iterator[Any]:
-    """Yield the values of a parameter, which may have none or several."""
-    yield from value if isinstance(value, tuple) else [value] if value is not None else []
-
-
-def _write(job: Command, result: Any, given: Mapping[str, Any]) -> bool:
-    """Write the files that show the result, also after an error; return whether all are written."""
-    complete = True
-    for output in job.outputs:
-        if (path := given[output.name]) is not None:
-            step = partial(_write_one, output, result, path)
-            try:
-                attempt(f"--{output.name}", step, None, say, _is_bad_input)
-            except InputError as error:
-                say(str(error))
-                complete = False
-    return complete
-
-
-def _write_one(output: CommandParameter, result: Any, path: str) -> None:
-    load(output.write or "")(result, path)
-    tell([f"wrote {visible(path)}"])
-
-
-def _show(job: Command, result: Any, call: Call) -> None:
+def _show(job: Command, result: Any, *, as_json: bool) -> None:
     """Print the result, or its document; a text that fails ends with the outcome."""
 
     def show() -> None:
@@ -445,20 +433,16 @@ def _show(job: Command, result: Any, call: Call) -> None:
 
         print_page(load(job.view)(result), console())
 
-    if not call.as_json:
-        failed: list[str] = []
-        attempt("the text", show, None, failed.append, is_of_stdout)
-        for line in failed:
-            say(line)
-            click.echo(str(getattr(result, "outcome", "")).upper())
-        return
-    print_json(load(job.document)(result), job.schema or None)
+    def failed(text: str) -> None:
+        say(text)
+        click.echo(str(getattr(result, "outcome", "")).upper())
+
+    if as_json:
+        print_json(load(job.document)(result), job.schema or None)
+    else:
+        attempt("the text", show, None, failed, is_of_stdout)
 
 
-def _is_bad_input(error: Exception) -> bool:
-    return isinstance(error, InputError)
-
-
-def is_of_stdout(error: Exception) -> bool:
-    """Whether stdout takes no more, which is no fault of the step that prints."""
-    return isinstance(error, OSError) and of_stdout(error)
+def is_of_stdout(error: BaseException) -> bool:
+    """Whether a stream takes no more; a full disk elsewhere is another error of ours."""
+    return isinstance(error, OSError) and error.errno in (errno.EPIPE, *FULL)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 import sys
-import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from time import monotonic
+from typing import TYPE_CHECKING
 
 import click
 
@@ -44,11 +44,6 @@ def console(*, stderr: bool = False) -> Console:
     from taction.verification.report.renderers.terminal import Terminal
 
     return Terminal(stderr=stderr)
-
-
-def put(*what: Any, **more: Any) -> None:
-    """Print on the console of results, as ``rich`` does."""
-    console().print(*what, **more)
 
 
 def print_json(document: object, schema: str | None = None) -> None:
@@ -88,14 +83,8 @@ class StageLine:
     of its own, and is said once.
     """
 
-    def __init__(
-        self,
-        bar: Progress | None = None,
-        say: Callable[[str], None] = say,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._bar, self._say, self._clock = bar, say, clock
-        self._start, self._due, self._said = clock(), FIRST, set[str]()
+    def __init__(self, bar: Progress | None = None) -> None:
+        self._bar, self._start, self._due, self._said = bar, monotonic(), FIRST, set[str]()
         self._task = None if bar is None else bar.add_task("starting", total=None)
 
     def __call__(self, stage: str) -> None:
@@ -104,14 +93,14 @@ class StageLine:
             if stage not in self._said:
                 self._said.add(stage)
                 with self.aside():
-                    self._say(stage)
+                    say(stage)
         elif self._bar is not None and self._task is not None:
             counted = COUNTED.search(stage)
             done, total = map(int, counted.groups()) if counted else (0, None)
             self._bar.update(self._task, completed=done, total=total, description=stage)
-        elif (elapsed := self._clock() - self._start) >= self._due:
+        elif (elapsed := monotonic() - self._start) >= self._due:
             self._due = min(elapsed * GROWTH, elapsed + LONGEST)
-            self._say(stage)
+            say(stage)
 
     @contextmanager
     def aside(self) -> Iterator[None]:

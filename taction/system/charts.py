@@ -73,13 +73,9 @@ def looks_of(names: Iterable[str]) -> dict[str, Look]:
 
 def spread_colours(count: int) -> list[str]:
     """Return a colour for each of `count` channels, from blue over violet to orange."""
-    places = np.linspace(0.0, len(SPREAD) - 1.0, count) if count > 1 else np.zeros(1)
-    levels = np.arange(len(SPREAD))
-    rgb = [np.interp(places, levels, np.array(SPREAD)[:, k]) for k in range(3)]
-    return [
-        "#{:02x}{:02x}{:02x}".format(*(round(float(level)) for level in each))
-        for each in zip(*rgb, strict=True)
-    ]
+    places, levels = np.linspace(0.0, len(SPREAD) - 1.0, count), range(len(SPREAD))
+    rgb = [np.interp(places, levels, level).round().astype(int) for level in np.transpose(SPREAD)]
+    return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in np.transpose(rgb)]
 
 
 SIGNS = {"ohm": "Ω", "1/s": "/s", "step": "%", "ratio": ""}

@@ -14,9 +14,7 @@ A class whose document has another order, or parts of its parts, states it in th
 ``DOCUMENT``: a tuple of texts ``"key? [unit] = attribute.of.an.attribute # note"``; all but the
 key may be missing, and ``?`` is `OPTIONAL`. A name on the right is a field, a property, a method
 without arguments, or the key of a mapping; a dotted key is a document in the document; after ``*``
-the parts stand beside the others. On the right may also stand ``'text'``, ``attribute or null``
-for null in the place of what is empty, and ``place:function(attribute)``, or ``place:function()``
-of the whole value, for what is made above the class's room; the place is below `taction`. Or
+the parts stand beside the others; ``attribute or null`` is null in the place of what is empty. Or
 ``DOCUMENT`` is the place of a function (`results.load`) that makes the document.
 """
 
@@ -33,10 +31,10 @@ import types
 import typing
 from collections.abc import Mapping, Sequence
 from functools import cache
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
-from taction.system.errors import Complaint, InputError, SimulationError, listed
+from taction.system.errors import Complaint, TactionError, listed
 from taction.system.foreign_files import shortened, visible
 from taction.system.output_files import printable
 from taction.system.results import load
@@ -54,7 +52,6 @@ Number = float | None
 
 
 UNIONS = (Union, types.UnionType)
-PACKAGE = __name__.partition(".")[0]
 INLINE: dict[str, Any] = {"inline": {}}
 HIDDEN = {"hidden": True}
 OPTIONAL = {"required": False}
@@ -72,68 +69,52 @@ class DocumentPart:
     inline: Mapping[str, str] | None = None  # beside the others: parts, or numbers with their units
     required: bool = True
     hidden: bool = False
-    place: str = ""  # of a function that makes it from the attribute
-    text: str | None = None  # in the place of an attribute
     filled: bool = False  # null where it is empty
 
     def of(self, value: Any) -> Any:
         """Return the field of the document of `value`; None where an attribute on the way is."""
-        if self.text is not None:
-            return self.text
-        for name in filter(None, self.attribute.split(".")):
+        for name in self.attribute.split("."):
             if value is not None:
                 value = value.get(name) if isinstance(value, Mapping) else getattr(value, name)
                 value = value() if inspect.ismethod(value) else value
-        if self.place:
-            value = load(f"{PACKAGE}.{self.place}")(value)
         return (value or None) if self.filled else value
 
 
 @cache
 def parts_of(kind: Any) -> tuple[DocumentPart, ...]:
     """Return what is in the document of a dataclass: ``DOCUMENT``, or its fields and ``SHOWN``."""
-    if hasattr(kind, "DOCUMENT"):
-        return tuple(_stated(kind, entry) for entry in kind.DOCUMENT)
     names = (*(field.name for field in dataclasses.fields(kind)), *getattr(kind, "SHOWN", ()))
-    parts = (_part(name, *unwrapped(_hint(kind, name))) for name in names)
+    parts = (_part(kind, entry) for entry in getattr(kind, "DOCUMENT", names))
     return tuple(part for part in parts if not part.hidden)
 
 
 ENTRY = re.compile(
     r"(?P<key>[\w.*]+)(?P<missing>\??)(?: \[(?P<unit>.*?)\])?"
-    r"(?: = (?:'(?P<text>[^']*)'|(?P<place>[\w.]+:[\w.]+)\((?P<given>[\w.]*)\)|(?P<path>[\w.]+)"
-    r"(?P<filled> or null)?))?(?: # (?P<note>.*))?"
+    r"(?: = (?P<path>[\w.]+)(?P<filled> or null)?)?(?: # (?P<note>.*))?"
 )
 """An entry of ``DOCUMENT``."""
 
 
-def _stated(kind: Any, entry: str) -> DocumentPart:
+def _part(kind: Any, entry: str) -> DocumentPart:
     found = ENTRY.fullmatch(entry)
     if found is None:
         raise ValueError(f"{kind.__name__}.DOCUMENT: {entry!r} is no entry")
-    key, place, text = found["key"], found["place"] or "", found["text"]
-    path = found["given"] if place else found["path"] or key
-    inner, notes = (str, ()) if text is not None else _kind_at(kind, "" if place else path)
-    if place:
-        inner, notes = unwrapped(_returned(load(f"{PACKAGE}.{place}")))
-    part = _part(path, inner | None if found["filled"] else inner, notes)
-    return dataclasses.replace(
-        part,
-        key=key,
-        unit=found["unit"] or part.unit,
-        note=found["note"] or part.note,
-        inline=(part.inline or {}) if key.endswith("*") else part.inline,
-        required=part.required and not found["missing"],
-        place=place,
-        text=text,
-        filled=bool(found["filled"]),
-    )
+    key, path, filled = found["key"], found["path"] or found["key"], bool(found["filled"])
+    inner, notes = _kind_at(kind, path)
+    stated: dict[str, Any] = dict(INLINE if key.endswith("*") else {})
+    for note in notes:
+        own = note if isinstance(note, dict) else {}  # others are of pydantic
+        stated |= {"unit": note} if isinstance(note, str) else own
+    stated |= OPTIONAL if found["missing"] else {}
+    stated |= {name: found[name] for name in ("unit", "note") if found[name]}
+    given = {"key": key, "kind": inner | None if filled else inner, "filled": filled}
+    return DocumentPart(path, **given | stated)
 
 
 def _kind_at(kind: Any, path: str) -> tuple[Any, tuple[Any, ...]]:
     """Return the type of an attribute of an attribute, and its notes."""
     inner, notes, optional = kind, tuple[Any, ...](), False
-    for name in filter(None, path.split(".")):
+    for name in path.split("."):
         if get_origin(inner) in UNIONS:
             (inner,) = (each for each in get_args(inner) if each is not types.NoneType)
             optional = True
@@ -166,14 +147,6 @@ def document_of(kind: Any) -> Any:
     if not isinstance(place, str):
         return kind
     return _returned(load(place))
-
-
-def _part(name: str, inner: Any, notes: tuple[Any, ...]) -> DocumentPart:
-    stated: dict[str, Any] = {"attribute": name, "key": name, "kind": inner}
-    for note in notes:
-        own = note if isinstance(note, dict) else {}  # others are of pydantic
-        stated |= {"unit": note} if isinstance(note, str) else own
-    return DocumentPart(**stated)
 
 
 def unwrapped(hint: Any) -> tuple[Any, tuple[Any, ...]]:
@@ -225,7 +198,7 @@ def _plain_parts(value: Any) -> dict[str, Any]:
     return found
 
 
-def taken(kind: type[T], source: object, **others: Any) -> T:
+def taken(kind: type[T], source: object, /, **others: Any) -> T:
     """Return a value of a type from `others`, and attributes of `source` of the same names."""
     fields = dataclasses.fields(kind)  # type: ignore[arg-type]
     names = [field.name for field in fields if field.name not in others]
@@ -336,7 +309,7 @@ class Failure:
     file: Annotated[str | None, OPTIONAL, {"note": "of bad input"}] = None
     complaints: Annotated[tuple[Complaint, ...] | None, OPTIONAL] = None
     log: Annotated[str | None, OPTIONAL, {"note": "of a simulation"}] = None
-    folder: Annotated[str | None, OPTIONAL, {"note": "what reproduces the failed simulation"}] = (
+    folder: Annotated[Path | None, OPTIONAL, {"note": "what reproduces the failed simulation"}] = (
         None
     )
 
@@ -351,12 +324,8 @@ class ErrorDocument:
 
 def error_document(error: Exception, message: str = "") -> ErrorDocument:
     """Return `error` with its outcome, ``bad input`` or ``inconclusive``, and all that it knows."""
-    more: dict[str, Any] = {}
-    if isinstance(error, InputError):
-        more = {"file": str(error.file), "complaints": tuple(error.complaints)}
-    if isinstance(error, SimulationError):
-        more = {"log": error.log, "folder": str(error.folder) if error.folder else None}
-    failure = Failure(type(error).__name__, message or str(error), **more)
+    known = error if isinstance(error, TactionError) else None
+    failure = taken(Failure, known, kind=type(error).__name__, message=message or str(error))
     # As the error of a command line, of click, a mistake of the user has the exit status 2.
     ours = getattr(error, "exit_status", getattr(error, "exit_code", None)) == 2
     return ErrorDocument("bad input" if ours else "inconclusive", failure)
@@ -380,15 +349,11 @@ _PLAIN: dict[Any, Any] = {bool: "boolean", int: "integer", str: "string", type(N
 _PLAIN[float] = _NUMBER["type"]
 
 
-def _schema(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
+def _schema(kind: Any, shared: dict[str, Any], unit: str = "", note: str = "") -> dict[str, Any]:
     kind, notes = unwrapped(kind)
-    unit = next((note for note in notes if isinstance(note, str)), "")
-    return _noted(_schema_of(kind, shared), unit)
-
-
-def _noted(made: dict[str, Any], unit: str, note: str = "") -> dict[str, Any]:
+    unit = unit or next((each for each in notes if isinstance(each, str)), "")
     more = {"unit": unit, "description": note}
-    return made | {name: text for name, text in more.items() if text}
+    return _schema_of(kind, shared) | {name: text for name, text in more.items() if text}
 
 
 def _schema_of(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
@@ -440,10 +405,10 @@ def _object(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
                 inside["required"].append(place)
             inside = inside["properties"][place]
         if part.inline is None:
-            made = _noted(_schema(part.kind, shared), part.unit, part.note)
-            beside, required = {key: made}, [key] * part.required
+            beside = {key: _schema(part.kind, shared, part.unit, part.note)}
+            required = [key] * part.required
         elif part.inline:
-            beside = {name: _noted(_NUMBER, unit) for name, unit in part.inline.items()}
+            beside = {name: _schema(Number, shared, unit) for name, unit in part.inline.items()}
             required = list(beside)
         else:
             kinds = (*get_args(part.kind), part.kind)
@@ -467,28 +432,18 @@ def units(kind: Any) -> dict[str, str]:
     """
     made, found = schema(kind), dict[str, str]()
 
-    def walk(part: Any, inside: str, seen: frozenset[str]) -> None:
+    def walk(part: Any, inside: str, key: str, seen: frozenset[str]) -> None:
+        unit = part.get("unit")
+        if unit and found.setdefault(key, unit) != unit:
+            found[f"{inside}.{key}".lstrip(".")] = unit
         name = part.get("$ref", "").rpartition("/")[2]
         if name and name not in seen:
-            walk(made["$defs"][name], inside, seen | {name})
-        for key, field in part.get("properties", {}).items():
-            unit = _unit_in(field)
-            if unit and found.setdefault(key, unit) != unit:
-                found[f"{inside}.{key}".lstrip(".")] = unit
-            walk(field, key, seen)
-        for each in _inner(part):
-            walk(each, inside, seen)
+            walk(made["$defs"][name], inside, key, seen | {name})
+        for below, field in part.get("properties", {}).items():
+            walk(field, key, below, seen)
+        for each in (part.get("items"), part.get("additionalProperties"), *part.get("anyOf", ())):
+            if isinstance(each, dict):  # of a list or a table, or one of either
+                walk(each, inside, key, seen)
 
-    walk(made, "", frozenset())
+    walk(made, "", "", frozenset())
     return dict(sorted(found.items()))
-
-
-def _inner(part: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the schemas of the items of a list or a table, or of either."""
-    every = (part.get("items"), part.get("additionalProperties"), *part.get("anyOf", ()))
-    return [each for each in every if isinstance(each, dict)]
-
-
-def _unit_in(field: dict[str, Any]) -> str:
-    """Return the unit of a field, also where it is a list or a table of numbers."""
-    return field.get("unit") or next(filter(None, map(_unit_in, _inner(field))), "")

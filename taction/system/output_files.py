@@ -20,21 +20,19 @@ from taction.system.processes import own_folder
 PREFIX = ".taction-"  # of a file that is being written, beside the file that it will replace
 LONGEST_ENDING = 16  # characters
 ABANDONED = 3600.0  # s since the last write to a file: nobody writes to it any more
-UNCHANGED = "expected a file that can be written. An older file is unchanged"
 
 
-def write_atomically(path: str | Path, content: str | bytes) -> None:
-    r"""Write `content` to `path` by `replacing`; text is UTF-8, see `printable`."""
-    with replacing(path) as file:
-        data = content if isinstance(content, bytes) else content.encode(errors="backslashreplace")
-        file.write_bytes(data)
+def write_atomically(path: str | Path, content: str) -> None:
+    """Write a text to `path` by `replacing`, as UTF-8; see `printable`."""
+    write_together({Path(path): content})
 
 
 def write_together(files: Mapping[Path, str]) -> None:
     """Write several texts, all or none: they go to their places when all are complete."""
     with contextlib.ExitStack() as stack:
         for file, text in files.items():
-            stack.enter_context(replacing(file)).write_text(text, encoding="utf-8")
+            data = text.encode(errors="backslashreplace")
+            stack.enter_context(replacing(file)).write_bytes(data)
 
 
 @contextlib.contextmanager
@@ -59,7 +57,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
     except (OSError, ValueError) as error:  # a name with a zero byte is a ValueError
         missing = isinstance(error, FileNotFoundError)
         reason = "its folder does not exist" if missing else getattr(error, "strerror", error)
-        raise InputError(path, Complaint("FILE", "", f"{reason}; {UNCHANGED}")) from None
+        text = f"{reason}; expected a file that can be written. An older file is unchanged"
+        raise InputError(path, Complaint("FILE", "", text)) from None
 
 
 @contextlib.contextmanager
@@ -126,11 +125,20 @@ def check_folder(path: str | Path, option: str) -> None:
         raise InputError(option, Complaint("FILE", repr(str(path)), text))
 
 
-def check_file(path: str, option: str, endings: Mapping[str, str]) -> None:
+ENDINGS = {
+    "--plot": dict.fromkeys((".png", ".svg", ".pdf"), "plot"),
+    "--report": dict.fromkeys((".html", ".htm"), "report"),
+    "--export": {".csv": "", ".parquet": "parquet"},
+}
+"""By option: the endings of its file in lower case, with the extra of taction that each needs."""
+
+
+def check_file(path: str, option: str, own: Mapping[str, str] | None = None) -> None:
     """Refuse a file that could not be written, before any work is done.
 
-    `endings`, in lower case, with the extra of taction that writes each; empty: none is needed.
+    `own`: endings and extras as in `ENDINGS`, which has those of the option otherwise.
     """
+    endings = ENDINGS[option] if own is None else own
     ending = Path(path).suffix.lower()
     if ending not in endings:
         text = f"expected a file that ends in {', '.join(endings)}"
@@ -152,17 +160,17 @@ def check_extra(extra: str, option: str, otherwise: str = "") -> None:
         raise InputError(option, Complaint("packages", "", text))
 
 
-def make_folder(folder: str | Path, option: str = "-o") -> None:
-    """Make a missing folder; InputError where that is not possible."""
+def make_folder(folder: str | Path) -> None:
+    """Make a missing folder of the option ``-o``; InputError where that is not possible."""
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:  # a name with a zero byte is a ValueError
         reason = f"cannot be made: {getattr(error, 'strerror', error)}"
-        raise InputError(option, Complaint("FOLDER", repr(str(folder)), reason)) from None
+        raise InputError("-o", Complaint("FOLDER", repr(str(folder)), reason)) from None
 
 
-def check_own_folder(folder: str | Path, files: Collection[str] = (), option: str = "-o") -> None:
-    """Refuse a folder that cannot be written, or holds links or other files than `files`."""
+def check_own_folder(folder: str | Path, files: Collection[str] = ()) -> None:
+    """Refuse a folder of ``-o`` that cannot be written, or holds links or others than `files`."""
     place, text = Path(folder), ""
     there = next(each for each in (place, *place.absolute().parents) if os.path.lexists(each))
     if not there.is_dir():
@@ -180,7 +188,7 @@ def check_own_folder(folder: str | Path, files: Collection[str] = (), option: st
             # A file would be written where it leads.
             text = f"{links[0]!r} in it is a link; expected a folder without links"
     if text:
-        raise InputError(option, Complaint("FOLDER", repr(str(folder)), text))
+        raise InputError("-o", Complaint("FOLDER", repr(str(folder)), text))
 
 
 def printable(text: str) -> str:

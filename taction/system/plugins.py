@@ -16,6 +16,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from importlib import metadata, util
 from importlib.metadata import EntryPoint
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -85,9 +86,9 @@ class OpenTable(Mapping[str, T]):
         self._group, self._own, self._kind = group, own, kind
         self._part, self._optional = part, optional
 
-    def _entries(self) -> tuple[dict[str, T], dict[str, EntryPoint]]:
+    def _entries(self) -> tuple[Mapping[str, T], Mapping[str, EntryPoint]]:
         """Return the own entries, and the offers of others, which are not loaded."""
-        own = {**(self._own() if callable(self._own) else self._own)}
+        own = self._own() if callable(self._own) else self._own
         others = {offer.name: offer for offer in offers() if offer.group == self._group}
         if taken := own.keys() & others.keys():
             text = "taction itself has this name; take another one"
@@ -95,12 +96,10 @@ class OpenTable(Mapping[str, T]):
         return own, others
 
     def __iter__(self) -> Iterator[str]:
-        own, others = self._entries()
-        return iter([*own, *others])
+        return chain(*self._entries())
 
     def __len__(self) -> int:
-        own, others = self._entries()
-        return len(own) + len(others)
+        return sum(map(len, self._entries()))
 
     def __contains__(self, name: object) -> bool:
         return any(name in table for table in self._entries())

@@ -122,13 +122,13 @@ ROUNDS = 5  # of trying: other processes may clear, and may start others while t
 _locks: dict[str, int] = {}  # file descriptors by folder
 
 
-def make_own_folder(place: str | Path | None = None) -> Path:
-    """Make a folder in `place`, by default in that for temporary files, and lock it.
+def make_own_folder() -> Path:
+    """Make a folder where temporary files are (TMPDIR), and lock it.
 
     OutOfDisk: the folder cannot be made.
     """
     # `gettempdir` alone would take another folder than TMPDIR without a word.
-    parent = str(place or os.environ.get("TMPDIR") or "")
+    parent = os.environ.get("TMPDIR", "")
     try:
         parent = parent or tempfile.gettempdir()
         _clear_once(parent, os.getpid())
@@ -176,12 +176,6 @@ def keep_folder(folder: Path) -> Path:
     return kept
 
 
-@functools.cache
-def _clear_once(place: str, process: int) -> None:
-    """Clear a place once in a process, by its number."""
-    clear_abandoned(place)
-
-
 def clear_abandoned(place: str | Path) -> None:
     """Remove the folders in `place` whose processes have ended, and end what still runs in them.
 
@@ -197,6 +191,9 @@ def clear_abandoned(place: str | Path) -> None:
                     shutil.rmtree(folder)
             finally:
                 os.close(number)
+
+
+_clear_once = functools.cache(lambda place, process: clear_abandoned(place))  # in a process
 
 
 def end_orphans(folder: str | Path, leader: int = 0) -> None:

@@ -129,8 +129,7 @@ def show(value: float, unit: str, digits: int = 4) -> str:
     mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
     above = int(exponent) % 3
     power = int(exponent) - above
-    text = f"{float(f'{mantissa}e{above}'):.{max(digits - 1 - above, 0)}f}"
-    text = text.rstrip("0").rstrip(".") if "." in text else text
+    text = f"{float(f'{mantissa}e{above}'):.{max(digits, above + 1)}g}"
     if power not in PREFIXES:
         return f"{text}e{power} {unit}".rstrip()
     return f"{text} {PREFIXES[power]}{unit}" if unit else f"{text}{PREFIXES[power]}"

@@ -12,16 +12,13 @@ import operator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from taction.system.output_files import check_file
-
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from matplotlib.figure import Figure
 
 
-REPORT = "taction.verification.report"
-RENDERERS = f"{REPORT}.renderers"
+RENDERERS = "taction.verification.report.renderers"
 
 
 def load(place: str) -> Callable[..., Any]:
@@ -93,8 +90,3 @@ class Result:
         """Return the result as a card for a notebook."""
         card: str = load(f"{RENDERERS}.terminal:card")(self.page(), self.CARD)
         return card
-
-
-def check_plot_file(path: str | Path) -> None:
-    """Refuse, before any work is done, a picture that could not be drawn or written."""
-    check_file(str(path), "--plot", dict.fromkeys((".png", ".svg", ".pdf"), "plot"))

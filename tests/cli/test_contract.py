@@ -12,7 +12,6 @@ import pytest
 import taction
 from taction.cli import command as cli
 from taction.cli import commands as table
-from taction.cli import verify
 from taction.cli.command import Command, CommandParameter, load, sentences, signature
 from taction.cli.commands import COMMANDS
 from taction.system.errors import Complaint
@@ -51,8 +50,7 @@ def entry(name: str) -> Command:
 
 
 def jobs() -> Iterator[tuple[str, Command]]:
-    for module in (table, verify):
-        yield from ((n, job) for n, job in vars(module).items() if isinstance(job, Command))
+    yield from ((name, job) for name, job in vars(table).items() if isinstance(job, Command))
     for name in CALLS:
         yield name, entry(name)
 

@@ -143,7 +143,7 @@ def test_a_signal_ends_the_simulator(name: str, tmp_path: Path) -> None:
 
 SWALLOWED = """
 import os, signal, sys, time, weakref
-from taction.cli.ending import run_command
+from taction.cli.main import run_command
 
 class Thing:
     pass
@@ -158,7 +158,7 @@ sys.exit(run_command(function, as_json=False))
 """
 WRAPPED = """
 import os, signal, sys
-from taction.cli.ending import run_command
+from taction.cli.main import run_command
 
 def function():
     try:
@@ -170,7 +170,7 @@ sys.exit(run_command(function, as_json=False))
 """
 EXECUTED = """
 import os, signal, sys
-from taction.cli.ending import run_command
+from taction.cli.main import run_command
 sys.exit(run_command(lambda: exec("os.kill(os.getpid(), signal.SIGINT)"), as_json=False))
 """
 
@@ -188,7 +188,7 @@ def test_no_signal_is_lost_on_its_way(code: str, number: int) -> None:
 def test_the_second_signal_does_not_stop_the_clean_up() -> None:
     code = """
 import os, signal, sys, time
-from taction.cli.ending import run_command
+from taction.cli.main import run_command
 
 def function():
     try:

@@ -11,9 +11,9 @@ from typing import Any
 import jsonschema
 import pytest
 
+from taction.cli import printing
 from taction.cli.commands import COMMANDS
 from taction.cli.main import FAMILIES, RENAMED, SECTIONS
-from taction.cli.printing import StageLine
 from taction.verification.report.documents.document_catalogue import (
     MODELS,
     schema,
@@ -232,12 +232,14 @@ def test_published_schemas_are_valid_and_name_units() -> None:
     assert verdict["properties"]["settling_time"]["unit"] == "s"
 
 
-def test_lines_become_rare() -> None:
-    said: list[str] = []
-    seconds = count(0.0, 1.0)
-    line = StageLine(say=said.append, clock=lambda: next(seconds))
+def test_lines_become_rare(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(printing, "monotonic", count(0.0, 1.0).__next__)
+    line = printing.StageLine()
     for number in range(1, 3601):
         line(str(number))
+    said = capsys.readouterr().err.replace("taction: ", "").split()
     assert said[:5] == ["10", "15", "23", "35", "53"]  # seconds, each 1.5 times the last
     assert len(said) == 20
     assert max(int(b) - int(a) for a, b in pairwise(said)) == 300

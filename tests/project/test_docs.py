@@ -17,7 +17,6 @@ import taction as library
 from scripts.rooms import modules
 from taction.cli.main import main
 from taction.system import progress as after_result
-from taction.verification.report import tool_server
 from taction.verification.report.explorer import server
 from tests.support import nightly
 from tests.support.paths import ROOT
@@ -102,17 +101,17 @@ def test_every_line_gives_what_the_page_shows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     explored: list[str] = []
-    served: list[tuple[str, float]] = []
+    served: list[str] = []
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(server, "explore", lambda scene, **_: explored.append(scene.name))
-    monkeypatch.setattr(tool_server, "serve", lambda folder, limit: served.append((folder, limit)))
+    monkeypatch.setattr(library, "mcp", served.append)
     shutil.copy(ROOT / "tests" / "data" / "fet100.cir", tmp_path)
     examples = doctest.DocTestParser().get_doctest(TOUR, {}, "tour.md", "tour.md", 0)
     found = doctest.DocTestRunner().run(examples)
     assert found.attempted > 50
     assert not found.failed
     assert explored == ["tour"]
-    assert served == [("boards", 300.0)]
+    assert served == ["boards"]
 
 
 WITH_EXAMPLES = [

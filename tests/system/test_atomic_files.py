@@ -49,7 +49,7 @@ def test_text_that_is_no_unicode_is_escaped(tmp_path: Path) -> None:
     name = os.fsdecode(b"board-\xff.toml")
     write_atomically(tmp_path / "a.json", json.dumps({"µ": name}, ensure_ascii=False))
     assert json.loads((tmp_path / "a.json").read_text(encoding="utf-8")) == {"µ": name}
-    write_atomically(tmp_path / name, b"content")
+    write_atomically(tmp_path / name, "content")
     assert (tmp_path / name).read_bytes() == b"content"
 
 
@@ -137,14 +137,14 @@ def test_a_text_is_shown_in_one_printable_line(text: str, shown: str) -> None:
 OWNER = """
 import sys, time
 from taction.system.processes import make_own_folder
-print(make_own_folder(sys.argv[1]), flush=True)
+print(make_own_folder(), flush=True)
 time.sleep(600)
 """
 
 
 def owner(place: Path) -> tuple[subprocess.Popen[str], Path]:
-    words = [sys.executable, "-c", OWNER, str(place)]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+    words, env = [sys.executable, "-c", OWNER], {**os.environ, "TMPDIR": str(place)}
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=env)
     assert process.stdout is not None
     return process, Path(process.stdout.readline().rstrip("\n"))
 
@@ -202,7 +202,8 @@ def test_a_folder_that_another_process_clears_before_the_lock_is_made_again(
         return made[-1]
 
     monkeypatch.setattr(processes.tempfile, "mkdtemp", cleared)
-    assert str(make_own_folder(tmp_path)) == made[1] != made[0]
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    assert str(make_own_folder()) == made[1] != made[0]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")

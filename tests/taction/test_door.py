@@ -24,7 +24,7 @@ from tests.support.running import python
 from tests.support.running import taction as command
 
 HEAVY = ("numpy", "scipy", "pydantic", "click", "rich", "PySpice")
-JOBS = ("taction.designs", "taction.transients", "taction.tools")
+JOBS = ("taction.designs", "taction.transients")
 
 
 def loaded_by(script: str) -> set[str]:

@@ -91,6 +91,23 @@ def _default(keys: type[Model]) -> Model | None:
         return None
 
 
+def models() -> dict[str, OpAmp]:
+    """List the op-amp presets; `show NAME` has one with all figures, measured beside stated.
+
+    Returns
+    -------
+    dict of str to OpAmp
+        The presets by name.
+
+    Examples
+    --------
+    >>> import taction
+    >>> taction.models()["tl084"].slew_rate
+    13000000.0
+    """
+    return dict(OPAMPS)
+
+
 def refuse_unknown(opamp: str, option: str) -> None:
     """Refuse an op-amp that is no preset, with the nearest one and all of them."""
     if opamp not in OPAMPS:

@@ -186,6 +186,23 @@ def scene_type() -> type[Scene]:
     return _types().get("PluggedScene", Scene)  # type: ignore[return-value]
 
 
+def scene_schema() -> dict[str, Any]:
+    """Return the JSON schema of scene files.
+
+    Returns
+    -------
+    dict
+        All keys with their types, defaults and descriptions.
+
+    Examples
+    --------
+    >>> import taction
+    >>> "capacitance" in taction.scene_schema()["$defs"]["Design"]["properties"]
+    True
+    """
+    return scene_type().model_json_schema(by_alias=True)
+
+
 @functools.cache
 def _types() -> dict[str, type[Model]]:
     """Return `Scene`, `Design` and `Checks` with the tables of plug-ins, those that have any."""

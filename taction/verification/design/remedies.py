@@ -40,10 +40,11 @@ SHOWN = 4  # op-amps that are proposed
 class Change:
     """A change with which the state-space verdict is a pass."""
 
-    DOCUMENT = ("values", "resistance [ohm]", "engine = 'statespace'")
+    DOCUMENT = ("values", "resistance [ohm]", "engine")
 
     values: dict[str, Value]  # new values by dotted paths, with a lambda where it is held
     resistance: float | None = None  # R of the changed board where it differs from the scene's, ohm
+    engine: str = "statespace"  # that found the pass
 
 
 @dataclass(frozen=True, slots=True)

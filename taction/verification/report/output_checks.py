@@ -11,19 +11,12 @@ from typing import TYPE_CHECKING
 from taction.netlist_gen.scene.keys import files_of
 from taction.netlist_gen.scene.scene import load_scene
 from taction.system.errors import Complaint, InputError
-from taction.system.output_files import check_file as check_file
-from taction.system.output_files import check_folder as check_folder
-from taction.system.output_files import is_special, replacing
+from taction.system.output_files import check_file, is_special, replacing
 
 if TYPE_CHECKING:
     from taction.netlist_gen.board.circuit import Circuit
     from taction.system.array_types import Floats
     from taction.system.waveforms import Waveforms
-
-
-def check_report_file(path: str) -> None:
-    """Refuse with InputError a report that could not be written, before any work is done."""
-    check_file(path, "--report", dict.fromkeys((".html", ".htm"), "report"))
 
 
 def check_separate(inputs: Iterable[str | None], outputs: Mapping[str, str]) -> None:

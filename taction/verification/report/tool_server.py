@@ -51,10 +51,33 @@ TOOLS: dict[str, tuple[str, tuple[str, ...]]] = {
 """Command and options by the name of the tool. None of them writes a file."""
 
 
-def serve(folder: str | Path, limit: float) -> None:
-    """Answer calls over stdin and stdout until stdin ends.
+def mcp(folder: str | Path, *, limit: float = 300.0) -> None:
+    """Answer calls of a program over stdin and stdout, by the Model Context Protocol.
 
-    InputError: see `server`, or stdin is closed. NoVerdictError: stdin or stdout cannot be used.
+    The tools are verify, check, onset, netlist, diff, models and model. A call takes the arguments
+    of the command and returns the document of its --json. Files are read in FOLDER only; nothing is
+    written. The server ends when stdin does.
+
+    Parameters
+    ----------
+    folder : path
+        The only folder of which files are read; names of files are relative to it.
+    limit : float
+        Time limit of a call, s.
+
+    Raises
+    ------
+    InputError
+        There is no such folder, stdin is closed, or the SDK is missing (``taction[mcp]``).
+    NoVerdictError
+        stdin or stdout cannot be used.
+
+    Examples
+    --------
+    The call ends when stdin is closed.
+
+    >>> import taction
+    >>> taction.mcp("scenes")  # doctest: +SKIP
     """
     if not (math.isfinite(limit) and limit > 0.0):
         expected = "expected a finite number of seconds above zero"

@@ -184,7 +184,6 @@ def computed(
 
 TEXT_COLUMNS = ("outcome", "failure", "state", "simulator", "reason")
 OUTCOMES = ("pass", "fail", "inconclusive", "error")
-EXTRAS = {".csv": "", ".parquet": "parquet"}  # of taction, by ending
 
 
 def all_records(plan: Plan, store: Store) -> Iterator[dict[str, Any] | None]:
@@ -389,14 +388,9 @@ def grids(result: SweepResult) -> dict[str, np.ndarray[Any, Any]]:
     return arrays
 
 
-def check_sweep_export(path: str) -> None:
-    """Refuse a file that could not be written, before any work is done."""
-    check_file(path, "--export", EXTRAS)
-
-
 def export_sweep(result: SweepResult, path: str) -> None:
     """Write every point of a sweep to `path`, a row each."""
-    check_sweep_export(path)
+    check_file(path, "--export")
     with replacing(path) as temporary:
         match Path(path).suffix.lower():
             case ".parquet":

@@ -24,6 +24,7 @@ from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError, SolverError
 from taction.system.quantities import show
+from taction.system.results import load
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.ideal_answer import IdealNetwork
 from taction.verification.reference.problem import Solution, solution_difference
@@ -102,7 +103,7 @@ class AnswerError:
         *("true_error [stress]", "true_error_uncertainty [stress] = shares.true_doubt"),
         *("regularisation [stress]", "noise [stress]", "channel # from 1"),
         "largest_stress [V] = unit # the true one; if it is not known, that of the answer",
-        "text = verification.report.views.answer_view:answer_text()",
+        "text",
     )
 
     network: IdealNetwork  # the problem that was solved
@@ -175,6 +176,11 @@ class AnswerError:
         if self.stress is None or math.isinf(self.target_error) or not self.unit:
             return None
         return worst_channel(self.target - self.stress) + 1
+
+    @property
+    def text(self) -> str:
+        """The errors in a sentence."""
+        return str(load("taction.verification.report.views.answer_view:answer_text")(self))
 
     @property
     def shares(self) -> dict[str, float | None]:

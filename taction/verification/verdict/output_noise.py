@@ -68,7 +68,7 @@ class OutputNoise:
     """Noise of every channel, from the state-space engine."""
 
     DOCUMENT = (
-        *("rms", "uncertainties = error", "unit = 'V'", "ngspice = simulated"),
+        *("rms", "uncertainties = error", "unit", "ngspice = simulated"),
         *("reason = unknown", "lowest [Hz]"),
     )
 
@@ -81,6 +81,7 @@ class OutputNoise:
     notes: tuple[str, ...] = ()  # what else op-amps leave out
     lowest: float = 0.0  # the lowest frequency that counts, Hz
     flickers: bool = False  # whether op-amps have 1/f noise
+    unit: str = "V"  # of `rms`
 
     @classmethod
     def of(cls, board: Board) -> OutputNoise | None:

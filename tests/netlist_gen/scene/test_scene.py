@@ -14,9 +14,8 @@ import pytest
 
 from taction.netlist_gen.scene.axes import parse_axes, with_settings
 from taction.netlist_gen.scene.keys import scene_text
-from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
+from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene, scene_schema
 from taction.system.errors import InputError
-from taction.tools import scene_schema
 from taction.verification.studies.running.versions import digest
 from tests.support.making import make_scene
 from tests.support.paths import ROOT, SCENES

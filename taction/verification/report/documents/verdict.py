@@ -77,12 +77,13 @@ class BudgetPart:
     """
 
     DOCUMENT = (
-        *("value = part.value", "unit = 'V'", "how = part.how", "bound = part.bound"),
+        *("value = part.value", "unit", "how = part.how", "bound = part.bound"),
         *("channels = part.channels", "sum"),
     )
 
     part: ErrorPart
     sum: tuple[float, ...] = ()
+    unit: str = "V"
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,9 +105,8 @@ class VerdictBody:
         "stability.frequency [Hz] = verdict.poles.frequency # of the rightmost pole",
         *("stability.states = states", "stability.margin = record.figures.margin"),
         "stability.margins? = margins # with --margins: of C and of the gain",
-        "answer = verdict.answer",
-        "error_budget = verification.report.documents.verdict:budget_parts(verdict.budget)",
-        *("opamp_level", "headroom", "noise = verdict.noise"),
+        *("answer = verdict.answer", "error_budget", "opamp_level", "headroom"),
+        "noise = verdict.noise",
         "simulation_error [step] = verdict.end_error # bound on the error of the record's end",
         *("accuracy = verdict.accuracy", "lambda = record.figures.lambda"),
         "lambda_rule = verdict.scene.lambda_rule or null",
@@ -121,8 +121,7 @@ class VerdictBody:
         "simulation.max_step [s] = verdict.waveforms.spacing",
         "simulation.points = verdict.waveforms.cost.points",
         "simulation.seconds [s] = verdict.waveforms.cost.seconds",
-        "keys = verification.report.documents.verdict:scene_keys(verdict.scene)",
-        *("omissions = verdict.circuit.omissions", "warnings = verdict.warnings"),
+        *("keys", "omissions = verdict.circuit.omissions", "warnings = verdict.warnings"),
         "timing [s] = verdict.timing",
         "cause = record.reason # why it is no pass, with value and limit; empty of a pass",
         "what_to_change? = remedies # of a failed verdict: changes that mend it",
@@ -143,6 +142,16 @@ class VerdictBody:
         """Number of states; None where not all poles are known."""
         poles = self.verdict.poles
         return len(poles.poles) if poles.complete else None
+
+    @property
+    def keys(self) -> dict[str, StoredKey]:
+        """Every key of the scene."""
+        return scene_keys(self.verdict.scene)
+
+    @property
+    def error_budget(self) -> dict[str, BudgetPart]:
+        """The parts of the error budget."""
+        return budget_parts(self.verdict.budget)
 
     @property
     def opamp_level(self) -> str:

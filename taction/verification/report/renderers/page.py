@@ -16,10 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from taction.system.foreign_files import escaped, visible
-from taction.system.output_files import write_atomically
+from taction.system.output_files import check_file, write_atomically
 from taction.verification.report.blocks import PAGE as MEDIUM
 from taction.verification.report.blocks import Block, Page, Section
-from taction.verification.report.output_checks import check_report_file
 from taction.verification.report.renderers.plotly import plotly_spec
 
 if TYPE_CHECKING:
@@ -29,8 +28,8 @@ FILES = Path(__file__).parent / "page_files"
 
 
 def write_page(page: Page, path: str) -> None:
-    """Write `page` to `path`; InputError as `check_report_file`, or the file cannot be written."""
-    check_report_file(path)
+    """Write `page` to `path`; InputError as `check_file`, or the file cannot be written."""
+    check_file(path, "--report")
     write_atomically(path, page_html(page))
 
 

@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 from taction.system import charts
 from taction.system.array_types import Floats
 from taction.system.charts import Axis, Chart
-from taction.system.output_files import check_extra, replacing
-from taction.system.results import check_plot_file
+from taction.system.output_files import check_extra, check_file, replacing
 from taction.verification.report.blocks import PICTURE, Bars, Block, Notes, Page
 from taction.verification.report.texts import figure
 
@@ -59,7 +58,7 @@ LEGEND = 0.6  # opacity of a legend, which stands where it hides least
 def draw_page(page: Page, path: str | Path | None = None) -> Figure:
     """Draw the first charts of a page on a grid, other blocks below, to `path` if any."""
     if path is not None:
-        check_plot_file(path)
+        check_file(str(path), "--plot")
     check_extra("plot", "plot")
     import matplotlib as mpl
 
