@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from taction.netlist_gen.analysis import SimulatedDeck
+from taction.system.array_types import PHYSICAL_BOUND, Waveforms
 from taction.system.errors import (
     BadEvidence,
     OutOfDisk,
@@ -38,7 +39,6 @@ from taction.system.processes import (
     make_own_folder,
     remove_own_folder,
 )
-from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.ngspice.evidence import (
     RAW,
     Ending,

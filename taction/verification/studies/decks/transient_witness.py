@@ -16,9 +16,9 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.scene.check_keys import AGREE
 from taction.spice_models.branches import Source
+from taction.system.array_types import PHYSICAL_BOUND
 from taction.system.errors import EngineError, SimulationError, one_line
 from taction.system.processes import time_left
-from taction.system.waveforms import PHYSICAL_BOUND
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import simulate
 from taction.verification.engines.statespace.transients.exact import exact_solution

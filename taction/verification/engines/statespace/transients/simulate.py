@@ -9,9 +9,8 @@ import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
-from taction.system.array_types import Floats
+from taction.system.array_types import Cost, Floats, Waveforms
 from taction.system.errors import EngineError
-from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.dense import record_times
 from taction.verification.engines.statespace.transients.exact import exact_solution, is_exact
