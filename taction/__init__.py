@@ -33,11 +33,11 @@ if TYPE_CHECKING:
     from taction.netlist_gen.scene.scene import Scene as Scene
     from taction.netlist_gen.scene.scene import load_scene as load_scene
     from taction.netlist_gen.scene.scene import scene_schema as scene_schema
+    from taction.system.array_types import Waveforms as Waveforms
     from taction.system.errors import InputError as InputError
     from taction.system.errors import Interrupted as Interrupted
     from taction.system.errors import NoVerdictError as NoVerdictError
     from taction.system.errors import TactionError as TactionError
-    from taction.system.waveforms import Waveforms as Waveforms
     from taction.transients import diff as diff
     from taction.transients import explore as explore
     from taction.transients import simulate as simulate

@@ -140,7 +140,7 @@ class EngineError(NoVerdictError):
 class DivergesError(EngineError):
     """A transient leaves every bound before its last instant: the board is unstable.
 
-    `partial` is a `system.waveforms.Waveforms` up to that instant, which this module must not
+    `partial` is a `system.array_types.Waveforms` up to that instant, which this module must not
     import, or None.
     """
 
@@ -161,7 +161,7 @@ class SimulationError(NoVerdictError):
     folder : Path or None
         The run folder, kept as a reproducer (deck, command line, log, partial result).
     partial : object or None
-        A `system.waveforms.Waveforms` of the points that were written before the failure,
+        A `system.array_types.Waveforms` of the points that were written before the failure,
         without any check (`object`, because this module must not import that class).
     """
 

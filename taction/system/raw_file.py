@@ -19,11 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from taction.system.array_types import Floats
+from taction.system.array_types import Cost, Floats, Waveforms
 from taction.system.errors import BadEvidence, Complaint, InputError, OutOfDisk
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, open_regular
 from taction.system.output_files import check_extra
-from taction.system.waveforms import Cost, Waveforms
 
 KINDS = {"real": np.dtype("<f8"), "complex": np.dtype("<c16")}
 _LONGEST_HEADER = 1 << 24

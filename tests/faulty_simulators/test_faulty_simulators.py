@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from taction.system.array_types import Waveforms
 from taction.system.errors import (
     BadEvidence,
     Killed,
@@ -22,7 +23,6 @@ from taction.system.errors import (
     StepTooSmall,
     TimedOut,
 )
-from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice import executable, process
 from taction.verification.engines.ngspice.executable import Simulator, find_simulator
 from taction.verification.engines.ngspice.process import simulate

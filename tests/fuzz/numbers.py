@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from taction.netlist_gen.scene.axes import parse_axes
 from taction.netlist_gen.scene.inverse_problem import read_array
+from taction.system.array_types import Cost, Waveforms
 from taction.system.raw_file import write_raw
-from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.evidence import Ending, accepted_waveforms
 from taction.verification.studies.sweep import Plan
 from tests.fuzz.edits import BYTE_EDITS, VALUE_EDIT, Target, edited

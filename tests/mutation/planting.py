@@ -17,9 +17,8 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import Topology, topology_of
-from taction.system.array_types import Floats
+from taction.system.array_types import Floats, Waveforms
 from taction.system.reading_definitions import TIMES
-from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.readings.measurements import ChannelMeasure, Measurements, summary

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.scene.check_keys import AGREE, Checks
-from taction.system.array_types import EPS, Complexes
+from taction.system.array_types import EPS, Complexes, Cost, Waveforms
 from taction.system.reading_definitions import READINGS
-from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 from taction.verification.readings.measurements import ChannelMeasure, Measurements, summary
 from taction.verification.readings.readings import Reading

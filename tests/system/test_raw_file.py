@@ -11,10 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taction.system.array_types import Floats
+from taction.system.array_types import Cost, Floats, Waveforms
 from taction.system.errors import BadEvidence, InputError, OutOfDisk
 from taction.system.raw_file import read_raw, read_transient, write_raw
-from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.evidence import RAW
 from taction.verification.engines.ngspice.process import Simulation, find_simulator
 from tests.support.small_decks import transient

@@ -15,8 +15,7 @@ from taction.system.output_files import check_file, is_special, replacing
 
 if TYPE_CHECKING:
     from taction.netlist_gen.board.circuit import Circuit
-    from taction.system.array_types import Floats
-    from taction.system.waveforms import Waveforms
+    from taction.system.array_types import Floats, Waveforms
 
 
 def check_separate(inputs: Iterable[str | None], outputs: Mapping[str, str]) -> None:

@@ -23,12 +23,11 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.array_types import Floats
+from taction.system.array_types import PHYSICAL_BOUND, Cost, Floats, Waveforms
 from taction.system.errors import EngineError
 from taction.system.progress import Notice, Progress
 from taction.system.quantities import show
 from taction.system.results import Result
-from taction.system.waveforms import PHYSICAL_BOUND, Cost, Waveforms
 from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.executable import find_simulator, missing_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard

@@ -18,11 +18,10 @@ import numpy as np
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.check_keys import AGREE
-from taction.system.array_types import Floats, Indices
+from taction.system.array_types import PHYSICAL_BOUND, Floats, Indices, Waveforms
 from taction.system.documents import HIDDEN
 from taction.system.errors import EngineError, StepTooSmall, TimedOut
 from taction.system.progress import Clock
-from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.readings.measurements import Measurements, measure, summary

@@ -27,7 +27,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.array_types import Floats
+from taction.system.array_types import PHYSICAL_BOUND, Floats, Waveforms
 from taction.system.errors import (
     BadEvidence,
     DivergesError,
@@ -39,7 +39,6 @@ from taction.system.errors import (
 from taction.system.plugins import OpenTable
 from taction.system.progress import Clock
 from taction.system.reading_definitions import FOUND
-from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator, missing_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales

@@ -14,11 +14,10 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene, opamp_words
-from taction.system.array_types import Floats
+from taction.system.array_types import Floats, Waveforms
 from taction.system.progress import Clock, Progress, attempt
 from taction.system.quantities import sizes
 from taction.system.results import RENDERERS, Result, load
-from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.answer_error import (

@@ -22,7 +22,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import NoiseCurrent
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import Deck, write_deck
-from taction.system.waveforms import Waveforms
+from taction.system.array_types import Waveforms
 from taction.verification.engines.ngspice.evidence import integrated_noise
 from taction.verification.engines.ngspice.process import Simulation, find_simulator, simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard

@@ -17,9 +17,8 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene, load_scene
-from taction.system.array_types import Floats
+from taction.system.array_types import Cost, Floats, Waveforms
 from taction.system.errors import DivergesError, EngineError
-from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import Simulation
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard

@@ -38,7 +38,7 @@ from taction.netlist_gen.analysis import (
     SimulatedDeck,
     Transient,
 )
-from taction.system.array_types import Floats
+from taction.system.array_types import Cost, Floats, Waveforms
 from taction.system.errors import (
     BadEvidence,
     DidNotLoad,
@@ -51,7 +51,6 @@ from taction.system.errors import (
     TimedOut,
 )
 from taction.system.raw_file import Plot, read_plots, read_raw
-from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.executable import REMEDY
 
 LONGEST_LINE = 300  # characters of a line of the error stream in a message

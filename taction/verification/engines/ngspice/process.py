@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from taction.netlist_gen.analysis import SimulatedDeck
+from taction.system.array_types import PHYSICAL_BOUND, Waveforms
 from taction.system.errors import BadEvidence, OutOfDisk, SimulationError, SimulatorNotFound
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_ends
 from taction.system.processes import (
@@ -33,7 +34,6 @@ from taction.system.processes import (
     make_own_folder,
     remove_own_folder,
 )
-from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.ngspice.evidence import RAW, Ending, accepted_waveforms
 from taction.verification.engines.ngspice.executable import Simulator, environment, find_simulator
 

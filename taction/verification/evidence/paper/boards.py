@@ -16,9 +16,8 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.array_types import Floats
+from taction.system.array_types import Floats, Waveforms
 from taction.system.charts import Axis, Chart, Curve, Limit
-from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import simulate
 from taction.verification.evidence.paper.findings import (

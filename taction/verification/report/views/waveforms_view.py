@@ -12,9 +12,8 @@ import numpy as np
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system import charts
-from taction.system.array_types import Floats
+from taction.system.array_types import Floats, Waveforms
 from taction.system.quantities import banded, counted, quantity
-from taction.system.waveforms import Waveforms
 from taction.verification.report.texts import figure
 from taction.verification.verdict.verify import Verdict
 

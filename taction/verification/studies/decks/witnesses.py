@@ -24,10 +24,9 @@ import numpy as np
 from taction.netlist_gen.analysis import SimulatedDeck, Transient
 from taction.netlist_gen.board.circuit import GROUND, with_parts
 from taction.spice_models.branches import Branch, Source
-from taction.system.array_types import EPS, Complexes, Floats
+from taction.system.array_types import EPS, PHYSICAL_BOUND, Complexes, Floats
 from taction.system.errors import EngineError, SimulationError, first_ones, one_line
 from taction.system.processes import time_left
-from taction.system.waveforms import PHYSICAL_BOUND
 from taction.verification.characterise.operating_point import MISFIT, PROBE, DeckPoint
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import simulate

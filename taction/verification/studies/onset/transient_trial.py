@@ -18,9 +18,9 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import CurrentSource
 from taction.netlist_gen.deck.deck import Deck, write_deck
+from taction.system.array_types import Waveforms
 from taction.system.errors import EngineError, InputError, SimulationError
 from taction.system.quantities import show, show_rate
-from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.ngspice.process import simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard

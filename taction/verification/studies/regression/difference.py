@@ -19,14 +19,13 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.scene import Scene, read_toml
 from taction.spice_models.branches import Source
-from taction.system.array_types import Floats
+from taction.system.array_types import Floats, Waveforms
 from taction.system.documents import OPTIONAL
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import quantity
 from taction.system.raw_file import read_transient
 from taction.system.reading_definitions import READINGS, SETTLING_BAND
 from taction.system.results import Result
-from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.readings.measurements import measure as measure_record
 from taction.verification.reference.lambda_rule import read_scene

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.analysis import NoiseAnalysis, NoiseBand
+from taction.system.array_types import Cost, Waveforms
 from taction.system.errors import (
     BadEvidence,
     DidNotLoad,
@@ -21,7 +22,6 @@ from taction.system.errors import (
     StepTooSmall,
 )
 from taction.system.raw_file import write_raw
-from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.evidence import (
     Ending,
     accepted_waveforms,

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from taction.system.array_types import Waveforms
 from taction.system.errors import (
     BadEvidence,
     DidNotLoad,
@@ -20,7 +21,6 @@ from taction.system.errors import (
     TimedOut,
 )
 from taction.system.processes import remove_own_folder
-from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import environment, find_simulator
 from taction.verification.engines.ngspice.process import (
     Simulation,

@@ -15,9 +15,9 @@ from taction.netlist_gen.board.circuit import Output
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.keys import scene_text
 from taction.netlist_gen.scene.scene import load_scene
+from taction.system.array_types import Cost, Waveforms
 from taction.system.documents import plain
 from taction.system.raw_file import read_raw
-from taction.system.waveforms import Cost, Waveforms
 from taction.verification.readings.readings import Reading
 from taction.verification.reference.ideal_answer import IdealNetwork
 from taction.verification.reference.solve import solve

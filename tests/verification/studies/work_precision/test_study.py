@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
+from taction.system.array_types import Waveforms
 from taction.system.errors import EngineError
-from taction.system.waveforms import Waveforms
 from taction.verification.studies import work_precision as study_module
 from taction.verification.studies.work_precision import (
     METHODS,

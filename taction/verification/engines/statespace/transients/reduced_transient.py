@@ -25,9 +25,8 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
-from taction.system.array_types import Floats, Indices, Ints
+from taction.system.array_types import Cost, Floats, Indices, Ints, Waveforms
 from taction.system.errors import EngineError
-from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.equations.structured_solve import projected, units
 from taction.verification.engines.statespace.linearised.linear_board import (

@@ -16,10 +16,9 @@ import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
-from taction.system.array_types import EPS, Floats, Indices
+from taction.system.array_types import EPS, Cost, Floats, Indices, Waveforms
 from taction.system.errors import DivergesError, EngineError
 from taction.system.quantities import show
-from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.find_modes import refined_modes
 from taction.verification.engines.statespace.linearised.linear_board import (
     LinearBoard,

@@ -23,9 +23,8 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.spice_models.opamp import OpAmp
-from taction.system.array_types import Floats
+from taction.system.array_types import Floats, Waveforms
 from taction.system.errors import DivergesError, EngineError
-from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import Simulation
 from taction.verification.engines.statespace.equations import descriptor
