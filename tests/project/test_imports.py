@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from scripts.rooms import ENTRY, FLOORS, FOLDERS, ROOMS, arrows, below, imports, modules, room_of
+from taction.system.results import load
 from tests.support.paths import ROOT
 
 # The three witnesses of a verdict. None may reach another one's modules, however long the way, else
@@ -164,3 +165,12 @@ def test_help_loads_nothing_heavy() -> None:
     assert run.returncode == 0, run.stderr
     assert "verify" in run.stdout
     assert run.stderr.split() == []
+
+
+def test_every_place_that_a_text_names_exists() -> None:
+    """Tables name functions by texts, which are imported when a command needs them."""
+    place = re.compile(rf'"(?:taction\.)?((?:{"|".join(FOLDERS)})(?:\.\w+)*:[\w.]+)"')
+    texts = {found for path in modules().values() for found in place.findall(path.read_text())}
+    assert len(texts) > 20
+    for found in texts:
+        assert callable(load(f"taction.{found}")), found
