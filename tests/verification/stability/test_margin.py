@@ -27,7 +27,7 @@ from taction.verification.stability.margin import (
     find_margin,
 )
 from taction.verification.stability.poles import Poles, poles, summarise
-from taction.verification.studies.onset.onset import onset
+from taction.verification.studies.onset import onset
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run_checks import run_checks
 from tests.support.boards import lag_board
