@@ -131,11 +131,9 @@ class Trials:
     def completed(self, changes: Mapping[str, Value]) -> dict[str, Value]:
         """Return `changes` with lambda, if they would change it.
 
-        Another op-amp has its own figures; level and input errors stay what the scene asks for.
+        Another op-amp is a `preset`.
         """
-        opamp = self.scene.design.opamp
-        asked = KEPT & opamp.model_fields_set if OPAMP in changes else ()
-        kept = {f"{OPAMP}.{name}": getattr(opamp, name) for name in sorted(asked)}
+        kept = preset(self.scene, str(changes[OPAMP])) if OPAMP in changes else {}
         return {**kept, **with_lambda_held(self.scene, changes, self.lam)}
 
     def scene_at(self, changes: Mapping[str, Value]) -> Scene:
@@ -195,8 +193,7 @@ class Trials:
 def _without_transient(stable: bool, reason: str, *checks: Check) -> Record:
     """Return the record of a board that fails by its poles, or at rest."""
     none = Record.without_verdict("", reason, "statespace")
-    outcome = Outcome.FAIL.value
-    return replace(none, outcome=outcome, failure=None, stable=stable, checks=checks)
+    return replace(none, outcome="fail", failure=None, stable=stable, checks=checks)
 
 
 def rest_distance(scene: Scene, board: LinearBoard) -> float:
@@ -231,6 +228,13 @@ def with_lambda_held(scene: Scene, changes: Mapping[str, Value], lam: float) -> 
     knobs = topology_of(scene).knobs(scene)
     moved = any(knob.key in changes and "lambda" in knob.moves for knob in knobs)
     return {**changes, **({LAMBDA: lam} if moved and not given else {})}
+
+
+def preset(scene: Scene, name: str) -> dict[str, Value]:
+    """Return the changes to another op-amp, whose level and input errors stay what is asked for."""
+    opamp = scene.design.opamp
+    kept = sorted(KEPT & opamp.model_fields_set)
+    return {**{f"{OPAMP}.{key}": getattr(opamp, key) for key in kept}, OPAMP: name}
 
 
 def knobs_with_margin(scene: Scene) -> tuple[str, ...]:
