@@ -127,7 +127,7 @@ class ChosenDesign(Trial):
     """The trial of one design of a choice: op-amp, C and gain."""
 
     DOCUMENT = (
-        *("place", "values = plain_values", "outcome = record.outcome", "left = record.failed"),
+        *("place", "values", "outcome = record.outcome", "left = record.failed"),
         *("shares", "settling_time [s]", "overshoot [step]", "headroom", "noise_rms [V] = noise"),
         *("reason = record.reason", "refused", "worst_share = worst"),
     )

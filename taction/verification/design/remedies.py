@@ -24,7 +24,6 @@ from taction.verification.design.trials import (
     Trials,
     knobs_with_margin,
     search,
-    search_key,
 )
 from taction.verification.verdict.checks import Outcome, following
 from taction.verification.verdict.record import ERROR
@@ -138,10 +137,7 @@ def _search(trials: Trials, path: str) -> Search | None:
         "design.prune": [design.prune / 3.0, design.prune / 10.0, 0.0] if design.prune else [],
         "design.supply": [volts for volts in SUPPLIES if volts > design.supply],
     }
-    values = _opamps(trials.scene) if path == OPAMP else lists.get(path)
-    if values is None:
-        return search_key(trials, path)
-    return search(trials, Search(path), values, math.inf) if values else None
+    return search(trials, path, _opamps(trials.scene) if path == OPAMP else lists.get(path))
 
 
 def _opamps(scene: Scene) -> list[Value]:

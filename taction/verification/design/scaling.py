@@ -44,7 +44,7 @@ from taction.verification.design.trials import (
     at_small_signal,
     broken_at_rest,
     is_good,
-    search_key,
+    search,
 )
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.ideal_answer import (
@@ -283,11 +283,11 @@ def _with_capacitance(
         return scene
     rest = own.record.check_value("steady_state") or 0.0
     off = accept is is_good and rest > scene.checks.steady_state.tolerance  # no C moves the rest
-    search = None if off else search_key(trials, path, accept)
-    if search is None or not search.found:
+    found = None if off else search(trials, path, accept=accept)
+    if found is None or not found.found:
         notes.append(f"{NO_C}: {own.refused or own.record.reason}")
         return None
-    farads = search.found[0].values[path]
+    farads = float(found.found[0].values[path])
     notes.append(f"C is another than the scene's, {show(farads, 'F', 3)}: {own.record.reason}")
     return with_values(scene, {path: farads})
 

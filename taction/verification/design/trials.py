@@ -55,19 +55,14 @@ class Trial:
     """What the checks say about one design."""
 
     DOCUMENT: ClassVar[tuple[str, ...]] = (
-        *("values = plain_values", "settling_time [s]", "overshoot [step]"),
+        *("values", "settling_time [s]", "overshoot [step]"),
         *("left = record.failed # checks that do not pass", "refused"),
     )
 
-    values: dict[str, Any]  # new numbers and names by dotted paths
+    values: dict[str, Value]  # new numbers and names by dotted paths
     record: Record  # of the verdict, or why there is none
     # Which of its parts cannot be bought, or the layout undoes, or why there is no verdict.
     refused: str = ""
-
-    @property
-    def plain_values(self) -> dict[str, Value]:
-        """The values, for a document."""
-        return self.values
 
     @property
     def good(self) -> bool:
@@ -352,32 +347,27 @@ class Search:
 
 
 def search(
-    trials: Trials,
-    found: Search,
-    values: Iterable[Value],
-    enough: float = 1,
-    accept: Accept = is_good,
-) -> Search:
-    """Try values in their order, until `enough` of them are accepted or the work is used up."""
+    trials: Trials, path: str, values: Sequence[Value] | None = None, accept: Accept = is_good
+) -> Search | None:
+    """Try all `values` of a key; or those outwards from the scene's own, until one is accepted.
+
+    None without a value to try. A search that uses up the work is not complete.
+    """
+    found, outwards = Search(path), values is None
+    if values is None and (one := SearchRange.around(trials.scene, path, 1.0)) is not None:
+        values = one.outwards()
+        found.least, found.most = min(one.own, *values), max(one.own, *values)
+    if not values:
+        return None
     try:
         for value in values:
-            if accept(trial := trials.at({found.path: value})):
+            if accept(trial := trials.at({path: value})):
                 found.found.append(trial)
-                if len(found.found) >= enough:
+                if outwards:
                     break
     except OutOfWorkError:
         found.complete = False
     return found
-
-
-def search_key(trials: Trials, path: str, accept: Accept = is_good) -> Search | None:
-    """Search outwards over a key; None if the scene has no value above zero."""
-    one = SearchRange.around(trials.scene, path, 1.0)
-    if one is None:
-        return None
-    values = one.outwards()
-    ends = Search(path, min(one.own, *values), max(one.own, *values))
-    return search(trials, ends, values, accept=accept)
 
 
 def descend(

@@ -218,7 +218,7 @@ def _blocks(tuning: Tuned) -> Iterator[Content]:
         f"margin of {first_knob(circuit)}": f"{tuning.margin:g}",
         "lambda, unchanged": circuit.facts["lambda"].text,
     }
-    new = {path: written(value, units[path]) for path, value in tuning.after.values.items()}
+    new = {path: written(float(value), units[path]) for path, value in tuning.after.values.items()}
     if "R" in circuit.facts:
         new["resistance"] = written(circuit.value("R"), "ohm")
     lines = (f"{path.removeprefix('design.')} = {value}" for path, value in new.items())
