@@ -86,9 +86,8 @@ class Control:
 
 def controls(scene: Scene) -> tuple[Control, ...]:
     """Return the controls of a scene whose lambda is a number."""
-    topology = topology_of(scene)
+    topology, found = topology_of(scene), list[Control]()
     facts = topology.facts(scene)
-    found = []
     for knob in (knob for knob in topology.knobs(scene) if knob.margin):
         name = knob.key.rpartition(".")[2].replace("_", " ")
         found.append(_control(scene, knob.key, facts[knob.name].symbol, name, AROUND))
@@ -212,11 +211,6 @@ class BoardView:
         self.rest = outputs_at_rest(self.board)  # (N,), V
 
     @property
-    def targets(self) -> Floats:
-        """The reference solution (N,), V."""
-        return self.answer.target
-
-    @property
     def is_large(self) -> bool:
         """Whether the poles take longer than a movement of the hand."""
         return self.board.descriptor.is_large
@@ -327,9 +321,3 @@ def judge(scene: Scene) -> Judgement:
         ExplorerCurves(time, verdict.u, windows),
         verdict.drawn_answer,
     )
-
-
-def others(control: Control, settings: Settings) -> Settings:
-    """Return what the stable values of a control depend on: all values but its own."""
-    values = {path: v for path, v in settings.values.items() if path != control.path}
-    return replace(settings, values=values)

@@ -22,7 +22,6 @@ from taction.verification.design.trials import (
     Search,
     Trial,
     Trials,
-    knobs_with_margin,
     search,
 )
 from taction.verification.verdict.checks import Outcome, following
@@ -80,8 +79,9 @@ class Remedies:
 
 def mending_keys(scene: Scene) -> dict[str, tuple[str, ...]]:
     """Return the keys that can mend each check; none mends a check that is not listed."""
-    knobs = knobs_with_margin(scene)
-    idle = {f"design.{key}" for key in topology_of(scene).unused}
+    topology = topology_of(scene)
+    knobs = tuple(knob.key for knob in topology.knobs(scene) if knob.margin)
+    idle = {f"design.{key}" for key in topology.unused}
     rest = ("unit_conductance", "gain", "lambda")
     mending = {
         **dict.fromkeys(("stability", *READINGS), (*knobs, OPAMP)),

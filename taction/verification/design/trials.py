@@ -232,11 +232,6 @@ def preset(scene: Scene, name: str) -> dict[str, Value]:
     return {**{f"{OPAMP}.{key}": getattr(opamp, key) for key in kept}, OPAMP: name}
 
 
-def knobs_with_margin(scene: Scene) -> tuple[str, ...]:
-    """Return the keys of the knobs that a stable board has a margin in."""
-    return tuple(knob.key for knob in topology_of(scene).knobs(scene) if knob.margin)
-
-
 def at_small_signal(scene: Scene) -> Scene:
     """Return the scene with its op-amps at the small-signal level, if it leaves the level open."""
     if scene.design.opamp.level != "auto":

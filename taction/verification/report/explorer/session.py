@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, TypeVar
 
@@ -148,8 +148,9 @@ class Session:
 
     def _boundary_of(self, look: SliderLook) -> Part:
         """Find the stable values of the first knob, which do not depend on its own value."""
-        control = self.settings.controls[0]
-        key = exploration.others(control, look.settings)
+        control, values = self.settings.controls[0], dict(look.settings.values)
+        values.pop(control.path, None)
+        key = replace(look.settings, values=values)
         if self._boundary is None or self._boundary[0] != key:
             name = look.view.board.circuit.knob(control.path).name
             found: Edges | EngineError
