@@ -17,13 +17,7 @@ from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.reading_definitions import READINGS
-from taction.verification.design.trials import (
-    OPAMP,
-    Search,
-    Trial,
-    Trials,
-    search,
-)
+from taction.verification.design.trials import OPAMP, Search, Trial, Trials, search
 from taction.verification.verdict.checks import Outcome, following
 from taction.verification.verdict.record import ERROR
 from taction.verification.verdict.verify import Verdict
