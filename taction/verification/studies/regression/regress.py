@@ -69,8 +69,7 @@ class Entry:
     @property
     def stable(self) -> bool:
         """Whether the board has no growing mode."""
-        rate = self.record.value("growth_rate")
-        return rate is not None and rate < 0.0
+        return (self.record.value("growth_rate") or 0.0) < 0.0
 
     @property
     def checks(self) -> dict[str, str]:

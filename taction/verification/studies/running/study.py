@@ -125,11 +125,6 @@ class Worker:
     def __exit__(self, *error: object) -> None:
         self._stop()
 
-    @property
-    def pid(self) -> int | None:
-        """Process id; None before the first call."""
-        return None if self._process is None else self._process.pid
-
     def call(self, timeout: float | None, function: Callable[..., T], *args: Any, **kw: Any) -> T:
         """Return ``function(*args, **kw)``, computed in the process, or raise its exception.
 

@@ -109,7 +109,7 @@ def summarise_samples(board: Varied, samples: list[BoardSample], seed: int) -> Y
     samples = sorted(samples, key=lambda sample: sample.number)
     passed = sum(sample.outcome == "pass" for sample in samples)
     low, high = interval(passed, len(samples))
-    failures = Counter(name for sample in samples for name in sample.failed)
+    failures = Counter(name for sample in samples for name in sample.record.failed)
     undecided = [sample for sample in samples if sample.undecided]
     return YieldReport(
         name=board.name,

@@ -50,11 +50,6 @@ class BoardSample:
         return self.record.outcome
 
     @property
-    def failed(self) -> tuple[str, ...]:
-        """Checks that do not pass."""
-        return self.record.failed
-
-    @property
     def undecided(self) -> bool:
         """Whether the checks decide nothing, or no verdict was reached."""
         return self.record.outcome in (Outcome.INCONCLUSIVE.value, ERROR)
