@@ -58,9 +58,9 @@ def with_limits(scene: Scene) -> tuple[Scene, str]:
     grade, share, limit = 0.0, math.inf, math.inf
     for finer in GRADES:
         reached = exceeded(with_values(scene, {"tolerances.resistor": finer}))
-        if max(LEAST, next_round_value(reached)) >= limit:
+        if (rounded := max(LEAST, next_round_value(reached))) >= limit:
             break  # input errors or rounded values decide
-        grade, share, limit = finer, reached, max(LEAST, next_round_value(reached))
+        grade, share, limit = finer, reached, rounded
         if share <= WANTED:
             break
     if limit > WORST:

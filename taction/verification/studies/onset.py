@@ -21,7 +21,6 @@ from taction.netlist_gen.board.parts import CurrentSource
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.axes import Over, SweepAxis, parse_axes, with_values
-from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import own_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import (
@@ -150,11 +149,6 @@ class Onset(Result):
     findings: tuple[CheckedEdge, ...]
 
     @property
-    def disagreement(self) -> bool:
-        """Whether a transient contradicts a pole."""
-        return any(each.confirmed is False for each in self.findings)
-
-    @property
     def own_value(self) -> float | None:
         """The scene's value of the key."""
         return own_value(self.scene, self.axis.key)
@@ -167,7 +161,8 @@ class Onset(Result):
     @property
     def outcome(self) -> str:
         """``pass``, or ``inconclusive`` if a transient contradicts a crossing."""
-        return "inconclusive" if self.disagreement else "pass"
+        contradicted = any(each.confirmed is False for each in self.findings)
+        return "inconclusive" if contradicted else "pass"
 
 
 def parse_onset_axis(scene: Scene, over: Over) -> SweepAxis:
@@ -190,14 +185,8 @@ def board_over(scene: Scene, axis: SweepAxis) -> Callable[[float], Circuit]:
 
     No series rounds a knob: a rounded C would cross only between preferred values.
     """
-    path = axis.key.path
-    problem = None if path.startswith("problem.") else make_problem(scene)
-    exact = unrounded(scene, path)
-
-    def build(value: float) -> Circuit:
-        return synthesise(with_values(scene, {**exact, path: value}), problem)
-
-    return build
+    path, exact = axis.key.path, unrounded(scene, axis.key.path)
+    return lambda value: synthesise(with_values(scene, {**exact, path: value}))
 
 
 def onset(

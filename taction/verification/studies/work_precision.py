@@ -66,7 +66,7 @@ def ngspice(
 
 
 def exact(
-    circuit: Circuit, transient: Transient, setting: float = 0.0, *, times: Floats | None = None
+    circuit: Circuit, transient: Transient, setting: None = None, *, times: Floats | None = None
 ) -> Waveforms:
     """Run the exact engine; without `times` with `BASE_POINTS` points on a ringing period."""
     started, found = clock.perf_counter(), simulate(circuit, transient, times=times)
@@ -98,7 +98,7 @@ class Method:
     name: str
     engine: Literal["ngspice", "statespace"]
     setting: str  # name of the ladder's quantity; empty for a method without a step
-    ladder: tuple[float, ...]  # coarse to fine
+    ladder: tuple[float | None, ...]  # coarse to fine
     run: Callable[..., Waveforms]  # of circuit, transient (with `BASE_POINTS`) and setting
 
 
@@ -107,7 +107,7 @@ STEP, EXACT = "points per period", "state space, exact"
 METHODS: tuple[Method, ...] = (
     Method("ngspice trapezoidal", "ngspice", STEP, POINTS, partial(ngspice, method="trapezoidal")),
     Method("ngspice Gear", "ngspice", STEP, POINTS, partial(ngspice, method="gear")),
-    Method(EXACT, "statespace", "", (0.0,), exact),
+    Method(EXACT, "statespace", "", (None,), exact),
     Method("state space, implicit", "statespace", "tolerance", TOLERANCES, implicit),
 )
 
@@ -124,12 +124,12 @@ class SettingResult:
 
     DOCUMENT = (
         *("method = method.name", "engine = method.engine", "quantity = method.setting"),
-        *("setting = known_setting", "status", "seconds [s]", "steps", "error", "reference"),
+        *("setting", "status", "seconds [s]", "steps", "error", "reference"),
         "note",
     )
 
     method: Method
-    setting: float
+    setting: float | None  # None of a method without one
     status: str = "done"  # or "timeout" or "failed"
     seconds: float | None = None  # median of the wall times, s; of a time-out its limit
     steps: int | None = None  # of one run
@@ -138,14 +138,9 @@ class SettingResult:
     note: str = ""  # message of the error
 
     @property
-    def known_setting(self) -> float | None:
-        """The setting; None of a method without one."""
-        return self.setting if self.method.setting else None
-
-    @property
     def name(self) -> str:
         """The setting in words."""
-        return f"{self.setting:g} {self.method.setting}" if self.method.setting else "-"
+        return "-" if self.setting is None else f"{self.setting:g} {self.method.setting}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

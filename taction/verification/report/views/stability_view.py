@@ -182,7 +182,7 @@ def onset_view(onset: Onset) -> Page:
     return Page(
         title=onset.scene.name,
         command="taction onset",
-        outcome="inconclusive" if onset.disagreement else "",
+        outcome="" if onset.outcome == "pass" else onset.outcome,
         summary=f"Stable for {name}: {stable}.",
         lines=(f"{name} from {examined}{default}, poles at {len(samples)} values.",),
         sections=(
@@ -236,9 +236,9 @@ def _crossings(onset: Onset) -> Iterator[Content]:
         yield INCOMPLETE
     if unresolved := _ranges(onset, onset.scan.unresolved):
         yield f"Not resolved, a pole is on the axis to within rounding: {unresolved}."
-    if failures := [sample for sample in onset.scan.samples if sample.failure]:
-        yield f"No poles at {len(failures)} of the values."
-        yield from (f"{_value(onset, s.value)}: {s.failure}" for s in failures[:FAILURES])
+    if onset.failures:
+        yield f"No poles at {len(onset.failures)} of the values."
+        yield from (f"{_value(onset, s.value)}: {s.failure}" for s in onset.failures[:FAILURES])
 
 
 def frequency_cell(edge: Any, digits: int = 6) -> Cell | str:
