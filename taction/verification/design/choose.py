@@ -54,7 +54,6 @@ from taction.verification.verdict.record import ERROR, Record, decisive_reason
 from taction.verification.verdict.run_checks import CHECKS
 from taction.verification.verdict.verify import Verdict, verify
 
-VIEWS = "taction.verification.report.views.design_view"
 BEST = 3  # designs that ngspice confirms
 ERRORS = "design.opamp.input_errors"
 OPAMP, CAPACITANCE, GAIN = "design.opamp.base", "design.capacitance", "design.gain"
@@ -227,7 +226,7 @@ class Choice(Result):
         Those that ngspice has verified.
     """
 
-    VIEW = f"{VIEWS}:choice_view"
+    VIEW = "taction.verification.report.views.design_view:choice_view"
     DOCUMENT = ("designs", "best")
 
     scene: Scene = field(repr=False)

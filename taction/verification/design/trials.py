@@ -83,11 +83,6 @@ class Trial:
         value = self.record.value("overshoot")
         return math.inf if value is None or not self.record.stable else value
 
-    def passed(self, name: str) -> bool:
-        """Whether a check passes."""
-        check = self.record.check(name)
-        return check is not None and check.outcome is Outcome.PASS
-
 
 class Trials:
     """The trials of one scene, whose lambda is a number.
@@ -239,7 +234,6 @@ def at_small_signal(scene: Scene) -> Scene:
     return with_values(scene, {"design.opamp.level": "small-signal"})
 
 
-AT_EDGE = 0.02  # of the logarithmic range: a value so close to an end is at its edge
 OUTWARDS, DECADES = 25, 2.0  # values of one key on each side, and how far they go
 EVALUATIONS = 40  # of one descent
 
@@ -286,13 +280,6 @@ class SearchRange:
         away = (DECADES * (k / OUTWARDS) ** 1.5 for k in range(OUTWARDS + 1))  # 4 % to 32 % apart
         tried = [self.bought(self.own * 10.0 ** (side * by)) for by in away for side in (1, -1)]
         return tuple(value for value in dict.fromkeys(tried) if value != self.own)
-
-    def edge_of(self, value: float) -> float | None:
-        """Return the end of the range at which `value` lies, or None."""
-        close = (self.high / self.low) ** AT_EDGE
-        if value <= self.low * close:
-            return self.low
-        return self.high if value >= self.high / close else None
 
 
 def parse_ranges(

@@ -35,6 +35,7 @@ from taction.verification.verdict.verify import Verdict, verify
 
 GRID = {1: 25, 2: 9, 3: 5}  # points of each parameter, by the number of parameters
 OVERSHOOT = 0.05  # default limit
+AT_EDGE = 0.02  # of the logarithmic range: a value so close to an end is at its edge
 STARTS = 3  # points of the grid from which a descent starts
 RESERVE = 0.99  # of the overshoot limit: the verification adds the simulator's error
 INFEASIBLE = 1e6  # added to the objective for every check that does not pass
@@ -70,9 +71,14 @@ class Tuned(Result):
     @property
     def at_edges(self) -> dict[str, float]:
         """The ends of the ranges at which the best design lies, by dotted path."""
-        values = self.after.values
-        edges = {each.path: each.edge_of(float(values[each.path])) for each in self.ranges}
-        return {path: edge for path, edge in edges.items() if edge is not None}
+        edges = {}
+        for each in self.ranges:
+            value, close = float(self.after.values[each.path]), (each.high / each.low) ** AT_EDGE
+            if value <= each.low * close:
+                edges[each.path] = each.low
+            elif value >= each.high / close:
+                edges[each.path] = each.high
+        return edges
 
     @property
     def outcome(self) -> str:
