@@ -373,15 +373,10 @@ def choose(
         "overshoot": _number("--overshoot", overshoot), "margin": _number("--margin", margin),
         "noise": noise, "supply": supply,
     }  # fmt: skip
-    names = opamps.split(",") if isinstance(opamps, str) else opamps
     named = {LIMITS[name]: value for name, value in limits.items() if value is not None}
-    plan = choice_plan(
-        original,
-        [name.strip() for name in names if name.strip()],
-        {CAPACITANCE: c_range, GAIN: gain_range},
-        points,
-        named,
-    )
+    given = opamps.split(",") if isinstance(opamps, str) else opamps
+    names = [name.strip() for name in given if name.strip()]
+    plan = choice_plan(original, names, {CAPACITANCE: c_range, GAIN: gain_range}, points, named)
     with Store(":memory:" if store is None else str(store)) as results:
         computed(plan, results, jobs=jobs, cluster=cluster, progress=progress)
         ranked = designs(plan, results)

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -130,29 +130,28 @@ class Trials:
         """Return the scene with a change and the same lambda; `InputError` if a key refuses it."""
         return with_values(self.scene, self.completed(changes))
 
-    def board_at(self, changes: Mapping[str, Value]) -> LinearBoard:
-        """Return the board with a change; `InputError`, or `OutOfWorkError` as `spend`."""
-        board = LinearBoard(synthesise(self.scene_at(changes)))
+    def built(self, changes: Mapping[str, Value]) -> tuple[Scene, LinearBoard]:
+        """Return scene and board with a change; `InputError`, or `OutOfWorkError` as `spend`."""
+        scene = at_small_signal(self.scene_at(changes))
+        board = LinearBoard(synthesise(scene))
         self.spend(POLES, board)
-        return board
+        return scene, board
 
     def at(self, changes: Mapping[str, Value]) -> Trial:
         """Return the trial of a change; `OutOfWorkError` as `spend`."""
         key = tuple(sorted(changes.items()))
         if key not in self._known:
             try:
-                self._known[key] = self._try(dict(changes))
+                found = self._try(dict(changes))
             except (InputError, NoVerdictError) as error:
-                kind, reason = type(error).__name__, str(error)
-                record = Record.without_verdict(kind, reason, "statespace")
-                self._known[key] = Trial(dict(changes), record, reason)
+                record = Record.without_verdict(type(error).__name__, str(error), "statespace")
+                found = Trial(dict(changes), record, str(error))
+            self._known[key] = found
         return self._known[key]
 
-    def _try(self, changes: dict[str, Any]) -> Trial:
+    def _try(self, changes: dict[str, Value]) -> Trial:
         """Verify a change; a board whose poles or rest show that it fails needs no transient."""
-        scene = at_small_signal(self.scene_at(changes))
-        board = LinearBoard(synthesise(scene))
-        self.spend(POLES, board)
+        scene, board = self.built(changes)
         found, fail = poles(board), Outcome.FAIL
         if found.known_unstable:
             rate, reason = found.rightmost.real, "it is unstable"

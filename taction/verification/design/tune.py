@@ -167,7 +167,7 @@ def _search(
     """Return the best design of a grid, and of descents from the best of its points."""
     own: Values = {each.path: each.own for each in ranges}
     if trials.at(own).record.outcome == ERROR:
-        trials.board_at(own)  # raises the error of the scene's own design
+        trials.built(own)  # raises the error of the scene's own design
 
     def objective(trial: Trial) -> float:
         """Return ln(settling time), plus a penalty for every check that does not pass."""
