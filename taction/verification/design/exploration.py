@@ -300,18 +300,13 @@ class Judgement:
     curves: ExplorerCurves | None = None
     answer: AnswerError | None = None
 
-    @classmethod
-    def without_verdict(cls, error: Exception) -> Judgement:
-        """Return why there is no verdict."""
-        return cls(Record.without_verdict(type(error).__name__, str(error), ""))
-
 
 def judge(scene: Scene) -> Judgement:
     """Verify a scene with the state-space engine."""
     try:
         verdict = verify(scene.with_engine("statespace"))
     except TactionError as error:
-        return Judgement.without_verdict(error)
+        return Judgement(Record.without_verdict(error, ""))
     time, stop = verdict.waveforms.time, float(verdict.waveforms.time[-1])
     rises = [c.rise_time.value for c in verdict.measurements.channels if c.rise_time is not None]
     windows = {"rise": min(WINDOW * max(rises, default=stop), stop), "whole": stop}

@@ -32,7 +32,7 @@ from taction.verification.reference.ideal_answer import ideal_answer, ideal_netw
 from taction.verification.stability.poles import poles
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.input_spread import InputSpread
-from taction.verification.verdict.record import Record
+from taction.verification.verdict.record import FIGURES, Record
 from taction.verification.verdict.verify import verify
 
 OPAMP, LAMBDA = "design.opamp", "design.lambda"
@@ -144,7 +144,7 @@ class Trials:
             try:
                 found = self._try(dict(changes))
             except (InputError, NoVerdictError) as error:
-                record = Record.without_verdict(type(error).__name__, str(error), "statespace")
+                record = Record.without_verdict(error, "statespace")
                 found = Trial(dict(changes), record, str(error))
             self._known[key] = found
         return self._known[key]
@@ -181,8 +181,8 @@ class Trials:
 
 def _without_transient(stable: bool, reason: str, *checks: Check) -> Record:
     """Return the record of a board that fails by its poles, or at rest."""
-    none = Record.without_verdict("", reason, "statespace")
-    return replace(none, outcome="fail", failure=None, stable=stable, checks=checks)
+    none = dict[str, float | None].fromkeys(FIGURES)
+    return Record("fail", "statespace", reason=reason, stable=stable, figures=none, checks=checks)
 
 
 def rest_distance(scene: Scene, board: LinearBoard) -> float:

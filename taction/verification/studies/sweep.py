@@ -140,25 +140,21 @@ def sweep_points(
             except MACHINE_FAILURES:  # ngspice was removed: no result of a point
                 raise
             except TactionError as error:
-                finish(key, _failed(error, str(error), plan.engine))
+                finish(key, Record.without_verdict(error, plan.engine))
 
     for key, record in study(workers, compute_point, requests()):
         if isinstance(record, BaseException):
             text = f"the worker was killed several times (out of memory?): {record}"
-            record = _failed(record, text, plan.engine)
+            record = Record.without_verdict(record, plan.engine, text)
         finish(key, record)
     return len(missing), outcomes
-
-
-def _failed(error: BaseException, reason: str, engine: str) -> Record:
-    return Record.without_verdict(type(error).__name__, reason, engine)
 
 
 def compute_point(scene: Scene, problem: InverseProblem) -> Record:
     """Compute a point; a verification that fails gives a record, too."""
     return attempted(
         lambda: Record.of(verify(scene, problem=problem), channels=False),
-        lambda error, reason: _failed(error, reason, scene.analysis.engine),
+        lambda error, reason: Record.without_verdict(error, scene.analysis.engine, reason),
     )
 
 

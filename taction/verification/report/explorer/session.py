@@ -21,6 +21,7 @@ from taction.verification.report.explorer import page_parts as parts
 from taction.verification.report.explorer.page_parts import Part, SliderLook
 from taction.verification.stability.edges import Edges
 from taction.verification.studies.running.study import Worker, WorkerDiedError
+from taction.verification.verdict.record import Record
 
 T = TypeVar("T")
 REST = 0.12  # s without new values, after which the hand rests
@@ -135,7 +136,7 @@ class Session:
         try:
             look.verdict = await self.judging.run(exploration.judge, look.view.scene)
         except WorkerDiedError as error:
-            look.verdict = Judgement.without_verdict(error)
+            look.verdict = Judgement(Record.without_verdict(error, ""))
         better = {} if look.is_exact else look.outputs_part(self.window)
         self._tell(**parts.verdict_part(look.verdict), **better)
 

@@ -132,7 +132,7 @@ def evaluate(board: Varied, number: int, z: Floats) -> BoardSample:
 
 
 def _without_verdict(number: int, board: Varied, error: BaseException, reason: str) -> BoardSample:
-    return BoardSample(number, Record.without_verdict(type(error).__name__, reason, board.engine))
+    return BoardSample(number, Record.without_verdict(error, board.engine, reason))
 
 
 def evaluate_all(
