@@ -183,17 +183,13 @@ LIMITED = (
 )
 
 
-Windows = dict[str, float]
-"""The end of ``"rise"``, which shows the first rise of every channel, and of the ``"whole"``, s."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplorerCurves:
     """Outputs of every channel over time."""
 
     time: Floats  # (P,), s
     outputs: Floats  # (P, N), V
-    windows: Windows
+    windows: dict[str, float]  # ends of "rise", the first rise of every channel, and of "whole", s
 
 
 class BoardView:
@@ -241,7 +237,7 @@ class BoardView:
         return exact_solution(self.board, initial=self.scene.analysis.initial)
 
     @cached_property
-    def windows(self) -> Windows:
+    def windows(self) -> dict[str, float]:
         """The ends of the first rise of all channels and of the record."""
         analysis, solution = self.scene.analysis, self._solution
         if analysis.stop != "auto":

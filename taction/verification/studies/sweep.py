@@ -87,12 +87,10 @@ class Plan:
         return {axis.key.path: axis.values[k] for group, k in at for axis in group}
 
 
-GridPoint = tuple[int, dict[str, Value], bytes]
-"""Place in the order of the grid, from 0, values by their paths, and key in a store."""
-
-
-def grid_points(plan: Plan, places: Iterable[int] | None = None) -> Iterator[GridPoint]:
-    """Yield points of a plan, by default all, in the order of the grid.
+def grid_points(
+    plan: Plan, places: Iterable[int] | None = None
+) -> Iterator[tuple[int, dict[str, Value], bytes]]:
+    """Yield place from 0, values by their paths, and key of points of a plan, by default of all.
 
     The key is a digest of the scene at the point, and of all else that its result depends on.
     """
