@@ -25,13 +25,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.stability.families import Family
 from taction.verification.stability.poles import poles
 from taction.verification.studies import onset as onset_module
-from taction.verification.studies.onset import (
-    CheckedEdge,
-    along,
-    board_over,
-    confirmations,
-    onset,
-)
+from taction.verification.studies.onset import CheckedEdge, along, board_over, confirmations, onset
 from tests.support.boards import bare, single_mode, window
 from tests.support.paths import SCENES
 
@@ -73,9 +67,8 @@ def check_sides(trial: CheckedEdge, share: float = 0.03) -> None:
     assert trial.confirmed is True, trial.reason
     for side in (trial.below, trial.above):
         assert side.measured.growth_rate == pytest.approx(side.predicted.real, rel=share)
-        assert side.measured.frequency == pytest.approx(
-            abs(side.predicted.imag) / 2 / math.pi, rel=0.003
-        )
+        ringing = abs(side.predicted.imag)
+        assert math.tau * side.measured.frequency == pytest.approx(ringing, rel=0.003)
     assert trial.below.predicted.real * trial.above.predicted.real < 0.0
 
 
