@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from taction.verification.evidence.paper.reproduce import reproduce as reproduce
     from taction.verification.evidence.stress.run_cases import stress as stress
     from taction.verification.report.tool_server import mcp as mcp
-    from taction.verification.studies.onset.onset import onset as onset
+    from taction.verification.studies.onset import onset as onset
     from taction.verification.studies.regression.regress import regress as regress
     from taction.verification.studies.sweep import sweep as sweep
     from taction.verification.studies.tolerance.corners import corners as corners

@@ -203,7 +203,7 @@ def verify_files(
     ('pass', {'pass': 2})
     """
     from taction.system.documents import plain
-    from taction.system.errors import Interrupted
+    from taction.system.errors import Interrupted, NoVerdictError
     from taction.system.results import load
     from taction.verification.studies.scene_files import scene_files
 
@@ -216,7 +216,7 @@ def verify_files(
     calls = [(path, describe, engine) for path in files]
 
     def without(k: int, killed: str) -> dict[str, Any]:
-        return not_verified(files[k], killed)
+        return not_verified(files[k], NoVerdictError(killed) if killed else None)
 
     results = for_each(verify_file, calls, names, without, jobs=jobs, progress=progress)
     found = VerifiedFiles(tuple(results))

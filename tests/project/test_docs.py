@@ -124,7 +124,7 @@ WITH_EXAMPLES = [
 # Of these the page above uses the function, too.
 SLOW = {
     *("verification.design.tune", "verification.evidence.demonstration"),
-    "verification.studies.onset.onset",
+    "verification.studies.onset",
 }
 
 

@@ -143,7 +143,7 @@ def make_trial(
     refused: str = "",
 ) -> Trial:
     """Return the trial of a stable board (without an overshoot: an unstable one)."""
-    none = Record.without_verdict("", "", "statespace")
+    none = Record.without_verdict(Exception(), "statespace")
     names = dict.fromkeys(("made", *left), Outcome.PASS) | dict.fromkeys(left, Outcome.FAIL)
     checks = tuple(Check(n, o, None, None, None, None, "ratio", "") for n, o in names.items())
     record = replace(

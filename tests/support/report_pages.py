@@ -169,8 +169,7 @@ def _choice(settling: str = "1ms") -> Page:
             try:
                 result = Record.of(verify(with_values(plan.scene, values)))
             except InputError as error:
-                name = type(error).__name__
-                result = Record.without_verdict(name, str(error), "statespace")
+                result = Record.without_verdict(error, "statespace")
             store.put(key, result)
         ranked = designs(plan, store)
     best = best_designs(ranked)

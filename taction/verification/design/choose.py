@@ -16,15 +16,8 @@ from types import MappingProxyType
 
 from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import (
-    LIMITS,
-    Point,
-    SweepAxis,
-    tried,
-    with_values,
-)
+from taction.netlist_gen.scene.axes import LIMITS, Point, SweepAxis, tried, with_values
 from taction.netlist_gen.scene.check_keys import LONG
-from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value, find_key, write_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
@@ -43,12 +36,12 @@ from taction.system.quantities import fraction, number
 from taction.system.reading_definitions import READINGS
 from taction.system.results import Result
 from taction.verification.design.trials import (
-    KEPT,
     LAMBDA,
     Trial,
     accepted_parts,
     at_small_signal,
     broken_at_rest,
+    preset,
     search_range,
 )
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -61,7 +54,6 @@ from taction.verification.verdict.record import ERROR, Record, decisive_reason
 from taction.verification.verdict.run_checks import CHECKS
 from taction.verification.verdict.verify import Verdict, verify
 
-VIEWS = "taction.verification.report.views.design_view"
 BEST = 3  # designs that ngspice confirms
 ERRORS = "design.opamp.input_errors"
 OPAMP, CAPACITANCE, GAIN = "design.opamp.base", "design.capacitance", "design.gain"
@@ -134,9 +126,9 @@ class ChosenDesign(Trial):
     """The trial of one design of a choice: op-amp, C and gain."""
 
     DOCUMENT = (
-        *("place", "values = plain_values", "outcome = record.outcome", "left = record.failed"),
+        *("place", "values", "outcome = record.outcome", "left = record.failed"),
         *("shares", "settling_time [s]", "overshoot [step]", "headroom", "noise_rms [V] = noise"),
-        *("reason = record.reason", "refused", "worst_share"),
+        *("reason = record.reason", "refused", "worst_share = worst"),
     )
 
     place: int = 0  # of the grid
@@ -174,11 +166,6 @@ class ChosenDesign(Trial):
         return math.inf if hidden else max(self.shares.values(), default=math.inf)
 
     @property
-    def worst_share(self) -> float | None:
-        """The largest share; None where it is infinite."""
-        return self.worst if math.isfinite(self.worst) else None
-
-    @property
     def opamp(self) -> str:
         """The preset."""
         return str(self.values[OPAMP])
@@ -212,10 +199,10 @@ class BestDesign:
         """Return a design with what ngspice says about its scene."""
         try:
             verdict = verify(scene.with_engine("ngspice"))
-        except (SimulatorNotFound, SimulatorTooOld) as error:
-            return cls(design, scene, None, str(error), file=file)
         except NoVerdictError as error:
-            return cls(design, scene, Outcome.INCONCLUSIVE, str(error), file=file)
+            missing = isinstance(error, SimulatorNotFound | SimulatorTooOld)
+            outcome = None if missing else Outcome.INCONCLUSIVE
+            return cls(design, scene, outcome, str(error), file=file)
         return cls(design, scene, verdict.outcome, decisive_reason(verdict), verdict, file)
 
     @property
@@ -239,7 +226,7 @@ class Choice(Result):
         Those that ngspice has verified.
     """
 
-    VIEW = f"{VIEWS}:choice_view"
+    VIEW = "taction.verification.report.views.design_view:choice_view"
     DOCUMENT = ("designs", "best")
 
     scene: Scene = field(repr=False)
@@ -270,13 +257,10 @@ def designs(plan: Plan, store: Store) -> list[ChosenDesign]:
 
 def design_scene(plan: Plan, original: Scene, design: ChosenDesign, rank: int) -> Scene:
     """Return the scene of a design, to be written: the op-amp's level is that of `original`."""
-    scene = with_values(plan.scene, design.values)
-    chosen = original.design.opamp
-    kept = KEPT & chosen.model_fields_set
-    opamp = OpAmpChoice.model_validate({"base": design.opamp, **chosen.model_dump(include=kept)})
+    keys = {path: value for path, value in design.values.items() if path != OPAMP}
+    scene = with_values(plan.scene, {**keys, **preset(original, design.opamp)})
     name = f"{original.name[:48]}-{rank}-{design.opamp}"[:64]
-    table = scene.design.model_copy(update={"opamp": opamp})
-    return scene.model_copy(update={"design": table, "name": name, "analysis": original.analysis})
+    return scene.model_copy(update={"name": name, "analysis": original.analysis})
 
 
 def first_of_each(ranked: Iterable[ChosenDesign]) -> list[ChosenDesign]:
@@ -389,15 +373,10 @@ def choose(
         "overshoot": _number("--overshoot", overshoot), "margin": _number("--margin", margin),
         "noise": noise, "supply": supply,
     }  # fmt: skip
-    names = opamps.split(",") if isinstance(opamps, str) else opamps
     named = {LIMITS[name]: value for name, value in limits.items() if value is not None}
-    plan = choice_plan(
-        original,
-        [name.strip() for name in names if name.strip()],
-        {CAPACITANCE: c_range, GAIN: gain_range},
-        points,
-        named,
-    )
+    given = opamps.split(",") if isinstance(opamps, str) else opamps
+    names = [name.strip() for name in given if name.strip()]
+    plan = choice_plan(original, names, {CAPACITANCE: c_range, GAIN: gain_range}, points, named)
     with Store(":memory:" if store is None else str(store)) as results:
         computed(plan, results, jobs=jobs, cluster=cluster, progress=progress)
         ranked = designs(plan, results)

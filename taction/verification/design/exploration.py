@@ -91,9 +91,8 @@ class Control:
 
 def controls(scene: Scene) -> tuple[Control, ...]:
     """Return the controls of a scene whose lambda is a number."""
-    topology = topology_of(scene)
+    topology, found = topology_of(scene), list[Control]()
     facts = topology.facts(scene)
-    found = []
     for knob in (knob for knob in topology.knobs(scene) if knob.margin):
         name = knob.key.rpartition(".")[2].replace("_", " ")
         found.append(_control(scene, knob.key, facts[knob.name].symbol, name, AROUND))
@@ -189,17 +188,13 @@ LIMITED = (
 )
 
 
-Windows = dict[str, float]
-"""The end of ``"rise"``, which shows the first rise of every channel, and of the ``"whole"``, s."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplorerCurves:
     """Outputs of every channel over time."""
 
     time: Floats  # (P,), s
     outputs: Floats  # (P, N), V
-    windows: Windows
+    windows: dict[str, float]  # ends of "rise", the first rise of every channel, and of "whole", s
 
 
 class BoardView:
@@ -215,11 +210,6 @@ class BoardView:
         network = ideal_network(self.problem, scene)
         self.answer = AnswerError.of(network, solve(network.problem), self.problem.stress)
         self.rest = outputs_at_rest(self.board)  # (N,), V
-
-    @property
-    def targets(self) -> Floats:
-        """The reference solution (N,), V."""
-        return self.answer.target
 
     @property
     def is_large(self) -> bool:
@@ -252,7 +242,7 @@ class BoardView:
         return exact_solution(self.board, initial=self.scene.analysis.initial)
 
     @cached_property
-    def windows(self) -> Windows:
+    def windows(self) -> dict[str, float]:
         """The ends of the first rise of all channels and of the record."""
         analysis, solution = self.scene.analysis, self._solution
         if analysis.stop != "auto":
@@ -312,18 +302,13 @@ class Judgement:
     curves: ExplorerCurves | None = None
     answer: AnswerError | None = None
 
-    @classmethod
-    def without_verdict(cls, error: Exception) -> Judgement:
-        """Return why there is no verdict."""
-        return cls(Record.without_verdict(type(error).__name__, str(error), ""))
-
 
 def judge(scene: Scene) -> Judgement:
     """Verify a scene with the state-space engine."""
     try:
         verdict = verify(scene.with_engine("statespace"))
     except TactionError as error:
-        return Judgement.without_verdict(error)
+        return Judgement(Record.without_verdict(error, ""))
     time, stop = verdict.waveforms.time, float(verdict.waveforms.time[-1])
     rises = [c.rise_time.value for c in verdict.measurements.channels if c.rise_time is not None]
     windows = {"rise": min(WINDOW * max(rises, default=stop), stop), "whole": stop}
@@ -333,9 +318,3 @@ def judge(scene: Scene) -> Judgement:
         ExplorerCurves(time, verdict.u, windows),
         verdict.drawn_answer,
     )
-
-
-def others(control: Control, settings: Settings) -> Settings:
-    """Return what the stable values of a control depend on: all values but its own."""
-    values = {path: v for path, v in settings.values.items() if path != control.path}
-    return replace(settings, values=values)

@@ -58,9 +58,9 @@ def with_limits(scene: Scene) -> tuple[Scene, str]:
     grade, share, limit = 0.0, math.inf, math.inf
     for finer in GRADES:
         reached = exceeded(with_values(scene, {"tolerances.resistor": finer}))
-        if max(LEAST, next_round_value(reached)) >= limit:
+        if (rounded := max(LEAST, next_round_value(reached))) >= limit:
             break  # input errors or rounded values decide
-        grade, share, limit = finer, reached, max(LEAST, next_round_value(reached))
+        grade, share, limit = finer, reached, rounded
         if share <= WANTED:
             break
     if limit > WORST:
@@ -100,15 +100,6 @@ def next_round_value(value: float) -> float:
     return next((float(f"{m * decade:.1g}") for m in ROUND if m * decade >= value), 0.0)
 
 
-def necessary_pruning(T: Floats) -> tuple[float, str]:
-    """Return the share of the largest entry below which no resistor can be bought; in words."""
-    entries = int(np.count_nonzero(pruned(T, NECESSARY) != T))
-    if not entries:
-        return 0.0, ""
-    text = f"design.prune = {NECESSARY:g} leaves out {entries} of the entries of T: no resistor"
-    return NECESSARY, f"{text} that can be bought has their conductance"
-
-
 @dataclass(frozen=True, slots=True)
 class NewScene(Result):
     """The file of a new scene, and for a matrix its scalings with the verdict."""
@@ -137,11 +128,11 @@ def _for_matrix(
 ) -> NewScene:
     """Write a scene for the files of a matrix and a strain; `asked` are keys of its design."""
     T, eps = read_problem(*arrays)
-    chosen, rule = _lambda(T, eps, noise, lam)
-    pruning = ""
-    if "prune" not in asked:
-        share, pruning = necessary_pruning(T)
-        asked |= {"prune": share} if share else {}
+    (chosen, rule), notes = _lambda(T, eps, noise, lam), list[str]()
+    if "prune" not in asked and (lost := int(np.count_nonzero(pruned(T, NECESSARY) != T))):
+        asked["prune"] = NECESSARY
+        text = f"design.prune = {NECESSARY:g} leaves out {lost} of the entries of T: no resistor"
+        notes.append(f"{text} that can be bought has their conductance")
     data = {
         "name": _name_of(path),
         "problem": {"kind": "matrix", "matrix": T, "strain": eps},
@@ -153,7 +144,6 @@ def _for_matrix(
     }
     scaled, found = find_scaling(parse_scene(data, path), accepted=AcceptedParts({}))
     limited, limits = with_limits(scaled)
-    notes = [pruning] if pruning else []
     rows, columns = T.shape
     head = f"Scaled by taction for a matrix of {rows} rows and {columns} columns; lambda: {rule}."
     remarks = (head, *notes, f"Limits: {limits}.")
@@ -282,7 +272,9 @@ def new(
     for option, value in given.items():
         if matrix is None and value is not None:
             raise InputError(option, Complaint("value", repr(value), "needs --matrix"))
-    refuse_existing(path, force=force)
+    if path.exists() and not force:
+        text = "the file exists; give another name, or --force to overwrite it"
+        raise InputError(path, Complaint("FILE", "", text))
     refuse_unknown(opamp, "--opamp")
     if matrix is None or strain is None:
         write_atomically(path, _template(opamp).replace("@NAME@", _name_of(path)))
@@ -307,10 +299,3 @@ def _template(opamp: str) -> str:
     if (volts := OPAMPS[opamp].most_supply) < 15.0:
         text = text.replace('\nsupply = "±15V"', f'\nsupply = "±{volts:g}V"')
     return text
-
-
-def refuse_existing(path: Path, *, force: bool) -> None:
-    """Refuse to write over a file, unless asked to."""
-    if path.exists() and not force:
-        text = "the file exists; give another name, or --force to overwrite it"
-        raise InputError(path, Complaint("FILE", "", text))

@@ -17,15 +17,7 @@ from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import topology_of
 from taction.system.reading_definitions import READINGS
-from taction.verification.design.trials import (
-    OPAMP,
-    Search,
-    Trial,
-    Trials,
-    knobs_with_margin,
-    search,
-    search_key,
-)
+from taction.verification.design.trials import OPAMP, Search, Trial, Trials, search
 from taction.verification.verdict.checks import Outcome, following
 from taction.verification.verdict.record import ERROR
 from taction.verification.verdict.verify import Verdict
@@ -82,8 +74,9 @@ class Remedies:
 
 def mending_keys(scene: Scene) -> dict[str, tuple[str, ...]]:
     """Return the keys that can mend each check; none mends a check that is not listed."""
-    knobs = knobs_with_margin(scene)
-    idle = {f"design.{key}" for key in topology_of(scene).unused}
+    topology = topology_of(scene)
+    knobs = tuple(knob.key for knob in topology.knobs(scene) if knob.margin)
+    idle = {f"design.{key}" for key in topology.unused}
     rest = ("unit_conductance", "gain", "lambda")
     mending = {
         **dict.fromkeys(("stability", *READINGS), (*knobs, OPAMP)),
@@ -139,10 +132,7 @@ def _search(trials: Trials, path: str) -> Search | None:
         "design.prune": [design.prune / 3.0, design.prune / 10.0, 0.0] if design.prune else [],
         "design.supply": [volts for volts in SUPPLIES if volts > design.supply],
     }
-    values = _opamps(trials.scene) if path == OPAMP else lists.get(path)
-    if values is None:
-        return search_key(trials, path)
-    return search(trials, Search(path), values, math.inf) if values else None
+    return search(trials, path, _opamps(trials.scene) if path == OPAMP else lists.get(path))
 
 
 def _opamps(scene: Scene) -> list[Value]:

@@ -44,7 +44,7 @@ from taction.verification.design.trials import (
     at_small_signal,
     broken_at_rest,
     is_good,
-    search_key,
+    search,
 )
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.ideal_answer import (
@@ -67,11 +67,7 @@ SMALLER = (1.0, 0.3, 0.1)  # times the balanced s, while slopes or currents set 
 ROUNDS = 4  # of U0 on a board whose loads are not proportional to it
 
 
-def with_resistors(
-    scene: Scene,
-    factor: float,
-    notes: list[str],
-) -> Scene:
+def with_resistors(scene: Scene, factor: float, notes: list[str]) -> Scene:
     """Return the scene with other s and G0; R, which follows from lambda, is in the series, too.
 
     Lambda stays, and the op-amps are at the small-signal level. s is `factor` times the value that
@@ -83,8 +79,7 @@ def with_resistors(
     sizes = np.abs(problem.matrix[problem.matrix != 0.0])
     largest = float(sizes.max())
     smallest = float(sizes[sizes >= scene.design.prune * largest].min())
-    least, most = LEAST_OHMS, MOST_OHMS
-    ratio = least / most
+    least, most, ratio = LEAST_OHMS, MOST_OHMS, LEAST_OHMS / MOST_OHMS
     if largest * ratio > smallest:
         text = (
             f"the entries of T differ by the factor {largest / smallest:.3g}, and resistors that"
@@ -270,7 +265,7 @@ def _at_voltage(scene: Scene, volts: float) -> Scene:
 
 def _damped(trial: Trial) -> bool:
     """Whether a board is stable, and rings so little that its loads do not set U0."""
-    return trial.passed("stability") and trial.overshoot < 1.0
+    return "stability" not in trial.record.failed and trial.overshoot < 1.0
 
 
 def _with_capacitance(
@@ -283,11 +278,11 @@ def _with_capacitance(
         return scene
     rest = own.record.check_value("steady_state") or 0.0
     off = accept is is_good and rest > scene.checks.steady_state.tolerance  # no C moves the rest
-    search = None if off else search_key(trials, path, accept)
-    if search is None or not search.found:
+    found = None if off else search(trials, path, accept=accept)
+    if found is None or not found.found:
         notes.append(f"{NO_C}: {own.refused or own.record.reason}")
         return None
-    farads = search.found[0].values[path]
+    farads = float(found.found[0].values[path])
     notes.append(f"C is another than the scene's, {show(farads, 'F', 3)}: {own.record.reason}")
     return with_values(scene, {path: farads})
 
@@ -320,6 +315,6 @@ def _with_loads(scene: Scene, share: float, notes: list[str]) -> tuple[Scene, tu
 
 def _allowed(load: Load, share: float) -> float:
     """Return the factor by which a load may grow."""
-    limit = share if load.quantity == "voltage" else FULL * (1.0 - 1e-6)
-    margin = 0.0 if load.quantity == "voltage" else load.error
-    return limit * load.limit / (load.peak + margin) if load.peak else math.inf
+    volts = load.quantity == "voltage"
+    limit, error = (share, 0.0) if volts else (FULL * (1.0 - 1e-6), load.error)
+    return limit * load.limit / (load.peak + error) if load.peak else math.inf

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from taction.verification.reference.ideal_answer import ideal_answer, ideal_netw
 from taction.verification.stability.poles import poles
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.input_spread import InputSpread
-from taction.verification.verdict.record import Record
+from taction.verification.verdict.record import FIGURES, Record
 from taction.verification.verdict.verify import verify
 
 OPAMP, LAMBDA = "design.opamp", "design.lambda"
@@ -55,19 +55,14 @@ class Trial:
     """What the checks say about one design."""
 
     DOCUMENT: ClassVar[tuple[str, ...]] = (
-        *("values = plain_values", "settling_time [s]", "overshoot [step]"),
+        *("values", "settling_time [s]", "overshoot [step]"),
         *("left = record.failed # checks that do not pass", "refused"),
     )
 
-    values: dict[str, Any]  # new numbers and names by dotted paths
+    values: dict[str, Value]  # new numbers and names by dotted paths
     record: Record  # of the verdict, or why there is none
     # Which of its parts cannot be bought, or the layout undoes, or why there is no verdict.
     refused: str = ""
-
-    @property
-    def plain_values(self) -> dict[str, Value]:
-        """The values, for a document."""
-        return self.values
 
     @property
     def good(self) -> bool:
@@ -87,11 +82,6 @@ class Trial:
         """The largest overshoot, fraction of the step; infinite for an unstable board."""
         value = self.record.value("overshoot")
         return math.inf if value is None or not self.record.stable else value
-
-    def passed(self, name: str) -> bool:
-        """Whether a check passes."""
-        check = self.record.check(name)
-        return check is not None and check.outcome is Outcome.PASS
 
 
 class Trials:
@@ -131,40 +121,37 @@ class Trials:
     def completed(self, changes: Mapping[str, Value]) -> dict[str, Value]:
         """Return `changes` with lambda, if they would change it.
 
-        Another op-amp has its own figures; level and input errors stay what the scene asks for.
+        Another op-amp is a `preset`.
         """
-        opamp = self.scene.design.opamp
-        asked = KEPT & opamp.model_fields_set if OPAMP in changes else ()
-        kept = {f"{OPAMP}.{name}": getattr(opamp, name) for name in sorted(asked)}
+        kept = preset(self.scene, str(changes[OPAMP])) if OPAMP in changes else {}
         return {**kept, **with_lambda_held(self.scene, changes, self.lam)}
 
     def scene_at(self, changes: Mapping[str, Value]) -> Scene:
         """Return the scene with a change and the same lambda; `InputError` if a key refuses it."""
         return with_values(self.scene, self.completed(changes))
 
-    def board_at(self, changes: Mapping[str, Value]) -> LinearBoard:
-        """Return the board with a change; `InputError`, or `OutOfWorkError` as `spend`."""
-        board = LinearBoard(synthesise(self.scene_at(changes)))
+    def built(self, changes: Mapping[str, Value]) -> tuple[Scene, LinearBoard]:
+        """Return scene and board with a change; `InputError`, or `OutOfWorkError` as `spend`."""
+        scene = at_small_signal(self.scene_at(changes))
+        board = LinearBoard(synthesise(scene))
         self.spend(POLES, board)
-        return board
+        return scene, board
 
     def at(self, changes: Mapping[str, Value]) -> Trial:
         """Return the trial of a change; `OutOfWorkError` as `spend`."""
         key = tuple(sorted(changes.items()))
         if key not in self._known:
             try:
-                self._known[key] = self._try(dict(changes))
+                found = self._try(dict(changes))
             except (InputError, NoVerdictError) as error:
-                kind, reason = type(error).__name__, str(error)
-                record = Record.without_verdict(kind, reason, "statespace")
-                self._known[key] = Trial(dict(changes), record, reason)
+                record = Record.without_verdict(error, "statespace")
+                found = Trial(dict(changes), record, str(error))
+            self._known[key] = found
         return self._known[key]
 
-    def _try(self, changes: dict[str, Any]) -> Trial:
+    def _try(self, changes: dict[str, Value]) -> Trial:
         """Verify a change; a board whose poles or rest show that it fails needs no transient."""
-        scene = at_small_signal(self.scene_at(changes))
-        board = LinearBoard(synthesise(scene))
-        self.spend(POLES, board)
+        scene, board = self.built(changes)
         found, fail = poles(board), Outcome.FAIL
         if found.known_unstable:
             rate, reason = found.rightmost.real, "it is unstable"
@@ -194,9 +181,8 @@ class Trials:
 
 def _without_transient(stable: bool, reason: str, *checks: Check) -> Record:
     """Return the record of a board that fails by its poles, or at rest."""
-    none = Record.without_verdict("", reason, "statespace")
-    outcome = Outcome.FAIL.value
-    return replace(none, outcome=outcome, failure=None, stable=stable, checks=checks)
+    none = dict[str, float | None].fromkeys(FIGURES)
+    return Record("fail", "statespace", reason=reason, stable=stable, figures=none, checks=checks)
 
 
 def rest_distance(scene: Scene, board: LinearBoard) -> float:
@@ -233,9 +219,11 @@ def with_lambda_held(scene: Scene, changes: Mapping[str, Value], lam: float) -> 
     return {**changes, **({LAMBDA: lam} if moved and not given else {})}
 
 
-def knobs_with_margin(scene: Scene) -> tuple[str, ...]:
-    """Return the keys of the knobs that a stable board has a margin in."""
-    return tuple(knob.key for knob in topology_of(scene).knobs(scene) if knob.margin)
+def preset(scene: Scene, name: str) -> dict[str, Value]:
+    """Return the changes to another op-amp, whose level and input errors stay what is asked for."""
+    opamp = scene.design.opamp
+    kept = sorted(KEPT & opamp.model_fields_set)
+    return {**{f"{OPAMP}.{key}": getattr(opamp, key) for key in kept}, OPAMP: name}
 
 
 def at_small_signal(scene: Scene) -> Scene:
@@ -245,7 +233,6 @@ def at_small_signal(scene: Scene) -> Scene:
     return with_values(scene, {"design.opamp.level": "small-signal"})
 
 
-AT_EDGE = 0.02  # of the logarithmic range: a value so close to an end is at its edge
 OUTWARDS, DECADES = 25, 2.0  # values of one key on each side, and how far they go
 EVALUATIONS = 40  # of one descent
 
@@ -292,13 +279,6 @@ class SearchRange:
         away = (DECADES * (k / OUTWARDS) ** 1.5 for k in range(OUTWARDS + 1))  # 4 % to 32 % apart
         tried = [self.bought(self.own * 10.0 ** (side * by)) for by in away for side in (1, -1)]
         return tuple(value for value in dict.fromkeys(tried) if value != self.own)
-
-    def edge_of(self, value: float) -> float | None:
-        """Return the end of the range at which `value` lies, or None."""
-        close = (self.high / self.low) ** AT_EDGE
-        if value <= self.low * close:
-            return self.low
-        return self.high if value >= self.high / close else None
 
 
 def parse_ranges(
@@ -348,32 +328,27 @@ class Search:
 
 
 def search(
-    trials: Trials,
-    found: Search,
-    values: Iterable[Value],
-    enough: float = 1,
-    accept: Accept = is_good,
-) -> Search:
-    """Try values in their order, until `enough` of them are accepted or the work is used up."""
+    trials: Trials, path: str, values: Sequence[Value] | None = None, accept: Accept = is_good
+) -> Search | None:
+    """Try all `values` of a key; or those outwards from the scene's own, until one is accepted.
+
+    None without a value to try. A search that uses up the work is not complete.
+    """
+    found, outwards = Search(path), values is None
+    if values is None and (one := SearchRange.around(trials.scene, path, 1.0)) is not None:
+        values = one.outwards()
+        found.least, found.most = min(one.own, *values), max(one.own, *values)
+    if not values:
+        return None
     try:
         for value in values:
-            if accept(trial := trials.at({found.path: value})):
+            if accept(trial := trials.at({path: value})):
                 found.found.append(trial)
-                if len(found.found) >= enough:
+                if outwards:
                     break
     except OutOfWorkError:
         found.complete = False
     return found
-
-
-def search_key(trials: Trials, path: str, accept: Accept = is_good) -> Search | None:
-    """Search outwards over a key; None if the scene has no value above zero."""
-    one = SearchRange.around(trials.scene, path, 1.0)
-    if one is None:
-        return None
-    values = one.outwards()
-    ends = Search(path, min(one.own, *values), max(one.own, *values))
-    return search(trials, ends, values, accept=accept)
 
 
 def descend(

@@ -35,6 +35,7 @@ from taction.verification.verdict.verify import Verdict, verify
 
 GRID = {1: 25, 2: 9, 3: 5}  # points of each parameter, by the number of parameters
 OVERSHOOT = 0.05  # default limit
+AT_EDGE = 0.02  # of the logarithmic range: a value so close to an end is at its edge
 STARTS = 3  # points of the grid from which a descent starts
 RESERVE = 0.99  # of the overshoot limit: the verification adds the simulator's error
 INFEASIBLE = 1e6  # added to the objective for every check that does not pass
@@ -46,7 +47,8 @@ class Tuned(Result):
 
     VIEW = "taction.verification.report.views.design_view:tuning_view"
     DOCUMENT = (
-        *("outcome = verdict.outcome", "before", "after", "resistance [ohm] = resistance"),
+        *("outcome = verdict.outcome", "before", "after"),
+        "resistance [ohm] = verdict.circuit.facts.R.value",
         "lambda = verdict.circuit.facts.lambda.value",
         *("overshoot_limit [step]", "margin", "tried", "ranges = ends", "at_edges"),
         "verification = verdict",
@@ -69,18 +71,19 @@ class Tuned(Result):
     @property
     def at_edges(self) -> dict[str, float]:
         """The ends of the ranges at which the best design lies, by dotted path."""
-        edges = {each.path: each.edge_of(self.after.values[each.path]) for each in self.ranges}
-        return {path: edge for path, edge in edges.items() if edge is not None}
+        edges = {}
+        for each in self.ranges:
+            value, close = float(self.after.values[each.path]), (each.high / each.low) ** AT_EDGE
+            if value <= each.low * close:
+                edges[each.path] = each.low
+            elif value >= each.high / close:
+                edges[each.path] = each.high
+        return edges
 
     @property
     def outcome(self) -> str:
         """The outcome of the verdict."""
         return str(self.verdict.outcome.value)
-
-    @property
-    def resistance(self) -> float | None:
-        """R of the best design, ohm; None for a board without it."""
-        return self.verdict.circuit.number("R")
 
 
 def tune(
@@ -152,10 +155,10 @@ def tune(
     if not (after.good and after.overshoot <= RESERVE * limit):
         raise _no_design(trials, ranges, after, f"{100 * limit:g} % and a margin of {margin:g}")
     best, tried = with_values(limited, trials.completed(after.values)), trials.tried
-    verdict, number = verify(best, progress), len(tried)
+    verdict = verify(best, progress)
     if output is not None:
         write_scene(best, output)
-    return Tuned(tried[0], after, best, number, limit, margin, ranges, verdict)
+    return Tuned(tried[0], after, best, len(tried), limit, margin, ranges, verdict)
 
 
 def _search(
@@ -164,7 +167,7 @@ def _search(
     """Return the best design of a grid, and of descents from the best of its points."""
     own: Values = {each.path: each.own for each in ranges}
     if trials.at(own).record.outcome == ERROR:
-        trials.board_at(own)  # raises the error of the scene's own design
+        trials.built(own)  # raises the error of the scene's own design
 
     def objective(trial: Trial) -> float:
         """Return ln(settling time), plus a penalty for every check that does not pass."""
@@ -191,7 +194,7 @@ def _no_design(
     trials: Trials, ranges: Sequence[SearchRange], closest: Trial, limits: str
 ) -> EngineError:
     """Return the error that no design passes, with the one that came closest."""
-    values = ", ".join(f"{r.path} = {show(closest.values[r.path], r.unit)}" for r in ranges)
+    values = ", ".join(f"{r.path} = {show(float(closest.values[r.path]), r.unit)}" for r in ranges)
     ends = ", ".join(
         f"{r.path} from {show(r.low, r.unit, 3)} to {show(r.high, r.unit, 3)}" for r in ranges
     )

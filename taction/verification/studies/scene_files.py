@@ -78,7 +78,7 @@ class VerifiedFiles(Result):
 def verify_file(path: Path, describe: Describe, engine: str | None = None) -> dict[str, Any]:
     """Verify one scene file and return the document of its verdict or of its error."""
     found = verdict_of(path, engine)
-    return _without_verdict(path, found) if isinstance(found, TactionError) else describe(found)
+    return not_verified(path, found) if isinstance(found, TactionError) else describe(found)
 
 
 def verdict_of(path: Path, engine: str | None = None) -> Verdict | TactionError:
@@ -91,12 +91,7 @@ def verdict_of(path: Path, engine: str | None = None) -> Verdict | TactionError:
         return NoVerdictError("out of memory: the scene is too large")
 
 
-def not_verified(path: Path, killed: str) -> dict[str, Any]:
-    """Return the document of a file whose process was `killed`, or never began."""
-    if killed:
-        return _without_verdict(path, NoVerdictError(killed))
-    return {"file": printable(str(path)), "outcome": NOT_RUN}
-
-
-def _without_verdict(path: Path, error: TactionError) -> dict[str, Any]:
-    return {"file": printable(str(path)), **plain(error_document(error))}
+def not_verified(path: Path, error: TactionError | None) -> dict[str, Any]:
+    """Return the document of a file without a verdict: why, or None where it never began."""
+    said = {"outcome": NOT_RUN} if error is None else plain(error_document(error))
+    return {"file": printable(str(path)), **said}

@@ -87,12 +87,10 @@ class Plan:
         return {axis.key.path: axis.values[k] for group, k in at for axis in group}
 
 
-GridPoint = tuple[int, dict[str, Value], bytes]
-"""Place in the order of the grid, from 0, values by their paths, and key in a store."""
-
-
-def grid_points(plan: Plan, places: Iterable[int] | None = None) -> Iterator[GridPoint]:
-    """Yield points of a plan, by default all, in the order of the grid.
+def grid_points(
+    plan: Plan, places: Iterable[int] | None = None
+) -> Iterator[tuple[int, dict[str, Value], bytes]]:
+    """Yield place from 0, values by their paths, and key of points of a plan, by default of all.
 
     The key is a digest of the scene at the point, and of all else that its result depends on.
     """
@@ -133,35 +131,28 @@ def sweep_points(
 
     def requests() -> Iterator[tuple[bytes, tuple[Scene, InverseProblem]]]:
         """Yield key, scene and problem of each point; one whose scene cannot be made ends here."""
-        last = problem = None
         for _, values, key in grid_points(plan, missing):
             try:
                 scene = with_values(plan.scene, values | {ENGINE: plan.engine})
-                if last is None or problem is None or last != scene.problem:
-                    last, problem = scene.problem, make_problem(scene)  # neighbours often share it
-                yield key, (scene, problem)
+                yield key, (scene, make_problem(scene))
             except MACHINE_FAILURES:  # ngspice was removed: no result of a point
                 raise
             except TactionError as error:
-                finish(key, _failed(error, str(error), plan.engine))
+                finish(key, Record.without_verdict(error, plan.engine))
 
     for key, record in study(workers, compute_point, requests()):
         if isinstance(record, BaseException):
             text = f"the worker was killed several times (out of memory?): {record}"
-            record = _failed(record, text, plan.engine)
+            record = Record.without_verdict(record, plan.engine, text)
         finish(key, record)
     return len(missing), outcomes
-
-
-def _failed(error: BaseException, reason: str, engine: str) -> Record:
-    return Record.without_verdict(type(error).__name__, reason, engine)
 
 
 def compute_point(scene: Scene, problem: InverseProblem) -> Record:
     """Compute a point; a verification that fails gives a record, too."""
     return attempted(
         lambda: Record.of(verify(scene, problem=problem), channels=False),
-        lambda error, reason: _failed(error, reason, scene.analysis.engine),
+        lambda error, reason: Record.without_verdict(error, scene.analysis.engine, reason),
     )
 
 
@@ -182,7 +173,7 @@ def computed(
         raise Interrupted(stored) from None
 
 
-TEXT_COLUMNS = ("outcome", "failure", "state", "simulator", "reason")
+COLUMNS = ("engine", "stable", *FIGURES, "outcome", "failure", "state", "simulator", "reason")
 OUTCOMES = ("pass", "fail", "inconclusive", "error")
 
 
@@ -260,7 +251,7 @@ class SweepResult(Result):
         check_extra("data", "to_pandas")
         import pandas as pd
 
-        return pd.DataFrame(_rows(self), columns=[*_columns(self.plan)])
+        return pd.DataFrame(_rows(self), columns=_columns(self.plan))
 
 
 def sweep(
@@ -352,21 +343,16 @@ def sweep(
     return SweepResult(plan, store, *counts, time.perf_counter() - start, strict)
 
 
-def _columns(plan: Plan) -> dict[str, tuple[str, str]]:
-    """Return kind and unit of every column of a table, by name."""
-    columns: dict[str, tuple[str, str]] = {
-        axis.name: (axis.key.kind, axis.key.unit) for axis in plan.axes
-    }
-    columns |= {"engine": ("choice", ""), "stable": ("flag", "")}
-    # A figure that is an axis, such as lambda, has one column.
-    columns |= {n: ("real", figure.unit) for n, figure in FIGURES.items() if n not in columns}
-    return columns | dict.fromkeys(TEXT_COLUMNS, ("choice", ""))
+def _columns(plan: Plan) -> list[str]:
+    """Return the names of the columns of a table; a figure that is an axis has one column."""
+    return [*dict.fromkeys([*(axis.name for axis in plan.axes), *COLUMNS])]
 
 
 def _rows(result: SweepResult) -> Iterator[dict[str, Any]]:
-    kept = [*_columns(result.plan)][len(result.plan.axes) :]
+    columns = _columns(result.plan)
     for record in result.records():
-        yield record["values"] | {name: record[name] for name in kept}
+        flat = record | record["values"]
+        yield {name: flat[name] for name in columns}
 
 
 def grids(result: SweepResult) -> dict[str, np.ndarray[Any, Any]]:
@@ -392,16 +378,15 @@ def export_sweep(result: SweepResult, path: str) -> None:
     """Write every point of a sweep to `path`, a row each."""
     check_file(path, "--export")
     with replacing(path) as temporary:
-        match Path(path).suffix.lower():
-            case ".parquet":
-                import pyarrow as pa
-                import pyarrow.parquet
+        if Path(path).suffix.lower() == ".parquet":
+            import pyarrow as pa
+            import pyarrow.parquet
 
-                choices = [axis.name for axis in result.plan.axes if axis.key.kind == "choice"]
-                rows = [row | {n: str(row[n]) for n in choices} for row in _rows(result)]
-                pa.parquet.write_table(pa.Table.from_pylist(rows), temporary)
-            case _:
-                with temporary.open("w", encoding="utf-8", newline="") as file:
-                    writer = csv.writer(file)
-                    writer.writerow(_columns(result.plan))
-                    writer.writerows(row.values() for row in _rows(result))
+            choices = [axis.name for axis in result.plan.axes if axis.key.kind == "choice"]
+            rows = [row | {n: str(row[n]) for n in choices} for row in _rows(result)]
+            pa.parquet.write_table(pa.Table.from_pylist(rows), temporary)
+        else:
+            with temporary.open("w", encoding="utf-8", newline="") as file:
+                writer = csv.DictWriter(file, _columns(result.plan))
+                writer.writeheader()
+                writer.writerows(_rows(result))

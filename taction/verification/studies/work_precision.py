@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import statistics
 import time as clock
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -21,7 +21,6 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
-from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import PHYSICAL_BOUND, Cost, Floats, Waveforms
 from taction.system.errors import EngineError
@@ -33,11 +32,7 @@ from taction.verification.engines.ngspice.executable import find_simulator, miss
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients import stepped
-from taction.verification.engines.statespace.transients.exact import (
-    exact_solution,
-    is_exact,
-    record_times,
-)
+from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.study import FAILURES, Worker
 from taction.verification.studies.running.versions import describe_machine
@@ -62,35 +57,32 @@ def ngspice(
     """Run ngspice with `points` points on a ringing period."""
     simulator = find_simulator()
     step = transient.max_step * BASE_POINTS / points
-    even = replace(transient, max_step=step, truncation=truncation_for(points))
-    transient = replace(even, method=method)
-    deck = write_deck(circuit, transient, solver=simulator.solver_option)
+    even = replace(transient, max_step=step, truncation=truncation_for(points), method=method)
+    deck = write_deck(circuit, even, solver=simulator.solver_option)
     bound = PHYSICAL_BOUND * circuit.value("U0")
-    found = process.simulate(deck, simulator, timeout=LONGEST, bound=bound)
-    return _run(circuit, found.time, outputs(circuit, found), found.cost)
+    return _run(circuit, process.simulate(deck, simulator, timeout=LONGEST, bound=bound))
 
 
 def exact(
-    circuit: Circuit, transient: Transient, setting: float = 0.0, *, times: Floats | None = None
+    circuit: Circuit, transient: Transient, setting: None = None, *, times: Floats | None = None
 ) -> Waveforms:
     """Run the exact engine; without `times` with `BASE_POINTS` points on a ringing period."""
-    started, solution = clock.perf_counter(), exact_solution(circuit, initial=transient.initial)
-    time = record_times(transient, transient.stop) if times is None else times
-    u = np.array([output.sign for output in circuit.outputs]) * solution.at(time)
-    return _run(circuit, time, u, Cost(clock.perf_counter() - started, 0, 1))
+    started, found = clock.perf_counter(), stepped.simulate(circuit, transient, times=times)
+    cost = Cost(clock.perf_counter() - started, 0, 1)  # with the linearisation
+    return _run(circuit, replace(found, cost=cost))
 
 
 def implicit(
     circuit: Circuit, transient: Transient, tolerance: float, *, times: Floats | None = None
 ) -> Waveforms:
     """Run the adaptive implicit engine, also on a linear board."""
-    found = stepped.integrate(circuit, transient, times=times, tolerance=tolerance)
-    return _run(circuit, found.time, outputs(circuit, found), found.cost)
+    return _run(circuit, stepped.integrate(circuit, transient, times=times, tolerance=tolerance))
 
 
-def _run(circuit: Circuit, time: Floats, u: Floats, cost: Cost) -> Waveforms:
-    """Return the outputs u (P, N), V, of one run of one method, with its cost."""
-    return Waveforms(time, tuple(out.node for out in circuit.outputs), u, "", cost)
+def _run(circuit: Circuit, found: Waveforms) -> Waveforms:
+    """Return of a run what is compared and can be pickled: outputs, with its cost."""
+    nodes = tuple(out.node for out in circuit.outputs)
+    return Waveforms(found.time, nodes, outputs(circuit, found), "", found.cost)
 
 
 TOLERANCES = tuple(10.0**-k for k in range(2, 11))
@@ -104,7 +96,7 @@ class Method:
     name: str
     engine: Literal["ngspice", "statespace"]
     setting: str  # name of the ladder's quantity; empty for a method without a step
-    ladder: tuple[float, ...]  # coarse to fine
+    ladder: tuple[float | None, ...]  # coarse to fine
     run: Callable[..., Waveforms]  # of circuit, transient (with `BASE_POINTS`) and setting
 
 
@@ -113,19 +105,9 @@ STEP, EXACT = "points per period", "state space, exact"
 METHODS: tuple[Method, ...] = (
     Method("ngspice trapezoidal", "ngspice", STEP, POINTS, partial(ngspice, method="trapezoidal")),
     Method("ngspice Gear", "ngspice", STEP, POINTS, partial(ngspice, method="gear")),
-    Method(EXACT, "statespace", "", (0.0,), exact),
+    Method(EXACT, "statespace", "", (None,), exact),
     Method("state space, implicit", "statespace", "tolerance", TOLERANCES, implicit),
 )
-
-
-def solutions(board: LinearBoard) -> dict[str, Callable[..., Waveforms]]:
-    """Return two solutions of the board by their names, the better first."""
-    # Of a large board a smaller tolerance gains nothing over rounding errors.
-    tight = 1e-9 if board.descriptor.is_large else 1e-12
-    found: dict[str, Callable[..., Waveforms]] = {EXACT: exact} if is_exact(board) else {}
-    for each in (tight, 100.0 * tight)[: 2 - len(found)]:
-        found[f"state space, implicit at {each:g}"] = partial(implicit, tolerance=each)
-    return found
 
 
 PERIODS = 30.0  # of ringing that are studied
@@ -140,12 +122,12 @@ class SettingResult:
 
     DOCUMENT = (
         *("method = method.name", "engine = method.engine", "quantity = method.setting"),
-        *("setting = known_setting", "status", "seconds [s]", "steps", "error", "reference"),
+        *("setting", "status", "seconds [s]", "steps", "error", "reference"),
         "note",
     )
 
     method: Method
-    setting: float
+    setting: float | None  # None of a method without one
     status: str = "done"  # or "timeout" or "failed"
     seconds: float | None = None  # median of the wall times, s; of a time-out its limit
     steps: int | None = None  # of one run
@@ -154,14 +136,9 @@ class SettingResult:
     note: str = ""  # message of the error
 
     @property
-    def known_setting(self) -> float | None:
-        """The setting; None of a method without one."""
-        return self.setting if self.method.setting else None
-
-    @property
     def name(self) -> str:
         """The setting in words."""
-        return f"{self.setting:g} {self.method.setting}" if self.method.setting else "-"
+        return "-" if self.setting is None else f"{self.setting:g} {self.method.setting}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -249,17 +226,15 @@ def accuracy(
     ('tuned-breadboard', True)
     """
     started, scene = clock.perf_counter(), read_scene(scene)
-    circuit = synthesise(scene, make_problem(scene))
-    scales = time_scales(circuit, initial=scene.analysis.initial)
-    period = BASE_POINTS * scales.max_step_for(BASE_POINTS)
+    circuit, initial, end = synthesise(scene), scene.analysis.initial, started + budget
+    step = time_scales(circuit, initial=initial).max_step_for(BASE_POINTS)
+    period = BASE_POINTS * step
     stop = PERIODS * period
     if scene.analysis.stop != "auto":
         stop = min(stop, scene.analysis.stop)
-    step, initial = scales.max_step_for(BASE_POINTS), scene.analysis.initial
     transient = Transient(stop, step, truncation_for(BASE_POINTS), initial=initial)
-    board, left_out, end = LinearBoard(circuit), list[str](), started + budget
-    runs, solved = list[tuple[SettingResult, Waveforms | None]](), dict[str, Floats]()
-    usable, task = list(_applicable(board, left_out)), (circuit, transient)
+    board, left_out, task = LinearBoard(circuit), list[str](), (circuit, transient)
+    runs, usable = list[Run](), [*_applicable(board, left_out)]
     with Worker() as worker:
         for k, method in enumerate(usable):
             left = max(end - clock.perf_counter(), 0.0)
@@ -268,42 +243,63 @@ def accuracy(
         progress("references")
         limit = max(end - clock.perf_counter(), LEAST_TIME)
         time = np.unique(np.concatenate([[0.0], *(run.time for _, run in runs if run)]))
-        for name, solve in solutions(board).items() if len(time) > 1 else ():
-            try:
-                solved[name] = worker.call(limit, solve, *task, times=time).values
-            except (TimeoutError, *FAILURES) as error:
-                left_out.append(f"reference, {name}: {error}")
-    floor, amplitude = None, math.nan
-    if solved:
-        first, *others = solved.values()
-        amplitude = float(np.abs(first - first[0]).max())
-        if not amplitude:
-            raise EngineError("the step moves no output of this board: nothing to study")
-        floor = float(np.abs(others[0] - first).max() / amplitude) if others else None
-
-    def compared(point: SettingResult, run: Waveforms | None) -> SettingResult:
-        """Return a setting with its error beside the first solution of another method."""
-        name = next((name for name in solved if name != point.method.name), None)
-        if run is None or name is None:
-            return point
-        u = solved[name][np.searchsorted(time, run.time)]
-        return replace(point, error=float(np.abs(run.values - u).max() / amplitude), reference=name)
-
-    made = WorkPrecisionStudy(
-        scene,
-        tuple(compared(*pair) for pair in runs),
-        tuple(solved),
-        floor,
-        amplitude,
-        transient,
-        period,
-        tuple(left_out),
-        describe_machine(),
-        clock.perf_counter() - started,
-    )
+        solved = _references(worker, task, board, time, limit, left_out)
+    points, floor, amplitude = _compared(runs, solved, time)
+    found = points, tuple(solved), floor, amplitude, transient, period, tuple(left_out)
+    seconds = clock.perf_counter() - started
+    made = WorkPrecisionStudy(scene, *found, describe_machine(), seconds)
     if made.outcome != "pass":
         progress(Notice("no run has a known error; give a larger --budget"))
     return made
+
+
+Task = tuple[Circuit, Transient]
+Run = tuple[SettingResult, Waveforms | None]
+
+
+def _references(
+    worker: Worker, task: Task, board: LinearBoard, time: Floats, limit: float, left_out: list[str]
+) -> dict[str, Floats]:
+    """Return two solutions at `time` (P,), s, by name, the better first, if there is time.
+
+    Each takes `limit`, s, at most.
+    """
+    # Of a large board a smaller tolerance gains nothing over rounding errors.
+    tight = 1e-9 if board.descriptor.is_large else 1e-12
+    known: dict[str, Callable[..., Waveforms]] = {EXACT: exact} if is_exact(board) else {}
+    for each in (tight, 100.0 * tight)[: 2 - len(known)]:
+        known[f"state space, implicit at {each:g}"] = partial(implicit, tolerance=each)
+    solved = dict[str, Floats]()
+    for name, solve in known.items() if len(time) > 1 else ():
+        try:
+            solved[name] = worker.call(limit, solve, *task, times=time).values
+        except (TimeoutError, *FAILURES) as error:
+            left_out.append(f"reference, {name}: {error}")
+    return solved
+
+
+def _compared(
+    runs: Sequence[Run], solved: Mapping[str, Floats], time: Floats
+) -> tuple[tuple[SettingResult, ...], float | None, float]:
+    """Return the settings with their errors beside the first solution of another method.
+
+    Also the largest difference of two solutions over the step amplitude, and this amplitude, V.
+    """
+    if not solved:
+        return tuple(point for point, _ in runs), None, math.nan
+    first, *others = solved.values()
+    amplitude = float(np.abs(first - first[0]).max())
+    if not amplitude:
+        raise EngineError("the step moves no output of this board: nothing to study")
+    floor = float(np.abs(others[0] - first).max() / amplitude) if others else None
+    points = []
+    for point, run in runs:
+        name = next((name for name in solved if name != point.method.name), None)
+        if run is not None and name is not None:
+            off = np.abs(run.values - solved[name][np.searchsorted(time, run.time)]).max()
+            point = replace(point, error=float(off / amplitude), reference=name)
+        points.append(point)
+    return tuple(points), floor, amplitude
 
 
 def _applicable(board: LinearBoard, left_out: list[str]) -> Iterator[Method]:
@@ -320,12 +316,8 @@ def _applicable(board: LinearBoard, left_out: list[str]) -> Iterator[Method]:
 
 
 def _ladder(
-    worker: Worker,
-    task: tuple[Circuit, Transient],
-    method: Method,
-    seconds: float,
-    left_out: list[str],
-) -> Iterator[tuple[SettingResult, Waveforms | None]]:
+    worker: Worker, task: Task, method: Method, seconds: float, left_out: list[str]
+) -> Iterator[Run]:
     """Yield the settings of a method and their last runs, coarse to fine, for some `seconds`."""
     end = clock.perf_counter() + seconds
     for place, setting in enumerate(method.ladder):
@@ -343,17 +335,9 @@ def _ladder(
                 yield replace(point, status="timeout", seconds=limit, note=str(error)), None
                 return
         except FAILURES as error:
-            run, point = None, replace(point, status="failed", note=_words(error))
-        if run is None:
-            yield point, None
+            note = f"{type(error).__name__}: {error}".splitlines()[0]
+            yield replace(point, status="failed", note=note), None
             continue
-        point = replace(
-            point,
-            seconds=statistics.median(times),
-            steps=run.cost.points,
-        )
+        assert run is not None  # noqa: S101 - the first call gave it, or ended this setting
+        point = replace(point, seconds=statistics.median(times), steps=run.cost.points)
         yield point, thinned(run)
-
-
-def _words(error: BaseException) -> str:
-    return f"{type(error).__name__}: {error}".splitlines()[0]

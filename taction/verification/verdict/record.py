@@ -218,10 +218,10 @@ class Record:
         )
 
     @classmethod
-    def without_verdict(cls, failure: str, reason: str, engine: str) -> Record:
-        """Return the record of a verification that an exception ended."""
-        text, figures = reason[:MAX_REASON], dict.fromkeys(FIGURES)
-        return cls(ERROR, engine, failure=failure, reason=text, figures=figures)
+    def without_verdict(cls, error: BaseException, engine: str, reason: str = "") -> Record:
+        """Return the record of a verification that an exception ended, by default with its text."""
+        text, figures = (reason or str(error))[:MAX_REASON], dict.fromkeys(FIGURES)
+        return cls(ERROR, engine, failure=type(error).__name__, reason=text, figures=figures)
 
     def without_run_time(self) -> Record:
         """Return the record without how long the run took: the same board gives the same record."""

@@ -54,7 +54,7 @@ def test_one_channel_rises_as_its_closed_form() -> None:
     view = BoardView(start.original)
     T, eps = float(view.problem.matrix[0, 0]), float(view.problem.strain[0])
     u0 = T * eps / (T**2 + 0.5)
-    assert view.targets == pytest.approx([u0], rel=1e-12)
+    assert view.answer.target == pytest.approx([u0], rel=1e-12)
     assert view.rest == pytest.approx([u0], rel=1e-4)
     value = view.board.circuit.value
     tau = value("R") * value("C") / (1.0 + T**2 / 0.5)
@@ -95,7 +95,7 @@ def test_the_gain_leaves_lambda(start: Settings) -> None:
         BoardView(start.original),
         BoardView(settings.scene()),
     )
-    assert after.targets == pytest.approx(before.targets, rel=1e-9)
+    assert after.answer.target == pytest.approx(before.answer.target, rel=1e-9)
     assert settings.changes()[LAMBDA] == start.control(LAMBDA).own
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import json
-import math
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -30,7 +29,6 @@ from taction.verification.design.trials import (
     Trial,
     Trials,
     search,
-    search_key,
 )
 from taction.verification.design.tune import Tuned
 from taction.verification.verdict.verify import verify
@@ -288,19 +286,19 @@ def value_of(found: Search | None, path: str = C) -> float:
 
 
 def test_the_nearest_value_that_passes_on_either_side() -> None:
-    found = search_key(trials(lambda c, _: ["stable"] if c < 3.14159 else []), C)
+    found = search(trials(lambda c, _: ["stable"] if c < 3.14159 else []), C)
     assert 3.14159 <= value_of(found) / 1e-11 < 3.14159 * 1.2
-    found = search_key(trials(lambda c, _: ["fast"] if 0.8 < c < 2.0 else []), C)
+    found = search(trials(lambda c, _: ["fast"] if 0.8 < c < 2.0 else []), C)
     assert 0.72 < value_of(found) / 1e-11 <= 0.8
-    found = search_key(trials(lambda c, _: ["stable"] if c < 2.0 else [], series="E6"), C)
+    found = search(trials(lambda c, _: ["stable"] if c < 2.0 else [], series="E6"), C)
     assert value_of(found) == 2.2e-11
 
 
 def test_work_that_ends_keeps_what_was_found() -> None:
-    found = search_key(trials(lambda c, _: ["fast"] if c < 1.03 else [], most=1), C)
+    found = search(trials(lambda c, _: ["fast"] if c < 1.03 else [], most=1), C)
     assert found.found
     assert found.complete
     made, rows = trials(lambda c, _: ["fast"] if c > 0.16 else []), [1e-12, 2e-12, 1.5e-12]
-    listed = search(made, Search(C), rows, math.inf)
+    listed = search(made, C, rows)
     assert listed.complete
     assert [trial.values[C] for trial in listed.found] == [1e-12, 1.5e-12]

@@ -24,7 +24,7 @@ from taction.verification.stability.edges import Edges, Scan, scan
 from taction.verification.stability.margin import Margin, find_margin
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.stability.port_response import PortResponse
-from taction.verification.studies.onset.onset import onset
+from taction.verification.studies.onset import onset
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run_checks import run_checks
 from tests.support.boards import lag_board

@@ -18,7 +18,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system import progress
 from taction.system.array_types import Floats
 from taction.system.documents import plain, read
-from taction.system.errors import EngineError
+from taction.system.errors import EngineError, SimulationError
 from taction.verification.report.blocks import Table
 from taction.verification.report.documents.verdict import budget_parts, verdict_document
 from taction.verification.report.views.verdict_view import budget_table
@@ -297,7 +297,7 @@ def test_a_failed_verdict_says_why() -> None:
 
 
 def test_without_a_verdict_there_is_a_record_too() -> None:
-    record = Record.without_verdict("SimulationError", "x" * 9000, "ngspice")
+    record = Record.without_verdict(SimulationError("a"), "ngspice", "x" * 9000)
     assert (record.outcome, record.failure, len(record.reason)) == (ERROR, "SimulationError", 4000)
     assert set(record.figures.values()) == {None}
     assert record.pole is None

@@ -27,7 +27,7 @@ from taction.system.errors import InputError
 from taction.verification.engines.ngspice.process import Simulation, find_simulator, simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.studies.decks.vendor_model import import_opamp
-from taction.verification.studies.onset.onset import onset
+from taction.verification.studies.onset import onset
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene

@@ -36,7 +36,7 @@ from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.reference.solve import solve
 from taction.verification.stability.margin import find_margin
 from taction.verification.stability.poles import poles
-from taction.verification.studies.onset.onset import onset
+from taction.verification.studies.onset import onset
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import Verdict, verify
 

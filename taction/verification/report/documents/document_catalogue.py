@@ -45,7 +45,7 @@ MODELS = {
     "tune": "verification.design.tune.Tuned",
     "scale": "verification.design.scaling.Scaled",
     "choose": "verification.design.choose.Choice",
-    "onset": "verification.studies.onset.onset.Onset",
+    "onset": "verification.studies.onset.Onset",
     "sweep": "verification.studies.sweep.SweepResult",
     "regress": "verification.studies.regression.regress.RegressionReport",
     "stress": "verification.evidence.stress.run_cases.StressReport",

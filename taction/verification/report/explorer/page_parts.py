@@ -75,7 +75,7 @@ def settings_part(settings: Settings) -> Part:
 def rest_part(view: BoardView) -> Part:
     """Return the recovered stress beside its solution and the truth, and the board's numbers."""
     unit, stated = view.board.circuit.value("U0"), view.board.circuit.facts
-    targets, rest = view.targets / unit, view.rest / unit
+    targets, rest = view.answer.target / unit, view.rest / unit
     note = f"Board less answer: at most {float(np.abs(rest - targets).max(initial=0.0)):.3g}."
     if view.problem.stress is not None:
         note += f" {answers.true_error_text(view.answer)}"
@@ -143,7 +143,7 @@ def outputs_chart(curves: ExplorerCurves, view: BoardView, window: str) -> chart
     """Return the outputs in a window, ``"rise"`` or ``"whole"``, with targets and bands."""
     end = curves.windows[window]
     time, outputs, beyond = _shown(curves, end, view)
-    targets, count = view.targets, outputs.shape[1]
+    targets, count = view.answer.target, outputs.shape[1]
     low = min(float(outputs.min()), float(targets.min()))
     limits = waveforms.with_room(low, max(float(outputs.max()), float(targets.max())))
     marks, few = list[charts.Mark](), count <= waveforms.LABELLED

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, TypeVar
 
@@ -21,6 +21,7 @@ from taction.verification.report.explorer import page_parts as parts
 from taction.verification.report.explorer.page_parts import Part, SliderLook
 from taction.verification.stability.edges import Edges
 from taction.verification.studies.running.study import Worker, WorkerDiedError
+from taction.verification.verdict.record import Record
 
 T = TypeVar("T")
 REST = 0.12  # s without new values, after which the hand rests
@@ -135,7 +136,7 @@ class Session:
         try:
             look.verdict = await self.judging.run(exploration.judge, look.view.scene)
         except WorkerDiedError as error:
-            look.verdict = Judgement.without_verdict(error)
+            look.verdict = Judgement(Record.without_verdict(error, ""))
         better = {} if look.is_exact else look.outputs_part(self.window)
         self._tell(**parts.verdict_part(look.verdict), **better)
 
@@ -148,8 +149,9 @@ class Session:
 
     def _boundary_of(self, look: SliderLook) -> Part:
         """Find the stable values of the first knob, which do not depend on its own value."""
-        control = self.settings.controls[0]
-        key = exploration.others(control, look.settings)
+        control, values = self.settings.controls[0], dict(look.settings.values)
+        values.pop(control.path, None)
+        key = replace(look.settings, values=values)
         if self._boundary is None or self._boundary[0] != key:
             name = look.view.board.circuit.knob(control.path).name
             found: Edges | EngineError

@@ -78,7 +78,7 @@ def _summary(found: BoardCheck) -> str:
         text += f" {LEADS[outcome]}{decisive_text(counted, outcome).rstrip('.')}."
     if found.corners is None or found.yields is None:
         return text
-    worst = {name: None for corner in found.corners.corners for name in corner.result.failed}
+    worst = {name: None for corner in found.corners.corners for name in corner.result.record.failed}
     failing = f"{', '.join(map(spaced, worst))} not kept" if worst else "all checks pass"
     share = found.yields
     return f"{text} Worst cases: {failing}; {share.sentence}."

@@ -147,7 +147,7 @@ def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Column]:
         settling: lambda each: number_cell(finite(each.settling_time), "s", 3),
         "overshoot": lambda each: number_cell(finite(each.overshoot), "step", 3),
         **fields("op-amp load = headroom step 3; output noise = noise V 3"),
-        **fields("worst = worst_share ratio 3"),
+        "worst": lambda each: number_cell(finite(each.worst), "ratio", 3),
     }
     if all(design.noise is None for design in designs):
         del columns["output noise"]
@@ -156,7 +156,9 @@ def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Column]:
 
 def _picture(designs: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> Chart | str:
     """Return settling time and worst share of every design that has both."""
-    shown = [each for each in designs if each.worst_share and math.isfinite(each.settling_time)]
+    shown = [
+        each for each in designs if each.worst and math.isfinite(each.worst * each.settling_time)
+    ]
     if not shown:
         return "No design settles with a value over its limit: there is no picture."
     names = [each.opamp for each in first_of_each(shown)]
@@ -216,7 +218,7 @@ def _blocks(tuning: Tuned) -> Iterator[Content]:
         f"margin of {first_knob(circuit)}": f"{tuning.margin:g}",
         "lambda, unchanged": circuit.facts["lambda"].text,
     }
-    new = {path: written(value, units[path]) for path, value in tuning.after.values.items()}
+    new = {path: written(float(value), units[path]) for path, value in tuning.after.values.items()}
     if "R" in circuit.facts:
         new["resistance"] = written(circuit.value("R"), "ohm")
     lines = (f"{path.removeprefix('design.')} = {value}" for path, value in new.items())

@@ -276,7 +276,7 @@ def _work(study: WorkPrecisionStudy) -> Iterator[Mark]:
 def _runs(study: WorkPrecisionStudy) -> Iterator[Content]:
     points = [point for method in _methods(study) for point in study.of(method)]
     columns = {
-        **fields("method = method.name; setting = known_setting; status; time = seconds 3"),
+        **fields("method = method.name; setting; status; time = seconds 3"),
         **fields("steps"),
         "largest error": lambda each: Cell(_power(each.error), each.error),
     }

@@ -27,8 +27,7 @@ from taction.verification.report.views.answer_view import origin_section
 from taction.verification.stability.edges import Edge, Edges, Range
 from taction.verification.stability.margin import AROUND, first_knob, stable_values
 from taction.verification.stability.poles import Poles
-from taction.verification.studies.onset.onset import NOT_ASKED, Onset
-from taction.verification.studies.onset.transient_trial import Side
+from taction.verification.studies.onset import NOT_ASKED, Onset, Side
 
 SHOWN = 2000  # poles
 MOST = 100  # channels up to which the stable values of C cost some seconds
@@ -183,7 +182,7 @@ def onset_view(onset: Onset) -> Page:
     return Page(
         title=onset.scene.name,
         command="taction onset",
-        outcome="inconclusive" if onset.disagreement else "",
+        outcome="" if onset.outcome == "pass" else onset.outcome,
         summary=f"Stable for {name}: {stable}.",
         lines=(f"{name} from {examined}{default}, poles at {len(samples)} values.",),
         sections=(
@@ -215,8 +214,9 @@ def _crossings(onset: Onset) -> Iterator[Content]:
     def rate(side: Side | None) -> Cell | None:
         if side is None:
             return None
-        measured = "–" if side.growth_rate is None else f"{side.growth_rate:+.4g}"
-        return Cell(f"{measured} ({side.predicted.real:+.4g})", side.growth_rate)
+        growth = None if side.measured is None else side.measured.growth_rate
+        measured = "–" if growth is None else f"{growth:+.4g}"
+        return Cell(f"{measured} ({side.predicted.real:+.4g})", growth)
 
     columns: dict[str, Column] = {
         **fields(f"crossing = crossing.value {unit or 'ratio'} 7"),
@@ -236,9 +236,9 @@ def _crossings(onset: Onset) -> Iterator[Content]:
         yield INCOMPLETE
     if unresolved := _ranges(onset, onset.scan.unresolved):
         yield f"Not resolved, a pole is on the axis to within rounding: {unresolved}."
-    if failures := [sample for sample in onset.scan.samples if sample.failure]:
-        yield f"No poles at {len(failures)} of the values."
-        yield from (f"{_value(onset, s.value)}: {s.failure}" for s in failures[:FAILURES])
+    if onset.failures:
+        yield f"No poles at {len(onset.failures)} of the values."
+        yield from (f"{_value(onset, s.value)}: {s.failure}" for s in onset.failures[:FAILURES])
 
 
 def frequency_cell(edge: Any, digits: int = 6) -> Cell | str:

@@ -193,7 +193,7 @@ def _name(corner: Corner) -> str:
 
 def _remark(corner: Corner) -> str:
     """Return why a corner does not pass, and the parts behind it."""
-    failed, largest = corner.result.failed, " ".join(corner.largest)
+    failed, largest = corner.result.record.failed, " ".join(corner.largest)
     verb = "not decided: " if corner.result.undecided else "fails "
     remarks = (
         corner.result.lost,

@@ -10,6 +10,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -55,8 +56,12 @@ ACCEPTED = (
     "a scene (.toml; `taction new` writes one), a deck (.cir) or the raw file of one transient"
     " (.raw)"
 )
-FIGURES = ("growth_rate", "frequency", "step_amplitude")
-CHANNEL_FIGURES = ("equilibrium", *READINGS)
+_compared = partial(
+    compare,
+    tolerance=within_uncertainties,
+    figures=("growth_rate", "frequency", "step_amplitude"),
+    channel_figures=("equilibrium", *READINGS),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,16 +127,8 @@ def compare_verdicts(
     first: Verdict, second: Verdict, keys: tuple[Keys, Keys], names: tuple[str, str]
 ) -> VerdictDifference:
     """Return the differences of two verdicts; `keys` are those of their scenes."""
-    one, two = Record.of(first), Record.of(second)
-    readings = compare(
-        one, two, within_uncertainties, figures=FIGURES, channel_figures=CHANNEL_FIGURES
-    )
-
-    def curve(verdict: Verdict) -> Curves:
-        return lambda: (verdict.waveforms.time, verdict.u)
-
-    differ = tuple(key_differences(*keys))
-    curves = curve(first), curve(second)
+    readings, differ = _compared(Record.of(first), Record.of(second)), tuple(key_differences(*keys))
+    curves = (lambda: (first.waveforms.time, first.u)), (lambda: (second.waveforms.time, second.u))
     return VerdictDifference(*names, differ, readings, curves=curves)
 
 
@@ -203,14 +200,7 @@ def _decks(places: tuple[Place, Place], names: tuple[str, str]) -> VerdictDiffer
         measure_board(LinearBoard(each.circuit), each.initial, SETTLING_BAND)
         for each in (_with_outputs(board, shared) for board in boards)
     ]
-    readings = compare(
-        record_of(sides[0]),
-        record_of(sides[1]),
-        within_uncertainties,
-        groups=("states", "figures", "channels"),
-        figures=FIGURES,
-        channel_figures=CHANNEL_FIGURES,
-    )
+    readings = _compared(*map(record_of, sides), groups=("states", "figures", "channels"))
     keys = tuple(key_differences(_parts(boards[0]), _parts(boards[1])))
     notes = tuple(dict.fromkeys(note for each in boards for note in each.notes))
     curves = sides[0].curve, sides[1].curve
@@ -246,13 +236,8 @@ def _with_record(
         channels = map(Channel.of, found)
         bounded = (replace(c, uncertainties=c.uncertainties | {"final": error}) for c in channels)
         records.append(Record("", "", channels=tuple(bounded)))
-    readings = compare(
-        records[0],
-        records[1],
-        within_uncertainties,
-        groups=("states", "channels"),
-        channel_figures=("final", *READINGS),
-    )
+    channel_figures = ("final", *READINGS)
+    readings = _compared(*records, groups=("states", "channels"), channel_figures=channel_figures)
     (one, _), (two, _) = sides
     shared = tuple(out.node for out in known)
     apart = []

@@ -69,8 +69,7 @@ class Entry:
     @property
     def stable(self) -> bool:
         """Whether the board has no growing mode."""
-        rate = self.record.value("growth_rate")
-        return rate is not None and rate < 0.0
+        return (self.record.value("growth_rate") or 0.0) < 0.0
 
     @property
     def checks(self) -> dict[str, str]:
@@ -372,17 +371,10 @@ def compare_scene(path: Path, then: Entry | None) -> SceneResult:
     now = observe(verdict)
     differences = () if then is None else compare_entry(now, then, verdict.scene.regression)
     changed = any(difference.beyond for difference in differences)
-    return SceneResult(
-        file=file,
-        status=_status(verdict.outcome, then, changed),
-        checks=verdict.checks,
-        differences=differences,
-        notes=() if then is None else tuple(_notes(now, then)),
-        reason="; ".join(found.text for found in causes(verdict.checks)),
-        entry=now,
-        baseline=then,
-        seconds=time.perf_counter() - started,
-    )
+    status, seconds = _status(verdict.outcome, then, changed), time.perf_counter() - started
+    notes = () if then is None else tuple(_notes(now, then))
+    reason, checks = "; ".join(found.text for found in causes(verdict.checks)), verdict.checks
+    return SceneResult(file, status, checks, differences, notes, reason, now, then, seconds)
 
 
 def updated_baseline(report: RegressionReport, baseline: Baseline) -> dict[str, Entry]:

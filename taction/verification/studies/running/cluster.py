@@ -29,11 +29,11 @@ SPARE = 100  # calls that wait for a worker: others may join
 
 
 @contextmanager
-def cluster(address: str, announce: Callable[[str], None] = lambda text: None) -> Iterator[Workers]:
+def cluster(address: str, progress: Progress = lambda stage: None) -> Iterator[Workers]:
     """Run points on the Dask cluster whose scheduler is at `address`, such as ``tcp://HOST:PORT``.
 
-    `announce` receives a line of text when a wait for workers begins. InputError: no such address,
-    no dask.distributed, or no scheduler answers. NoVerdictError: no worker comes.
+    `progress` receives a `Notice` when a wait for workers begins. InputError: no such address, no
+    dask.distributed, or no scheduler answers. NoVerdictError: no worker comes.
     """
     check_extra("cluster", "--cluster")
     distributed: Any = importlib.import_module("distributed")
@@ -41,7 +41,7 @@ def cluster(address: str, announce: Callable[[str], None] = lambda text: None) -
     logging.disable()  # Dask logs what our errors say
     try:
         client = _client(distributed, address)
-        check = partial(_wait_for_worker, client, announce)
+        check = partial(_wait_for_worker, client, progress)
         try:
             check()
             threads = sum(client.nthreads().values()) or 1
@@ -60,9 +60,7 @@ def workers_at(
     address: str | None, jobs: int | None = None, progress: Progress = lambda stage: None
 ) -> AbstractContextManager[Workers]:
     """Return the cluster at `address`, or `jobs` processes here if it is None."""
-    if address is None:
-        return study.local(jobs)
-    return cluster(address, lambda text: progress(Notice(text)))
+    return study.local(jobs) if address is None else cluster(address, progress)
 
 
 def _refusal(address: str, text: str) -> InputError:
@@ -94,13 +92,13 @@ def _client(distributed: Any, address: str) -> Any:
     raise _refusal(address, f"a Dask {found.lower()} answers there; expected the scheduler")
 
 
-def _wait_for_worker(client: Any, announce: Callable[[str], None]) -> None:
+def _wait_for_worker(client: Any, progress: Progress) -> None:
     """Return if the cluster has a worker, or as soon as one comes; else raise NoVerdictError."""
     if client.scheduler is None:
         raise OSError("the connection to the scheduler is closed")
     if client.sync(client.scheduler.ncores, callback_timeout=PATIENCE):
         return
-    announce(f"the cluster has no worker: waiting for one, {WORKER_PATIENCE:g} s")
+    progress(Notice(f"the cluster has no worker: waiting for one, {WORKER_PATIENCE:g} s"))
     try:
         client.wait_for_workers(1, timeout=WORKER_PATIENCE)
     except TimeoutError:

@@ -11,7 +11,7 @@ import json
 import sqlite3
 import weakref
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -58,7 +58,7 @@ do update set outcome = excluded.outcome, record = excluded.record where outcome
 """
 
 
-class Store:
+class Store(AbstractContextManager["Store"]):
     """A database of results in a file, or in ``":memory:"``; a context manager that closes it.
 
     Every method raises InputError for a database that is damaged, of another version or not
@@ -80,9 +80,6 @@ class Store:
             except BaseException:
                 self._db.close()
                 raise
-
-    def __enter__(self) -> Store:
-        return self
 
     def __exit__(self, *error: object) -> None:
         self._db.close()

@@ -27,7 +27,7 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     wait,
 )
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from importlib import metadata
 from itertools import islice
@@ -110,7 +110,7 @@ class Workers:
     check: Callable[[], None] = lambda: None  # raises NoVerdictError if no worker will answer
 
 
-class Worker:
+class Worker(AbstractContextManager["Worker"]):
     """One process, started by the first call and again after a call that ended the process."""
 
     def __init__(self, threads: int | None = None) -> None:
@@ -119,16 +119,8 @@ class Worker:
         self._process: subprocess.Popen[bytes] | None = None
         self._pipe: Connection | None = None
 
-    def __enter__(self) -> Worker:
-        return self
-
     def __exit__(self, *error: object) -> None:
         self._stop()
-
-    @property
-    def pid(self) -> int | None:
-        """Process id; None before the first call."""
-        return None if self._process is None else self._process.pid
 
     def call(self, timeout: float | None, function: Callable[..., T], *args: Any, **kw: Any) -> T:
         """Return ``function(*args, **kw)``, computed in the process, or raise its exception.

@@ -205,11 +205,6 @@ def _errors(board: Varied, z: Floats) -> tuple[float, ...]:
     return tuple(((outputs - board.target) / board.step_amplitude).tolist())
 
 
-def _deviations(board: Varied, z: Floats) -> dict[str, float]:
-    """Return the deviations that are not 0, by component."""
-    return {p.name: off for p, off in zip(board.varied, z.tolist(), strict=True) if off}
-
-
 def named_corners(
     board: Varied,
     named: Sequence[tuple[str, Mapping[str, float]]],
@@ -241,10 +236,11 @@ def _verified(
     for sample in evaluate_all(board, enumerate(z for _, z in ends), workers):
         samples[sample.number] = sample
         progress(f"{stage}: {len(samples)} of {len(ends)} boards")
-    return tuple(
-        Corner(name, "", samples[number], (), _deviations(board, z))
-        for number, (name, z) in enumerate(ends)
-    )
+    found = []
+    for number, (name, z) in enumerate(ends):
+        deviations = {p.name: off for p, off in zip(board.varied, z.tolist(), strict=True) if off}
+        found.append(Corner(name, "", samples[number], (), deviations))
+    return tuple(found)
 
 
 def _goodness(sample: BoardSample, quantity: Quantity, corner: str) -> tuple[float, bool]:

@@ -109,7 +109,7 @@ def summarise_samples(board: Varied, samples: list[BoardSample], seed: int) -> Y
     samples = sorted(samples, key=lambda sample: sample.number)
     passed = sum(sample.outcome == "pass" for sample in samples)
     low, high = interval(passed, len(samples))
-    failures = Counter(name for sample in samples for name in sample.failed)
+    failures = Counter(name for sample in samples for name in sample.record.failed)
     undecided = [sample for sample in samples if sample.undecided]
     return YieldReport(
         name=board.name,
@@ -132,24 +132,23 @@ def interval(passed: int, samples: int) -> tuple[float, float]:
     """Return Clopper and Pearson's exact interval of a yield; (0, 1) without samples."""
     from scipy.special import betaincinv
 
-    tail = 0.5 * (1.0 - CONFIDENCE)
-    low = 0.0 if passed == 0 else float(betaincinv(passed, samples - passed + 1, tail))
-    high = 1.0
-    if passed < samples:
-        high = float(betaincinv(passed + 1, samples - passed, 1.0 - tail))
+    tail, failed = 0.5 * (1.0 - CONFIDENCE), samples - passed
+    low = float(betaincinv(passed, failed + 1, tail)) if passed else 0.0
+    high = float(betaincinv(passed + 1, failed, 1.0 - tail)) if failed else 1.0
     return low, high
 
 
 def _spread(quantity: Quantity, samples: list[BoardSample]) -> Quantity:
     """Return a quantity with its distribution over the samples."""
     values = [sample.value(quantity.name) for sample in samples if not sample.lost]
-    missing = sum(value is None for value in values)
-    never = math.inf if quantity.unit == "s" else math.nan
-    known = np.array([never if value is None else value for value in values], dtype=np.float64)
-    known = known[~np.isnan(known)]
-    low = median = high = math.nan
-    if len(known):
-        low, median, high = np.quantile(known, QUANTILES, method="inverted_cdf").tolist()
+    missing = values.count(None)
+    known = [value for value in values if value is not None and not math.isnan(value)]
+    if quantity.unit == "s":
+        known += [math.inf] * missing  # it never settles
+    quantiles = (math.nan,) * len(QUANTILES)
+    if known:
+        quantiles = np.quantile(known, QUANTILES, method="inverted_cdf").tolist()
+    low, median, high = quantiles
     return replace(quantity, low=low, median=median, high=high, missing=missing)
 
 

@@ -50,11 +50,6 @@ class BoardSample:
         return self.record.outcome
 
     @property
-    def failed(self) -> tuple[str, ...]:
-        """Checks that do not pass."""
-        return self.record.failed
-
-    @property
     def undecided(self) -> bool:
         """Whether the checks decide nothing, or no verdict was reached."""
         return self.record.outcome in (Outcome.INCONCLUSIVE.value, ERROR)
@@ -137,7 +132,7 @@ def evaluate(board: Varied, number: int, z: Floats) -> BoardSample:
 
 
 def _without_verdict(number: int, board: Varied, error: BaseException, reason: str) -> BoardSample:
-    return BoardSample(number, Record.without_verdict(type(error).__name__, reason, board.engine))
+    return BoardSample(number, Record.without_verdict(error, board.engine, reason))
 
 
 def evaluate_all(

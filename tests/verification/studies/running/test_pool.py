@@ -40,7 +40,7 @@ def pool() -> Iterator[LocalPool]:
 
 
 def pids(pool: LocalPool) -> list[int | None]:
-    return [worker.pid for worker in pool.workers]
+    return [worker._process and worker._process.pid for worker in pool.workers]
 
 
 def gone(pid: int) -> bool:
@@ -170,7 +170,7 @@ if __name__ == "__main__":
     pool = LocalPool(2)
     for each in pool.workers:
         each.start()
-    print(*(each.pid for each in pool.workers), flush=True)
+    print(*(each._process.pid for each in pool.workers), flush=True)
     pool.submit(time.sleep, 100)
     time.sleep(100)
 """

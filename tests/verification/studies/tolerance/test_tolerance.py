@@ -151,7 +151,7 @@ def test_the_spread_of_the_noise_has_its_limit() -> None:
     assert evaluate(nominal, 0, np.zeros(len(nominal.varied))).value("noise") == middle
     tolerances = study.scene.tolerances
     samples = [evaluate(study, k, draw(tolerances, study.varied, 1, k)) for k in range(40)]
-    assert 5 < sum(sample.failed == ("noise",) for sample in samples) < 35
+    assert 5 < sum(sample.record.failed == ("noise",) for sample in samples) < 35
     report = summarise_samples(study, samples, 1)
     spread = next(each for each in report.quantities if each.name == "noise")
     assert (spread.unit, spread.at_most, spread.missing) == ("V", middle, 0)

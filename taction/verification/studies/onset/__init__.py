@@ -1,1 +1,0 @@
-"""All stability crossings over a range, confirmed by transients."""
