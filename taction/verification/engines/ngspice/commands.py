@@ -102,8 +102,9 @@ def _answers(deck: object, ending: Ending) -> Answers:
         return Answers((), listed, said, ending.errors, error)
     # A failed simulation leaves the plot of constants.
     simulated = [plot for plot in plots if "boltz" not in plot.vectors]
-    tables = (zip(p.vectors, p.data.astype(np.complex128).T, strict=True) for p in simulated)
-    return Answers(tuple(map(dict, tables)), listed, said, ending.errors)
+    tables = (zip(map(str.lower, p.vectors), p.data.T, strict=True) for p in simulated)
+    found = tuple({name: data.astype(np.complex128) for name, data in each} for each in tables)
+    return Answers(found, listed, said, ending.errors)
 
 
 def _text(place: Path) -> str:

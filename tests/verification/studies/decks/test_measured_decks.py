@@ -229,6 +229,13 @@ def test_a_diode_is_its_conductance(tmp_path: Path) -> None:
     assert "linear about ngspice's operating point" in found.notes[0]
 
 
+def test_a_deck_of_one_node_has_its_voltage(tmp_path: Path) -> None:
+    """ngspice writes the only vector of a plot as V(1), every other one as v(1)."""
+    found = checked(tmp_path, ".model dd d(is=1e-14)\nD1 1 0 dd")
+    assert agrees(found)
+    assert [row.before for row in found.outputs] == pytest.approx([0.0], abs=1e-15)
+
+
 def test_a_charge_of_one_side_adds_no_pole(tmp_path: Path) -> None:
     """Without a collector capacitance C1, CE and the base form a loop: three poles.
 
