@@ -39,68 +39,61 @@ def changed(revision: str) -> list[str]:
 def imported(file: Path) -> set[str]:
     """Return the names that a test file imports, below `taction`, or of the tests' own helpers."""
     found = set()
-    for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+    for node in ast.walk(ast.parse(text(file))):
         if isinstance(node, ast.ImportFrom) and node.module:
             found |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
     return found
 
 
-def tests_of(files: Iterable[str]) -> list[Path]:
-    """Return the test files of changed files: themselves, mirrors, those that import them.
+@cache
+def text(file: Path) -> str:
+    """Return what a file holds."""
+    return file.read_text("utf-8")
 
-    Last come the others of the folder that mirrors a module's: commands and views are found by
-    their names, and no test imports them. A changed file that is no Python, such as a scene, has
-    the tests that name it. Tests that need a tool of their own are left out, as in `make test`.
+
+def mirror(file: Path) -> Path:
+    """Return the folder of the package that the folder of a test file mirrors."""
+    return ROOT / "taction" / file.parent.relative_to(ROOT / "tests")
+
+
+def tests_of(files: Iterable[str]) -> list[Path]:
+    """Return the test files of changed files: themselves and those that import them.
+
+    Those of the folder that mirrors a module's belong to it, too: commands and views are found by
+    their names. A changed file that is no Python, such as a scene, has the tests that name it.
+    Tests that need a tool of their own are left out, as in `make test`.
     """
-    names = {path.relative_to(ROOT).as_posix(): name for name, path in modules().items()}
-    every = sorted((ROOT / "tests").rglob("test_*.py"))
-    every = [file for file in every if file.relative_to(ROOT / "tests").parts[0] not in WITH_TOOLS]
-    imports = {file: imported(file) for file in every}
-    places: dict[Path, int] = {}
-    for name in files:
-        path = ROOT / name
-        if path in imports:
-            places[path] = 0
-            continue
-        module = name.removesuffix(".py").replace("/", ".")
-        mirrored = (ROOT / "tests" / name.removeprefix("taction/")).parent
-        if name in names:
-            module = f"taction.{names[name].removeprefix('door.')}"
+    names = {path: name for name, path in modules().items()}
+    every = [file.relative_to(ROOT / "tests") for file in (ROOT / "tests").rglob("test_*.py")]
+    tests = [ROOT / "tests" / file for file in every if file.parts[0] not in WITH_TOOLS]
+    found = set[Path]()
+    for path in (ROOT / name for name in files):
+        if path in names:
+            module = f"taction.{names[path].removeprefix('door.')}"
+            found |= {each for each in tests if mirror(each) == path.parent}
+        else:
+            module = path.relative_to(ROOT).with_suffix("").as_posix().replace("/", ".")
         python = path.suffix == ".py"
-        for file in every:
-            if module in imports[file] if python else path.name in file.read_text("utf-8"):
-                mirror = file.name in {f"test_{path.stem}.py", f"test_{path.parent.name}.py"}
-                places[file] = min(places.get(file, 2), 1 if mirror else 2)
-            elif name in names and file.parent == mirrored:
-                places.setdefault(file, 3)
-    return sorted(places, key=lambda file: (places[file], file.stat().st_size))
+        using = (e for e in tests if (module in imported(e) if python else path.name in text(e)))
+        found |= {path} & {*tests} | {*using}
+    return sorted(found, key=lambda file: file.stat().st_size)
 
 
 def main() -> int:
     """Run everything; 1 if something is red."""
-    end = time.monotonic() + SECONDS
+    end, python = time.monotonic() + SECONDS, [sys.executable, "-m"]
     files = changed(sys.argv[1] if len(sys.argv) > 1 else "HEAD")
-    python, status = [sys.executable, "-m"], 0
-    types = subprocess.Popen([*python, *LINT[2]], cwd=ROOT)
-    for words in LINT[:2]:
-        status |= subprocess.run([*python, *words], cwd=ROOT).returncode
-    tests = [str(file.relative_to(ROOT)) for file in tests_of(files)]
+    tests, status = [str(file.relative_to(ROOT)) for file in tests_of(files)], 0
     print(f"check: {len(files)} changed files, {len(tests)} test files", flush=True)
-    if tests:
-        run = [*python, "pytest", "-q", "-x", "-n", "2", "--dist", "loadfile"]
-        run += ["--no-loadscope-reorder", *tests]  # the mirrors first, and not the largest
+    jobs = [*LINT, *([("pytest", "-q", "-x", "-n", "2", *tests)] if tests else [])]
+    for words in jobs:
         try:
-            status |= subprocess.run(run, cwd=ROOT, timeout=end - time.monotonic()).returncode
+            left = max(1.0, end - time.monotonic())
+            status |= subprocess.run([*python, *words], cwd=ROOT, timeout=left).returncode
         except subprocess.TimeoutExpired:
-            print(f"check: the tests were stopped after {SECONDS:g} s; make test runs all of them")
-            tests = []
-    try:  # the first run of mypy reads everything: half a minute of a free core
-        status |= types.wait(max(1.0, end - time.monotonic()))
-    except subprocess.TimeoutExpired:
-        types.terminate()
-        print("check: the types were not read to the end; make lint reads them")
-        tests = []
-    print("check:", "red" if status else "green" if tests else "nothing red in what was run")
+            print(f"check: {words[0]} was stopped after {SECONDS:g} s; make test runs all")
+            jobs = []
+    print("check:", "red" if status else "green" if tests and jobs else "nothing red in what ran")
     return int(bool(status))
 
 
