@@ -203,7 +203,7 @@ def end_orphans(folder: str | Path) -> None:
     """
     home = b"\0HOME=" + os.fsencode(folder)
     for _ in range(ROUNDS):
-        orphans = [process for process in _processes() if _is_at_home(process, home)]
+        orphans = _at_home(home)
         for process in orphans:
             with contextlib.suppress(OSError):
                 os.kill(process, signal.SIGKILL)
@@ -211,17 +211,12 @@ def end_orphans(folder: str | Path) -> None:
             return
 
 
-def _processes() -> list[int]:
-    """Return the numbers of other processes; none where none are listed."""
-    with contextlib.suppress(OSError):
-        numbers = [int(name) for name in os.listdir("/proc") if name.isdecimal()]  # noqa: PTH208
-        return [number for number in numbers if number != os.getpid()]
-    return []
-
-
-def _is_at_home(process: int, home: bytes) -> bool:
-    try:
-        variables = b"\0" + Path(f"/proc/{process}/environ").read_bytes()
-    except OSError:  # of another user, or ended
-        return False
-    return home + b"\0" in variables or home + b"/" in variables
+def _at_home(home: bytes) -> list[int]:
+    """Return the numbers of other processes with this ``HOME``; none where none are listed."""
+    found = list[int]()
+    for place in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # of another user, or ended
+            variables = b"\0" + (place / "environ").read_bytes()
+            if home + b"\0" in variables or home + b"/" in variables:
+                found.append(int(place.name))
+    return [number for number in found if number != os.getpid()]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from taction.netlist_gen.scene.axes import SweepAxis
 from taction.netlist_gen.scene.check_keys import Tolerances
-from taction.system.documents import Hertz, Number, Rate, Volts
+from taction.system.documents import Hertz, Number, Rate, Volts, taken
 from taction.system.progress import Progress
 from taction.system.quantities import show
 from taction.system.results import Result
@@ -159,8 +159,9 @@ def check_board(
             drawn.append(sample)
             progress(f"yield: {len(drawn)} of {samples[0]} samples")
         yields = summarise_samples(varied, drawn, samples[1])
-    made = BoardCheck(
-        **{each.name: getattr(found, each.name) for each in fields(found)},
+    made = taken(
+        BoardCheck,
+        found,
         notes=tuple(filter(None, (*found.apart.sentences, *deck.notes, *why))),
         checks=tuple(checks),
         sweeps=sweeps,
