@@ -220,17 +220,6 @@ class PointRow:
         default_factory=dict
     )
 
-    @classmethod
-    def of(cls, value: float, found: MeasuredBoard) -> PointRow:
-        """Return the poles and the answers at a value."""
-        poles, figures = found.poles, dict[str, float | None]()
-        for each in QUESTIONS.values():
-            figures |= each.figures(each.worst(found)) if each.over else {}
-        if not len(poles.poles):
-            return cls(value, stable=poles.stable, figures=figures)
-        lead = poles.rightmost.real, poles.rightmost.imag / math.tau
-        return cls(value, *lead, poles.stable, poles.resolution, figures=figures)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
@@ -276,7 +265,13 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweepAxis, band: f
             found = measure_board(LinearBoard.of(at(value)), deck.initial, band)
         except (EngineError, InputError) as error:
             return PointRow(value, failure=str(error))
-        return PointRow.of(value, found)
+        poles, made = found.poles, PointRow(value, stable=found.poles.stable)
+        for each in QUESTIONS.values():
+            made.figures.update(each.figures(each.worst(found)) if each.over else {})
+        if not len(poles.poles):
+            return made
+        real, hertz = poles.rightmost.real, poles.rightmost.imag / math.tau
+        return replace(made, real=real, frequency=hertz, bound=poles.resolution)
 
     if not board.state_space.n:  # and so without a pole at any value of a part
         edges = Edges(min(values), max(values), ())
