@@ -15,6 +15,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from typing import Any
@@ -211,13 +212,10 @@ class NumberRange(click.FloatRange):
         """Return the number, or fail with the numbers that are accepted."""
         from taction.system.quantities import number
 
-        try:
-            finite = math.isfinite(number(str(value)))
-        except ValueError:
-            finite = False
-        if not finite:
-            self.fail(f"{value!r} is not a valid float range.", param, ctx)
-        return super().convert(value, param, ctx)
+        with suppress(ValueError):
+            if math.isfinite(number(str(value))):
+                return super().convert(value, param, ctx)
+        self.fail(f"{value!r} is not a valid float range.", param, ctx)
 
 
 OUTPUT = option("output", "-o", "--output", type=FILE, writes=True)
