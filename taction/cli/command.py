@@ -219,9 +219,7 @@ class NumberRange(click.FloatRange):
 
 
 OUTPUT = option("output", "-o", "--output", type=FILE, writes=True)
-FOLDER = replace(
-    OUTPUT, flags=("-o",), attributes={"metavar": "FOLDER", "type": click.Path(file_okay=False)}
-)
+FOLDER = option("output", "-o", metavar="FOLDER", type=click.Path(file_okay=False), writes=True)
 PYTHON_ONLY = ("progress", "strains", "announce")
 """Parameters of functions that are no options."""
 OPTIONS = {
