@@ -15,6 +15,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from typing import Any
@@ -121,8 +122,6 @@ class Command:
     """A public function with its options, and what shows its result; None shows nothing."""
 
     function: str = ""  # its name in `taction`; by default that of the command
-    # Takes the result and returns its document; by default the result is its own.
-    document: Target = lambda found: found
     # Takes the result and returns the page that is printed; by default its own.
     view: Target = lambda found: found.page()
     text: Target | None = None  # takes the result and prints it, in the place of its page
@@ -213,19 +212,14 @@ class NumberRange(click.FloatRange):
         """Return the number, or fail with the numbers that are accepted."""
         from taction.system.quantities import number
 
-        try:
-            finite = math.isfinite(number(str(value)))
-        except ValueError:
-            finite = False
-        if not finite:
-            self.fail(f"{value!r} is not a valid float range.", param, ctx)
-        return super().convert(value, param, ctx)
+        with suppress(ValueError):
+            if math.isfinite(number(str(value))):
+                return super().convert(value, param, ctx)
+        self.fail(f"{value!r} is not a valid float range.", param, ctx)
 
 
 OUTPUT = option("output", "-o", "--output", type=FILE, writes=True)
-FOLDER = replace(
-    OUTPUT, flags=("-o",), attributes={"metavar": "FOLDER", "type": click.Path(file_okay=False)}
-)
+FOLDER = option("output", "-o", metavar="FOLDER", type=click.Path(file_okay=False), writes=True)
 PYTHON_ONLY = ("progress", "strains", "announce")
 """Parameters of functions that are no options."""
 OPTIONS = {
@@ -295,12 +289,12 @@ BOARDS = ("scene", "first", "second")
 """Arguments that are one board. Of several boards a wrong one is a row of the result."""
 
 
-def made(name: str, command: Command) -> click.Command:
+def made(name: str, command: Command, above: str = "") -> click.Command:
     """Return a command, with those below it, as a command of click."""
 
     def callback(**given: Any) -> None:
         if click.get_current_context().invoked_subcommand is None:
-            run(command, given)
+            run(command, given, above + name)
 
     text = "Print one JSON document on stdout and everything else on stderr."
     as_json = click.Option(["--json", "as_json"], is_flag=True, help=text)
@@ -311,14 +305,14 @@ def made(name: str, command: Command) -> click.Command:
         "help": about,
     }
     if command.commands:
-        below = {short: made(short, each) for short, each in command.commands.items()}
+        below = {short: made(short, each, f"{name}-") for short, each in command.commands.items()}
         return click.Group(name, below, invoke_without_command=True, **same)
     line = " ".join(about.partition("\n\n")[0].split())
     return click.Command(name, short_help=line, **same)
 
 
-def run(command: Command, given: Options) -> None:
-    """Run a command with its options, show the result, and end with the exit status."""
+def run(command: Command, given: Options, name: str) -> None:
+    """Run the command `name` with its options, show the result, and end with the exit status."""
     job = command.other(given) or command
     _check(command, job, given)
     if job.before is not None:
@@ -333,8 +327,10 @@ def run(command: Command, given: Options) -> None:
     written = _write(job, result, given)  # before the text: its reader may go
     if job.after is not None:
         attempt("the remarks", partial(job.after, result), None, say, is_of_stdout)
-    if result is not None:
-        _show(job, result, as_json=given["as_json"])
+    if result is not None and given["as_json"]:
+        print_json(result, job.schema or name)
+    elif result is not None:
+        _show(job, result)
     if interrupted:
         say(f"interrupted; {interrupted}")
     sys.exit(INTERRUPTED if interrupted else status_of(result) if written else 2)
@@ -422,8 +418,8 @@ def _write(job: Command, result: Any, given: Options) -> bool:
     return all(written)
 
 
-def _show(job: Command, result: Any, *, as_json: bool) -> None:
-    """Print the result, or its document; a text that fails ends with the outcome."""
+def _show(job: Command, result: Any) -> None:
+    """Print the result; a text that fails ends with the outcome."""
 
     def show() -> None:
         if job.text is not None:
@@ -437,10 +433,7 @@ def _show(job: Command, result: Any, *, as_json: bool) -> None:
         say(text)
         click.echo(str(getattr(result, "outcome", "")).upper())
 
-    if as_json:
-        print_json(load(job.document)(result), job.schema or None)
-    else:
-        attempt("the text", show, None, failed, is_of_stdout)
+    attempt("the text", show, None, failed, is_of_stdout)
 
 
 def is_of_stdout(error: BaseException) -> bool:

@@ -33,20 +33,22 @@ from taction.cli.printing import StageLine, console, print_json, say, tell
 from taction.system.errors import Interrupted
 from taction.system.foreign_files import visible
 from taction.system.progress import attempt
+from taction.system.results import Result
 
 if TYPE_CHECKING:
     from taction.verification.design.fresh_scene import NewScene
     from taction.verification.design.remedies import Remedies
+    from taction.verification.report.blocks import Page
     from taction.verification.studies.regression.regress import RegressionReport
-    from taction.verification.studies.sweep import SweepResult
 
-DOCUMENTS = "verification.report.documents"
 JUNIT = "verification.report.junit"
 
 
 @dataclass(frozen=True, slots=True)
-class Verified:
+class Verified(Result):
     """The verdict of one scene, with what the options of ``taction verify`` add."""
+
+    DOCUMENT = "taction.cli.commands:Verified.whole_document"
 
     verdict: taction.Verdict
     document: dict[str, Any]
@@ -69,16 +71,16 @@ class Verified:
         rest = 0 if whole else max(len(lines) - CHANGES, 0)
         return [*lines[: len(lines) - rest], *[f"  and {rest} more: -v"] * bool(rest)]
 
-    def plot(self, path: str) -> None:
-        """Draw the verdict."""
-        self.verdict.plot(path)
-
-    def report(self, path: str) -> None:
-        """Write the report of the verdict with all changes."""
-        from taction.verification.report.renderers.page import write_page
+    def page(self) -> Page:
+        """Return the page of the verdict with all changes."""
         from taction.verification.report.views.verdict_view import view
 
-        write_page(view(self.verdict, changes="\n".join(self.changes(whole=True))), path)
+        return view(self.verdict, changes="\n".join(self.changes(whole=True)))
+
+    def whole_document(self) -> dict[str, Any]:
+        """Return the document of the verdict with the changes."""
+        more = {} if self.remedies is None else {"what_to_change": self.remedies}
+        return self.document | more
 
 
 def verify_scene(options: Options, progress: StageLine) -> Verified:
@@ -89,7 +91,7 @@ def verify_scene(options: Options, progress: StageLine) -> Verified:
         say(text)
     document: dict[str, Any] = {}
     if options["as_json"] or options["margins"]:
-        place = f"{DOCUMENTS}.verdict:verdict_document"
+        place = "verification.report.documents.verdict:verdict_document"
         document = load(place + "_with_margins" * bool(options["margins"]))(verdict)
     found = Verified(verdict, document, options["verbose"])
     if not options["as_json"]:
@@ -123,11 +125,6 @@ def _print_changes(found: Verified) -> None:
         console().print(line)
 
 
-def _document(found: Verified) -> object:
-    more = {} if found.remedies is None else {"what_to_change": found.remedies}
-    return found.document | more
-
-
 def _several(options: Options) -> Command | None:
     """Return the job of several scenes; None for one scene."""
     scenes = options["scenes"]
@@ -143,7 +140,7 @@ def _announce(options: Options) -> None:
 
     def announce(address: str) -> None:
         if options["as_json"]:
-            print_json({"address": address})
+            print_json({"address": address}, "explore")
         else:
             click.echo(address)
         say("Ctrl-C ends the explorer")
@@ -165,13 +162,6 @@ def _check_sweep(options: Options) -> None:
     options["output"] = options["output"] or f"{options['scene'].file.stem}.sqlite"
 
 
-def _sweep_document(found: SweepResult) -> dict[str, Any]:
-    """Return the document of a sweep, with its points, which the result reads one by one."""
-    from taction.system.documents import plain
-
-    return {**plain(found), "points": [*found.records()]}
-
-
 def _regression_markdown(found: RegressionReport) -> str:
     from taction.verification.report.renderers.terminal import markdown
 
@@ -187,7 +177,6 @@ def _new_files(found: NewScene, options: Options) -> list[str]:
 FILES_JUNIT = text_file("junit", "Write a JUnit XML report.", f"{JUNIT}:files_junit")
 VERIFY_FILES = Command(
     function="verify_files",
-    document=f"{DOCUMENTS}.plain:VerifyFilesDocument",
     outputs=(FILES_JUNIT,),
     schema="verify-files",
     lacks="shows one board; give one scene file, without --junit",
@@ -197,7 +186,6 @@ TABLE = {
     "verify": Command(
         about="Simulate a board and check it against the solution.",
         work=verify_scene,
-        document=_document,
         text=_print_changes,
         outputs=(picture("outputs, settling band and recovered stress"), REPORT),
         other=_several,
@@ -303,7 +291,6 @@ TABLE = {
     ),
     "sweep": Command(
         about="Verify a grid of scenes, here or on a cluster; resumable.",
-        document=_sweep_document,
         outputs=(
             output(
                 "export",

@@ -155,8 +155,10 @@ class LazyGroup(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands from the tables, without making them."""
         width = max(len(name) for name in self.list_commands(ctx))
+        about = {name: each.about for name, each in COMMANDS.items()}
+        about |= {name: line for name, (_, line) in FAMILIES.items()}
         for title, names in self.sections.items():
-            rows = [(name.ljust(width), _about(self.known[name])) for name in names]
+            rows = [(name.ljust(width), about[self.known[name]]) for name in names]
             if not title:
                 formatter.write_paragraph()
             with formatter.section(title) if title else formatter.indentation():
@@ -168,11 +170,6 @@ class LazyGroup(click.Group):
             hint = WITHDRAWN.get(args[0]) or nearest_question(args[0], self.known, 0.6).capitalize()
             ctx.fail(f"No such command '{visible(args[0])}'. {hint}".rstrip())
         return super().resolve_command(ctx, args)
-
-
-def _about(name: str) -> str:
-    """Return the line of a command, or of a family of commands, in the list."""
-    return FAMILIES[name][1] if name in FAMILIES else COMMANDS[name].about
 
 
 def run_command(function: Callable[[], object], *, as_json: bool) -> int:
@@ -322,7 +319,6 @@ def _leave(stream: TextIO) -> None:
 
 @click.group(
     cls=LazyGroup,
-    name="",  # as of the families: the name of a document is that of its command
     known={name: name for name in (*FAMILIES, *COMMANDS)} | RENAMED,
     sections=SECTIONS,
     context_settings={"help_option_names": ["-h", "--help"], "show_default": True},

@@ -46,34 +46,21 @@ def console(*, stderr: bool = False) -> Console:
     return Terminal(stderr=stderr)
 
 
-def print_json(document: object, schema: str | None = None) -> None:
+def print_json(document: object, schema: str) -> None:
     """Print one JSON document on stdout; NaN and infinities become null.
 
-    Its field `taction` says what made it. `schema` is the name of its schema, by default that of
-    the command; an empty name leaves the document as it is.
+    Its field `taction` says what made it. `schema` is the name of its schema, such as
+    "models-show"; an empty name leaves the document as it is.
     """
     import json
 
     from taction.system.documents import plain
 
-    name = own_name(click.get_current_context(silent=True)) if schema is None else schema
-    if name:
+    if schema:
         from taction.verification.report.documents.document_catalogue import document_head
 
-        document = {**document_head(name), **plain(document)}
+        document = {**document_head(schema), **plain(document)}
     click.echo(json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False))
-
-
-def own_name(context: click.Context | None) -> str:
-    """Return the name of a command, with that above it: "models-show", whatever was typed.
-
-    The program and its families of commands have no name of their own.
-    """
-    names: list[str] = []
-    while context is not None:
-        names.insert(0, context.command.name or "")
-        context = context.parent
-    return "-".join(filter(None, names))
 
 
 class StageLine:

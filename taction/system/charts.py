@@ -182,10 +182,8 @@ class Grid:
     values: ArrayLike
     unit: str = ""
     scale: Literal["linear", "log", "signed"] = "linear"
-    limits: Limits | None = None  # ends of the colours
     texts: tuple[tuple[str, ...], ...] = ()  # for the pointer
     written: tuple[tuple[str, ...], ...] = ()  # in the cells
-    bar: bool = True  # of colours, beside the chart
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,12 +191,9 @@ class Text:
     """A text on the side `align` of a place; None: at the edge that `align` says."""
 
     text: str
-    x: float | None = None
-    y: float | None = None
-    align: tuple[Literal["left", "right", "middle"], Literal["above", "below", "middle"]] = (
-        "right",
-        "above",
-    )
+    x: float | None
+    y: float | None
+    align: tuple[Literal["left", "right", "middle"], Literal["above", "below", "middle"]]
     colour: str = "muted"
 
 
@@ -251,11 +246,11 @@ def levels(mark: Grid, values: Floats) -> tuple[Floats, tuple[tuple[float, float
     known = values[np.isfinite(values)]
     if not len(known):
         return values, ()
-    low, high = mark.limits or (float(known.min()), float(known.max()))
+    low, high = float(known.min()), float(known.max())
     along: Callable[[Any], Any] = np.asarray
     if mark.scale == "signed":
         high = max(abs(low), abs(high)) or 1.0
-        low, along = -high, _signed_root
+        low, along = -high, lambda value: np.sign(value) * np.sqrt(np.abs(value))
         shown = [share * abs(share) * high for share in (-1.0, -0.5, 0.0, 0.5, 1.0)]
     elif mark.scale == "log" and 0.0 < 10.0 * low <= high:
         low, along = max(low, high * DECADES), np.log
@@ -269,10 +264,6 @@ def levels(mark: Grid, values: Floats) -> tuple[Floats, tuple[tuple[float, float
         return found
 
     return place(values), tuple((float(place(each)), each) for each in shown)
-
-
-def _signed_root(values: Any) -> Floats:
-    return np.asarray(np.sign(values) * np.sqrt(np.abs(values)))
 
 
 def segments(

@@ -1,23 +1,7 @@
-"""Every exception that taction raises on purpose.
+"""Every exception that taction raises on purpose; each says what it means and what helps.
 
-::
-
-    TactionError                     exit status
-    ├── InputError                   2   the scene, a file or an option is wrong
-    └── NoVerdictError               3   the input is right, but there is no result to trust
-        ├── SolverError                  a reference solution has no certificate
-        ├── EngineError                  the state-space engine has no result
-        │   └── DivergesError            the outputs leave every bound
-        └── SimulationError              an ngspice run gave no result to trust
-            ├── SimulatorNotFound
-            ├── SimulatorTooOld
-            ├── DidNotLoad
-            ├── SingularCircuit
-            ├── StepTooSmall
-            ├── OutOfDisk
-            ├── TimedOut
-            ├── Killed
-            └── BadEvidence              exit status 0, but the result is incomplete or wrong
+`InputError` (exit status 2): the scene, a file or an option is wrong. `NoVerdictError` (3) and all
+below it: the input is right, but there is no result to trust.
 
 A failed check is not an exception; it is data (`taction.verification.verdict.checks`). Ctrl-C in a
 study is `Interrupted`, a `KeyboardInterrupt` with what the study has finished.

@@ -90,10 +90,8 @@ def open_regular(path: str | Path) -> Iterator[BinaryIO]:
             raise UnusableFileError("not a regular file")
         with open(number, "rb") as file:  # noqa: PTH123 - of a number
             yield file
-    except OSError as error:
-        raise UnusableFileError(error.strerror or str(error)) from None
-    except ValueError as error:  # a name with a zero byte, or that is no text of the file system
-        raise UnusableFileError(str(error)) from None
+    except (OSError, ValueError) as error:  # a zero byte in a name, or no text of the file system
+        raise UnusableFileError(getattr(error, "strerror", None) or str(error)) from None
 
 
 def read_text(path: str | Path, limit: int) -> str:

@@ -196,15 +196,14 @@ def clear_abandoned(place: str | Path) -> None:
 _clear_once = functools.cache(lambda place, process: clear_abandoned(place))  # in a process
 
 
-def end_orphans(folder: str | Path, leader: int = 0) -> None:
+def end_orphans(folder: str | Path) -> None:
     """End every process of this user whose ``HOME`` is `folder` or lies in it (Linux).
 
     `folder`: a run folder, absolute; its name is random, so that no process has it by chance.
-    `leader`: number of the simulator: only those that began after it are looked at.
     """
     home = b"\0HOME=" + os.fsencode(folder)
     for _ in range(ROUNDS):
-        orphans = [process for process in _processes(leader) if _is_at_home(process, home)]
+        orphans = _at_home(home)
         for process in orphans:
             with contextlib.suppress(OSError):
                 os.kill(process, signal.SIGKILL)
@@ -212,19 +211,12 @@ def end_orphans(folder: str | Path, leader: int = 0) -> None:
             return
 
 
-def _processes(leader: int) -> list[int]:
-    """Return the numbers of other processes after `leader`; none where none are listed."""
-    with contextlib.suppress(OSError):
-        numbers = [int(name) for name in os.listdir("/proc") if name.isdecimal()]  # noqa: PTH208
-        latest = int(Path("/proc/loadavg").read_bytes().split()[-1])
-        first = leader if leader <= latest else 0  # after the largest number they start again
-        return [number for number in numbers if number > first and number != os.getpid()]
-    return []
-
-
-def _is_at_home(process: int, home: bytes) -> bool:
-    try:
-        variables = b"\0" + Path(f"/proc/{process}/environ").read_bytes()
-    except OSError:  # of another user, or ended
-        return False
-    return home + b"\0" in variables or home + b"/" in variables
+def _at_home(home: bytes) -> list[int]:
+    """Return the numbers of other processes with this ``HOME``; none where none are listed."""
+    found = list[int]()
+    for place in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # of another user, or ended
+            variables = b"\0" + (place / "environ").read_bytes()
+            if home + b"\0" in variables or home + b"/" in variables:
+                found.append(int(place.name))
+    return [number for number in found if number != os.getpid()]

@@ -31,20 +31,16 @@ class Clock:
 
     def begin(self, stage: str) -> None:
         """End the current stage and begin `stage`, or go on with one that began before."""
-        self.pause()
-        self._stage = stage
-        self._progress(stage)
-
-    def pause(self) -> None:
-        """End the current stage; the time until the next one belongs to none."""
         now = time.perf_counter()
         if self._stage:
             self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._since
-        self._stage, self._since = "", now
+        self._stage, self._since = stage, now
+        if stage:
+            self._progress(stage)
 
     def end(self) -> None:
         """End the last stage and add the total."""
-        self.pause()
+        self.begin("")
         self.seconds["total"] = sum(self.seconds.values())
 
 

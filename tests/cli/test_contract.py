@@ -107,7 +107,7 @@ def test_every_option_has_the_sentence_of_the_docstring(name: str) -> None:
 @pytest.mark.parametrize(("name", "job"), list(jobs()))
 def test_everything_that_shows_a_result_is_there(name: str, job: Command) -> None:
     shown = (job.view,) if job.text is None else (job.text,)
-    for target in (job.document, *shown, *(output.write for output in job.outputs)):
+    for target in (*shown, *(output.write for output in job.outputs)):
         assert callable(load(target))
 
 

@@ -232,7 +232,13 @@ def board_text(
         for stage in circuit.amplifiers
         for line in amplifier_lines(stage, AMPLIFIERS[stage.kind].expression)
     ]
-    matrices, parts, files = matrix_lines(circuit.matrices), _parts(circuit), dict[str, str]()
+    parts = [
+        *(f"X{c.name} {c.noninverting} {c.inverting} {c.output} {c.model}" for c in circuit.opamps),
+        *(f"R{r.name} {r.a} {r.b} {r.ohms!r}" for r in circuit.resistors),
+        *(f"C{c.name} {c.a} {c.b} {c.farads!r}" for c in circuit.capacitors),
+        *(f"Q{q.name} {q.collector} {q.base} {q.emitter} {q.model}" for q in circuit.transistors),
+    ]
+    matrices, files = matrix_lines(circuit.matrices), dict[str, str]()
     before, after = [*stages, *matrices], parts
     if matrix_file is not None:
         ends = (each for matrix in circuit.matrices for each in matrix.elements())
@@ -263,16 +269,6 @@ def board_text(
     cards = [model_card(model) for model in circuit.transistor_models.values()]
     head = [".title taction board", *header_lines(circuit), *cards, *before, ""]
     return "\n".join(head) + cells + "\n".join([*after, *biases, ""]), files
-
-
-def _parts(circuit: Circuit) -> list[str]:
-    """Return the lines of op-amps, resistors, capacitors and transistors."""
-    return [
-        *(f"X{c.name} {c.noninverting} {c.inverting} {c.output} {c.model}" for c in circuit.opamps),
-        *(f"R{r.name} {r.a} {r.b} {r.ohms!r}" for r in circuit.resistors),
-        *(f"C{c.name} {c.a} {c.b} {c.farads!r}" for c in circuit.capacitors),
-        *(f"Q{q.name} {q.collector} {q.base} {q.emitter} {q.model}" for q in circuit.transistors),
-    ]
 
 
 def amplifier_lines(stage: SignalAmplifier, expression: str) -> tuple[str, ...]:

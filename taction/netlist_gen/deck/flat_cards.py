@@ -317,7 +317,14 @@ def read_cards(lines: Iterable[str], *, measure: bool = False) -> Flat:
         if name.startswith("."):
             continue
         try:
-            _read(flat, name, rest)
+            if name[0] in "vi":
+                flat.add(source_of(name, rest))
+            elif name[0] == "b":
+                _expression(flat, name, rest)
+            elif name[0] in PARTS:
+                _part(flat, name, rest)
+            else:
+                raise ValueError(f"a device {name[0].upper()!r} is not linear")
         except (ValueError, IndexError) as error:
             element = element_of(card, flat.models) if measure else None
             if element is not None:
@@ -325,19 +332,6 @@ def read_cards(lines: Iterable[str], *, measure: bool = False) -> Flat:
             else:
                 raise CardError(f"{shown(name)}: {error}: {card!r}") from None
     return flat
-
-
-def _read(flat: Flat, name: str, text: str) -> None:
-    """Add the parts of a linear card."""
-    letter = name[0]
-    if letter in "vi":
-        flat.add(source_of(name, text))
-    elif letter == "b":
-        _expression(flat, name, text)
-    elif letter in PARTS:
-        _part(flat, name, text)
-    else:
-        raise ValueError(f"a device {letter.upper()!r} is not linear")
 
 
 def _part(flat: Flat, name: str, text: str) -> None:

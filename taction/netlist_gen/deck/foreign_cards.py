@@ -28,13 +28,15 @@ MOST_LEVELS = 30  # of subcircuits within one another
 MOST_COUPLINGS = 200  # that one card K stands for
 LEVELS = "levels of subcircuits within one another"
 WHOLE = "expected '.subckt NAME ports', its cards, and '.ends NAME'"
-SPELT = {
-    "\N{MICRO SIGN}": "u",
-    "\N{GREEK SMALL LETTER MU}": "u",
-    "\N{OHM SIGN}": "ohm",
-    "\N{GREEK CAPITAL LETTER OMEGA}": "ohm",
-    "\N{NO-BREAK SPACE}": " ",
-}
+SPELT = str.maketrans(
+    {
+        "\N{MICRO SIGN}": "u",
+        "\N{GREEK SMALL LETTER MU}": "u",
+        "\N{OHM SIGN}": "ohm",
+        "\N{GREEK CAPITAL LETTER OMEGA}": "ohm",
+        "\N{NO-BREAK SPACE}": " ",
+    }
+)
 """Characters of values, and what is read for them."""
 SIGNS = "\N{SECTION SIGN}\N{DEGREE SIGN}"  # in names, beside letters of other alphabets
 _FOREIGN = re.compile(r"[^\x00-\x7f]")
@@ -156,10 +158,8 @@ class Block:
 
     def find(self, name: str) -> Block | None:
         """Return the subcircuit that a name means here: an inner one hides an outer one."""
-        block: Block | None = self
-        while block is not None and name not in block.inner:
-            block = block.outer
-        return block and block.inner[name]
+        found = self.inner.get(name)
+        return found if found or self.outer is None else self.outer.find(name)
 
 
 def blocks_of(cards: Iterable[Card]) -> Block:
@@ -244,14 +244,12 @@ def spelt(text: str) -> str:
     A sign or a letter of another alphabet becomes its code, so that no two names become one.
     Other characters stay, and are refused outside of comments.
     """
-    return _FOREIGN.sub(_ascii, _CATALOGUE.sub("", text))
 
+    def code(match: re.Match[str]) -> str:
+        letter = match[0]
+        return f"_{ord(letter):x}_" if letter in SIGNS or letter.isalpha() else letter
 
-def _ascii(match: re.Match[str]) -> str:
-    letter = match[0]
-    if letter in SPELT:
-        return SPELT[letter]
-    return f"_{ord(letter):x}_" if letter in SIGNS or letter.isalpha() else letter
+    return _FOREIGN.sub(code, _CATALOGUE.sub("", text).translate(SPELT))
 
 
 def plain_cards(text: str) -> Iterator[str]:

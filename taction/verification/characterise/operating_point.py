@@ -72,13 +72,8 @@ class DeckPoint:
     mode: str  # of ngspice: see `MODES`
     flat: Flat  # the cards, read
     volts: Mapping[str, float]  # by node, V; currents by ``name#branch``, A; what transistors say
-    limits: str  # tolerances of ngspice with which it was found
+    limits: str  # tolerances of ngspice with which it was found; `TIGHT` is nine digits
     text: tuple[str, ...] = ()  # with it, after `AT_ONCE`, ngspice finds the point again; or empty
-
-    @property
-    def is_tight(self) -> bool:
-        """Whether it is known to nine digits."""
-        return self.limits.startswith(TIGHT)
 
     @property
     def unresolved(self) -> float:

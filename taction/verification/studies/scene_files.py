@@ -49,6 +49,7 @@ class VerifiedFiles(Result):
     """The documents of several files, each with its `file` and its `outcome`."""
 
     VIEW = "taction.verification.report.views.comparison_view:files_view"
+    DOCUMENT = "taction.verification.report.documents.plain:VerifyFilesDocument"
 
     documents: tuple[dict[str, Any], ...]
 

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import numpy as np
 
@@ -228,8 +228,8 @@ class SweepResult(Result):
 
     @property
     def points(self) -> tuple[SweepPoint, ...]:
-        """None: they may be many, and `records` yields them one by one."""
-        return ()
+        """All of `records`, which are plain data already."""
+        return cast(tuple[SweepPoint, ...], tuple(self.records()))
 
     @property
     def outcome(self) -> str:

@@ -56,13 +56,13 @@ def test_the_ranges_of_a_sweep_agree_with_its_table() -> None:
     assert [point.stable for point in found.points] == [True, True, False, False, False]
     ((low, high),) = found.stable_ranges
     assert (low, high) == (pytest.approx(68e3), pytest.approx(2.0961 * 68.58e3, rel=1e-4))
-    (edge,) = found.crossings
+    (edge,) = found.edges.edges
     assert (edge.below, edge.above) == (0, 2)
     assert all(point.bound is not None and point.bound > 0.0 for point in found.points)
 
 
 def test_a_crossing_has_a_bound_that_holds_the_true_one() -> None:
-    (edge,) = swept("over-d213", "RF0=1k:100k:5").crossings
+    (edge,) = swept("over-d213", "RF0=1k:100k:5").edges.edges
     true = 6775.517208214921  # det K = 0 in rational numbers
     assert abs(edge.value - true) <= edge.bound < 2e-6 * true
 

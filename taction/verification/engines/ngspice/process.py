@@ -205,7 +205,7 @@ def _end(process: subprocess.Popen[bytes], folder: Path) -> None:
         with contextlib.suppress(ProcessLookupError):
             # An ended process keeps its number until `wait`, so the group is still its own.
             os.killpg(process.pid, signal.SIGKILL)
-        end_orphans(folder, process.pid)
+        end_orphans(folder)
         process.wait()
 
 

@@ -289,12 +289,11 @@ def _grid(axes: Axes, mark: charts.Grid, chart: Chart) -> None:
         colours = LinearSegmentedColormap.from_list("signed", DIVERGING)
     shown = np.ma.masked_invalid(places)
     mesh = axes.pcolormesh(across, down, shown, vmin=0.0, vmax=1.0, cmap=colours)
-    if mark.bar:
-        picture: Any = axes.figure
-        bar = picture.colorbar(mesh, ax=axes, pad=0.015)
-        texts = {figure(value, mark.unit, 3): place for place, value in labels}
-        bar.set_ticks([*texts.values()], labels=[*texts])
-        bar.ax.minorticks_off()
+    picture: Any = axes.figure
+    bar = picture.colorbar(mesh, ax=axes, pad=0.015)
+    texts = {figure(value, mark.unit, 3): place for place, value in labels}
+    bar.set_ticks([*texts.values()], labels=[*texts])
+    bar.ax.minorticks_off()
     for y, row in zip(_values(mark.y, chart.y), mark.written, strict=False):
         for x, text in zip(_values(mark.x, chart.x), row, strict=True):
             axes.text(x, y, text, ha="center", va="center", fontsize="small")

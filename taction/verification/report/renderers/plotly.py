@@ -207,7 +207,7 @@ def _grid(mark: charts.Grid, chart: charts.Chart) -> Iterator[dict[str, Any]]:
         "z": [numbers(row) for row in places], "zmin": 0, "zmax": 1,
         "customdata": [[words(text) for text in row] for row in texts],
         "colorscale": SIGNED if mark.scale == "signed" else MAP,
-        "showscale": mark.bar, "showlegend": False,
+        "showscale": True, "showlegend": False,
         "colorbar": {"thickness": 12, "outlinewidth": 0, "tickvals": [*ticks.values()],
                      "ticktext": [*ticks]},
         "hovertemplate": f"{words(chart.x.title)} %{{x}}, {words(chart.y.title)} %{{y}}:"

@@ -48,7 +48,7 @@ EDGE_WORDS = {
 def view(found: BoardCheck) -> Page:
     """Return the page of a check."""
     return Page(
-        title=found.name,
+        title=found.circuit.name,
         command="taction check",
         outcome=found.outcome.value,
         summary=_summary(found),
@@ -144,17 +144,16 @@ def _nearest_stable(found: BoardCheck) -> str:
 
 
 def _outputs(found: BoardCheck) -> Iterator[Content]:
+    amplitude = found.measurements.amplitude
     columns = {
         "output": lambda each: each.name,
         "before": lambda each: number_cell(
             each.before if abs(each.before) > each.rest_bound else 0.0, "V", 6
         ),
-        "at rest": lambda each: _with(each.rest, each.rest_bound, "V", 5, found.amplitude),
+        "at rest": lambda each: _with(each.rest, each.rest_bound, "V", 5, amplitude),
         **_answers(found.measurements.band, over=False),
     }
-    step = f"Shares of the largest step, {quantity(found.amplitude, 'V')}. " * (
-        found.amplitude > 0.0
-    )
+    step = f"Shares of the largest step, {quantity(amplitude, 'V')}. " * (amplitude > 0.0)
     yield Table.of("", found.outputs, columns, f"{step}{KNOWN}")
     yield f"output noise: {found.noise.unknown}" if found.noise.unknown else ""
 
@@ -226,7 +225,7 @@ def _sweep(found: Sweep, band: float) -> Iterator[Content]:
         "unstable poles": lambda edge: f"{edge.below} → {edge.above}",
     }
     yield f"Stable: {stable}."
-    yield Table.of("Crossings", found.crossings, crossings)
+    yield Table.of("Crossings", found.edges.edges, crossings)
     points: dict[str, Column] = {
         **fields(f"{found.name} = value {unit or 'ratio'} 6"),
         "rightmost pole": lambda each: _with(each.real, each.bound, "1/s"),
@@ -252,7 +251,7 @@ def _varied(found: BoardCheck) -> Iterator[Section]:
 
 def _response(found: BoardCheck) -> Chart | None:
     """Return the step response of the outputs, from the exact solution."""
-    drawn = found.curve() if found.amplitude else None
+    drawn = found.curve() if found.measurements.amplitude else None
     if drawn is None:
         return None
     time, values = drawn

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated
 
@@ -19,7 +19,8 @@ import numpy as np
 
 from taction.netlist_gen.scene.axes import SweepAxis
 from taction.netlist_gen.scene.check_keys import Tolerances
-from taction.system.documents import Hertz, Number, Rate, Volts
+from taction.system.documents import Hertz, Number, Rate, Volts, taken
+from taction.system.progress import Progress
 from taction.system.quantities import show
 from taction.system.results import Result
 from taction.verification.characterise.operating_point import AT_ONCE, DeckPoint
@@ -27,7 +28,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.studies.decks.board_sweep import Sweep, VariedDeck, sweep_deck
 from taction.verification.studies.decks.foreign_board import ForeignBoard
 from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
-from taction.verification.studies.decks.part_influence import PartRow, influences, pole_vectors
+from taction.verification.studies.decks.part_influence import pole_vectors
 from taction.verification.studies.decks.questions import QUESTIONS, Wanted, judge, units
 from taction.verification.studies.decks.witnesses import compare_ac, compare_transient, stepping
 from taction.verification.studies.running.study import HERE
@@ -38,9 +39,7 @@ from taction.verification.studies.tolerance.montecarlo import (
     summarise_samples,
 )
 from taction.verification.studies.tolerance.varied_board import BoardSample
-from taction.verification.verdict.checks import Check, Outcome, overall
-
-Progress = Callable[[str], None]
+from taction.verification.verdict.checks import SEVERITY, Check, Outcome, overall
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,13 +71,13 @@ class BoardCheck(MeasuredBoard, Result):
 
     VIEW = "taction.verification.report.views.board_check_view:view"
     DOCUMENT = (
-        *("name", "outcome", "initial", "notes", "stable = poles.stable"),
-        *("poles = pole_rows", "parts", "band = measurements.band", "amplitude [V]", "outputs"),
+        *("name = circuit.name", "outcome", "initial", "notes", "stable = poles.stable"),
+        *("poles = pole_rows", "parts", "band = measurements.band"),
+        *("amplitude [V] = measurements.amplitude", "outputs"),
         *("noise_unknown = noise.unknown", "checks", "sweeps", "corners", "yields"),
     )
 
     notes: tuple[str, ...]
-    looked: tuple[PartRow, ...]  # all parts with their margins, where a margin was asked for
     checks: tuple[Check, ...]
     sweeps: tuple[Sweep, ...]
     corners: CornerStudy | None = None
@@ -88,17 +87,7 @@ class BoardCheck(MeasuredBoard, Result):
     def outcome(self) -> Outcome:
         """Of the checks, at the worst corners, too."""
         corners = [] if self.corners is None else [Outcome(self.corners.outcome)]
-        return max([overall(self.checks), *corners], key=_WORSE.index)
-
-    @cached_property
-    def parts(self) -> tuple[PartRow, ...]:
-        """What each part does to the stability, the most important first."""
-        return self.looked or influences(self.board, self.poles)
-
-    @property
-    def name(self) -> str:
-        """Of the board."""
-        return self.circuit.name
+        return max([overall(self.checks), *corners], key=SEVERITY.index)
 
     @property
     def pole_rows(self) -> tuple[PoleRow, ...]:
@@ -128,9 +117,6 @@ class BoardCheck(MeasuredBoard, Result):
         return tuple(rows)
 
 
-_WORSE = (Outcome.PASS, Outcome.INCONCLUSIVE, Outcome.FAIL)
-
-
 def check_board(
     deck: ForeignBoard,
     asked: Wanted,
@@ -148,7 +134,7 @@ def check_board(
     """
     progress("poles")
     board, band = LinearBoard(deck.circuit), asked.limits.settling_time.band
-    found = measure_board(board, deck.initial, band, asked.lowest)
+    found = measure_board(board, deck.initial, band, asked.lowest, every=asked.margin)
     if asked.margin:
         progress("parts")
     checks, why = [*judge(found, asked)], ["" if ngspice else "without ngspice"]
@@ -173,10 +159,10 @@ def check_board(
             drawn.append(sample)
             progress(f"yield: {len(drawn)} of {samples[0]} samples")
         yields = summarise_samples(varied, drawn, samples[1])
-    made = BoardCheck(
-        **{each.name: getattr(found, each.name) for each in fields(found)},
+    made = taken(
+        BoardCheck,
+        found,
         notes=tuple(filter(None, (*found.apart.sentences, *deck.notes, *why))),
-        looked=found.every_part if asked.margin else (),
         checks=tuple(checks),
         sweeps=sweeps,
         corners=corners,

@@ -33,7 +33,7 @@ from taction.system.documents import Hertz, Number, Rate
 from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.quantities import UNITS, fraction
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.stability.edges import Edge, Edges, Range, scan
+from taction.verification.stability.edges import Edges, Range, scan
 from taction.verification.stability.families import Family, find_edges
 from taction.verification.stability.poles import poles
 from taction.verification.stability.shown_poles import told_apart
@@ -139,7 +139,9 @@ class VariedDeck(Varied):
             tolerances=spread,
             quantities=tuple(_quantities(asked)),
             target=found.rest,
-            step_amplitude=found.amplitude or float(np.abs(found.rest).max(initial=0.0)) or 1.0,
+            step_amplitude=found.measurements.amplitude
+            or float(np.abs(found.rest).max(initial=0.0))
+            or 1.0,
             deck=deck,
             asked=asked,
         )
@@ -147,8 +149,9 @@ class VariedDeck(Varied):
     def measured(self, number: int, z: Floats) -> BoardSample:
         """Return the sample with deviations `z`; `EngineError` where it cannot be measured."""
         board, band = LinearBoard(self.at(z)), self.asked.limits.settling_time.band
-        found = measure_board(board, self.deck.initial, band, self.asked.lowest)
-        record = record_of(found, self.asked)
+        asked, start = self.asked, self.deck.initial
+        found = measure_board(board, start, band, asked.lowest, every=asked.margin)
+        record = record_of(found, asked)
         errors = (found.rest - self.target) / self.step_amplitude
         off = float(np.abs(errors).max(initial=0.0))
         figures = {**record.figures, "steady_state_error": off}
@@ -217,34 +220,18 @@ class PointRow:
         default_factory=dict
     )
 
-    @classmethod
-    def of(cls, value: float, found: MeasuredBoard) -> PointRow:
-        """Return the poles and the answers at a value."""
-        poles, figures = found.poles, dict[str, float | None]()
-        for each in QUESTIONS.values():
-            figures |= each.figures(each.worst(found)) if each.over else {}
-        if not len(poles.poles):
-            return cls(value, stable=poles.stable, figures=figures)
-        lead = poles.rightmost.real, poles.rightmost.imag / math.tau
-        return cls(value, *lead, poles.stable, poles.resolution, figures=figures)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
     """A board over one value: every crossing of the imaginary axis, and readings at the values."""
 
-    DOCUMENT = (*("name", "unit", "own", "crossings", "stable_ranges", "points"),)
+    DOCUMENT = (*("name", "unit", "own", "crossings = edges.edges", "stable_ranges", "points"),)
 
     name: str
     unit: str
     own: Number  # of a part
-    edges: Edges
+    edges: Edges  # values at which a pole crosses the imaginary axis
     points: tuple[PointRow, ...]
-
-    @property
-    def crossings(self) -> tuple[Edge, ...]:
-        """Values at which a pole crosses the imaginary axis."""
-        return self.edges.edges
 
     @property
     def stable_ranges(self) -> tuple[Range, ...]:
@@ -260,7 +247,7 @@ class Sweep:
         """Values, other than crossings, that are not stable within a range that would be."""
         values = [point.value or 0.0 for point in self.points if not point.stable]
         values = [v for v in values if any(a <= v <= b for a, b in self.edges.stable_ranges)]
-        crossings = [edge.value for edge in self.crossings]
+        crossings = [edge.value for edge in self.edges.edges]
         return tuple(v for v in values if not any(abs(v - e) <= SAME * abs(v) for e in crossings))
 
 
@@ -278,7 +265,13 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweepAxis, band: f
             found = measure_board(LinearBoard.of(at(value)), deck.initial, band)
         except (EngineError, InputError) as error:
             return PointRow(value, failure=str(error))
-        return PointRow.of(value, found)
+        poles, made = found.poles, PointRow(value, stable=found.poles.stable)
+        for each in QUESTIONS.values():
+            made.figures.update(each.figures(each.worst(found)) if each.over else {})
+        if not len(poles.poles):
+            return made
+        real, hertz = poles.rightmost.real, poles.rightmost.imag / math.tau
+        return replace(made, real=real, frequency=hertz, bound=poles.resolution)
 
     if not board.state_space.n:  # and so without a pole at any value of a part
         edges = Edges(min(values), max(values), ())

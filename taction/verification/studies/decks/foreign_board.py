@@ -30,6 +30,7 @@ from taction.system.processes import one_limit
 from taction.verification.characterise.operating_point import (
     MISFIT,
     MODES,
+    TIGHT,
     DeckPoint,
     find_point,
     linear_flat,
@@ -152,7 +153,7 @@ def _measured(point: DeckPoint) -> tuple[Flat, str]:
     knobs = {name: part for name, part in flat.knobs.items() if not name.startswith(within)}
     places = list(dict.fromkeys(each.subcircuit or shown(each.name) for each in elements))
     names = first_ones(places, NAMED)
-    loose = "" if point.is_tight else f" (found with {point.limits} only)"
+    loose = "" if point.limits.startswith(TIGHT) else f" (found with {point.limits} only)"
     return replace(flat, knobs=knobs), (
         f"linear about ngspice's operating point{loose}, for small signals: {names}, measured"
         f" there within {100 * MISFIT:g} %; their own noise does not count, and values of"

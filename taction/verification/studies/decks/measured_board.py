@@ -58,16 +58,12 @@ class MeasuredBoard:
     apart: PolesApart = field(default_factory=PolesApart)  # poles that do not decide
     # Lowest frequency of the noise, Hz; None: that of the op-amps.
     lowest: float | None = None
+    every: bool = False  # whether the margins of all parts are wanted
 
     @property
     def circuit(self) -> Circuit:
         """The board."""
         return self.board.circuit
-
-    @property
-    def amplitude(self) -> float:
-        """Largest step of an output, V."""
-        return self.measurements.amplitude
 
     @cached_property
     def scales(self) -> TimeScales:
@@ -106,14 +102,14 @@ class MeasuredBoard:
         return OutputNoise(tuple(rms.tolist()), tuple(error.tolist()), unknown=said, lowest=low)
 
     @cached_property
-    def every_part(self) -> tuple[PartRow, ...]:
-        """What each part does to the stability, with the margins of all."""
-        return influences(self.board, self.poles, every=True)
+    def parts(self) -> tuple[PartRow, ...]:
+        """What each part does to the stability, the most important first."""
+        return influences(self.board, self.poles, every=self.every)
 
     @property
     def margin(self) -> Margin:
-        """The least margin of any part."""
-        return least_margin(self.board, self.poles, self.every_part)
+        """The least margin of any part, where `every` one is known."""
+        return least_margin(self.board, self.poles, self.parts)
 
     @property
     def remedy(self) -> str:
@@ -139,7 +135,12 @@ class MeasuredBoard:
 
 
 def measure_board(
-    board: LinearBoard, initial: Start, band: float, lowest: float | None = None
+    board: LinearBoard,
+    initial: Start,
+    band: float,
+    lowest: float | None = None,
+    *,
+    every: bool = False,
 ) -> MeasuredBoard:
     """Return one measured board; `band` is that of the settling time.
 
@@ -156,7 +157,8 @@ def measure_board(
         measured = replace(measured, channels=tuple(channels))
         measured = _without(measured, ("rise_time", "overshoot", "undershoot"))
     rest, error = step.target, step.target_error
-    return MeasuredBoard(board, initial, found, measured, before, rest, error, apart, lowest)
+    known = board, initial, found, measured, before, rest, error, apart
+    return MeasuredBoard(*known, lowest, every)
 
 
 def step_response(board: LinearBoard, initial: Start, band: float) -> ExactResponse:

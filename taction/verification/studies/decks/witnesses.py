@@ -187,7 +187,7 @@ def compare_transient(
 
     A deck that is not linear is not compared: how small a step is small enough is not known.
     """
-    stop, amplitude = found.scales.stop, found.amplitude
+    stop, amplitude = found.scales.stop, found.measurements.amplitude
     unknown = partial(undecided, "engines_agree", "step", limit=limit)
     if not ngspice:
         return unknown("without ngspice")

@@ -98,7 +98,7 @@ def test_a_transient_of_another_circuit_fails(read: Read) -> None:
 def crossing(board: ForeignBoard, name: str, low: float, high: float) -> tuple[float, float]:
     """Return the only crossing over a value, and its frequency."""
     (sweep,) = checked(board, f"{name}={low!r}:{high!r}:9").sweeps
-    (edge,) = sweep.crossings
+    (edge,) = sweep.edges.edges
     return edge.value, edge.frequency
 
 
@@ -139,7 +139,7 @@ def test_a_pole_of_a_model_beyond_the_band_decides_nothing(read: Read) -> None:
     found = checked(read(deck("far", "R1 in out 1k", "C1 out 0 1n", *cards)), "C1=0.5n:2n:5")
     (sweep,) = found.sweeps
     assert sweep.stable_ranges == ((5e-10, 2e-9),)
-    assert not sweep.crossings
+    assert not sweep.edges.edges
     assert [(row.below, row.above) for row in found.parts if row.name in ("R1", "C1")] == [
         (None, None)
     ] * 2
