@@ -74,6 +74,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("diff", "ok.toml"): ("Missing argument 'B'", "two scene files"),
     ("netlist", "ok.toml", "--dialect", "pspice"): ("'--dialect'", "'pspice'", "'ltspice'"),
     ("montecarlo", "ok.toml", "-n", "0"): ("'--samples'", "0", "1<=x"),
+    ("montecarlo", "ok.toml", "--cluster", "none"): ("--cluster", "'none'", "dask scheduler"),
     ("models", "show", "tl704"): ("'tl704'", "did you mean 'tl084'?"),
     ("new", "there.toml"): ("there.toml", "the file exists", "--force"),
     ("new", "y.toml", "--matrix", "T.csv"): ("--strain", "belong together"),
