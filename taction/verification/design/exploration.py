@@ -211,16 +211,6 @@ class BoardView:
         self.answer = AnswerError.of(network, solve(network.problem), self.problem.stress)
         self.rest = outputs_at_rest(self.board)  # (N,), V
 
-    @property
-    def is_large(self) -> bool:
-        """Whether the poles take longer than a movement of the hand."""
-        return self.board.descriptor.is_large
-
-    @property
-    def has_curves(self) -> bool:
-        """Whether the transient has a closed form that is known at once."""
-        return is_exact(self.board)
-
     @cached_property
     def poles(self) -> Poles:
         """The poles of the board."""
@@ -273,7 +263,7 @@ class BoardView:
 
     def limits(self) -> tuple[str, ...]:
         """Return what the op-amps of a stable linear board cannot do, the worst first."""
-        if not (self.has_curves and self.poles.known_stable):
+        if not (is_exact(self.board) and self.poles.known_stable):
             return ()
         endless = Transient(math.inf, math.inf, initial=self.scene.analysis.initial)
         loads = PartLoads.of(self.board, endless)
@@ -284,7 +274,7 @@ class BoardView:
 
     def boundary(self, name: str, low: float, high: float) -> Edges:
         """Find the edges of stability of a knob from `low` to `high`, or beyond, by the loci."""
-        if self.is_large:
+        if self.board.descriptor.is_large:  # its poles take longer than a movement of the hand
             raise EngineError(f"a board of this size: `taction onset SCENE --over {name}` finds it")
         own = self.board.circuit.value(name)
         found = stable_values(self.board, name, max(high / own, own / low), self.poles)

@@ -16,6 +16,9 @@ from taction.netlist_gen.scene.check_keys import LOWEST
 from taction.system.array_types import Complexes
 from taction.system.errors import EngineError, SimulationError
 from taction.system.quantities import show
+from taction.verification.engines.ngspice.evidence import integrated_noise
+from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.process import Simulation
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
 from taction.verification.verdict.board import Board
 
@@ -140,9 +143,6 @@ class OutputNoise:
 
 def _simulated(board: Board, channel: int, lowest: float) -> float:
     """Return the noise of a channel above a frequency from ngspice, V."""
-    from taction.verification.engines.ngspice.evidence import integrated_noise
-    from taction.verification.engines.ngspice.process import Simulation, find_simulator
-
     bands = noise_bands(board.linear.state_space.modes.poles, lowest)
     node = board.circuit.outputs[channel].node
     deck = write_deck(board.circuit, NoiseAnalysis(bands), saved=[node])
