@@ -34,8 +34,7 @@ from taction.system.errors import (
 from taction.system.progress import Progress
 from taction.system.quantities import show, show_rate
 from taction.system.results import Result
-from taction.verification.engines.ngspice.executable import Simulator, find_simulator
-from taction.verification.engines.ngspice.process import simulate
+from taction.verification.engines.ngspice.process import Simulator, find_simulator, simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.readings.ringing import Mode, find_growth, find_ringing
 from taction.verification.reference.lambda_rule import read_scene

@@ -17,8 +17,7 @@ from taction.system.array_types import Complexes
 from taction.system.errors import EngineError, SimulationError
 from taction.system.quantities import show
 from taction.verification.engines.ngspice.evidence import integrated_noise
-from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.process import Simulation
+from taction.verification.engines.ngspice.process import Simulation, find_simulator
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
 from taction.verification.verdict.board import Board
 

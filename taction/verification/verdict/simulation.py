@@ -39,8 +39,11 @@ from taction.system.errors import (
 from taction.system.plugins import OpenTable
 from taction.system.progress import Clock
 from taction.system.reading_definitions import FOUND
-from taction.verification.engines.ngspice.executable import find_simulator, missing_simulator
-from taction.verification.engines.ngspice.process import Simulation
+from taction.verification.engines.ngspice.process import (
+    Simulation,
+    find_simulator,
+    missing_simulator,
+)
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients import reduced_transient, stepped

@@ -28,7 +28,7 @@ from taction.system.progress import Clock, Progress, attempt
 from taction.system.quantities import show, sizes, spaced
 from taction.system.reading_definitions import READINGS
 from taction.system.results import RENDERERS, Result, load
-from taction.verification.engines.ngspice.executable import missing_simulator
+from taction.verification.engines.ngspice.process import missing_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.answer_error import (

@@ -23,7 +23,7 @@ from taction.system import plugins
 from taction.system.errors import SimulationError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.processes import THREADS
-from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.process import find_simulator
 
 
 def digest(*values: object) -> bytes:

@@ -27,8 +27,7 @@ from taction.verification.engines.ngspice.evidence import (
     accepted_waveforms,
     integrated_noise,
 )
-from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.process import Simulation
+from taction.verification.engines.ngspice.process import Simulation, find_simulator
 from taction.verification.verdict.output_noise import noise_bands
 from tests.support.small_decks import SmallDeck, divider, transient
 
