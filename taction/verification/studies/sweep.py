@@ -39,7 +39,7 @@ from taction.system.results import Result
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.cluster import workers_at
 from taction.verification.studies.running.store import Store
-from taction.verification.studies.running.study import Workers, attempted, study
+from taction.verification.studies.running.study import Workers, study
 from taction.verification.studies.running.versions import (
     digest,
     file_content,
@@ -140,20 +140,17 @@ def sweep_points(
             except TactionError as error:
                 finish(key, Record.without_verdict(error, plan.engine))
 
-    for key, record in study(workers, compute_point, requests()):
-        if isinstance(record, BaseException):
-            text = f"the worker was killed several times (out of memory?): {record}"
-            record = Record.without_verdict(record, plan.engine, text)
+    for key, record in study(workers, _compute, requests(), _without_verdict):
         finish(key, record)
     return len(missing), outcomes
 
 
-def compute_point(scene: Scene, problem: InverseProblem) -> Record:
-    """Compute a point; a verification that fails gives a record, too."""
-    return attempted(
-        lambda: Record.of(verify(scene, problem=problem), channels=False),
-        lambda error, reason: Record.without_verdict(error, scene.analysis.engine, reason),
-    )
+def _compute(scene: Scene, problem: InverseProblem) -> Record:
+    return Record.of(verify(scene, problem=problem), channels=False)
+
+
+def _without_verdict(error: BaseException, reason: str, scene: Scene, _: InverseProblem) -> Record:
+    return Record.without_verdict(error, scene.analysis.engine, reason)
 
 
 def computed(

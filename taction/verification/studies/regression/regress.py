@@ -343,13 +343,8 @@ def regress(
     entries, files = {} if fresh else load_baseline(baseline), find_scenes(folder)
     names = [printable(path.name) for path in files]
     calls = [(path, entries.get(name)) for path, name in zip(files, names, strict=True)]
-
-    def without(k: int, killed: str) -> SceneResult:
-        status = Status.NO_VERDICT if killed else Status.NOT_RUN
-        return SceneResult(names[k], status, reason=killed or "interrupted")
-
     stems = [path.stem for path in files]
-    results = for_each(compare_scene, calls, stems, without, jobs=jobs, progress=progress)
+    results = for_each(compare_scene, calls, stems, _without, jobs=jobs, progress=progress)
     reason = "in the baseline, but not in the folder"
     gone = sorted(set(entries) - set(names))
     results += [SceneResult(n, Status.MISSING, reason=reason, baseline=entries[n]) for n in gone]
@@ -375,6 +370,11 @@ def compare_scene(path: Path, then: Entry | None) -> SceneResult:
     notes = () if then is None else tuple(_notes(now, then))
     reason, checks = "; ".join(found.text for found in causes(verdict.checks)), verdict.checks
     return SceneResult(file, status, checks, differences, notes, reason, now, then, seconds)
+
+
+def _without(error: BaseException | None, reason: str, path: Path, _: Entry | None) -> SceneResult:
+    status = Status.NOT_RUN if error is None else Status.NO_VERDICT
+    return SceneResult(printable(path.name), status, reason=reason or "interrupted")
 
 
 def updated_baseline(report: RegressionReport, baseline: Baseline) -> dict[str, Entry]:

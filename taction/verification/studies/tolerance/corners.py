@@ -140,7 +140,8 @@ def worst_of(
     """Return the nominal board, and the worst corner of every quantity."""
     count, reported = len(board.varied), board.quantities
     probes = [("", z) for z in (np.zeros(count), *(PROBE * np.eye(count)))]
-    centre, *moved = _verified(board.by_statespace(), probes, workers, progress, "sensitivities")
+    probed = replace(board, engine="statespace")
+    centre, *moved = _verified(probed, probes, workers, progress, "sensitivities")
     gradient = {
         quantity.name: np.array([_worse(quantity, each.result, centre.result) for each in moved])
         for quantity in reported

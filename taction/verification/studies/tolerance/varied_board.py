@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -27,7 +26,7 @@ from taction.system.errors import Complaint, InputError
 from taction.system.quantities import banded
 from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from taction.verification.studies.running.study import Workers, attempted, study
+from taction.verification.studies.running.study import Workers, study
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import ERROR, Record, finite, signed_errors
 from taction.verification.verdict.simulation import choose_engine
@@ -109,10 +108,6 @@ class Varied(ABC):
     target: Floats  # (N,): the outputs at rest that are wanted, V
     step_amplitude: float  # largest step of any output, V; not a number without a step
 
-    def by_statespace(self) -> Varied:
-        """Return the same board with samples by the state-space engine."""
-        return self
-
     @abstractmethod
     def measured(self, number: int, z: Floats) -> BoardSample:
         """Return the sample with deviations `z`; any error ends it."""
@@ -126,24 +121,16 @@ class Varied(ABC):
         return draw(self.tolerances, self.varied, seed, number)
 
 
-def evaluate(board: Varied, number: int, z: Floats) -> BoardSample:
-    """Verify the board with deviations `z`; a verification that fails gives a sample, too."""
-    return attempted(partial(board.measured, number, z), partial(_without_verdict, number, board))
-
-
-def _without_verdict(number: int, board: Varied, error: BaseException, reason: str) -> BoardSample:
-    return BoardSample(number, Record.without_verdict(error, board.engine, reason))
-
-
 def evaluate_all(
     board: Varied, requests: Iterable[tuple[int, Floats]], workers: Workers
 ) -> Iterator[BoardSample]:
-    """Yield the samples of `requests`, (number, z) each."""
+    """Yield the samples of `requests`, (number, z) each; one without a verdict is a sample, too."""
     points = ((number, (board, number, z)) for number, z in requests)
-    for number, sample in study(workers, evaluate, points):
-        if isinstance(sample, BaseException):
-            sample = _without_verdict(number, board, sample, f"its worker was killed: {sample}")
-        yield sample
+    yield from (sample for _, sample in study(workers, type(board).measured, points, _lost))
+
+
+def _lost(error: BaseException, reason: str, board: Varied, number: int, _: Floats) -> BoardSample:
+    return BoardSample(number, Record.without_verdict(error, board.engine, reason))
 
 
 def quantities(scene: Scene) -> tuple[Quantity, ...]:
@@ -180,13 +167,10 @@ class VariedBoard(Varied):
     ideal: IdealAnswer  # independent of the components
     full_margin: bool  # see `taction.verification.verdict.verify.verify`
 
-    def by_statespace(self) -> VariedBoard:
-        """Return the same board with samples by the state-space engine."""
-        return replace(self, scene=self.scene.with_engine("statespace"), engine="statespace")
-
     def measured(self, number: int, z: Floats) -> BoardSample:
         """Return the sample with deviations `z`; errors as `verify`."""
-        verdict = verify(self.scene, problem=self.problem, circuit=self.at(z), ideal=self.ideal,
+        scene, problem = self.scene.with_engine(self.engine), self.problem
+        verdict = verify(scene, problem=problem, circuit=self.at(z), ideal=self.ideal,
                          full_margin=self.full_margin)  # fmt: skip
         errors, record = signed_errors(verdict), Record.of(verdict, channels=False)
         known = errors if all(map(math.isfinite, errors)) else ()
