@@ -42,7 +42,7 @@ from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.headroom import PartLoads, describe
 from taction.verification.verdict.input_spread import outputs_at_rest
 from taction.verification.verdict.record import Record
-from taction.verification.verdict.transient_plan import settled_after
+from taction.verification.verdict.transient_plan import record_length
 from taction.verification.verdict.verify import verify
 
 STRAY, VARIANCE = "design.stray_capacitance", "problem.noise.variance"
@@ -234,13 +234,8 @@ class BoardView:
     @cached_property
     def windows(self) -> dict[str, float]:
         """The ends of the first rise of all channels and of the record."""
-        analysis, solution = self.scene.analysis, self._solution
-        if analysis.stop != "auto":
-            stop = analysis.stop
-        elif self.poles.known_unstable:
-            stop = self.scales.growth_time
-        else:
-            stop = settled_after(self.scene.checks, self.scales, self.poles.resolution)
+        solution, unstable = self._solution, self.poles.known_unstable
+        stop = record_length(self.scene, self.scales, self.poles.resolution, growing=unstable)
         times = np.geomspace(EARLIEST * stop, stop, SEARCHED)
         with np.errstate(over="ignore", invalid="ignore"):
             moved = np.abs(solution.at(times) - solution.start)

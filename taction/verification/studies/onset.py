@@ -114,18 +114,12 @@ class CheckedEdge:
     reason: str
     below: Side | None = None
     above: Side | None = None
-    complete: bool = True  # whether the numbers of poles are known
+    unstable_poles: UnstablePoles | None = None  # where their numbers are known
 
     @property
     def direction(self) -> str:
         """The side of the crossing on which the mode grows."""
         return "unstable above" if self.crossing.unstable_above else "unstable below"
-
-    @property
-    def unstable_poles(self) -> UnstablePoles | None:
-        """The numbers of unstable poles on both sides, where they are known."""
-        edge = self.crossing
-        return UnstablePoles(edge.below, edge.above) if self.complete else None
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -146,11 +140,7 @@ class Onset(Result):
     axis: SweepAxis
     scan: Scan
     findings: tuple[CheckedEdge, ...]
-
-    @property
-    def own_value(self) -> float | None:
-        """The scene's value of the key."""
-        return own_value(self.scene, self.axis.key)
+    own_value: float | None  # the scene's value of the key
 
     @property
     def failures(self) -> tuple[Sample, ...]:
@@ -244,7 +234,7 @@ def onset(
     scanned = boards.scan(values, logarithmic=logarithmic)
     timeout = scene.analysis.timeout if transients else None
     findings = confirmations(boards, scanned, timeout=timeout, progress=progress)
-    return Onset(scene, axis, scanned, findings)
+    return Onset(scene, axis, scanned, findings, own_value(scene, axis.key))
 
 
 def confirmations(
@@ -264,7 +254,8 @@ def confirmations(
     findings = []
     for number, edge in enumerate(scanned.edges, start=1):
         progress(f"transients beside crossing {number} of {len(scanned.edges)}")
-        found = CheckedEdge(edge, None, reason, complete=scanned.complete)
+        unstable = UnstablePoles(edge.below, edge.above) if scanned.complete else None
+        found = CheckedEdge(edge, None, reason, unstable_poles=unstable)
         if timeout is not None:
             found = _confirmed(found, boards, simulator, scanned.logarithmic, timeout)
         findings.append(found)

@@ -217,16 +217,12 @@ class SweepResult(Result):
     outcomes: Mapping[str, int]  # how many points have each outcome
     seconds: float = 0.0  # wall time
     strict: bool = False  # whether a point that fails makes the outcome fail
+    points: tuple[SweepPoint, ...] = ()  # none: they may be many, `records` yields them one by one
 
     @property
     def done(self) -> int:
         """Number of points that were computed now, or stored before."""
         return sum(self.outcomes.values())
-
-    @property
-    def points(self) -> tuple[SweepPoint, ...]:
-        """None: they may be many, and `records` yields them one by one."""
-        return ()
 
     @property
     def outcome(self) -> str:

@@ -30,11 +30,11 @@ from taction.verification.readings.record import CUBIC, Rest, lagrange
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.headroom import watched_nodes
 from taction.verification.verdict.simulation import (
+    ENGINES,
     StateSpaceError,
     Waiting,
     begin,
     on_curve,
-    own_error,
     state_space_error,
 )
 from taction.verification.verdict.transient_plan import (
@@ -342,7 +342,8 @@ def _observed(board: Board, pending: Waiting | None, clock: Clock) -> Run:
     clock.begin("simulation")
     wave = (pending or begin(board))()
     clock.begin("comparison")
-    own, beside = own_error(board, wave), None
+    bound = ENGINES[wave.engine.partition("-")[0]].error  # its version follows a hyphen
+    own, beside = None if bound is None else bound(board, wave), None
     if own is None and board.poles.known_stable:
         beside = second_solution(board, wave)
     clock.begin("measures")

@@ -186,12 +186,6 @@ def _growing(board: Board, engine: Engine) -> Waveforms:
         return replace(waveforms, flags=(note, *waveforms.flags))
 
 
-def own_error(board: Board, waveforms: Waveforms) -> StateSpaceError | None:
-    """Return the error of `waveforms` if their engine bounds it itself; None if it takes steps."""
-    error = ENGINES[waveforms.engine.partition("-")[0]].error  # its version follows a hyphen
-    return None if error is None else error(board, waveforms)
-
-
 def _ngspice(board: Board) -> Waiting:
     """Start ngspice; where its fastest solver fails at the start, its older one runs, too."""
     analysis, plan, timeout = board.transient, board.plan, board.scene.analysis.timeout

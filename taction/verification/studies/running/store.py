@@ -68,8 +68,12 @@ class Store(AbstractContextManager["Store"]):
     path: str
 
     def __init__(self, path: str) -> None:
-        self.path = path
-        check_database(path)
+        self.path, file = path, Path(path)
+        if file.exists() and not file.is_file():
+            raise _unusable(path, f"not a regular file; {ACCEPTED}")
+        with suppress(OSError), file.open("rb") as opened:  # SQLite says why it cannot be read
+            if opened.read(len(HEAD)) not in (b"", HEAD):
+                raise _unusable(path, NOT_A_DATABASE)
         with self._explained():
             self._db = sqlite3.connect(
                 path, timeout=PATIENCE, isolation_level=None, check_same_thread=False
@@ -146,16 +150,6 @@ class Store(AbstractContextManager["Store"]):
             raise _unusable(self.path, next(texts, f"{error}; {ACCEPTED}")) from error
         except UnicodeDecodeError as error:  # SQLite's message quotes a damaged name
             raise _unusable(self.path, CORRUPT) from error
-
-
-def check_database(path: str) -> None:
-    """Refuse a file that is no database, before any work is done."""
-    file = Path(path)
-    if file.exists() and not file.is_file():
-        raise _unusable(path, f"not a regular file; {ACCEPTED}")
-    with suppress(OSError), file.open("rb") as opened:  # SQLite says why it cannot be read
-        if opened.read(len(HEAD)) not in (b"", HEAD):
-            raise _unusable(path, NOT_A_DATABASE)
 
 
 def _unusable(path: str, text: str) -> InputError:

@@ -177,10 +177,9 @@ def steady_slopes(board: Varied, centre: BoardSample, moved: Sequence[BoardSampl
     if math.isnan(board.step_amplitude):
         return []
     count = len(board.varied)
-    rest = np.array(centre.errors or _errors(board, np.zeros(count)))
-    probes = zip(moved, PROBE * np.eye(count), strict=True)
-    slopes = [(np.array(each.errors or _errors(board, z)) - rest) / PROBE for each, z in probes]
-    S = np.array(slopes).reshape(count, len(rest))
+    probes = zip((centre, *moved), (np.zeros(count), *(PROBE * np.eye(count))), strict=True)
+    rest, *ends = (np.array(each.errors or _errors(board, z)) for each, z in probes)
+    S = np.array([(end - rest) / PROBE for end in ends]).reshape(count, len(rest))
     S = np.where(np.abs(S) > NOTHING * np.abs(S).max(axis=0, initial=0.0), S, 0.0)
     sides = [
         (sign * error + float(np.abs(column).sum()), sign * column)
