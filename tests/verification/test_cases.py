@@ -11,7 +11,7 @@ from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.verification.design.tune import tune
 from taction.verification.evidence.stress.catalogue import load_catalogue, select
 from taction.verification.evidence.stress.run_cases import CaseJudgement, run_case
-from taction.verification.studies.tolerance.varied_board import prepare
+from taction.verification.studies.tolerance.montecarlo import prepare
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.measured import named

@@ -39,7 +39,6 @@ from taction.verification.verdict.answer_error import (
 )
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
-from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.run import Accuracy, Run, observe
 from taction.verification.verdict.run_checks import run_checks
 from taction.verification.verdict.simulation import Waiting, begin, build
@@ -203,7 +202,7 @@ def read(board: Board, pending: Waiting | None, clock: Clock) -> Evidence:
     """Return all that is judged; what needs no record is computed while the simulation runs."""
     clock.begin("reference")
     ideal, steady, margin = board.ideal, board.steady, board.margin
-    parts, noise, spread = board.loads, OutputNoise.of(board), board.spread
+    parts, noise, spread = board.loads, board.noise, board.spread
     run = observe(board, pending, clock)
     amplitude = run.measured.amplitude or 1.0
     return Evidence(

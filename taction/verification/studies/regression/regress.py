@@ -29,7 +29,7 @@ from taction.system.reading_definitions import READINGS
 from taction.system.results import Result
 from taction.verification.studies.running.study import for_each
 from taction.verification.studies.scene_files import find_scenes, verdict_of
-from taction.verification.verdict.checks import Check, Outcome, causes, named
+from taction.verification.verdict.checks import Check, Outcome, causes
 from taction.verification.verdict.record import (
     POLE_READINGS,
     Difference,
@@ -43,7 +43,6 @@ from taction.verification.verdict.verify import Verdict
 FORMAT = 5
 MARK = "taction_baseline"
 MOVE_AWAY = "rename it, and `--update` writes a new baseline"
-
 
 ALWAYS = ("step_amplitude", "growth_rate", "frequency", "margin")
 STABLE = ("settling_time",)  # of a stable board: the record of another one grows from rounding
@@ -221,7 +220,11 @@ class SceneResult:
     @property
     def changes(self) -> tuple[Difference, ...]:
         """Differences above their tolerance, the largest first, with the causes of checks."""
-        notes = {name: found.text for found in causes(self.checks) for name in named(found)}
+        notes = {
+            name: found.text
+            for found in causes(self.checks)
+            for name in (found.check, *found.follows)
+        }
         changed = (
             replace(d, note=notes.get(d.name, "")) if d.group == "checks" else d
             for d in self.differences

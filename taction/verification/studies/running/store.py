@@ -13,14 +13,10 @@ import weakref
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from taction.system.documents import plain, read
 from taction.system.errors import Complaint, InputError, OutOfDisk
-
-if TYPE_CHECKING:
-    from taction.verification.studies.tolerance.varied_board import BoardSample
-    from taction.verification.verdict.record import Record
 
 T = TypeVar("T")
 
@@ -105,8 +101,8 @@ class Store(AbstractContextManager["Store"]):
         """Return the number of stored points."""
         return int(self._value("select count(*) from points") or 0)
 
-    def put(self, key: bytes, result: Record | BoardSample) -> None:
-        """Store a result in one transaction; one that is no error stays as it is."""
+    def put(self, key: bytes, result: Any) -> None:
+        """Store a record or a sample in one transaction; one that is no error stays as it is."""
         text = json.dumps(plain(result), allow_nan=False, separators=(",", ":"))
         with self._explained():
             self._db.execute(PUT, (key, result.outcome, text))

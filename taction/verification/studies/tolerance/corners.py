@@ -26,7 +26,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.cluster import workers_at
 from taction.verification.studies.running.study import HERE, Workers
-from taction.verification.studies.tolerance.varied_board import (
+from taction.verification.studies.tolerance.montecarlo import (
     BoardSample,
     Quantity,
     Varied,

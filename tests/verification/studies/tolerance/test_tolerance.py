@@ -34,16 +34,14 @@ from taction.verification.studies.tolerance.corners import (
     worst_of,
 )
 from taction.verification.studies.tolerance.montecarlo import (
+    BoardSample,
+    VariedBoard,
     interval,
+    prepare,
+    quantities,
     run_samples,
     sample_keys,
     summarise_samples,
-)
-from taction.verification.studies.tolerance.varied_board import (
-    BoardSample,
-    VariedBoard,
-    prepare,
-    quantities,
 )
 from taction.verification.verdict.input_spread import tolerance_deviations
 from tests.support.entries import make_sample
