@@ -239,7 +239,6 @@ EVALUATIONS = 40  # of one descent
 Values = dict[str, Value]
 Accept = Callable[[Trial], bool]
 
-
 is_good: Accept = attrgetter("good")
 """Whether every check passes with parts that can be bought."""
 

@@ -47,7 +47,6 @@ from taction.verification.verdict.transient_plan import truncation_for
 NOT_ASKED = "transients were not requested"
 AROUND = 30.0  # the default range is from the scene's value / 30 to its value * 30
 POINTS = 61  # of the first grid of a scan: 20 per decade in the default range
-TIMEOUT = 600.0  # of one transient, s
 
 DISTANCE = 0.03  # distance of a transient from the crossing, relative
 LEAST_DISTANCE = 1e-4  # the same where the pole moves fast
@@ -241,7 +240,7 @@ def confirmations(
     boards: Family,
     scanned: Scan,
     *,
-    timeout: float | None = TIMEOUT,
+    timeout: float | None,
     progress: Progress = lambda stage: None,
 ) -> tuple[CheckedEdge, ...]:
     """Check every crossing by transients of `timeout`, s; without ngspice they stay unconfirmed."""

@@ -109,7 +109,6 @@ METHODS: tuple[Method, ...] = (
     Method("state space, implicit", "statespace", "tolerance", TOLERANCES, implicit),
 )
 
-
 PERIODS = 30.0  # of ringing that are studied
 REPEATS = 3
 LEAST_TIME = 20.0  # s for a run and for a reference at least, whatever is left of the budget

@@ -220,11 +220,9 @@ class SceneResult:
     @property
     def changes(self) -> tuple[Difference, ...]:
         """Differences above their tolerance, the largest first, with the causes of checks."""
-        notes = {
-            name: found.text
-            for found in causes(self.checks)
-            for name in (found.check, *found.follows)
-        }
+        notes = dict[str, str]()
+        for found in causes(self.checks):
+            notes |= dict.fromkeys((found.check, *found.follows), found.text)
         changed = (
             replace(d, note=notes.get(d.name, "")) if d.group == "checks" else d
             for d in self.differences

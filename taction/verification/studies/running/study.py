@@ -263,7 +263,6 @@ class _Here(Executor):
 HERE = Workers(_Here(), 1, spare=-1)
 """Runs points in this process, one at a time, where each takes less time than another process."""
 
-
 WATCH = 1.0  # s between two looks at the workers, while none of them answers
 INTACT = "The stored results are intact, the same command continues"
 

@@ -74,6 +74,11 @@ def simulator_name(engine: str = "ngspice") -> str:
     return f"{simulator.engine} {simulator.solver_option}"
 
 
+def study_key(engine: str, *values: object) -> bytes:
+    """Return the digest of `values`, of the code and of the simulator that give a result."""
+    return digest(own_code(), simulator_name(engine), engine, *values)
+
+
 PACKAGES = ("taction", "numpy", "scipy")
 
 

@@ -38,12 +38,7 @@ from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.cluster import workers_at
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.running.study import Workers, study
-from taction.verification.studies.running.versions import (
-    digest,
-    file_content,
-    own_code,
-    simulator_name,
-)
+from taction.verification.studies.running.versions import digest, file_content, study_key
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import ERROR, Record, finite, signed_errors
 from taction.verification.verdict.simulation import choose_engine
@@ -321,9 +316,9 @@ def _spread(quantity: Quantity, samples: list[BoardSample]) -> Quantity:
 
 def sample_keys(board: VariedBoard, seed: int) -> Callable[[int], bytes]:
     """Return the function that gives the key of a sample in a store, by its number."""
-    versions, scene = (own_code(), simulator_name(board.engine)), board.scene
-    files = [file_content(scene, n) for n in files_of(scene).values() if isinstance(n, str)]
-    base = digest(*versions, scene, files, seed)
+    names = (name for name in files_of(board.scene).values() if isinstance(name, str))
+    files = [file_content(board.scene, name) for name in names]
+    base = study_key(board.engine, board.scene, files, seed)
     return lambda number: digest(base, number)
 
 

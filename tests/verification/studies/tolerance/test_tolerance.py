@@ -23,6 +23,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.report.views.sweep_view import columns_of
+from taction.verification.studies.running import versions
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.running.study import HERE, WorkerDiedError, Workers, local
 from taction.verification.studies.tolerance import montecarlo
@@ -90,7 +91,7 @@ def test_samples_of_another_seed_or_scene_are_not_found(
 def test_samples_of_another_taction_or_ngspice_are_not_found(
     kept: Store, monkeypatch: pytest.MonkeyPatch, name: str, value: bytes | str
 ) -> None:
-    monkeypatch.setattr(montecarlo, name, lambda *engine: value)
+    monkeypatch.setattr(versions, name, lambda *engine: value)
     assert found(kept) == [None] * 3
 
 
