@@ -51,9 +51,7 @@ POINTS = 61  # of the first grid of a scan: 20 per decade in the default range
 DISTANCE = 0.03  # distance of a transient from the crossing, relative
 LEAST_DISTANCE = 1e-4  # the same where the pole moves fast
 LARGEST_GROWTH = 0.02  # growth rate over the mode's frequency (rad/s) for an accurate fit
-PERIOD_POINTS = (
-    100  # time points a period: the error of the trapezoidal rule is 1e-3 of the growth rate
-)
+PERIOD_POINTS = 100  # time points a period: the trapezoidal rule errs by 1e-3 of the growth rate
 FEWEST_PERIODS, MOST_PERIODS = 12.0, 200.0
 FOLDS = 1.5  # e-foldings in a record
 RIVAL_FOLDS = 12.0  # most e-foldings of a faster mode in a record

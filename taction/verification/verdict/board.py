@@ -253,9 +253,8 @@ class Board:
             return OutputNoise(unknown=doubt + UNSTABLE)
         try:
             rms, error = output_noise(self.linear, lowest)
-            simulated = None
-            if self.engine == "ngspice":
-                simulated = self._simulated_noise(int(rms.argmax()), lowest)
+            ngspice = self.engine == "ngspice"
+            simulated = self._simulated_noise(int(rms.argmax()), lowest) if ngspice else None
         except (EngineError, SimulationError) as problem:
             return OutputNoise(unknown=f"the noise is not known: {problem}")
         named = {

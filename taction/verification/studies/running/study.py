@@ -353,7 +353,8 @@ def for_each(
         nullcontext(HERE) if processes <= 1 else local(processes) as workers,
     ):
         progress(f"{len(calls)} runs in {processes} processes")
-        for number, results[number] in study(workers, function, enumerate(calls), without):
+        for number, row in study(workers, function, enumerate(calls), without):
+            results[number] = row
             progress(f"{len(results)} of {len(calls)} done: {names[number]}")
     return [results[k] if k in results else without(None, "", *calls[k]) for k in range(len(calls))]
 
