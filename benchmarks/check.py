@@ -16,7 +16,7 @@ from pathlib import Path
 
 import taction
 from benchmarks.measuring import Figure, in_turns, processor, ratios
-from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.process import find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.studies.decks.foreign_board import read_board
 from taction.verification.studies.decks.measured_board import measure_board

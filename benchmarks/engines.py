@@ -16,7 +16,7 @@ from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.engines.ngspice import process
-from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.process import find_simulator
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.verdict.verify import verify
 

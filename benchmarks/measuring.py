@@ -183,7 +183,7 @@ def machine() -> str:
     import scipy.linalg  # noqa: F401 - loads the BLAS
     from threadpoolctl import threadpool_info
 
-    from taction.verification.engines.ngspice.executable import find_simulator
+    from taction.verification.engines.ngspice.process import find_simulator
 
     simulator = find_simulator()
     blas = [each for each in threadpool_info() if each["user_api"] == "blas"]

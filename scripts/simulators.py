@@ -25,7 +25,7 @@ sys.path.insert(0, str(ROOT))
 
 from taction.netlist_gen.scene.scene import load_scene  # noqa: E402
 from taction.system.errors import SimulatorNotFound  # noqa: E402
-from taction.verification.engines.ngspice.executable import find_simulator  # noqa: E402
+from taction.verification.engines.ngspice.process import find_simulator  # noqa: E402
 from taction.verification.verdict import simulation  # noqa: E402
 from taction.verification.verdict.verify import verify  # noqa: E402
 

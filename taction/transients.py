@@ -203,23 +203,18 @@ def verify_files(
     ('pass', {'pass': 2})
     """
     from taction.system.documents import plain
-    from taction.system.errors import Interrupted, NoVerdictError
+    from taction.system.errors import Interrupted
     from taction.system.results import load
-    from taction.verification.studies.scene_files import scene_files
-
-    files = scene_files([str(name) for name in scenes])
+    from taction.verification.studies import scene_files
     from taction.verification.studies.running.study import for_each
-    from taction.verification.studies.scene_files import VerifiedFiles, not_verified, verify_file
 
+    files = scene_files.scene_files([str(name) for name in scenes])
     place = "taction.verification.report.documents.verdict:verdict_document_with_margins"
     describe, names = load(place) if margins else plain, [path.stem for path in files]
     calls = [(path, describe, engine) for path in files]
-
-    def without(k: int, killed: str) -> dict[str, Any]:
-        return not_verified(files[k], NoVerdictError(killed) if killed else None)
-
-    results = for_each(verify_file, calls, names, without, jobs=jobs, progress=progress)
-    found = VerifiedFiles(tuple(results))
+    run, without = scene_files.verify_file, scene_files.without_verdict
+    results = for_each(run, calls, names, without, jobs=jobs, progress=progress)
+    found = scene_files.VerifiedFiles(tuple(results))
     if found.interrupted:
         raise Interrupted("the finished scenes are in the report", found)
     return found

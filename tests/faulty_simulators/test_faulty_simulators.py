@@ -23,9 +23,8 @@ from taction.system.errors import (
     StepTooSmall,
     TimedOut,
 )
-from taction.verification.engines.ngspice import executable, process
-from taction.verification.engines.ngspice.executable import Simulator, find_simulator
-from taction.verification.engines.ngspice.process import simulate
+from taction.verification.engines.ngspice import process
+from taction.verification.engines.ngspice.process import Simulator, find_simulator, simulate
 from tests.faulty_simulators.ways import RUNS, VERSIONS
 from tests.support.paths import ROOT, SCENES
 from tests.support.running import document, is_running, process_id, taction
@@ -186,7 +185,7 @@ OTHERS = {
 def test_a_version_is_that_of_an_ngspice_or_refused(
     way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(executable, "PATIENCE", SOON if way == "the version hangs" else LATE)
+    monkeypatch.setattr(process, "PATIENCE", SOON if way == "the version hangs" else LATE)
     place, began = script(tmp_path, way), time.monotonic()
     if way in FOUND:
         simulator = find_simulator(place)

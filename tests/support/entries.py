@@ -16,7 +16,7 @@ from taction.verification.design.trials import Trial
 from taction.verification.studies.regression.regress import Entry
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.sweep import Plan, grid_points
-from taction.verification.studies.tolerance.varied_board import BoardSample
+from taction.verification.studies.tolerance.montecarlo import BoardSample
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import FIGURES, Figure, Record
 from tests.support.studying import small_scene

@@ -12,7 +12,7 @@ from spicelib import RawRead
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.deck.deck import Deck
-from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.process import find_simulator
 
 Record = tuple[NDArray[np.float64], NDArray[np.float64]]  # time (P,), voltages (K, P)
 

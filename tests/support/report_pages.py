@@ -51,10 +51,10 @@ from taction.verification.studies.sweep import SweepResult, grid_points
 from taction.verification.studies.tolerance.corners import worst_of
 from taction.verification.studies.tolerance.montecarlo import (
     YieldReport,
+    prepare,
     run_samples,
     summarise_samples,
 )
-from taction.verification.studies.tolerance.varied_board import prepare
 from taction.verification.studies.work_precision import (
     METHODS,
     Method,

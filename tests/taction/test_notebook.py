@@ -16,7 +16,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.system.charts import OUTCOMES
 from taction.verification.studies.running.versions import digest
 from taction.verification.studies.tolerance.corners import worst_of
-from taction.verification.studies.tolerance.varied_board import prepare
+from taction.verification.studies.tolerance.montecarlo import prepare
 from tests.support.making import make_scene, write_matrix_scene
 from tests.support.report_pages import STATESPACE, swept, verdicts
 from tests.support.studying import one_thread, scene_file, small_scene

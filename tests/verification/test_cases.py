@@ -11,7 +11,7 @@ from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.verification.design.tune import tune
 from taction.verification.evidence.stress.catalogue import load_catalogue, select
 from taction.verification.evidence.stress.run_cases import CaseJudgement, run_case
-from taction.verification.studies.tolerance.varied_board import evaluate, prepare
+from taction.verification.studies.tolerance.montecarlo import prepare
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.measured import named
@@ -41,7 +41,7 @@ def verdict_of(name: str, engine: str) -> Verdict:
 def test_a_sample_of_a_tolerance_study_finds_the_window() -> None:
     scene = case("margin-window").model_copy(update={"tolerances": Tolerances(resistor=0.01)})
     board = prepare(scene)
-    sample = evaluate(board, 0, np.zeros(len(board.varied)))
+    sample = board.measured(0, np.zeros(len(board.varied)))
     assert sample.outcome == "fail"
     assert sample.record.value("margin") == pytest.approx(1.53e-9 / HIGH, rel=1e-4)
 

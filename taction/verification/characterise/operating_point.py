@@ -38,7 +38,7 @@ from taction.spice_models.branches import Branch
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import DidNotLoad, first_ones
 from taction.verification.engines.ngspice.commands import RESULT, Answers, expand, run_commands
-from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.process import find_simulator
 
 MOST_NODES = 600  # of a deck: above it the engine needs the structure of a topology
 MOST_PARTS = 3000  # R C L K E F G H that are not measured

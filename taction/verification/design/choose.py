@@ -50,7 +50,7 @@ from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.sweep import Plan, computed, grid_points
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.record import ERROR, Record, decisive_reason
+from taction.verification.verdict.record import ERROR, Record
 from taction.verification.verdict.run_checks import CHECKS
 from taction.verification.verdict.verify import Verdict, verify
 
@@ -127,7 +127,8 @@ class ChosenDesign(Trial):
 
     DOCUMENT = (
         *("place", "values", "outcome = record.outcome", "left = record.failed"),
-        *("shares", "settling_time [s]", "overshoot [step]", "headroom", "noise_rms [V] = noise"),
+        *("shares", "settling_time [s]", "overshoot [step]"),
+        *("headroom = record.check_values.headroom", "noise_rms [V] = record.check_values.noise"),
         *("reason = record.reason", "refused", "worst_share = worst"),
     )
 
@@ -147,16 +148,6 @@ class ChosenDesign(Trial):
             elif check.name == "stability" and limit > 1.0 and check.value > 0.0:
                 found[check.name] = limit / check.value
         return found
-
-    @property
-    def headroom(self) -> float | None:
-        """Share of the worst limit of an op-amp."""
-        return self.record.check_value("headroom")
-
-    @property
-    def noise(self) -> float | None:
-        """Output noise, V."""
-        return self.record.check_value("noise")
 
     @property
     def worst(self) -> float:
@@ -183,7 +174,8 @@ class BestDesign:
     """One of the best designs, with what ngspice says."""
 
     DOCUMENT = (
-        *("* = design", "ngspice = outcome", "ngspice_settling_time [s] = settling_time"),
+        *("* = design", "ngspice = outcome"),
+        "ngspice_settling_time [s] = verdict.measurements.settling_time.value",
         *("ngspice_reason = reason", "file"),
     )
 
@@ -203,13 +195,8 @@ class BestDesign:
             missing = isinstance(error, SimulatorNotFound | SimulatorTooOld)
             outcome = None if missing else Outcome.INCONCLUSIVE
             return cls(design, scene, outcome, str(error), file=file)
-        return cls(design, scene, verdict.outcome, decisive_reason(verdict), verdict, file)
-
-    @property
-    def settling_time(self) -> float | None:
-        """The settling time by ngspice, s."""
-        reading = None if self.verdict is None else self.verdict.measurements.settling_time
-        return None if reading is None else reading.value
+        reason = Record.of(verdict, channels=False).reason
+        return cls(design, scene, verdict.outcome, reason, verdict, file)
 
 
 @dataclass(frozen=True, slots=True)

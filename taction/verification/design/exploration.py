@@ -42,7 +42,7 @@ from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.headroom import PartLoads, describe
 from taction.verification.verdict.input_spread import outputs_at_rest
 from taction.verification.verdict.record import Record
-from taction.verification.verdict.transient_plan import settled_after
+from taction.verification.verdict.transient_plan import record_length
 from taction.verification.verdict.verify import verify
 
 STRAY, VARIANCE = "design.stray_capacitance", "problem.noise.variance"
@@ -211,16 +211,6 @@ class BoardView:
         self.answer = AnswerError.of(network, solve(network.problem), self.problem.stress)
         self.rest = outputs_at_rest(self.board)  # (N,), V
 
-    @property
-    def is_large(self) -> bool:
-        """Whether the poles take longer than a movement of the hand."""
-        return self.board.descriptor.is_large
-
-    @property
-    def has_curves(self) -> bool:
-        """Whether the transient has a closed form that is known at once."""
-        return is_exact(self.board)
-
     @cached_property
     def poles(self) -> Poles:
         """The poles of the board."""
@@ -244,13 +234,8 @@ class BoardView:
     @cached_property
     def windows(self) -> dict[str, float]:
         """The ends of the first rise of all channels and of the record."""
-        analysis, solution = self.scene.analysis, self._solution
-        if analysis.stop != "auto":
-            stop = analysis.stop
-        elif self.poles.known_unstable:
-            stop = self.scales.growth_time
-        else:
-            stop = settled_after(self.scene.checks, self.scales, self.poles.resolution)
+        solution, unstable = self._solution, self.poles.known_unstable
+        stop = record_length(self.scene, self.scales, self.poles.resolution, growing=unstable)
         times = np.geomspace(EARLIEST * stop, stop, SEARCHED)
         with np.errstate(over="ignore", invalid="ignore"):
             moved = np.abs(solution.at(times) - solution.start)
@@ -273,7 +258,7 @@ class BoardView:
 
     def limits(self) -> tuple[str, ...]:
         """Return what the op-amps of a stable linear board cannot do, the worst first."""
-        if not (self.has_curves and self.poles.known_stable):
+        if not (is_exact(self.board) and self.poles.known_stable):
             return ()
         endless = Transient(math.inf, math.inf, initial=self.scene.analysis.initial)
         loads = PartLoads.of(self.board, endless)
@@ -284,7 +269,7 @@ class BoardView:
 
     def boundary(self, name: str, low: float, high: float) -> Edges:
         """Find the edges of stability of a knob from `low` to `high`, or beyond, by the loci."""
-        if self.is_large:
+        if self.board.descriptor.is_large:  # its poles take longer than a movement of the hand
             raise EngineError(f"a board of this size: `taction onset SCENE --over {name}` finds it")
         own = self.board.circuit.value(name)
         found = stable_values(self.board, name, max(high / own, own / low), self.poles)

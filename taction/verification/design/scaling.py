@@ -276,7 +276,7 @@ def _with_capacitance(
     own = trials.at({path: scene.design.capacitance})
     if accept(own):
         return scene
-    rest = own.record.check_value("steady_state") or 0.0
+    rest = own.record.check_values.get("steady_state") or 0.0
     off = accept is is_good and rest > scene.checks.steady_state.tolerance  # no C moves the rest
     found = None if off else search(trials, path, accept=accept)
     if found is None or not found.found:

@@ -142,11 +142,10 @@ class Trials:
         key = tuple(sorted(changes.items()))
         if key not in self._known:
             try:
-                found = self._try(dict(changes))
+                self._known[key] = self._try(dict(changes))
             except (InputError, NoVerdictError) as error:
                 record = Record.without_verdict(error, "statespace")
-                found = Trial(dict(changes), record, str(error))
-            self._known[key] = found
+                self._known[key] = Trial(dict(changes), record, str(error))
         return self._known[key]
 
     def _try(self, changes: dict[str, Value]) -> Trial:
@@ -238,7 +237,6 @@ EVALUATIONS = 40  # of one descent
 
 Values = dict[str, Value]
 Accept = Callable[[Trial], bool]
-
 
 is_good: Accept = attrgetter("good")
 """Whether every check passes with parts that can be bought."""

@@ -34,8 +34,7 @@ from taction.system.errors import (
 from taction.system.progress import Progress
 from taction.system.quantities import show, show_rate
 from taction.system.results import Result
-from taction.verification.engines.ngspice.executable import Simulator, find_simulator
-from taction.verification.engines.ngspice.process import simulate
+from taction.verification.engines.ngspice.process import Simulator, find_simulator, simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.readings.ringing import Mode, find_growth, find_ringing
 from taction.verification.reference.lambda_rule import read_scene
@@ -48,14 +47,11 @@ from taction.verification.verdict.transient_plan import truncation_for
 NOT_ASKED = "transients were not requested"
 AROUND = 30.0  # the default range is from the scene's value / 30 to its value * 30
 POINTS = 61  # of the first grid of a scan: 20 per decade in the default range
-TIMEOUT = 600.0  # of one transient, s
 
 DISTANCE = 0.03  # distance of a transient from the crossing, relative
 LEAST_DISTANCE = 1e-4  # the same where the pole moves fast
 LARGEST_GROWTH = 0.02  # growth rate over the mode's frequency (rad/s) for an accurate fit
-PERIOD_POINTS = (
-    100  # time points a period: the error of the trapezoidal rule is 1e-3 of the growth rate
-)
+PERIOD_POINTS = 100  # time points a period: the trapezoidal rule errs by 1e-3 of the growth rate
 FEWEST_PERIODS, MOST_PERIODS = 12.0, 200.0
 FOLDS = 1.5  # e-foldings in a record
 RIVAL_FOLDS = 12.0  # most e-foldings of a faster mode in a record
@@ -115,18 +111,12 @@ class CheckedEdge:
     reason: str
     below: Side | None = None
     above: Side | None = None
-    complete: bool = True  # whether the numbers of poles are known
+    unstable_poles: UnstablePoles | None = None  # where their numbers are known
 
     @property
     def direction(self) -> str:
         """The side of the crossing on which the mode grows."""
         return "unstable above" if self.crossing.unstable_above else "unstable below"
-
-    @property
-    def unstable_poles(self) -> UnstablePoles | None:
-        """The numbers of unstable poles on both sides, where they are known."""
-        edge = self.crossing
-        return UnstablePoles(edge.below, edge.above) if self.complete else None
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -147,11 +137,7 @@ class Onset(Result):
     axis: SweepAxis
     scan: Scan
     findings: tuple[CheckedEdge, ...]
-
-    @property
-    def own_value(self) -> float | None:
-        """The scene's value of the key."""
-        return own_value(self.scene, self.axis.key)
+    own_value: float | None  # the scene's value of the key
 
     @property
     def failures(self) -> tuple[Sample, ...]:
@@ -245,14 +231,14 @@ def onset(
     scanned = boards.scan(values, logarithmic=logarithmic)
     timeout = scene.analysis.timeout if transients else None
     findings = confirmations(boards, scanned, timeout=timeout, progress=progress)
-    return Onset(scene, axis, scanned, findings)
+    return Onset(scene, axis, scanned, findings, own_value(scene, axis.key))
 
 
 def confirmations(
     boards: Family,
     scanned: Scan,
     *,
-    timeout: float | None = TIMEOUT,
+    timeout: float | None,
     progress: Progress = lambda stage: None,
 ) -> tuple[CheckedEdge, ...]:
     """Check every crossing by transients of `timeout`, s; without ngspice they stay unconfirmed."""
@@ -265,7 +251,8 @@ def confirmations(
     findings = []
     for number, edge in enumerate(scanned.edges, start=1):
         progress(f"transients beside crossing {number} of {len(scanned.edges)}")
-        found = CheckedEdge(edge, None, reason, complete=scanned.complete)
+        unstable = UnstablePoles(edge.below, edge.above) if scanned.complete else None
+        found = CheckedEdge(edge, None, reason, unstable_poles=unstable)
         if timeout is not None:
             found = _confirmed(found, boards, simulator, scanned.logarithmic, timeout)
         findings.append(found)

@@ -79,7 +79,7 @@ class VerifiedFiles(Result):
 def verify_file(path: Path, describe: Describe, engine: str | None = None) -> dict[str, Any]:
     """Verify one scene file and return the document of its verdict or of its error."""
     found = verdict_of(path, engine)
-    return not_verified(path, found) if isinstance(found, TactionError) else describe(found)
+    return describe(found) if isinstance(found, Verdict) else without_verdict(found, "", path)
 
 
 def verdict_of(path: Path, engine: str | None = None) -> Verdict | TactionError:
@@ -92,7 +92,10 @@ def verdict_of(path: Path, engine: str | None = None) -> Verdict | TactionError:
         return NoVerdictError("out of memory: the scene is too large")
 
 
-def not_verified(path: Path, error: TactionError | None) -> dict[str, Any]:
-    """Return the document of a file without a verdict: why, or None where it never began."""
-    said = {"outcome": NOT_RUN} if error is None else plain(error_document(error))
+def without_verdict(
+    error: BaseException | None, reason: str, path: Path, *_: object
+) -> dict[str, Any]:
+    """Return the document of a file without a verdict; `error` is None where it never began."""
+    known = error if isinstance(error, TactionError) else NoVerdictError(reason)
+    said = {"outcome": NOT_RUN} if error is None else plain(error_document(known))
     return {"file": printable(str(path)), **said}

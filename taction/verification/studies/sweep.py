@@ -39,13 +39,8 @@ from taction.system.results import Result
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.cluster import workers_at
 from taction.verification.studies.running.store import Store
-from taction.verification.studies.running.study import Workers, attempted, study
-from taction.verification.studies.running.versions import (
-    digest,
-    file_content,
-    own_code,
-    simulator_name,
-)
+from taction.verification.studies.running.study import Workers, study
+from taction.verification.studies.running.versions import digest, file_content, study_key
 from taction.verification.verdict.record import ERROR, FIGURES, Record
 from taction.verification.verdict.simulation import choose_engine
 from taction.verification.verdict.verify import verify
@@ -96,8 +91,8 @@ def grid_points(
     """
     scene = plan.scene.model_dump(by_alias=True, exclude={"name", "regression", "analysis"})
     analysis = plan.scene.analysis.model_dump(exclude={"engine", "timeout"})
-    base = digest(own_code(), scene, analysis, simulator_name(plan.engine), plan.engine)
-    named, content = files_of(plan.scene), cache(partial(file_content, plan.scene))
+    base, named = study_key(plan.engine, scene, analysis), files_of(plan.scene)
+    content = cache(partial(file_content, plan.scene))
     for place in range(plan.points) if places is None else map(int, places):
         values = plan.values_at(place)
         names = [values.get(path, name) for path, name in named.items()]
@@ -140,20 +135,17 @@ def sweep_points(
             except TactionError as error:
                 finish(key, Record.without_verdict(error, plan.engine))
 
-    for key, record in study(workers, compute_point, requests()):
-        if isinstance(record, BaseException):
-            text = f"the worker was killed several times (out of memory?): {record}"
-            record = Record.without_verdict(record, plan.engine, text)
+    for key, record in study(workers, _compute, requests(), _without_verdict):
         finish(key, record)
     return len(missing), outcomes
 
 
-def compute_point(scene: Scene, problem: InverseProblem) -> Record:
-    """Compute a point; a verification that fails gives a record, too."""
-    return attempted(
-        lambda: Record.of(verify(scene, problem=problem), channels=False),
-        lambda error, reason: Record.without_verdict(error, scene.analysis.engine, reason),
-    )
+def _compute(scene: Scene, problem: InverseProblem) -> Record:
+    return Record.of(verify(scene, problem=problem), channels=False)
+
+
+def _without_verdict(error: BaseException, reason: str, scene: Scene, _: InverseProblem) -> Record:
+    return Record.without_verdict(error, scene.analysis.engine, reason)
 
 
 def computed(

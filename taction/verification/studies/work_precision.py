@@ -28,7 +28,7 @@ from taction.system.progress import Notice, Progress
 from taction.system.quantities import show
 from taction.system.results import Result
 from taction.verification.engines.ngspice import process
-from taction.verification.engines.ngspice.executable import find_simulator, missing_simulator
+from taction.verification.engines.ngspice.process import find_simulator, missing_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients import stepped
@@ -108,7 +108,6 @@ METHODS: tuple[Method, ...] = (
     Method(EXACT, "statespace", "", (None,), exact),
     Method("state space, implicit", "statespace", "tolerance", TOLERANCES, implicit),
 )
-
 
 PERIODS = 30.0  # of ringing that are studied
 REPEATS = 3

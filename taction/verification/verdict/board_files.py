@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.deck.dialects import DIALECTS, NATIVE, Measures
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.documents import taken
 from taction.system.errors import InputError, SolverError
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -63,8 +64,7 @@ def deck_of(scene: Scene, *, dialect: str = NATIVE, measures: bool = False) -> N
         targets, starts = (tuple((np.array(signs) * u).tolist()) for u in ends)
         compared = Measures(targets, starts, scene.checks.settling_time.band)
     deck = write_deck(circuit, board.transient, dialect=dialect, measures=compared)
-    facts = {each.name: getattr(deck, each.name) for each in fields(deck)}
-    return Netlist(**facts, circuit=circuit, warnings=tuple(part_warnings(circuit)))
+    return taken(Netlist, deck, circuit=circuit, warnings=tuple(part_warnings(circuit)))
 
 
 @dataclass(frozen=True, slots=True)

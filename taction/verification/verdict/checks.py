@@ -24,10 +24,9 @@ from taction.verification.readings.measurements import Measurements, describe_st
 from taction.verification.readings.settling import ChannelState
 from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles
-from taction.verification.verdict.board import SteadyState
+from taction.verification.verdict.board import OutputNoise, SteadyState
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
 from taction.verification.verdict.input_spread import InputSpread
-from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.run import Agreement, Run
 from taction.verification.verdict.transient_plan import AFTER_SETTLING
 
@@ -283,11 +282,6 @@ def causes(checks: Sequence[Check]) -> Iterator[Cause]:
         yield Cause(name, title, f"{title}: {reason}", tuple(others))
     if not checks:
         yield Cause("", "no check was made", "no check was made")
-
-
-def named(found: Cause) -> tuple[str, ...]:
-    """Return the checks of a cause."""
-    return (found.check, *found.follows)
 
 
 def following(checks: Sequence[Check]) -> tuple[str, ...]:

@@ -16,8 +16,8 @@ from taction.system.array_types import Bools, Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import combinations, is_exact
-from taction.verification.engines.statespace.transients.stepped import simulate
 from taction.verification.readings.exact_measures import ExactTrace
 
 FULL = 0.9  # of a limit: above it the small-signal solution is not taken for true
@@ -147,10 +147,8 @@ def _record(
     stop = transient.stop
     times = np.concatenate([[0.0], np.geomspace(EARLIEST * stop, stop, INSTANTS)])
     if board.circuit.is_linear:
-        wave = simulate(board, transient, nodes=nodes, times=times)
+        wave = stepped.simulate(board, transient, nodes=nodes, times=times)
         return wave.time, wave.values
-    from taction.verification.engines.statespace.transients import stepped
-
     ends = np.array([0.0, stop])
     wave = stepped.integrate(board, transient, times=ends, tolerance=tolerance, beside=nodes)
     curve = cast(stepped.SteppedCurve, wave.curve)

@@ -193,7 +193,7 @@ class Record:
     @classmethod
     def of(cls, verdict: Verdict, *, channels: bool = True) -> Record:
         """Return the record of a verdict; without `channels` only of the whole board."""
-        engine = verdict.run.ends.engine
+        engine, decisive = verdict.run.ends.engine, cause(verdict.checks)
         known = {} if verdict.poles.stable is True else WITHOUT_REST
         found = {name: rule.figure(verdict) for name, rule in FIGURES.items()} | known
         measured, error = verdict.measurements, finite(_rest_error(verdict))
@@ -209,7 +209,7 @@ class Record:
             engine.partition("-")[0],
             engine,
             None,
-            decisive_reason(verdict),
+            "" if decisive is None else decisive.text,
             state.value,
             verdict.poles.stable,
             *three(found),
@@ -250,15 +250,10 @@ class Record:
         """Return the check of a name, if it ran."""
         return next((check for check in self.checks if check.name == name), None)
 
-    def check_value(self, name: str) -> float | None:
-        """Return the value of a check, if it has one."""
-        return None if (check := self.check(name)) is None else check.value
-
-
-def decisive_reason(verdict: Verdict) -> str:
-    """Return why a verdict is no pass; empty of a pass."""
-    found = cause(verdict.checks)
-    return "" if found is None else found.text
+    @property
+    def check_values(self) -> dict[str, float | None]:
+        """The values of the checks that ran."""
+        return {check.name: check.value for check in self.checks}
 
 
 def three(found: Mapping[str, Figure]) -> tuple[Bounds, Bounds, Bounds]:

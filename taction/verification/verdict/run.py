@@ -23,17 +23,18 @@ from taction.system.documents import HIDDEN
 from taction.system.errors import EngineError, StepTooSmall, TimedOut
 from taction.system.progress import Clock
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.readings.measurements import Measurements, measure, summary
 from taction.verification.readings.record import CUBIC, Rest, lagrange
 from taction.verification.verdict.board import Board
 from taction.verification.verdict.headroom import watched_nodes
 from taction.verification.verdict.simulation import (
+    ENGINES,
     StateSpaceError,
     Waiting,
     begin,
     on_curve,
-    own_error,
     state_space_error,
 )
 from taction.verification.verdict.transient_plan import (
@@ -113,26 +114,23 @@ def state_space_beside(
     an error of `wanted`, V, suffices. EngineError: there is none for the whole record, or none with
     a known error.
     """
-    from taction.verification.engines.statespace.transients.stepped import simulate
-
     last = len(record.time) - 1  # a record without its end would prove no settling time
     shown = np.append(np.arange(0, last, max(last // MAX_INSTANTS, 1)), last)
     instants, u = np.array(record.time[shown]), outputs(linear.circuit, record)[shown]
     times = instants
     if dense is not None:
         times = np.union1d(instants, dense[dense < instants[-1]])
-    stepped = not linear.circuit.is_linear
-    solution = simulate(
-        linear, transient, times=times, tolerance=tolerance, beside=watched_nodes(linear.circuit),
-        resolved=stepped,
-    )  # fmt: skip
+    steps, nodes = not linear.circuit.is_linear, watched_nodes(linear.circuit)
+    solution = stepped.simulate(
+        linear, transient, times=times, tolerance=tolerance, beside=nodes, resolved=steps
+    )
     if solution.time[-1] < times[-1] * (1.0 - 1e-9):
         raise EngineError("its record ends before the record of ngspice")
     error = state_space_error(linear, solution, wanted)
     if not math.isfinite(error.volts):
         raise EngineError(error.how)
     at = error.record
-    if stepped:
+    if steps:
         # What the record does not show between its points counts as a difference, too.
         own = at.time[:: len(at.time) // MAX_INSTANTS + 1]
         instants = np.union1d(instants, own[own < instants[-1]])
@@ -344,7 +342,8 @@ def _observed(board: Board, pending: Waiting | None, clock: Clock) -> Run:
     clock.begin("simulation")
     wave = (pending or begin(board))()
     clock.begin("comparison")
-    own, beside = own_error(board, wave), None
+    bound = ENGINES[wave.engine.partition("-")[0]].error  # its version follows a hyphen
+    own, beside = None if bound is None else bound(board, wave), None
     if own is None and board.poles.known_stable:
         beside = second_solution(board, wave)
     clock.begin("measures")

@@ -39,9 +39,14 @@ from taction.system.errors import (
 from taction.system.plugins import OpenTable
 from taction.system.progress import Clock
 from taction.system.reading_definitions import FOUND
-from taction.verification.engines.ngspice.executable import find_simulator, missing_simulator
+from taction.verification.engines.ngspice.process import (
+    Simulation,
+    find_simulator,
+    missing_simulator,
+)
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
+from taction.verification.engines.statespace.transients import reduced_transient, stepped
 from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_network
 from taction.verification.reference.lambda_rule import resolve_lambda
@@ -92,12 +97,9 @@ def _bounded(board: LinearBoard, record: Waveforms) -> StateSpaceError:
     if is_exact(board):
         how = "bound on the rounding of the exact solution"
         return StateSpaceError(record.rounding, how, record)
-    from taction.verification.engines.statespace.transients import reduced_transient
-    from taction.verification.engines.statespace.transients.stepped import METHOD, halved
-
     try:
-        if record.method == METHOD:
-            better, share, other = halved(record, resolved=True), HALVED, "twice the steps"
+        if record.method == stepped.METHOD:
+            better, share, other = stepped.halved(record, resolved=True), HALVED, "twice the steps"
             times = np.union1d(better.time, record.time)
             times = times[times <= min(better.time[-1], record.time[-1])]
             off = on_curve(better, times) - on_curve(record, times)
@@ -177,19 +179,11 @@ def _growing(board: Board, engine: Engine) -> Waveforms:
         found = error.partial if isinstance(error, StepTooSmall | BadEvidence) else None
         if isinstance(found, Waveforms) and len(found.time) > 1:
             return replace(found, flags=(f"the record ends early: {reason}",))
-        from taction.verification.engines.statespace.transients.stepped import simulate
-
         grown = min(board.scales.growth_time, board.transient.stop)
         analysis = Transient(grown, grown / GROWING, initial=board.transient.initial)
-        waveforms = simulate(board.linear, analysis)
+        waveforms = stepped.simulate(board.linear, analysis)
         note = f"this record is from the state-space engine: {reason}"
         return replace(waveforms, flags=(note, *waveforms.flags))
-
-
-def own_error(board: Board, waveforms: Waveforms) -> StateSpaceError | None:
-    """Return the error of `waveforms` if their engine bounds it itself; None if it takes steps."""
-    error = ENGINES[waveforms.engine.partition("-")[0]].error  # its version follows a hyphen
-    return None if error is None else error(board, waveforms)
 
 
 def _ngspice(board: Board) -> Waiting:
@@ -201,8 +195,6 @@ def _ngspice(board: Board) -> Waiting:
             f" analysis.timeout is {timeout:g} s. Use the state-space engine, a larger"
             " analysis.error, a shorter analysis.stop or a longer analysis.timeout"
         )
-    from taction.verification.engines.ngspice.process import Simulation
-
     simulator = find_simulator()
     bound = PHYSICAL_BOUND * board.circuit.value("U0")
 
@@ -230,23 +222,21 @@ def _ngspice(board: Board) -> Waiting:
 
 def _statespace(board: Board) -> Waiting:
     """Simulate by the state-space engine; the points of an exact solution are found when asked."""
-    from taction.verification.engines.statespace.transients.stepped import simulate
-
     linear, plan, analysis = board.linear, board.plan, board.transient
     ends = np.array([0.0, analysis.stop])
 
     def fill() -> Waveforms:
-        nodes, stepped = watched_nodes(board.circuit), not (board.circuit.is_linear or plan.growing)
-        times = ends if stepped else plan.instants(linear)
-        return simulate(
-            linear, analysis, times=times, tolerance=plan.tolerance, beside=nodes, resolved=stepped
+        nodes, steps = watched_nodes(board.circuit), not (board.circuit.is_linear or plan.growing)
+        times = ends if steps else plan.instants(linear)
+        return stepped.simulate(
+            linear, analysis, times=times, tolerance=plan.tolerance, beside=nodes, resolved=steps
         )
 
     if plan.growing:
         analysis = replace(analysis, max_step=min(analysis.max_step, analysis.stop / GROWING))
     try:
         if is_exact(linear) and not plan.growing:  # measured on the solution, not on its points
-            waveforms = replace(simulate(linear, analysis, times=ends), fill=fill)
+            waveforms = replace(stepped.simulate(linear, analysis, times=ends), fill=fill)
         else:
             waveforms = fill()
     except DivergesError as error:

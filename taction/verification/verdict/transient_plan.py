@@ -23,7 +23,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.scene.check_keys import Checks
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.subcircuits import STAGE_CAPACITANCE
 from taction.system.array_types import Complexes, Floats
@@ -299,12 +298,8 @@ def plan_transient(
         growing=growing,
     )
     initial, points = scene.analysis.initial, scene.analysis.points_per_period
-    if stop is None and scene.analysis.stop != "auto":
-        stop = scene.analysis.stop
-    elif stop is None:
-        unstable = growing and math.isfinite(scales.growth_time)
-        grown = _six_digits(scales.growth_time)
-        stop = grown if unstable else settled_after(scene.checks, scales, resolution)
+    if stop is None:
+        stop = record_length(scene, scales, resolution, growing=growing)
     notes: tuple[str, ...] = ()
     if not steps:  # a growing run shows every period, and is kept short
         longest = UNSTABLE_PERIODS if not linear or board.descriptor.is_large else EXACT_PERIODS
@@ -354,8 +349,15 @@ def _also_from_start(
     return Forecast(replace(rest.transient, **least), max(rest.steps, other.steps), error)
 
 
-def settled_after(checks: Checks, scales: TimeScales, resolution: float = 0.0) -> float:
-    """Return the length, s, of a record in which every check of a stable board is decided."""
+def record_length(
+    scene: Scene, scales: TimeScales, resolution: float = 0.0, *, growing: bool = False
+) -> float:
+    """Return the length, s, of a record that grows, or in which every check is decided."""
+    checks = scene.checks
+    if scene.analysis.stop != "auto":
+        return scene.analysis.stop
+    if growing and math.isfinite(scales.growth_time):
+        return _six_digits(scales.growth_time)
     remainder = REMAINDER * min(checks.steady_state.tolerance, checks.settling_time.band)
     settled = AFTER_SETTLING * scales.stop_for(remainder, slowest=resolution)
     longest = max(settled, FEWEST_PERIODS * scales.max_step_for(1.0))

@@ -22,7 +22,6 @@ from taction.verification.engines.ngspice.process import Simulation, find_simula
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.stepped import simulate
-from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.simulation import build
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support import nightly
@@ -155,7 +154,7 @@ def test_ngspice_has_the_same_noise(ngspice: str) -> None:
     scene = load_scene(PATH)
     checks = scene.checks.model_copy(update={"noise": NoiseCheck(max=1e-3)})
     scene = scene.model_copy(update={"checks": checks})
-    noise = OutputNoise.of(build(scene))
+    noise = build(scene).noise
     assert noise.simulated is not None
     assert noise.largest == pytest.approx(1.383e-4, rel=0.01)
     assert noise.difference < 1e-4 * noise.largest

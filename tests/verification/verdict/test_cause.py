@@ -16,9 +16,9 @@ from taction.verification.readings.measurements import Measurements
 from taction.verification.readings.readings import Reading
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.verdict.checks import Cause, Check, Outcome, cause, causes, following
-from taction.verification.verdict.details import all_warnings, find_contradiction
 from taction.verification.verdict.run import bounded
 from taction.verification.verdict.run_checks import run_checks
+from taction.verification.verdict.verify import all_warnings, find_contradiction
 from tests.support.making import make_scene, matrix_problem
 from tests.support.measured import STABLE, UNSTABLE, channel, evidence, measured, rounded_poles
 

@@ -22,7 +22,7 @@ from taction.verification.verdict.board import Board
 from taction.verification.verdict.board_files import board_power
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.headroom import Load, PartLoads
-from taction.verification.verdict.simulation import begin, build, own_error
+from taction.verification.verdict.simulation import _statespace_error, begin, build
 from taction.verification.verdict.verify import verify
 from tests.support import nightly
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
@@ -119,7 +119,7 @@ def test_loads_and_record_of_a_board_by_steps_are_of_one_integration(
     assert not design.circuit.is_linear
     loads, record = design.loads.loads, begin(design)()
     assert len(begun) == 1
-    assert own_error(design, record).volts < design.volts(design.plan.wanted)
+    assert _statespace_error(design, record).volts < design.volts(design.plan.wanted)
     assert len(begun) == 2
     cells = {cell.name: cell.output for cell in design.circuit.opamps}
     stop = design.transient.stop

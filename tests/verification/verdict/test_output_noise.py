@@ -24,8 +24,8 @@ from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.verdict_view import view
+from taction.verification.verdict.board import STEP, OutputNoise, noise_bands
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.output_noise import STEP, OutputNoise, noise_bands
 from taction.verification.verdict.run_checks import run_checks
 from taction.verification.verdict.verify import verify
 from tests.mutation.planting import CircuitChange, figures, scaled
@@ -188,7 +188,7 @@ def test_a_fault_in_the_deck_alone_is_no_pass(
     scene = small(checks={"noise": {"max": "1mV"}}, **design).with_engine("ngspice")
     outcomes = []
     for writer in (write_deck, faulty):
-        monkeypatch.setattr("taction.verification.verdict.output_noise.write_deck", writer)
+        monkeypatch.setattr("taction.verification.verdict.board.write_deck", writer)
         outcomes += [check for check in verify(scene).checks if check.name == "noise"]
     assert [check.outcome for check in outcomes] == [Outcome.PASS, Outcome.INCONCLUSIVE]
     assert "ngspice differs by" in outcomes[1].reason

@@ -19,8 +19,7 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.array_types import Cost, Floats, Waveforms
 from taction.system.errors import DivergesError, EngineError
-from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.process import Simulation
+from taction.verification.engines.ngspice.process import Simulation, find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.engines.statespace.transients import stepped

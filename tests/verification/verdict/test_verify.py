@@ -16,7 +16,7 @@ import pytest
 from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from taction.system.errors import EngineError, StepTooSmall, TimedOut
 from taction.system.progress import Clock
-from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.process import find_simulator
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.readings.settling import ChannelState

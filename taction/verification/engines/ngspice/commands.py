@@ -20,8 +20,7 @@ from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bound
 from taction.system.processes import time_left
 from taction.system.raw_file import KINDS, read_plots
 from taction.verification.engines.ngspice.evidence import Ending, check_end
-from taction.verification.engines.ngspice.executable import Simulator
-from taction.verification.engines.ngspice.process import STREAMS, Simulation
+from taction.verification.engines.ngspice.process import STREAMS, Simulation, Simulator
 
 SECONDS = 20.0
 MEMORY = 1000 * MEGABYTE  # addresses of ngspice: an expansion of 20,000 devices takes 100 MB

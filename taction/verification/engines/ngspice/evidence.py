@@ -51,10 +51,13 @@ from taction.system.errors import (
     TimedOut,
 )
 from taction.system.raw_file import Plot, read_plots, read_raw
-from taction.verification.engines.ngspice.executable import REMEDY
 
 LONGEST_LINE = 300  # characters of a line of the error stream in a message
 RAW = "out.raw"  # the result
+REMEDY = (
+    "Install it with `apt-get install ngspice` (Debian 12: `-t bookworm-backports` gives 46, which"
+    " has the fast KLU solver), or name the executable in TACTION_NGSPICE"
+)
 
 
 @dataclass(frozen=True, slots=True)

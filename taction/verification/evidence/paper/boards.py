@@ -18,8 +18,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats, Waveforms
 from taction.system.charts import Axis, Chart, Curve, Limit
-from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.process import simulate
+from taction.verification.engines.ngspice.process import find_simulator, simulate
 from taction.verification.evidence.paper.findings import (
     Chapter,
     Finding,

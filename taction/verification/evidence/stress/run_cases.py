@@ -319,16 +319,16 @@ def stress(
     machine = describe_machine()
     calls = [(case, engine) for case in cases for engine in case.outcome]
     names = [f"{case.name}, {engine}" for case, engine in calls]
-
-    def without(k: int, killed: str) -> CaseRun:
-        judgement = CaseJudgement.WRONG_OUTCOME if killed else CaseJudgement.NOT_RUN
-        return CaseRun(*calls[k], "-", judgement, reason=killed or STOPPED)
-
-    runs = for_each(run_case, calls, names, without, jobs=jobs, progress=progress)
+    runs = for_each(run_case, calls, names, _without, jobs=jobs, progress=progress)
     report = StressReport(tuple(runs), {name: str(machine[name]) for name in VERSIONS})
     if report.interrupted:
         raise Interrupted("the finished cases are in the report", report)
     return report
+
+
+def _without(error: BaseException | None, reason: str, case: Case, engine: str) -> CaseRun:
+    judgement = CaseJudgement.NOT_RUN if error is None else CaseJudgement.WRONG_OUTCOME
+    return CaseRun(case, engine, "-", judgement, reason=reason or STOPPED)
 
 
 def run_case(case: Case, engine: str) -> CaseRun:

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 from taction.system import documents
 from taction.system.errors import SimulationError
-from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.process import find_simulator
 
 VERSION = 2  # of all schemas; a field that changes its name or its meaning increases it
 ERROR = "error"

@@ -21,6 +21,7 @@ from taction.verification.design.exploration import (
     Judgement,
     Settings,
 )
+from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.report.blocks import Bars
 from taction.verification.report.renderers.plotly import plotly_spec
 from taction.verification.report.texts import figure
@@ -195,12 +196,12 @@ class SliderLook:
     @property
     def is_exact(self) -> bool:
         """Whether the closed form of a linear board has the curves."""
-        return self.view.has_curves and not self.limits
+        return is_exact(self.view.board) and not self.limits
 
     def outputs_part(self, window: str) -> Part:
         """Return the outputs as far as they are known: of the verdict, where none are exact."""
         curves = None if self.verdict is None else self.verdict.curves
-        if self.view.has_curves and (self.is_exact or curves is None):
+        if is_exact(self.view.board) and (self.is_exact or curves is None):
             curves = self.view.curves(window)
         if curves is None:
             return {}
@@ -211,4 +212,5 @@ def look_at(settings: Settings, window: str) -> tuple[SliderLook, Part]:
     """Return what is fast: the board at rest and, of a small one, poles and curves."""
     look = SliderLook(settings, BoardView(settings.scene()))
     # The poles of a large board take longer than a movement of the hand.
-    return look, rest_part(look.view) | ({} if look.view.is_large else look.find_poles(window))
+    large = look.view.board.descriptor.is_large
+    return look, rest_part(look.view) | ({} if large else look.find_poles(window))

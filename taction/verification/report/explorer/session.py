@@ -126,12 +126,11 @@ class Session:
         self._look = look
         self._tell(**shown, **part)
         boundary, poles = partial(self._boundary_of, look), partial(look.find_poles, self.window)
-        if not look.view.is_large:
+        large = look.view.board.descriptor.is_large
+        if not large:
             await self._step(boundary)
         await asyncio.sleep(REST)
-        for stage in (
-            (poles, look.find_limits, boundary) if look.view.is_large else (look.find_limits,)
-        ):
+        for stage in (poles, look.find_limits, boundary) if large else (look.find_limits,):
             await self._step(stage)
         try:
             look.verdict = await self.judging.run(exploration.judge, look.view.scene)

@@ -16,7 +16,7 @@ from taction.verification.report.texts import KNOWN, LEAST_SHARE, figure, rounde
 from taction.verification.studies.decks.questions import QUESTIONS
 from taction.verification.studies.running.versions import describe_machine, digest, own_code
 from taction.verification.verdict.answer_error import AnswerError
-from taction.verification.verdict.checks import Check, Outcome, band_text, causes, listed, named
+from taction.verification.verdict.checks import Check, Outcome, band_text, causes, listed
 from taction.verification.verdict.input_spread import SHARE
 from taction.verification.verdict.verify import Verdict
 
@@ -136,7 +136,8 @@ def decisive_text(checks: Sequence[Check], outcome: str) -> str:
         text += f"; from this follow {listed(first.follows)}"
     undecided = {check.name for check in checks if check.outcome is Outcome.INCONCLUSIVE}
     failed = [readable(each.title) for each in others if each.check not in undecided]
-    open_ = [name for each in others if each.check in undecided for name in named(each)]
+    same = (each for each in others if each.check in undecided)
+    open_ = [name for each in same for name in (each.check, *each.follows)]
     more = [f"{listed(open_)} not decided"] if open_ else []
     return "; ".join((text, *failed, *more))
 

@@ -42,7 +42,7 @@ from taction.verification.design.trials import Trial
 from taction.verification.design.tune import Tuned
 from taction.verification.report import texts
 from taction.verification.report.blocks import Code, Content, Notes, Page, Section, Table
-from taction.verification.report.texts import Cell, Column, fields, figure, number_cell
+from taction.verification.report.texts import Cell, Column, figure, number_cell
 from taction.verification.report.views.verdict_view import on_screen
 from taction.verification.report.views.verdict_view import view as verdict_report
 from taction.verification.stability.margin import first_knob
@@ -138,6 +138,10 @@ def _band(designs: Sequence[ChosenDesign]) -> str:
     return next(filter(None, bands), "")
 
 
+def _checked(design: ChosenDesign, name: str) -> float | None:
+    return design.record.check_values.get(name)
+
+
 def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Column]:
     settling = f"settling {_band(designs)}".rstrip()
     moved = designs[0].keys if designs else ()
@@ -146,10 +150,11 @@ def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Column]:
         **{NAMES[path]: partial(_value, path=path, unit=UNITS[path], digits=3) for path in moved},
         settling: lambda each: number_cell(finite(each.settling_time), "s", 3),
         "overshoot": lambda each: number_cell(finite(each.overshoot), "step", 3),
-        **fields("op-amp load = headroom step 3; output noise = noise V 3"),
+        "op-amp load": lambda each: number_cell(_checked(each, "headroom"), "step", 3),
+        "output noise": lambda each: number_cell(_checked(each, "noise"), "V", 3),
         "worst": lambda each: number_cell(finite(each.worst), "ratio", 3),
     }
-    if all(design.noise is None for design in designs):
+    if all(_checked(design, "noise") is None for design in designs):
         del columns["output noise"]
     return columns
 

@@ -17,8 +17,7 @@ from taction.verification.report.blocks import Content, Notes, Page, Section, Ta
 from taction.verification.report.texts import Cell, Column, fields, figure, number_cell, titled
 from taction.verification.report.views.answer_view import origin_section
 from taction.verification.studies.tolerance.corners import Corner, CornerStudy
-from taction.verification.studies.tolerance.montecarlo import CHECK_OF, YieldReport
-from taction.verification.studies.tolerance.varied_board import Quantity
+from taction.verification.studies.tolerance.montecarlo import CHECK_OF, Quantity, YieldReport
 
 BINS = 40  # of a histogram, at most
 FAR = 1.5  # times the range of the values: a limit farther away is not drawn
@@ -174,7 +173,7 @@ def tables(reported: Sequence[Quantity], corners: Sequence[Corner]) -> Iterator[
 
 def _limits(quantity: Quantity) -> str:
     """Return the limits of a quantity in words; empty without any."""
-    ends = zip(("at least", "at most"), quantity.limits, strict=True)
+    ends = zip(("at least", "at most"), (quantity.at_least, quantity.at_most), strict=True)
     words = [f"{word} {figure(end, quantity.unit)}" for word, end in ends if end is not None]
     return f"{quantity.title} {' and '.join(words)}" if words else ""
 
@@ -182,7 +181,8 @@ def _limits(quantity: Quantity) -> str:
 def _quantity(quantity: Quantity, corner: Corner) -> Cell:
     """Return the value of a corner, marked where it is beyond a limit."""
     cell = number_cell(corner.result.value(quantity.name), quantity.unit)
-    beyond = cell.number is not None and _beyond(np.array(cell.number), quantity.limits)
+    limits = quantity.at_least, quantity.at_most
+    beyond = cell.number is not None and _beyond(np.array(cell.number), limits)
     return replace(cell, outcome="fail" if beyond else "")
 
 

@@ -34,11 +34,11 @@ from taction.verification.studies.decks.witnesses import compare_ac, compare_tra
 from taction.verification.studies.running.study import HERE
 from taction.verification.studies.tolerance.corners import CornerStudy, worst_of
 from taction.verification.studies.tolerance.montecarlo import (
+    BoardSample,
     YieldReport,
     run_samples,
     summarise_samples,
 )
-from taction.verification.studies.tolerance.varied_board import BoardSample
 from taction.verification.verdict.checks import SEVERITY, Check, Outcome, overall
 
 

@@ -40,7 +40,7 @@ from taction.verification.stability.shown_poles import told_apart
 from taction.verification.studies.decks.foreign_board import ForeignBoard
 from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
 from taction.verification.studies.decks.questions import QUESTIONS, Wanted, record_of, units
-from taction.verification.studies.tolerance.varied_board import BoardSample, Quantity, Varied
+from taction.verification.studies.tolerance.montecarlo import BoardSample, Quantity, Varied
 
 LARGEST = 10.0  # of a tolerance: the value is up to 11 times as large
 ACCEPTED = (

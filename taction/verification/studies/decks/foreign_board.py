@@ -36,7 +36,7 @@ from taction.verification.characterise.operating_point import (
     linear_flat,
 )
 from taction.verification.engines.ngspice.commands import expand
-from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.process import find_simulator
 from taction.verification.studies.decks.measured_board import Start
 
 REMARKS = {

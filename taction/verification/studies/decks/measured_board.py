@@ -30,7 +30,7 @@ from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.stability.shown_poles import PolesApart, latching, told_apart
 from taction.verification.studies.decks.part_influence import PartRow, influences, least_margin
-from taction.verification.verdict.output_noise import OutputNoise
+from taction.verification.verdict.board import OutputNoise
 
 WANTED = 1e-4  # error of ngspice's transient, in step amplitudes
 DETAIL = 1e-3  # of the largest mode: one that the first grid resolves

@@ -42,8 +42,7 @@ from taction.system.errors import (
 from taction.system.quantities import show_rate
 from taction.system.results import Result
 from taction.verification.characterise.operating_point import DeckPoint, find_point, linear_flat
-from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.process import simulate
+from taction.verification.engines.ngspice.process import find_simulator, simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.stability.poles import poles
 from taction.verification.studies.decks.witnesses import LIMIT, compare_ac

@@ -28,8 +28,7 @@ from taction.system.array_types import EPS, PHYSICAL_BOUND, Complexes, Floats
 from taction.system.errors import EngineError, SimulationError, first_ones, one_line
 from taction.system.processes import time_left
 from taction.verification.characterise.operating_point import MISFIT, PROBE, DeckPoint
-from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.process import simulate
+from taction.verification.engines.ngspice.process import find_simulator, simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.studies.decks.foreign_board import ForeignBoard

@@ -29,7 +29,7 @@ from taction.system.reading_definitions import READINGS
 from taction.system.results import Result
 from taction.verification.studies.running.study import for_each
 from taction.verification.studies.scene_files import find_scenes, verdict_of
-from taction.verification.verdict.checks import Check, Outcome, causes, named
+from taction.verification.verdict.checks import Check, Outcome, causes
 from taction.verification.verdict.record import (
     POLE_READINGS,
     Difference,
@@ -43,7 +43,6 @@ from taction.verification.verdict.verify import Verdict
 FORMAT = 5
 MARK = "taction_baseline"
 MOVE_AWAY = "rename it, and `--update` writes a new baseline"
-
 
 ALWAYS = ("step_amplitude", "growth_rate", "frequency", "margin")
 STABLE = ("settling_time",)  # of a stable board: the record of another one grows from rounding
@@ -221,7 +220,9 @@ class SceneResult:
     @property
     def changes(self) -> tuple[Difference, ...]:
         """Differences above their tolerance, the largest first, with the causes of checks."""
-        notes = {name: found.text for found in causes(self.checks) for name in named(found)}
+        notes = dict[str, str]()
+        for found in causes(self.checks):
+            notes |= dict.fromkeys((found.check, *found.follows), found.text)
         changed = (
             replace(d, note=notes.get(d.name, "")) if d.group == "checks" else d
             for d in self.differences
@@ -343,13 +344,8 @@ def regress(
     entries, files = {} if fresh else load_baseline(baseline), find_scenes(folder)
     names = [printable(path.name) for path in files]
     calls = [(path, entries.get(name)) for path, name in zip(files, names, strict=True)]
-
-    def without(k: int, killed: str) -> SceneResult:
-        status = Status.NO_VERDICT if killed else Status.NOT_RUN
-        return SceneResult(names[k], status, reason=killed or "interrupted")
-
     stems = [path.stem for path in files]
-    results = for_each(compare_scene, calls, stems, without, jobs=jobs, progress=progress)
+    results = for_each(compare_scene, calls, stems, _without, jobs=jobs, progress=progress)
     reason = "in the baseline, but not in the folder"
     gone = sorted(set(entries) - set(names))
     results += [SceneResult(n, Status.MISSING, reason=reason, baseline=entries[n]) for n in gone]
@@ -375,6 +371,11 @@ def compare_scene(path: Path, then: Entry | None) -> SceneResult:
     notes = () if then is None else tuple(_notes(now, then))
     reason, checks = "; ".join(found.text for found in causes(verdict.checks)), verdict.checks
     return SceneResult(file, status, checks, differences, notes, reason, now, then, seconds)
+
+
+def _without(error: BaseException | None, reason: str, path: Path, _: Entry | None) -> SceneResult:
+    status = Status.NOT_RUN if error is None else Status.NO_VERDICT
+    return SceneResult(printable(path.name), status, reason=reason or "interrupted")
 
 
 def updated_baseline(report: RegressionReport, baseline: Baseline) -> dict[str, Entry]:

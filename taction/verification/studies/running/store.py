@@ -13,14 +13,10 @@ import weakref
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from taction.system.documents import plain, read
 from taction.system.errors import Complaint, InputError, OutOfDisk
-
-if TYPE_CHECKING:
-    from taction.verification.studies.tolerance.varied_board import BoardSample
-    from taction.verification.verdict.record import Record
 
 T = TypeVar("T")
 
@@ -68,8 +64,12 @@ class Store(AbstractContextManager["Store"]):
     path: str
 
     def __init__(self, path: str) -> None:
-        self.path = path
-        check_database(path)
+        self.path, file = path, Path(path)
+        if file.exists() and not file.is_file():
+            raise _unusable(path, f"not a regular file; {ACCEPTED}")
+        with suppress(OSError), file.open("rb") as opened:  # SQLite says why it cannot be read
+            if opened.read(len(HEAD)) not in (b"", HEAD):
+                raise _unusable(path, NOT_A_DATABASE)
         with self._explained():
             self._db = sqlite3.connect(
                 path, timeout=PATIENCE, isolation_level=None, check_same_thread=False
@@ -101,8 +101,8 @@ class Store(AbstractContextManager["Store"]):
         """Return the number of stored points."""
         return int(self._value("select count(*) from points") or 0)
 
-    def put(self, key: bytes, result: Record | BoardSample) -> None:
-        """Store a result in one transaction; one that is no error stays as it is."""
+    def put(self, key: bytes, result: Any) -> None:
+        """Store a record or a sample in one transaction; one that is no error stays as it is."""
         text = json.dumps(plain(result), allow_nan=False, separators=(",", ":"))
         with self._explained():
             self._db.execute(PUT, (key, result.outcome, text))
@@ -146,16 +146,6 @@ class Store(AbstractContextManager["Store"]):
             raise _unusable(self.path, next(texts, f"{error}; {ACCEPTED}")) from error
         except UnicodeDecodeError as error:  # SQLite's message quotes a damaged name
             raise _unusable(self.path, CORRUPT) from error
-
-
-def check_database(path: str) -> None:
-    """Refuse a file that is no database, before any work is done."""
-    file = Path(path)
-    if file.exists() and not file.is_file():
-        raise _unusable(path, f"not a regular file; {ACCEPTED}")
-    with suppress(OSError), file.open("rb") as opened:  # SQLite says why it cannot be read
-        if opened.read(len(HEAD)) not in (b"", HEAD):
-            raise _unusable(path, NOT_A_DATABASE)
 
 
 def _unusable(path: str, text: str) -> InputError:

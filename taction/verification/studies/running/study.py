@@ -263,19 +263,21 @@ class _Here(Executor):
 HERE = Workers(_Here(), 1, spare=-1)
 """Runs points in this process, one at a time, where each takes less time than another process."""
 
-
 WATCH = 1.0  # s between two looks at the workers, while none of them answers
 INTACT = "The stored results are intact, the same command continues"
 
 
 def study(
-    workers: Workers, compute: Callable[..., R], points: Iterable[tuple[K, tuple[Any, ...]]]
-) -> Iterator[tuple[K, R | BaseException]]:
+    workers: Workers,
+    compute: Callable[..., R],
+    points: Iterable[tuple[K, tuple[Any, ...]]],
+    without: Callable[..., R],
+) -> Iterator[tuple[K, R]]:
     """Yield the key and the row of each point as it ends.
 
-    Points, keys with the arguments of `compute`, are read only as workers become free. `compute`
-    raises only what is wrong with the worker. A call that killed its workers gives an exception in
-    the place of its row.
+    Points, keys with the arguments of `compute`, are read only as workers become free. A failure is
+    a row, too: what `without` makes of an error, its words and the arguments, also where the call
+    killed its workers.
 
     NoVerdictError: no worker answers or can compute; the message says that what is stored is
     intact.
@@ -283,24 +285,25 @@ def study(
     Examples
     --------
     >>> from taction.verification.studies.running.study import HERE
-    >>> sorted(study(HERE, max, [("a", (1, 2)), ("b", (4, 3))]))
+    >>> sorted(study(HERE, max, [("a", (1, 2)), ("b", (4, 3))], without=print))
     [('a', 2), ('b', 4)]
     """
-    waiting, running = iter(points), dict[Future[R], K]()
+    waiting, running = iter(points), dict[Future[R], tuple[K, tuple[Any, ...]]]()
     try:
         while True:
             free = workers.processes + workers.spare - len(running)
             for key, arguments in islice(waiting, max(free, int(not running))):
-                future = _ask(workers.executor.submit, compute, *arguments)
-                running[future] = key
+                future = _ask(workers.executor.submit, attempted, compute, without, *arguments)
+                running[future] = key, arguments
             if not running:
                 return
             done = wait(running, WATCH, FIRST_COMPLETED).done
             if not done:
                 _ask(workers.check)
             for future in done:
-                row = _row(future, workers)
-                yield running.pop(future), row
+                lost, (key, arguments) = _loss(future, workers), running.pop(future)
+                text = f"its process was killed several times (out of memory?): {lost}"
+                yield key, without(lost, text, *arguments) if lost else future.result()
     finally:
         for future in running:
             future.cancel()
@@ -317,14 +320,12 @@ def _ask(method: Callable[..., T], *arguments: Any) -> T:
         raise NoVerdictError(f"the workers are gone ({reason}). {INTACT}") from error
 
 
-def _row(future: Future[R], workers: Workers) -> R | BaseException:
-    """Return the row of a call, or its error if it killed its workers; raise any other."""
+def _loss(future: Future[R], workers: Workers) -> BaseException | None:
+    """Return the error of a call that killed its workers, None of one with a row; raise others."""
     error = _ask(future.exception)
-    if error is None:
-        return future.result()
     if isinstance(error, NoVerdictError):
         raise type(error)(f"{error}. {INTACT}") from error
-    if isinstance(error, workers.lost):
+    if error is None or isinstance(error, workers.lost):
         return error
     text = f"no worker can compute ({type(error).__name__}: {error}); is the same taction"
     raise NoVerdictError(f"{text} ({metadata.version('taction')}) installed there?") from error
@@ -334,16 +335,16 @@ def for_each(
     function: Callable[..., R],
     calls: Sequence[tuple[Any, ...]],
     names: Sequence[str],
-    without: Callable[[int, str], R],
+    without: Callable[..., R],
     *,
     jobs: int | None = None,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> list[R]:
     """Return ``function(*call)`` of each of `calls`, in their order; `names` are shown.
 
-    `function` can be pickled and raises no exception of one call. One call, or one of `jobs`, is
-    computed in this process. `without` gives the result of a call by its number: with why its
-    process was killed again and again, or with an empty text where Ctrl-C came before it.
+    `function` and `without` can be pickled. One call, or one of `jobs`, is computed in this
+    process. `without` gives the result of a call that failed, as in `study`; its error is None and
+    its text empty where Ctrl-C came before the call.
     """
     results = dict[int, R]()
     processes = min(jobs or cores(), len(calls))
@@ -352,34 +353,33 @@ def for_each(
         nullcontext(HERE) if processes <= 1 else local(processes) as workers,
     ):
         progress(f"{len(calls)} runs in {processes} processes")
-        for number, row in study(workers, function, enumerate(calls)):
-            if isinstance(row, BaseException):
-                row = without(number, f"the process was killed: {row}")
+        for number, row in study(workers, function, enumerate(calls), without):
             results[number] = row
             progress(f"{len(results)} of {len(calls)} done: {names[number]}")
-    return [results[k] if k in results else without(k, "") for k in range(len(calls))]
+    return [results[k] if k in results else without(None, "", *calls[k]) for k in range(len(calls))]
 
 
 RUNS = 3  # as often as a point is computed whose simulator is killed
 
 
-def attempted(function: Callable[[], T], without: Callable[[BaseException, str], T]) -> T:
-    """Return ``function()``, or what `without` makes of an error and its words: a failure is a row.
+def attempted(function: Callable[..., T], without: Callable[..., T], *arguments: Any) -> T:
+    """Return ``function(*arguments)``, or ``without(error, words, *arguments)``.
 
     A defect of taction must not end a study of ten thousand points. A run whose ngspice was killed
     by a signal is repeated. Where this machine can compute nothing, its error is raised.
     """
     for run in range(RUNS):
         try:
-            return function()
+            return function(*arguments)
         except MACHINE_FAILURES:
             raise
         except TactionError as error:
             if not isinstance(error, Killed) or run == RUNS - 1:
-                return without(error, str(error))
+                return without(error, str(error), *arguments)
             if error.folder is not None:  # nobody will be told of this reproducer
                 remove_own_folder(error.folder)
         except Exception as error:
             where = traceback.format_tb(error.__traceback__)[-1].strip()
-            return without(error, f"unforeseen: {type(error).__name__}: {error}\n{where}")
+            words = f"unforeseen: {type(error).__name__}: {error}\n{where}"
+            return without(error, words, *arguments)
     raise AssertionError("the last run returns")

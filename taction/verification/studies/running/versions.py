@@ -23,7 +23,7 @@ from taction.system import plugins
 from taction.system.errors import SimulationError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.processes import THREADS
-from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.process import find_simulator
 
 
 def digest(*values: object) -> bytes:
@@ -72,6 +72,11 @@ def simulator_name(engine: str = "ngspice") -> str:
         return ""
     simulator = find_simulator()
     return f"{simulator.engine} {simulator.solver_option}"
+
+
+def study_key(engine: str, *values: object) -> bytes:
+    """Return the digest of `values`, of the code and of the simulator that give a result."""
+    return digest(own_code(), simulator_name(engine), engine, *values)
 
 
 PACKAGES = ("taction", "numpy", "scipy")

@@ -26,7 +26,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.cluster import workers_at
 from taction.verification.studies.running.study import HERE, Workers
-from taction.verification.studies.tolerance.varied_board import (
+from taction.verification.studies.tolerance.montecarlo import (
     BoardSample,
     Quantity,
     Varied,
@@ -140,7 +140,8 @@ def worst_of(
     """Return the nominal board, and the worst corner of every quantity."""
     count, reported = len(board.varied), board.quantities
     probes = [("", z) for z in (np.zeros(count), *(PROBE * np.eye(count)))]
-    centre, *moved = _verified(board.by_statespace(), probes, workers, progress, "sensitivities")
+    probed = replace(board, engine="statespace")
+    centre, *moved = _verified(probed, probes, workers, progress, "sensitivities")
     gradient = {
         quantity.name: np.array([_worse(quantity, each.result, centre.result) for each in moved])
         for quantity in reported
@@ -176,10 +177,9 @@ def steady_slopes(board: Varied, centre: BoardSample, moved: Sequence[BoardSampl
     if math.isnan(board.step_amplitude):
         return []
     count = len(board.varied)
-    rest = np.array(centre.errors or _errors(board, np.zeros(count)))
-    probes = zip(moved, PROBE * np.eye(count), strict=True)
-    slopes = [(np.array(each.errors or _errors(board, z)) - rest) / PROBE for each, z in probes]
-    S = np.array(slopes).reshape(count, len(rest))
+    probes = zip((centre, *moved), (np.zeros(count), *(PROBE * np.eye(count))), strict=True)
+    rest, *ends = (np.array(each.errors or _errors(board, z)) for each, z in probes)
+    S = np.array([(end - rest) / PROBE for end in ends]).reshape(count, len(rest))
     S = np.where(np.abs(S) > NOTHING * np.abs(S).max(axis=0, initial=0.0), S, 0.0)
     sides = [
         (sign * error + float(np.abs(column).sum()), sign * column)

@@ -8,7 +8,7 @@ import pytest
 
 from taction.system.errors import DidNotLoad, Killed, SimulationError, TimedOut
 from taction.verification.engines.ngspice.commands import MEMORY, expand
-from taction.verification.engines.ngspice.executable import Simulator, find_simulator
+from taction.verification.engines.ngspice.process import Simulator, find_simulator
 from tests.support.small_decks import wrapped
 
 LINES = (".param r=1k", "v1 in 0 1", "r1 in out {2*r}", "c1 out 0 1n")

@@ -27,9 +27,8 @@ from taction.verification.engines.ngspice.evidence import (
     accepted_waveforms,
     integrated_noise,
 )
-from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.process import Simulation
-from taction.verification.verdict.output_noise import noise_bands
+from taction.verification.engines.ngspice.process import Simulation, find_simulator
+from taction.verification.verdict.board import noise_bands
 from tests.support.small_decks import SmallDeck, divider, transient
 
 DECK = transient(saved=("out", "in"), stop=1e-6, step=1e-7)

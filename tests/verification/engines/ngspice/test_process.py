@@ -21,10 +21,11 @@ from taction.system.errors import (
     TimedOut,
 )
 from taction.system.processes import remove_own_folder
-from taction.verification.engines.ngspice.executable import environment, find_simulator
 from taction.verification.engines.ngspice.process import (
     Simulation,
     Simulator,
+    environment,
+    find_simulator,
     make_folder,
     simulate,
 )

@@ -203,7 +203,7 @@ def test_a_question_is_in_sweeps_documents_and_yields(deck: Path, ngspice: str) 
     assert swept == pytest.approx([2.0, 3.0], rel=1e-12)
     assert found.corners is not None
     (quantity,) = (q for q in found.corners.quantities if q.name == "level")
-    assert quantity.limits == (2.0, None)
+    assert (quantity.at_least, quantity.at_most) == (2.0, None)
 
 
 @pytest.mark.parametrize("text", ["level", "level=2A", "level=2V@3"])
@@ -265,7 +265,7 @@ def test_the_yield_is_the_share_of_slow_capacitors(tmp_path: Path) -> None:
     assert found.yields.samples == 100
     assert found.corners is not None
     (settling,) = (each for each in found.corners.quantities if each.name == "settling_time")
-    assert settling.limits == (None, limit)
+    assert (settling.at_least, settling.at_most) == (None, limit)
     assert found.outcome.value == "fail"  # a corner is beyond the limit, though the board passes
     assert {check.outcome.value for check in found.checks} == {"pass"}
 

@@ -85,7 +85,7 @@ def test_both_ends_of_the_window_of_the_single_mode(ngspice: str) -> None:
         assert crossing.frequency == pytest.approx(w / 2.0 / math.pi, rel=1e-6)
     low, high = found.stable_ranges
     assert (low[1], high[0]) == tuple(c.value for c in found.edges)
-    for each in confirmations(boards, found):
+    for each in confirmations(boards, found, timeout=600.0):
         check_sides(each)
 
 
@@ -95,7 +95,7 @@ def test_a_real_pole_that_crosses_at_zero_is_confirmed_too(ngspice: str) -> None
     (crossing,) = found.edges
     assert crossing.value == pytest.approx(R, rel=1e-6)
     assert (crossing.frequency, crossing.unstable_above) == (0.0, False)
-    (finding,) = confirmations(boards, found)
+    (finding,) = confirmations(boards, found, timeout=600.0)
     check_sides(finding)
     assert finding.above.predicted.real == pytest.approx((1 / 1.03 - 1) / 1e-6, rel=1e-4)
 
@@ -166,6 +166,6 @@ def test_without_ngspice_crossings_are_found_and_stay_undecided(
     monkeypatch.setenv("TACTION_NGSPICE", "/nonexistent/ngspice")
     boards = Family.over(lagging)
     found = boards.scan(np.geomspace(1e-10, 1e-8, 21).tolist())
-    (finding,) = confirmations(boards, found)
+    (finding,) = confirmations(boards, found, timeout=600.0)
     assert finding.confirmed is None
     assert "ngspice is needed" in finding.reason

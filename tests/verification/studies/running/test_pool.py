@@ -118,7 +118,7 @@ def test_a_study_without_processes_ends(monkeypatch: pytest.MonkeyPatch) -> None
 
     monkeypatch.setattr(module.multiprocessing, "Pipe", refuse)
     with local(2) as workers, pytest.raises(NoVerdictError, match="did not start: no process"):
-        list(study(workers, max, [(k, (k,)) for k in range(4)]))
+        list(study(workers, max, [(k, (k,)) for k in range(4)], max))
 
 
 def test_no_module_of_the_working_folder_is_imported(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.engines.statespace.linearised.noise_covariance import output_noise
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.report.views.sweep_view import columns_of
+from taction.verification.studies.running import versions
 from taction.verification.studies.running.store import Store
 from taction.verification.studies.running.study import HERE, WorkerDiedError, Workers, local
 from taction.verification.studies.tolerance import montecarlo
@@ -34,17 +35,14 @@ from taction.verification.studies.tolerance.corners import (
     worst_of,
 )
 from taction.verification.studies.tolerance.montecarlo import (
+    BoardSample,
+    VariedBoard,
     interval,
+    prepare,
+    quantities,
     run_samples,
     sample_keys,
     summarise_samples,
-)
-from taction.verification.studies.tolerance.varied_board import (
-    BoardSample,
-    VariedBoard,
-    evaluate,
-    prepare,
-    quantities,
 )
 from taction.verification.verdict.input_spread import tolerance_deviations
 from tests.support.entries import make_sample
@@ -93,7 +91,7 @@ def test_samples_of_another_seed_or_scene_are_not_found(
 def test_samples_of_another_taction_or_ngspice_are_not_found(
     kept: Store, monkeypatch: pytest.MonkeyPatch, name: str, value: bytes | str
 ) -> None:
-    monkeypatch.setattr(montecarlo, name, lambda *engine: value)
+    monkeypatch.setattr(versions, name, lambda *engine: value)
     assert found(kept) == [None] * 3
 
 
@@ -148,9 +146,9 @@ def test_the_spread_of_the_noise_has_its_limit() -> None:
     nominal = prepare(scene(1e-3))
     rms, _ = output_noise(LinearBoard(nominal.nominal))
     study, middle = prepare(scene(float(rms.max()))), pytest.approx(rms.max(), rel=1e-9)
-    assert evaluate(nominal, 0, np.zeros(len(nominal.varied))).value("noise") == middle
+    assert nominal.measured(0, np.zeros(len(nominal.varied))).value("noise") == middle
     tolerances = study.scene.tolerances
-    samples = [evaluate(study, k, draw(tolerances, study.varied, 1, k)) for k in range(40)]
+    samples = [study.measured(k, draw(tolerances, study.varied, 1, k)) for k in range(40)]
     assert 5 < sum(sample.record.failed == ("noise",) for sample in samples) < 35
     report = summarise_samples(study, samples, 1)
     spread = next(each for each in report.quantities if each.name == "noise")
@@ -176,9 +174,7 @@ def test_no_corner_is_worse_than_the_worst() -> None:
     study = prepare(scene)
     assert [p.name for p in study.varied] == ["Cc_1", "Cc_2", "temperature"]
     found = worst_of(prepare(scene, full_margin=True), HERE).corners
-    every = [
-        evaluate(study, 0, np.array(ends)) for ends in itertools.product((-1.0, 1.0), repeat=3)
-    ]
+    every = [study.measured(0, np.array(ends)) for ends in itertools.product((-1.0, 1.0), repeat=3)]
     for quantity in QUANTITIES:
         most = max(sample.value(quantity) for sample in every)
         assert worst(found, quantity) == pytest.approx(most, rel=1e-9)
@@ -236,14 +232,14 @@ def test_a_corner_of_one_s_own_by_kind_and_by_name() -> None:
     assert corner.deviations["Cc_2"] == -1.0
     assert "v_1.dc_gain" not in corner.deviations
     z = np.array([corner.deviations.get(p.name, 0.0) for p in study.varied])
-    assert corner.result == evaluate(study, 0, z)
+    assert corner.result == study.measured(0, z)
 
 
 def test_slopes_at_rest_are_those_of_the_equilibria_where_a_board_has_no_verdict() -> None:
     study = prepare(small_scene(tolerances=WORN, checks=CHECKS))
     count = len(study.varied)
-    centre = evaluate(study, 0, np.zeros(count))
-    moved = [evaluate(study, 0, z) for z in PROBE * np.eye(count)]
+    centre = study.measured(0, np.zeros(count))
+    moved = [study.measured(0, z) for z in PROBE * np.eye(count)]
     assert centre.errors
     lost = steady_slopes(study, replace(centre, errors=()), moved)
     for found, expected in zip(lost, steady_slopes(study, centre, moved), strict=True):
@@ -260,7 +256,7 @@ def test_no_corner_of_resistors_and_gains_rests_farther_off_than_the_worst() -> 
     assert set(corner.largest) <= {f"{'+-'[z < 0]}{n}" for n, z in corner.deviations.items()}
     for _ in range(60):
         z = random.choice([-1.0, 1.0], len(study.varied))
-        assert evaluate(study, 0, z).value("steady_state") <= worst(found, "steady_state") + 1e-12
+        assert study.measured(0, z).value("steady_state") <= worst(found, "steady_state") + 1e-12
 
 
 def test_slopes_are_those_of_the_solved_boards() -> None:
@@ -319,7 +315,7 @@ def test_a_sample_is_the_same_alone_in_a_batch_and_in_any_order() -> None:
     batch = drawn(asked, 6)
     assert [sample.number for sample in batch] == list(range(6))
     z = draw(asked.scene.tolerances, asked.varied, 5, 4)
-    assert evaluate(asked, 4, z) == batch[4]
+    assert asked.measured(4, z) == batch[4]
     assert len({sample.value("steady_state") for sample in batch}) == 6
 
 
@@ -378,7 +374,7 @@ class _Failing(Executor):
 
     def submit(self, fn: Any, /, *arguments: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
-        _, number, _ = arguments
+        *_, number, _ = arguments
         if number % 3:
             future.set_result(make_sample(number))
         else:
@@ -390,7 +386,7 @@ def test_a_lost_worker_costs_its_sample_only() -> None:
     workers = Workers(_Failing(WorkerDiedError("gone")), 2)
     samples = drawn(study(), 9, workers)
     assert [s.number for s in samples if s.undecided] == [0, 3, 6]
-    assert samples[0].lost == "its worker was killed: gone"
+    assert samples[0].lost == "its process was killed several times (out of memory?): gone"
 
 
 def test_the_smallest_yield_decides_the_exit_status(tmp_path: Path) -> None:

@@ -25,8 +25,7 @@ from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats, Waveforms
 from taction.system.errors import DivergesError, EngineError
-from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.process import Simulation
+from taction.verification.engines.ngspice.process import Simulation, find_simulator
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
 from taction.verification.engines.statespace.linearised.linear_board import (
