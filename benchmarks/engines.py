@@ -18,6 +18,7 @@ from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.process import find_simulator
 from taction.verification.engines.statespace.transients import stepped
+from taction.verification.verdict import simulation
 from taction.verification.verdict.verify import verify
 
 ERROR = 1e-4  # of the step amplitude
@@ -33,14 +34,14 @@ def measure(tiny: bool) -> list[Figure]:
 def of_board(name: str, rounds: int) -> Figure:
     """Time one transient of a shipped scene by both engines."""
     decks: list[Deck] = []
-    simulation = process.Simulation
+    own = simulation.Simulation
 
     def recorded(deck: Deck, *given: Any, **named: Any) -> Any:
         decks.append(deck)
-        return simulation(deck, *given, **named)
+        return own(deck, *given, **named)
 
     scene = with_values(load_scene(SCENES / f"{name}.toml"), {"analysis.error": ERROR})
-    with mock.patch.object(process, "Simulation", recorded):
+    with mock.patch.object(simulation, "Simulation", recorded):
         verdict = verify(scene.with_engine("ngspice"))
     points = max(verdict.waveforms.cost.points, 2)
     transient = replace(verdict.transient, max_step=verdict.transient.stop / points)

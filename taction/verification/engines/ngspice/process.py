@@ -148,8 +148,7 @@ def _answer(executable: str) -> tuple[int, str]:
             env=environment("/nonexistent"),
             start_new_session=True,
         )
-        with contextlib.suppress(ProcessLookupError):  # it has ended
-            resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (LONGEST_ANSWER, LONGEST_ANSWER))
+        _limit(process, resource.RLIMIT_FSIZE, LONGEST_ANSWER)
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(PATIENCE)
         status = process.returncode or 0  # 0, too, of one that never ends
@@ -204,12 +203,8 @@ class Simulation:
             text = f"{simulator.executable} does not start: {error}"
             raise SimulatorNotFound(text) from error
         self._discard = weakref.finalize(self, _discard, self._process, self.folder)
-        for kind, most in ((resource.RLIMIT_FSIZE, LONGEST_RESULT), (resource.RLIMIT_AS, memory)):
-            with contextlib.suppress(ProcessLookupError):  # it has ended
-                known = resource.prlimit(self._process.pid, kind)
-                # Of the guard, which becomes the simulator, too; -1 is no limit.
-                least = min([most, *(limit for limit in known if limit >= 0)])
-                resource.prlimit(self._process.pid, kind, (least, least))
+        _limit(self._process, resource.RLIMIT_FSIZE, LONGEST_RESULT)
+        _limit(self._process, resource.RLIMIT_AS, memory)
 
     def __enter__(self) -> Simulation:
         return self
@@ -316,6 +311,14 @@ def _launch(simulator: Simulator, folder: Path) -> subprocess.Popen[bytes]:
             stderr=err,
             start_new_session=True,  # a new process group, which a timeout ends as a whole
         )
+
+
+def _limit(process: subprocess.Popen[bytes], kind: int, most: int) -> None:
+    """Limit a process, and what it becomes, to `most`, or to less where it has less."""
+    with contextlib.suppress(ProcessLookupError):  # it has ended
+        known = resource.prlimit(process.pid, kind)
+        least = min([most, *(limit for limit in known if limit >= 0)])  # -1 is no limit
+        resource.prlimit(process.pid, kind, (least, least))
 
 
 def _end(process: subprocess.Popen[bytes], folder: Path) -> None:
