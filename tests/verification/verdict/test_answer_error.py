@@ -23,6 +23,7 @@ from taction.verification.report.documents.verdict import budget_parts, verdict_
 from taction.verification.report.views.answer_view import answer_text, yield_text
 from taction.verification.verdict import answer_error
 from taction.verification.verdict.answer_error import AnswerError
+from taction.verification.verdict.simulation import build
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support import nightly
 from tests.support.boards import outputs_at_rest
@@ -214,3 +215,21 @@ def test_the_sentence_about_the_yield_is_true_of_drawn_boards(distribution: str)
     beside = SIGMAS * math.sqrt(0.95 * 0.05 / BOARDS)
     low, high = np.quantile(away, [0.95 - beside, 0.95 + beside])
     assert low < float(wide[1]) / 100.0 < 1.1 * high  # it rounds up, and has a bound on its error
+
+
+@pytest.mark.parametrize("distribution", ["normal", "uniform"])
+def test_gains_of_op_amps_spread_the_outputs_at_rest(distribution: str) -> None:
+    scene = make_scene(
+        {"kind": "matrix", "matrix": [[1.0, 0.3], [-0.2, 0.8]], "strain": [0.6, -0.4]},
+        design={"capacitance": "1nF", "lambda": 0.1, "gain": "100kohm", "opamp": POOR},
+        tolerances={"resistor": 0.0, "opamp_gain": 0.1, "distribution": distribution},
+        analysis={"engine": "statespace"},
+    )
+    board = build(scene)
+    spread = board.built_spread(scene.tolerances)
+    varied = parameters(board.circuit, scene.tolerances)
+    assert spread is not None
+    drawn = (draw(scene.tolerances, varied, 40, k) for k in range(BOARDS))
+    rests = [outputs_at_rest(vary(board.circuit, scene.tolerances, z)) for z in drawn]
+    near = SIGMAS / math.sqrt(2.0 * BOARDS)
+    assert spread.sigma == pytest.approx(np.std(rests, axis=0), rel=near)
