@@ -2,9 +2,8 @@
 
     python scripts/check.py [REVISION]    what changed since REVISION; the default is HEAD
 
-The tests of a module are those whose files import it, the file that mirrors it first, and those of
-the folder that mirrors its folder. What does not fit into the time is named; `make test` runs
-everything.
+The tests of a module are those whose files import it or have its name, and those of the folder that
+mirrors its folder. What does not fit into the time is named; `make test` runs everything.
 """
 
 from __future__ import annotations
@@ -59,9 +58,9 @@ def mirror(file: Path) -> Path:
 def tests_of(files: Iterable[str]) -> list[Path]:
     """Return the test files of changed files: themselves and those that import them.
 
-    Those of the folder that mirrors a module's belong to it, too: commands and views are found by
-    their names. A changed file that is no Python, such as a scene, has the tests that name it.
-    Tests that need a tool of their own are left out, as in `make test`.
+    Those of its name, and of the folder that mirrors a module's, belong to it, too: commands and
+    views are found by their names. A changed file that is no Python, such as a scene, has the tests
+    that name it. Tests that need a tool of their own are left out, as in `make test`.
     """
     names = {path: name for name, path in modules().items()}
     every = [file.relative_to(ROOT / "tests") for file in (ROOT / "tests").rglob("test_*.py")]
@@ -70,7 +69,8 @@ def tests_of(files: Iterable[str]) -> list[Path]:
     for path in (ROOT / name for name in files):
         if path in names:
             module = f"taction.{names[path].removeprefix('door.')}"
-            found |= {each for each in tests if mirror(each) == path.parent}
+            named = f"test_{path.stem}.py"
+            found |= {e for e in tests if mirror(e) == path.parent or e.name == named}
         else:
             module = path.relative_to(ROOT).with_suffix("").as_posix().replace("/", ".")
         python = path.suffix == ".py"
