@@ -34,7 +34,7 @@ def measure(tiny: bool) -> list[Figure]:
 def of_board(name: str, rounds: int) -> Figure:
     """Time one transient of a shipped scene by both engines."""
     decks: list[Deck] = []
-    own = simulation.Simulation
+    own = process.Simulation
 
     def recorded(deck: Deck, *given: Any, **named: Any) -> Any:
         decks.append(deck)
