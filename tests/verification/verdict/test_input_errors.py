@@ -21,6 +21,7 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
+from taction.spice_models.input_errors import drawn, spread
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import opamp_subcircuit
 from taction.system.errors import InputError
@@ -154,6 +155,27 @@ def test_the_largest_errors_are_three_standard_deviations() -> None:
             expected = abs(each.mean) + 3.0 * each.sigma
             assert abs(getattr(most, name)) == pytest.approx(expected)
     assert most.rejection_error > typical.rejection_error
+
+
+@pytest.mark.parametrize("sigmas", [1.5, -1.5])
+def test_a_drawn_op_amp_has_its_deviations_from_the_mean(sigmas: float) -> None:
+    typical = chosen()
+    varying = dict(typical.varying)
+    found = drawn(typical, dict.fromkeys(varying, sigmas))
+    for name, each in varying.items():
+        value, size = getattr(found, name), each.mean + sigmas * each.sigma
+        if name == "common_mode_rejection":  # stated in dB, and its sign apart
+            value = found.rejection_sign * 10.0 ** (-value / 20.0)
+        assert value == pytest.approx(size, rel=1e-12)
+    assert not found.varying
+
+
+def test_a_figure_that_nobody_confirmed_is_assumed() -> None:
+    known = {name: spread("bias_current", 80e-9, 500e-9, {name}).assumed for name in
+             ("bias_current", "guaranteed.bias_current", "offset_voltage")}  # fmt: skip
+    assert [*known.values()] == [True, True, False]
+    assert not spread("bias_current", 80e-9, 500e-9).assumed
+    assert spread("bias_current", 80e-9, None).assumed
 
 
 ERRORS = {"base": "tl084", "offset_voltage": "3mV", "bias_current": "20nA", "offset_current": "4nA"}
