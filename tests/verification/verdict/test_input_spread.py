@@ -212,3 +212,12 @@ def test_the_distance_is_the_quantile_of_the_distribution(
     distance, error = spread.distance(np.zeros(count))
     assert abs(distance - expected) < min(error, 0.02 * expected)
     assert 0.95 < spread.within(np.zeros(count), expected) < 0.97
+
+
+@pytest.mark.parametrize("mean", [0.3, 0.0])
+def test_with_changes_around_the_farther_of_both_places_counts(mean: float) -> None:
+    """At 0.3 V in the heat or in the cold, at 0 without; 95 % are within 0.3 V and 1.645 sigma."""
+    spread = InputSpread(np.array([mean]), np.array([[0.01]]), 0, moved=np.array([0.3]))
+    distance, error = spread.distance(np.zeros(1))
+    assert abs(distance - 0.3 - 1.6448536 * 0.01) < min(error, 1e-3)
+    assert 0.5 < spread.within(np.zeros(1), 0.3) < 0.52
