@@ -61,10 +61,7 @@ _folder: list[Path] = []
 def output_of(line: str) -> str:
     """Run a command in the folder of the pages and return what it prints on a terminal's stdout.
 
-    Raises
-    ------
-    RuntimeError
-        The command ended with bad input or without a verdict.
+    RuntimeError: the command ended with bad input or without a verdict.
     """
     if line not in _outputs:
         if not _folder:

@@ -67,19 +67,13 @@ def of_scene(seed: int) -> Found:
     return {"outcome": verdict.outcome.value, "checks": checks, "numbers": numbers}
 
 
-def cards_of(seed: int) -> str:
-    """Return a deck: those of designers first, then random circuits of linear cards."""
-    drawn = [*designer_decks.DECKS.values()]
-    if seed < len(drawn):
-        return drawn[seed]
-    return "\n".join(("random", *random_circuits.random_cards(seed), ".end\n"))
-
-
 def of_deck(seed: int) -> Found:
-    """Return stability, rightmost pole and readings of a deck."""
+    """Return stability, rightmost pole and readings of a designer's deck, or of a random one."""
+    own, random = [*designer_decks.DECKS.values()], random_circuits.random_cards(seed)
+    text = own[seed] if seed < len(own) else "\n".join(("random", *random, ".end\n"))
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / "deck.cir"
-        place.write_text(cards_of(seed), encoding="utf-8")
+        place.write_text(text, encoding="utf-8")
         try:
             found = taction.check(place, ngspice=False)
         except taction.TactionError as error:
@@ -137,12 +131,6 @@ def differences(old: Found, new: Found) -> Iterator[str]:
             yield f"{name}: {one[0]} ± {one[1]} -> {other[0]} ± {other[1]}"
 
 
-def run(words: list[str]) -> Found:
-    """Return exit status and last lines of a command."""
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)
-    return {"status": done.returncode, "text": (done.stdout + done.stderr)[-2000:]}
-
-
 PYTHON = [sys.executable, "-m"]
 COMMANDS = {
     "regress": [*PYTHON, "taction", "regress", "scenes/", "--baseline", "scenes/baseline.json"],
@@ -159,8 +147,8 @@ PARTS = (*COMMANDS, *STORED, "coverage")
 def compare_part(name: str, stored: Found, pool: ProcessPoolExecutor, update: bool) -> list[str]:
     """Return what is wrong in a part; with `update` its results go into `stored` instead."""
     if name in COMMANDS:
-        found = run(COMMANDS[name])
-        return [found["text"]] if found["status"] else []
+        done = subprocess.run(COMMANDS[name], cwd=ROOT, capture_output=True, text=True)
+        return [(done.stdout + done.stderr)[-2000:]] if done.returncode else []
     old: list[Found] = stored.get(name, [])
     if name == "coverage":
         truths = [None] * COVERED if update or not old else old
@@ -181,11 +169,9 @@ def compare_part(name: str, stored: Found, pool: ProcessPoolExecutor, update: bo
 def main() -> int:
     """Run the parts; 1 if one is red."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
+    parser.add_argument("parts", nargs="*", choices=PARTS, metavar="PART", help=", ".join(PARTS))
     parser.add_argument("--update", action="store_true")
     asked = parser.parse_args()
-    if unknown := set(asked.parts) - set(PARTS):
-        parser.error(f"unknown part {sorted(unknown)[0]!r}; expected {', '.join(PARTS)}")
     stored = json.loads(gzip.decompress(STORE.read_bytes())) if STORE.exists() else {}
     red = []
     with ProcessPoolExecutor(2) as pool:

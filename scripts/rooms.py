@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import ast
+from collections import Counter
 from functools import cache
 from pathlib import Path
 
@@ -61,10 +62,7 @@ def short(name: str) -> str:
 def imports(module: str) -> frozenset[str]:
     """Return our modules that `module` imports: at its top, in a function or for type checking.
 
-    Raises
-    ------
-    ValueError
-        A relative import, which hides the floor.
+    ValueError: a relative import, which hides the floor.
     """
     found: set[str] = set()
     for node in ast.walk(ast.parse(modules()[module].read_text("utf-8"))):
@@ -91,13 +89,8 @@ def room_of(module: str) -> str | None:
 
 def arrows() -> dict[tuple[str, str], int]:
     """Return how many imports of modules lead from a room to another one."""
-    found: dict[tuple[str, str], int] = {}
-    for module in modules():
-        room = room_of(module)
-        if room is None or module == ENTRY:
-            continue
-        for name in imports(module):
-            other = room_of(name)
-            if other is not None and other != room:
-                found[room, other] = found.get((room, other), 0) + 1
+    found = Counter[tuple[str, str]]()
+    for module in modules().keys() - {ENTRY}:
+        room, others = room_of(module), map(room_of, imports(module))
+        found.update((room, other) for other in others if room and other and other != room)
     return found

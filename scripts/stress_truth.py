@@ -40,7 +40,10 @@ def main() -> int:
         record = _stored().get(case.name)
         if not asked.again and not _stale(case, record):
             continue
-        record = _record(case)
+        truth = None if case.refused else asdict(true_values(case.scene()))
+        seconds = {engine: round(run_case(case, engine).seconds, 2) for engine in case.outcome}
+        deck = deck_digest(case)
+        record = {"tables": case.digest, "deck": deck, "truth": truth, "seconds": seconds}
         print(f"{case.name}: {record}"[:200], flush=True)
         stored = _stored() | {case.name: record}  # another process may have written, too
         ordered = {c.name: stored[c.name] for c in cases if c.name in stored}
@@ -55,19 +58,9 @@ def _stored() -> dict[str, Any]:
 
 def _stale(case: Case, record: dict[str, Any] | None) -> bool:
     """Whether the stored values are missing, or those of other tables or of another deck."""
-    if record is None or record["tables"] != case.digest:
+    if record is None or (record["truth"] is None) != case.refused:
         return True
-    if (record["truth"] is None) != case.refused:
-        return True
-    return bool(record["deck"] != deck_digest(case))
-
-
-def _record(case: Case) -> dict[str, Any]:
-    truth = None
-    if not case.refused:
-        truth = asdict(true_values(case.scene()))
-    seconds = {engine: round(run_case(case, engine).seconds, 2) for engine in case.outcome}
-    return {"tables": case.digest, "deck": deck_digest(case), "truth": truth, "seconds": seconds}
+    return (record["tables"], record["deck"]) != (case.digest, deck_digest(case))
 
 
 if __name__ == "__main__":
