@@ -18,6 +18,7 @@ from taction.netlist_gen.analysis import OperatingPoint
 from taction.netlist_gen.board.parts import SignalAmplifier
 from taction.netlist_gen.deck.deck import amplifier_lines
 from taction.spice_models.amplifier import KINDS
+from taction.spice_models.branches import Branch, check_parts, label_of
 from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.presets import derive, load_presets
 from taction.spice_models.subcircuits import opamp_subcircuit
@@ -252,3 +253,32 @@ def test_a_figure_out_of_range_is_named(change: dict[str, object], text: str) ->
     }  # fmt: skip
     with pytest.raises(ValueError, match=text):
         Transistor(**(figures | change))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [("1", "R1"), (".1", "R.1"), ("a.b", "Ra.b"), (".x1.rin", "x1.Rin"), (".x.y.r2", "x.y.R2")],
+)
+def test_a_part_has_the_name_that_its_designer_wrote(name: str, label: str) -> None:
+    assert label_of("R", name) == label
+
+
+SOURCE, COIL = Branch("V", "1", "a", "0", 1.0), Branch("L", "1", "a", "0", 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("part", "text"),
+    [
+        (Branch("F", "1", "a", "b", 2.0, ("V2",)), "no part 'V2'"),
+        (Branch("H", "1", "a", "b", 2.0), "expected 1 controls"),
+        (Branch("G", "1", "a", "b", 2.0, ("a",)), "expected 2 controls"),
+        (Branch("K", "1", "L1", "L2", 0.5), "no part 'L2'"),
+        (Branch("R", "1", "a", "b", 0.0), "other than 0"),
+        (Branch("D", "1", "a", "b", 1.0), "expected one of"),
+        (SOURCE, "a name of its own"),
+    ],
+)
+def test_a_part_of_a_linear_model_that_cannot_be_is_named(part: Branch, text: str) -> None:
+    check_parts([SOURCE, COIL, Branch("F", "1", "a", "b", 2.0, ("V1",))])
+    with pytest.raises(ValueError, match=text):
+        check_parts([SOURCE, COIL, part])
