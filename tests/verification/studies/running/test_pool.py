@@ -197,6 +197,7 @@ def test_a_worker_ends_whatever_drops_its_end(
     first, began = pids(pool), tmp_path / "began"
     running = pool.submit(function, began)
     while not began.exists():
+        assert not running.done()
         time.sleep(0.01)
     pool.shutdown(wait=False)
     with pytest.raises(BrokenExecutor):
