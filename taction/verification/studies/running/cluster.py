@@ -87,8 +87,9 @@ def _client(distributed: Any, address: str) -> Any:
                 warnings.simplefilter("ignore", distributed.versions.VersionMismatchWarning)
                 return distributed.Client(address, timeout=PATIENCE, set_as_default=False)
     except Exception as error:  # whatever the other program sends: Dask has no list of its errors
-        text = f"no Dask scheduler answers within {PATIENCE:g} s ({error or 'no answer'});"
-        raise _refusal(address, f"{text} start one with `dask scheduler`") from None
+        reason = str(error) or f"nothing within {PATIENCE:g} s"
+        text = f"no Dask scheduler answers there ({reason}); start one with `dask scheduler`"
+        raise _refusal(address, text) from None
     raise _refusal(address, f"a Dask {found.lower()} answers there; expected the scheduler")
 
 

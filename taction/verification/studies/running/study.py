@@ -327,8 +327,8 @@ def _loss(future: Future[R], workers: Workers) -> BaseException | None:
         raise type(error)(f"{error}. {INTACT}") from error
     if error is None or isinstance(error, workers.lost):
         return error
-    text = f"no worker can compute ({type(error).__name__}: {error}); is the same taction"
-    raise NoVerdictError(f"{text} ({metadata.version('taction')}) installed there?") from error
+    text = f"a worker failed ({type(error).__name__}: {error}). On a cluster, each one needs"
+    raise NoVerdictError(f"{text} taction {metadata.version('taction')}. {INTACT}") from error
 
 
 def for_each(
