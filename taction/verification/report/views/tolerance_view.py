@@ -91,7 +91,11 @@ def _values(result: YieldReport, spread: Quantity) -> tuple[Floats, int, str]:
     text = f"{counted(count, 'sample')} without a value" if count else ""
     if lost:
         text += f", {'' if lost == count else f'{lost} of them '}counted as failing"
-    return np.array(known, dtype=np.float64), count, text
+    values, least = np.array(known, dtype=np.float64), spread.at_least or 0.0
+    if spread.name == "margin" and bool((np.abs(values - least) <= SAME * least).any()):
+        end = f"{least:g} means {least:g} or more, where the search ends"
+        text = f"{text}; {end}" if text else end
+    return values, count, text
 
 
 def histograms(result: YieldReport) -> Iterator[Content]:
