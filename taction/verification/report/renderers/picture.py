@@ -89,7 +89,8 @@ def _drawn(page: Page) -> Figure:
             end = column + 1 if row * across < len(panels) else across
             BLOCKS[type(block)](figure.add_subplot(grid[row, column:end]), block)
     leads = [each.lead for each in page.sections if PICTURE in each.media and each.lead]
-    foot = next(iter([*leads, *(getattr(each, "summary", "") for each in blocks)]), "")
+    first = getattr(blocks[0], "summary", "")
+    foot = leads[0] if leads else "First chart: " * bool(first and blocks[1:]) + first
     figure.supxlabel(wrapped(foot, SMALL * width), fontsize="small")
     return figure
 
