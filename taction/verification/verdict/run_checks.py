@@ -214,7 +214,7 @@ def stability(evidence: Evidence) -> Check:
     value, error = (None, None) if none else (pole.real, poles.resolution)
     if margin is not None:
         check = partial(Check, "stability", expected=required, unit="ratio")
-        value, error = margin.factor, margin.uncertainty or None
+        value, error = margin.factor, margin.uncertainty or (None if margin.factor else 0.0)
     outcome, reason = PASS, text
     if poles.stable is None:
         outcome, reason = UNDECIDED, f"{text}; {doubtful(poles)}"

@@ -357,6 +357,8 @@ def test_a_stability_margin(
         outcome, factor, 2.0, "ratio",
     )  # fmt: skip
     assert found.reason.endswith(doubt)
+    # Without a crossing the margin is that of the search's end, or larger; 0 is of unstable boards.
+    assert found.uncertainty == (uncertainty or (None if factor else 0.0))
 
 
 @pytest.mark.parametrize(

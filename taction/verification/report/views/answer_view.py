@@ -170,6 +170,8 @@ def check_bar(check: Check, smallest: float | None = None) -> Bar:
     side = f"{figure(centre, unit)} ±" if centre else side
     band = band_text(check)
     shown = with_error(value, check.uncertainty, unit)
+    if least and check.uncertainty is None and check.outcome is Outcome.PASS:
+        shown = f"{figure(value, unit)} or more"  # the search of the margin ends there
     small = unit == "step" and limit is not None and 0.0 < limit < LEAST_SHARE  # it has a number
     words = f"{limit:g} of the step" if small else figure(limit, unit)
     if value is None and check.outcome is Outcome.PASS:  # the reason says what limits the board

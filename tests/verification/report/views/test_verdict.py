@@ -121,6 +121,14 @@ def test_a_value_below_the_smallest_one_is_beyond_its_limit() -> None:
     assert bar.limit == "at least 10 µs"
 
 
+def test_a_margin_at_the_end_of_its_search_is_that_or_more() -> None:
+    ended = made(100.0, 1.5, uncertainty=None, name="stability", unit="ratio")
+    assert check_bar(ended).value == "100 or more"
+    assert check_bar(replace(ended, value=2.5, uncertainty=1e-9)).value == "2.5"
+    doubtful = replace(ended, outcome=Outcome.INCONCLUSIVE)
+    assert check_bar(doubtful).value == "100 ± unknown"
+
+
 def test_the_whisker_is_the_uncertainty() -> None:
     assert check_bar(made(0.2, 0.4)).whisker == pytest.approx((95.0, 105.0))
     assert check_bar(made(0.2, 0.4, uncertainty=1e-6)).whisker is None
