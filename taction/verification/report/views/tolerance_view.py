@@ -33,6 +33,7 @@ def yield_view(result: YieldReport) -> Page:
     return Page(
         title=result.name,
         command="taction yield montecarlo",
+        outcome="" if result.min_yield is None else result.outcome,
         summary=f"{text[:1].upper()}{text[1:]}.",
         sections=(
             Section("Checks that do not pass", tuple(failures(result)), media=shown),

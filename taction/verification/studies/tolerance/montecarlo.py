@@ -265,7 +265,8 @@ class YieldReport(Result):
             return "no sample, no yield"
         share, low, high = percent(self.fraction, 4), percent(self.low), percent(self.high)
         counts = f"{self.passed} of {self.samples} boards pass"
-        return f"yield {share}, 95 % interval {low} to {high}: {counts}"
+        wanted = "" if self.min_yield is None else f"; wanted: at least {percent(self.min_yield)}"
+        return f"yield {share}, 95 % interval {low} to {high}: {counts}{wanted}"
 
 
 def summarise_samples(board: Varied, samples: list[BoardSample], seed: int) -> YieldReport:

@@ -403,6 +403,8 @@ def test_the_smallest_yield_decides_the_exit_status(tmp_path: Path) -> None:
     for wanted, status in ((0.9 * found["low"], 0), (found["fraction"], 3)):
         again = command("montecarlo", scene, "-n", "12", "-o", file, "--min-yield", repr(wanted))
         assert again.exit_code == status
+        assert again.stdout.rstrip().endswith("INCONCLUSIVE" if status else "PASS")
+        assert "; wanted: at least " in again.stdout
     strict = tmp_path / "strict"
     strict.mkdir()
     hard = scene_file(strict, "[tolerances]\nresistor = 0.5\n")
