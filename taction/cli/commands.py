@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from taction.verification.studies.regression.regress import RegressionReport
 
 JUNIT = "verification.report.junit"
+VIEW = "verification.report.views.verdict_view"
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +66,7 @@ class Verified(Result):
         if self.remedies is None:
             return []
         from taction.verification.report.views.design_view import remedies_text
-        from taction.verification.report.views.verdict_view import CHANGES
+        from taction.verification.report.views.verdict_screen import CHANGES
 
         lines = remedies_text(self.verdict.scene, self.remedies).splitlines()
         rest = 0 if whole else max(len(lines) - CHANGES, 0)
@@ -73,9 +74,8 @@ class Verified(Result):
 
     def page(self) -> Page:
         """Return the page of the verdict with all changes."""
-        from taction.verification.report.views.verdict_view import view
-
-        return view(self.verdict, changes="\n".join(self.changes(whole=True)))
+        page: Page = load(f"{VIEW}:view")(self.verdict, changes="\n".join(self.changes(whole=True)))
+        return page
 
     def whole_document(self) -> dict[str, Any]:
         """Return the document of the verdict with the changes."""
@@ -108,10 +108,13 @@ def _print_verdict(found: Verified, progress: StageLine) -> None:
     """Print a verdict but for its last line; a reader who has gone is met at the end."""
     from taction.verification.report.renderers.terminal import page_lines
     from taction.verification.report.views.answer_view import margin_lines
-    from taction.verification.report.views.verdict_view import screen, view
+    from taction.verification.report.views.verdict_screen import screen
 
     verdict, margins = found.verdict, tuple(margin_lines(found.document))
-    page = view(verdict, notes=margins, verbose=True) if found.whole else screen(verdict, margins)
+    if found.whole:
+        page = load(f"{VIEW}:view")(verdict, notes=margins, verbose=True)
+    else:
+        page = screen(verdict, margins)
     with progress.aside(), suppress(BrokenPipeError):
         for line in [*page_lines(page)][:-1]:
             console().print(line)

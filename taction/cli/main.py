@@ -334,3 +334,5 @@ def main() -> None:
     # channels took a minute instead of a second. Users with free cores can set the variables.
     for name in THREADS:
         os.environ.setdefault(name, "1")
+    # Else pydantic reads the entry points of all installed packages, for plug-ins of its own.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from taction.netlist_gen.deck.foreign_deck import stored_subcircuit
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.branches import check_parts
@@ -86,6 +85,8 @@ def from_document(data: Any) -> tuple[str, ImportedOpAmp]:
             _check_range(f"figures.{each.name}", value, FIGURES_LEAST.get(each.name))
     if stored.linear is not None:
         _check_linear(stored.linear)
+    from taction.netlist_gen.deck.foreign_deck import stored_subcircuit  # most boards have none
+
     try:
         subcircuit = stored_subcircuit(stored.netlist, stored.subcircuit, stored.name)
     except InputError as error:

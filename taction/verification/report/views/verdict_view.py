@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from taction.system.quantities import banded, counted, quantity, readable
+from taction.system.quantities import banded, quantity, readable
 from taction.system.reading_definitions import EXCURSIONS, READINGS, TIMES
 from taction.verification.reference.problem import Solution
 from taction.verification.report import blocks
@@ -26,17 +26,16 @@ from taction.verification.report.views.answer_view import (
 )
 from taction.verification.report.views.opamp_view import counts_text, packages_text
 from taction.verification.report.views.stability_view import stability_blocks
+from taction.verification.report.views.verdict_screen import screen
 from taction.verification.verdict.answer_error import ErrorPart, worst_channel
 from taction.verification.verdict.board_files import KICAD, OWN, REPORT, BuiltBoard
-from taction.verification.verdict.checks import Outcome, cause
+from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.record import Channel, Record
 from taction.verification.verdict.verify import Verdict
 
 LOADS = 16  # of op-amps that are shown
 ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of the step: a smaller part is rounding
-CHANGES = 4  # lines of the changes that mend a failed verdict, on one screen
-WARNINGS = 2  # on one screen; the others are counted
 LEAST = 1e-9  # of the largest stress: a smaller part has no number
 REACH = "What the outputs of the op-amps reach, as parts of the limits of the data sheet."
 LIMITED = (
@@ -254,69 +253,10 @@ def _effort(verdict: Verdict) -> dict[str, str]:
     return facts | {"run time": ", ".join(stages)}
 
 
-def screen(verdict: Verdict, margins: Sequence[str] = ()) -> Page:
-    """Return a verdict on one screen, with the stability `margins` that were asked for.
-
-    It has the outcome and its cause, a bar to each limit, and what limits the board. Checks that
-    follow from the verdict's cause are named in the headline alone.
-    """
-    found = cause(verdict.checks)
-    known = () if found is None else found.follows
-    pairs = zip(verdict.checks, answers.check_bars(verdict), strict=True)
-    contents: tuple[Content, ...] = (
-        Bars("", tuple(bar for check, bar in pairs if check.name not in known), brief=True),
-        yield_text(verdict.answer) if verdict.outcome is Outcome.PASS else "",
-        _distance(verdict, margins),
-        answer_text(verdict.answer),
-        *_warnings(verdict.warnings),
-    )
-    seconds = quantity(verdict.timing["total"], "s", 3)
-    count = len(verdict.warnings)
-    more = f"-v ({counted(count, 'warning')})" if count else "-v"
-    return Page(
-        title=_headline(verdict),
-        command="taction verify",
-        outcome=verdict.outcome.value,
-        sections=(Section("", contents, media="terminal"),),
-        foot=(f"{verdict.waveforms.simulator}: {seconds}; more: {more}, --report FILE",),
-    )
-
-
 def on_screen(page: Page, verdict: Verdict) -> tuple[Section, ...]:
     """Return the sections of a verdict's page, for a terminal those of `screen` in their place."""
     media = ((each, each.media.replace("terminal", "")) for each in page.sections)
     return (*screen(verdict).sections, *(replace(each, media=names) for each, names in media))
-
-
-def _headline(verdict: Verdict) -> str:
-    """Return the outcome with its cause, or of a pass with the limit that is nearest."""
-    outcome, name, checks = verdict.outcome.value, verdict.scene.name, verdict.checks
-    if outcome != Outcome.PASS.value:
-        return f"{outcome.upper()}: {name}: {decisive_text(checks, outcome)}"
-    text, nearest = f"PASS: {name}, {counted(len(checks), 'check')}", answers.nearest_bar(checks)
-    if nearest is None:
-        return text
-    used = nearest.used.replace(" of the limit", "")
-    return f"{text}; nearest to its limit: {nearest.name} ({used})"
-
-
-def _distance(verdict: Verdict, margins: Sequence[str]) -> str:
-    """Return how far a stable board is from oscillation; of any other one the `margins`."""
-    poles = verdict.poles
-    if not poles.known_stable:
-        return readable("; ".join(margins))
-    known = [*margins] or ([] if verdict.margin is None else [verdict.margin.text])
-    more, ringing = "" if known else "; more by --margins", "no mode rings"
-    if poles.frequency:
-        at = quantity(poles.frequency, "Hz", 3)
-        ringing = f"damping ratio {poles.damping_ratio:.2g} at {at}"
-    return f"Distance to oscillation: {readable('; '.join((*known, ringing)))}{more}"
-
-
-def _warnings(warnings: Sequence[str]) -> list[str]:
-    """Return the first clauses of some warnings, those with numbers first."""
-    short = [f"warning: {text.partition('; ')[0]}" for text in map(readable, warnings)]
-    return sorted(short, key=lambda text: not any(map(str.isdigit, text)))[:WARNINGS]
 
 
 def built_view(found: BuiltBoard) -> Page:
