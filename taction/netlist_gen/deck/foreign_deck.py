@@ -276,19 +276,18 @@ class _DeckReading:
             caller.limited(self.lines, "lines of the deck with its files", MOST_LINES)
             caller.limited(self.bytes, "bytes of the deck with its files", LARGEST)
         self.open.append((real, section))
-        end: Card | None = None
+        end = 0  # the line where the file says that it ends
         for card in cards:
             if card.word == ".end":
-                end = end or card
-                continue
-            if end and not self.depth and card.word not in DEFINED:
-                raise card.refused(AFTER_END.format(end.number))
-            if card.word in FILES and (named := file_of(card.text)):
+                end = end or card.number
+            elif end and not self.depth and card.word not in DEFINED:
+                raise card.refused(AFTER_END.format(end))
+            elif card.word in FILES and (named := file_of(card.text)):
                 self._include(card, path, *named)
-                continue
-            self.depth += (card.word == ".subckt") - (card.word == ".ends")
-            self.found.append(card)
-            card.limited(len(self.found), "cards", MOST_CARDS)
+            else:
+                self.depth += (card.word == ".subckt") - (card.word == ".ends")
+                self.found.append(card)
+                card.limited(len(self.found), "cards", MOST_CARDS)
         self.open.pop()
         return self.found
 

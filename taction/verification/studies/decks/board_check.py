@@ -27,8 +27,11 @@ from taction.verification.characterise.operating_point import AT_ONCE, DeckPoint
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.studies.decks.board_sweep import Sweep, VariedDeck, sweep_deck
 from taction.verification.studies.decks.foreign_board import ForeignBoard
-from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
-from taction.verification.studies.decks.part_influence import pole_vectors
+from taction.verification.studies.decks.measured_board import (
+    MeasuredBoard,
+    measure_board,
+    pole_vectors,
+)
 from taction.verification.studies.decks.questions import QUESTIONS, Wanted, judge, units
 from taction.verification.studies.decks.witnesses import compare_ac, compare_transient, stepping
 from taction.verification.studies.running.study import HERE
@@ -202,11 +205,10 @@ def points_note(found: MeasuredBoard, point: DeckPoint) -> str:
         mode = mode[[found.board.descriptor.place(name) for name in nodes]]
         starts = np.vstack([here + span * np.outer(REACHES, mode / np.abs(mode).max()), drawn])
     known, tried, end = [here], 0, time.monotonic() + ALL_SECONDS
+    lines = [*point.lines, f".options reltol=1e-6 abstol=1e-13 vntol=1e-10 {point.options}"]
     while tried < len(starts) and time.monotonic() < end:
-        start = zip(nodes, starts[tried].tolist(), strict=True)
-        cards, tried = [f".nodeset v({node})={volts!r}" for node, volts in start], tried + 1
-        limits = f".options reltol=1e-6 abstol=1e-13 vntol=1e-10 {point.options}"
-        volts = point.rest([*point.lines, limits, *cards], AT_ONCE)
+        start, tried = zip(nodes, starts[tried].tolist(), strict=True), tried + 1
+        volts = point.rest([*lines, *(f".nodeset v({n})={v!r}" for n, v in start)], AT_ONCE)
         there = np.array([volts.get(name, np.nan) for name in nodes])
         if volts and all(np.abs(there - each).max() > SAME * span for each in known):
             known.append(there)

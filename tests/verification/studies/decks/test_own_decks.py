@@ -27,8 +27,13 @@ from taction.verification.stability.edges import Edge
 from taction.verification.stability.poles import poles
 from taction.verification.studies.decks.board_check import BoardCheck
 from taction.verification.studies.decks.foreign_board import read_board
-from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
-from taction.verification.studies.decks.part_influence import PartRow, beside, least_margin
+from taction.verification.studies.decks.measured_board import (
+    MeasuredBoard,
+    PartRow,
+    beside,
+    least_margin,
+    measure_board,
+)
 from taction.verification.studies.decks.questions import QUESTIONS, Question
 from tests.support.running import taction as command
 
