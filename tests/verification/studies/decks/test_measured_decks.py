@@ -446,6 +446,19 @@ def test_two_solvers_of_ngspice_that_differ_do_not_decide(
         assert ("a: not resolved" in check.reason) is (outcome == "pass")
 
 
+def test_the_reason_is_that_of_the_mode_that_reads_most(tmp_path: Path) -> None:
+    """PSpice's IF is read in ngspice's PSpice mode alone, which lists up to 4,000 characters."""
+    terms = "+".join(["v(in)*1m"] * 700)
+    with pytest.raises(InputError, match="too many terms"):
+        checked(tmp_path, f"V1 in 0 1\nR1 in 0 1k\nE1 out 0 value={{if(v(in)>0,{terms},0)}}")
+
+
+def test_what_a_deck_prints_in_decibels_is_an_output(tmp_path: Path) -> None:
+    text = "V1 in 0 dc 0 ac 1\nR1 in a 1k\nC1 a 0 1n\nR2 a out 1k\nC2 out 0 1n"
+    found = checked(tmp_path, f"{text}\n.print ac vdb(a) vp(a)")
+    assert [output.name for output in found.outputs] == ["a"]
+
+
 @pytest.mark.parametrize("formula", ["500*i(e1)", "tanh(500*i(e1)+0.5)"])
 def test_the_current_of_a_source_with_gain_is_not_that_of_another_part(
     formula: str, tmp_path: Path
