@@ -50,7 +50,7 @@ CODE_MODEL = (
     " V={...} does what gain, summer, mult, divide, limit, pwl (as table) and spice2poly (as E with"
     " POLY) do, a switch S with a .model sw what aswitch and pswitch do"
 )
-_ENDS = re.compile(r"\.ends\*.*")  # of joined files: a comment without a line of its own
+_ENDS = re.compile(r"^(\.ends\b[^*]*)\*.*")  # of joined files: a comment without its own line
 _COMMENT = re.compile(r";|//|(?:^|(?<=\s))\$")
 FILES = (".include", ".inc", ".lib")
 _LEFT = """
@@ -60,6 +60,11 @@ _LEFT = """
 """
 LEFT = tuple(_LEFT.split())
 """Cards that say what to simulate and to show, and nothing about the parts."""
+DEFINED = (*LEFT, ".subckt", ".model")
+AFTER_END = (
+    "stands after the .end of line {}: ngspice reads on there, other simulators do not; expected"
+    " .end as the last line (subcircuits and models may follow)"
+)
 _FILE = re.compile(
     r"\.(?:include|inc|lib)\s+(?:\"([^\"]*)\"|'([^']*)'|(\S+))(?:\s+([^\s\\/]+))?", re.I
 )
@@ -271,13 +276,18 @@ class _DeckReading:
             caller.limited(self.lines, "lines of the deck with its files", MOST_LINES)
             caller.limited(self.bytes, "bytes of the deck with its files", LARGEST)
         self.open.append((real, section))
-        for card in itertools.takewhile(lambda card: card.word != ".end", cards):
-            if card.word in FILES and (named := file_of(card.text)):
+        end = 0  # the line where the file says that it ends
+        for card in cards:
+            if card.word == ".end":
+                end = end or card.number
+            elif end and not self.depth and card.word not in DEFINED:
+                raise card.refused(AFTER_END.format(end))
+            elif card.word in FILES and (named := file_of(card.text)):
                 self._include(card, path, *named)
-                continue
-            self.depth += (card.word == ".subckt") - (card.word == ".ends")
-            self.found.append(card)
-            card.limited(len(self.found), "cards", MOST_CARDS)
+            else:
+                self.depth += (card.word == ".subckt") - (card.word == ".ends")
+                self.found.append(card)
+                card.limited(len(self.found), "cards", MOST_CARDS)
         self.open.pop()
         return self.found
 
@@ -364,7 +374,7 @@ def logical_lines(
         elif line.startswith(_UNUSUAL):
             unusual.append(place)
             continue
-        line = _ENDS.sub(".ends", _QUOTED.sub(_braced, line).lower())
+        line = _ENDS.sub(r"\1", _QUOTED.sub(_braced, line).lower())
         if comment := _COMMENT.search(line):
             line = line[: comment.start()]
         if wrong := ALLOWED.sub("", line, count=1):

@@ -128,13 +128,15 @@ def find_point(
     a card is not read, or ngspice finds no point. `DidNotLoad`: ngspice does not expand it.
     """
     given, simulator = [*lines, *([f".options {options}"] if options else [])], find_simulator()
+    said = list[DidNotLoad]()
     for mode in modes:
         try:
             (cards,) = expand(given, simulator, mode=mode)
             break
-        except DidNotLoad:
-            if mode == modes[-1]:
-                raise
+        except DidNotLoad as error:
+            said.append(error)
+    else:
+        raise said[0]
     flat, found = read_cards(cards, measure=True), dict[str, float]()
     for what, each, most in (("nodes", flat.nodes, MOST_NODES), ("parts", flat.knobs, MOST_PARTS)):
         if len(each) > most:

@@ -211,10 +211,16 @@ def _groups(pairs: Sequence[tuple[str, str]], known: set[str]) -> Iterator[set[s
 def delayed(circuit: Circuit, farads: float) -> Circuit:
     """Return the circuit with a capacitance, F, at every node, and `DELAY` in every voltage source.
 
-    Only sources with gain are meant. Capacitors of a negative value are left out: their growing
-    poles are no feedback.
+    Only sources with gain are meant. Capacitors of a negative value are left out, and capacitances
+    where a subcircuit has a negative resistance in series with a transistor: their growing poles
+    are no feedback.
     """
     branches, resistors, capacitors = list[Branch](), list[Resistor](), list[Capacitor]()
+    negative, positive = (
+        {node for part in circuit.resistors if part.ohms * sign > 0.0 for node in (part.a, part.b)}
+        for sign in (-1.0, 1.0)
+    )
+    in_series = {node for node in negative - positive if "." in node}
     for part in circuit.branches:
         node = NODE.format(part.name)
         if part.letter not in "EH":
@@ -226,7 +232,8 @@ def delayed(circuit: Circuit, farads: float) -> Circuit:
         resistors.append(Resistor(node, node, GROUND, 1.0))
         capacitors.append(Capacitor(node, node, GROUND, DELAY))
     capacitors += [part for part in circuit.capacitors if part.farads > 0.0]
-    capacitors += [Capacitor(NODE.format(node), node, GROUND, farads) for node in nodes_of(circuit)]
+    capacitors += [Capacitor(NODE.format(node), node, GROUND, farads)
+                   for node in nodes_of(circuit) if node not in in_series]  # fmt: skip
     return replace(
         circuit,
         knobs=(),

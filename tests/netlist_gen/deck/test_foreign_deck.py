@@ -97,6 +97,17 @@ def test_files_inside_the_folder_are_read(folder: Path, ngspice: str) -> None:
     }  # fmt: skip
 
 
+def test_subcircuits_may_follow_the_end_and_parts_may_not(folder: Path, ngspice: str) -> None:
+    """ngspice reads on: of 1 kohm to 1 V and 1 kohm to ground after .end it finds 0.5 V."""
+    divider = ".subckt half a b\nR1 a b 1k\nR2 b 0 1k\n.ends\n"
+    place = written(folder, f"t\nV1 in 0 1\nX1 in out half\n.end\n{divider}.end\n")
+    rest = check(place, outputs="out", ngspice=False).outputs[0].rest
+    assert rest == pytest.approx(0.5, rel=1e-9)
+    place = written(folder, f"t\n{RC}.end\n\nR9 out 0 1k\n")
+    with pytest.raises(InputError, match=r"line 7 = 'r9 .*after the \.end of line 5"):
+        read_deck(place)
+
+
 def test_a_file_that_includes_itself_is_refused(folder: Path) -> None:
     place = written(folder, f"t\n{RC}.include deck.cir\n")
     with pytest.raises(InputError, match="within one another"):

@@ -216,7 +216,7 @@ def test_what_a_subcircuit_does_not_call_is_not_read(tmp_path: Path) -> None:
     file.write_text(
         "* a library\n.subckt odd a b\na1 a b gain\n.ends\n"
         '.subckt part a b\r\nx1 a b in/n.er\r\n.ends* "Q"\r\n\x1a\x1a* next\n'
-        ".subckt in/n.er p q\nr1 p q 1k ; 'x'\n.ends\nr7 0 1 5\n"
+        ".subckt in/n.er p q\nr1 p q 1k ; 'x'\n.ends IN/N.ER*next \"Q\"\nr7 0 1 5\n"
     )
     found = vendor_subcircuit(file, "PART")
     assert found.ports == ("a", "b")

@@ -16,7 +16,7 @@ from taction.verification.stability.poles import poles
 from taction.verification.stability.shown_poles import latching
 from taction.verification.studies.decks.board_sweep import Sweep, sweep_deck, swept_axis
 from taction.verification.studies.decks.foreign_board import read_board
-from taction.verification.studies.decks.part_influence import influences, least_margin
+from taction.verification.studies.decks.measured_board import influences, least_margin
 from tests.support.designer_decks import DECKS
 from tests.support.nodal_analysis import exact_poles
 from tests.support.random_circuits import wide_cards

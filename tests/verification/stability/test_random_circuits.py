@@ -17,7 +17,7 @@ from taction.verification.engines.statespace.linearised.noise_covariance import 
 from taction.verification.engines.statespace.linearised.state_space import finite_poles
 from taction.verification.stability.families import Family, find_edges
 from taction.verification.stability.poles import Poles, poles
-from taction.verification.studies.decks.part_influence import sensitivities
+from taction.verification.studies.decks.measured_board import sensitivities
 from tests.support.nodal_analysis import Pencil, exact_poles
 from tests.support.random_circuits import random_cards
 
@@ -192,3 +192,18 @@ def test_slow_poles_of_an_amplifier_with_coupling_capacitors_are_decided() -> No
     size = np.abs(found.poles)
     assert size.max() > 1e9 * size.min()
     assert np.all(found.errors < 1e-6 * size)
+
+
+def test_charges_choose_the_unknowns_where_equations_lose_them() -> None:
+    """The input stage of a JFET op-amp, whose common mode reaches its offset at once.
+
+    Of unknowns that equations without charge choose rounding leaves no pole.
+    """
+    cards = [
+        *("r1 0 x3 1e12", "r2 x3 out 1e12", "c4 0 x6 1.99e-13", "e1 x7 0 x16 0 1.0"),
+        *("g4 0 x16 x3 0 1e-8", "l2 0 x17 0.531", "r13 x17 x16 1000.0", "r16 0 out 20.0"),
+        *("g5 0 x4 out x4 5e-5", "g6 out x4 out x4 1.16e-9", "g7 x6 x4 x7 x4 5e-5"),
+    ]
+    found = poles(circuit(cards))
+    assert_within(found, exact_poles(cards))
+    assert np.all(found.errors <= 0.5 * np.abs(found.poles))

@@ -26,7 +26,7 @@ from taction.verification.report.views.answer_view import MARGINS, check_bar, de
 from taction.verification.report.views.stability_view import frequency_cell, pole_map, ranges_words
 from taction.verification.studies.decks.board_check import BoardCheck, OutputRow
 from taction.verification.studies.decks.board_sweep import PointRow, Sweep
-from taction.verification.studies.decks.part_influence import PartRow
+from taction.verification.studies.decks.measured_board import PartRow
 from taction.verification.studies.decks.questions import QUESTIONS, Question
 from taction.verification.verdict.checks import Check, overall
 

@@ -27,8 +27,11 @@ from taction.verification.characterise.operating_point import AT_ONCE, DeckPoint
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.studies.decks.board_sweep import Sweep, VariedDeck, sweep_deck
 from taction.verification.studies.decks.foreign_board import ForeignBoard
-from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
-from taction.verification.studies.decks.part_influence import pole_vectors
+from taction.verification.studies.decks.measured_board import (
+    MeasuredBoard,
+    measure_board,
+    pole_vectors,
+)
 from taction.verification.studies.decks.questions import QUESTIONS, Wanted, judge, units
 from taction.verification.studies.decks.witnesses import compare_ac, compare_transient, stepping
 from taction.verification.studies.running.study import HERE
@@ -183,38 +186,43 @@ LARGE = 0.01  # of the step, or of a node's own: how far ngspice's rest may be f
 
 
 def points_note(found: MeasuredBoard, point: DeckPoint) -> str:
-    """Return how many operating points ngspice finds from other starts; empty without need."""
+    """Return how many operating points ngspice finds from other starts; empty for this one.
+
+    One start has every voltage at the other end of their range; of an unstable point there are
+    more, along the growing mode and drawn.
+    """
     poles = found.poles
     growing = (poles.poles.imag == 0.0) & (poles.poles.real > poles.errors)
-    if not np.any(growing):
-        return ""
+    unstable = bool(np.any(growing))
     nodes = [name for name in found.board.descriptor.names if name in point.volts]
     here = np.array([point.volts[name] for name in nodes])
-    span = float(np.ptp(here, axis=0)) or 1.0
-    low, high = here.min() - WIDER * span, here.max() + WIDER * span
-    drawn = np.random.default_rng(5).uniform(low, high, (STARTS - len(REACHES), len(here)))
-    mode = pole_vectors(found.board, complex(poles.poles[growing][0]))[0].real
-    mode = mode[[found.board.descriptor.place(name) for name in nodes]]
-    along = here + span * np.outer(REACHES, mode / np.abs(mode).max())
-    starts = np.vstack([along, drawn])
+    span, low, high = float(np.ptp(here, axis=0)) or 1.0, here.min(), here.max()
+    starts = (low + high - here)[None]
+    if unstable:
+        low, high = low - WIDER * span, high + WIDER * span
+        drawn = np.random.default_rng(5).uniform(low, high, (STARTS - len(REACHES), len(here)))
+        mode = pole_vectors(found.board, complex(poles.poles[growing][0]))[0].real
+        mode = mode[[found.board.descriptor.place(name) for name in nodes]]
+        starts = np.vstack([here + span * np.outer(REACHES, mode / np.abs(mode).max()), drawn])
     known, tried, end = [here], 0, time.monotonic() + ALL_SECONDS
-    while tried < STARTS and time.monotonic() < end:
-        start = zip(nodes, starts[tried].tolist(), strict=True)
-        cards, tried = [f".nodeset v({node})={volts!r}" for node, volts in start], tried + 1
-        limits = f".options reltol=1e-6 abstol=1e-13 vntol=1e-10 {point.options}"
-        volts = point.rest([*point.lines, limits, *cards], AT_ONCE)
+    lines = [*point.lines, f".options reltol=1e-6 abstol=1e-13 vntol=1e-10 {point.options}"]
+    while tried < len(starts) and time.monotonic() < end:
+        start, tried = zip(nodes, starts[tried].tolist(), strict=True), tried + 1
+        volts = point.rest([*lines, *(f".nodeset v({n})={v!r}" for n, v in start)], AT_ONCE)
         there = np.array([volts.get(name, np.nan) for name in nodes])
         if volts and all(np.abs(there - each).max() > SAME * span for each in known):
             known.append(there)
     if len(known) == 1:
-        return f"from {tried} other starts ngspice finds no operating point but this unstable one"
-    out = found.board.circuit.outputs[0].node
-    shown = out if out in nodes else nodes[int(np.abs(known[1] - here).argmax())]
-    at = nodes.index(shown)
+        text = f"from {tried} other starts ngspice finds no operating point but this unstable one"
+        return text if unstable else ""
+    moved, out = np.abs(known - here).max(axis=0), found.board.circuit.outputs[0].node
+    seen = out in nodes and moved[nodes.index(out)] > SAME * span
+    at = nodes.index(out) if seen else int(moved.argmax())
     own, *others = (show(float(each[at]), "V", 4) for each in known)
     return (
-        f"at least {len(known)} operating points: all that follows is of this one, which is"
-        f" unstable, with v({shown}) = {own}; the others have {', '.join(others)}"
+        f"at least {len(known)} operating points: all that follows is of this one,"
+        f"{' which is unstable,' * unstable} with v({nodes[at]}) = {own}; the others have"
+        f" {', '.join(others)}"
     )
 
 

@@ -84,9 +84,6 @@ def read_tolerances(file: str | Path, circuit: Circuit) -> Tolerances:
     table = data.get("tolerances", data)
     if not isinstance(table, dict):
         raise InputError(path, Complaint("tolerances", repr(table)[:80], f"expected {ACCEPTED}"))
-    if "params" in table:
-        text = "a .param has no tolerance any more; give its parts one in [parts]"
-        raise InputError(path, Complaint("params", "", text))
     try:
         found = validated(_File, table, path)
     except InputError as error:

@@ -51,7 +51,7 @@ IN_BRACES = "a value has no blanks, and an expression stands in braces, such as 
 _TEMPERATURE = re.compile(r"^\.(?:temp|opt\w* (?:.* )?(?:temp|tnom) ?=) ?(\S+)")
 SMALL_STEP = 1e-3  # V or A, of a source of a circuit that is linear about its operating point
 BIASED_STEP = 0.01  # of its DC value: the step of a source with AC, within the rails
-_OUTPUT = re.compile(r"\bv\s*\(\s*([^\s,()]+)\s*\)")
+_OUTPUT = re.compile(r"\bv(?:db|m|p|r|i)?\s*\(\s*([^\s,()]+)\s*\)")
 USUAL = ("out", "vout", "output", "vo", "o")  # names of an output, in this order
 _OPTION = re.compile(r"\b(gmin|scale) ?= ?([-+\w.]+)")  # that change a circuit
 

@@ -6,6 +6,7 @@ The poles of the cases are those of nodal analysis of their cards in mpmath.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 import taction
 from taction.system.errors import InputError
 from taction.verification.characterise import operating_point
+from taction.verification.studies.decks import witnesses
 from taction.verification.studies.decks.board_check import BoardCheck
 from taction.verification.studies.decks.foreign_board import read_board
 from tests.support.paths import ROOT
@@ -353,6 +355,108 @@ def test_the_unstable_middle_of_a_latch_is_no_pass(
     assert agrees(found)
     if rate is not None:
         assert found.poles.rightmost.real == pytest.approx(rate, rel=1e-9)
+
+
+INVERTERS = """.model n nmos(vto=0.7 kp=100u)
+.model p pmos(vto=-0.7 kp=40u)
+Vd d 0 3
+V1 in 0 dc 0 ac 1
+R1 in a 1meg
+C1 a 0 1p
+C2 b 0 1p
+M1 a b 0 0 n w=10u l=1u
+M2 a b d d p w=20u l=1u
+M3 b a 0 0 n w=10u l=1u
+M4 b a d d p w=20u l=1u
+.print ac v(a)"""
+
+
+def test_a_latch_that_rests_says_where_else_it_would(tmp_path: Path) -> None:
+    """One node at 3 V, the other at 0 V, or the other way round."""
+    found = checked(tmp_path, INVERTERS)
+    assert found.poles.stable is True
+    (note,) = [note for note in found.notes if "operating points" in note]
+    assert note.startswith(
+        "at least 2 operating points: all that follows is of this one, with v(a)"
+    )
+
+
+def test_the_node_that_several_points_differ_at_is_shown(tmp_path: Path) -> None:
+    """The output does not see the latch h, which rests at 0 V, and at -/+ 9.3 V."""
+    found = checked(tmp_path, HIDDEN)
+    (note,) = [note for note in found.notes if "operating points" in note]
+    assert "v(out)" not in note
+
+
+NEGATIVE = """.subckt oa p m vc ve o
+.model n npn(bf=1000)
+I1 e ve 10u
+Q1 c1 m a n
+Q2 c2 p b n
+R1 a e -1k
+R2 b e -1k
+R3 vc c1 13k
+R4 vc c2 13k
+C1 c1 c2 4p
+G1 0 x c1 c2 100u
+R5 x 0 1meg
+C2 x 0 150p
+E1 o 0 x 0 1
+.ends
+Vc vc 0 15
+Ve ve 0 -15
+V1 in 0 dc 0 ac 1
+X1 in out vc ve out oa
+.print ac v(out)"""
+
+
+def test_a_negative_resistance_in_series_with_an_emitter_is_no_latch(tmp_path: Path) -> None:
+    """Less than 1 / gm = 5.2 kohm: makers of models raise the slope of an input stage by it."""
+    found = checked(tmp_path, NEGATIVE)
+    assert agrees(found)
+    assert found.outcome.value == "pass"
+    # 1 / gm - 1 kohm of each half, 13 kohm, 100 uS and 150 pF, beside 4 pF across 26 kohm
+    fast, slow = 1.0 / (26e3 * 4e-12), 100e-6 * 13e3 / (2 * VT / 10e-6 - 1e3) / 150e-12
+    assert found.poles.rightmost.real == pytest.approx(
+        np.roots([1, fast, fast * slow])[1], rel=0.02
+    )
+
+
+def test_two_solvers_of_ngspice_that_differ_do_not_decide(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At one node and one frequency both are off by 1e-5, in opposite directions or in one."""
+    asked = witnesses._theirs
+
+    def of_solver(sign: float) -> Callable[..., object]:
+        def theirs(*given: object, option: str = "", **more: object) -> object:
+            hertz, both, said = asked(*given, option=option, **more)  # type: ignore[arg-type]
+            both[1, 3, 1] *= 1.0 + 1e-5 * (sign if option else 1.0)
+            return hertz, both, said
+
+        return theirs
+
+    for sign, outcome in ((-1.0, "pass"), (1.0, "fail")):
+        monkeypatch.setattr(witnesses, "_theirs", of_solver(sign))
+        found = checked(
+            tmp_path, "V1 in 0 dc 0 ac 1\nR1 in a 1k\nC1 a 0 1n\nR2 a out 1k\nC2 out 0 1n"
+        )
+        (check,) = [check for check in found.checks if check.name == "ac_agrees"]
+        assert check.outcome.value == outcome, check
+        assert ("a: not resolved" in check.reason) is (outcome == "pass")
+
+
+def test_the_reason_is_that_of_the_mode_that_reads_most(tmp_path: Path) -> None:
+    """PSpice's IF is read in ngspice's PSpice mode alone, which lists up to 4,000 characters."""
+    terms = "+".join(["v(in)*1m"] * 700)
+    with pytest.raises(InputError, match="too many terms"):
+        checked(tmp_path, f"V1 in 0 1\nR1 in 0 1k\nE1 out 0 value={{if(v(in)>0,{terms},0)}}")
+
+
+def test_what_a_deck_prints_in_decibels_is_an_output(tmp_path: Path) -> None:
+    text = "V1 in 0 dc 0 ac 1\nR1 in a 1k\nC1 a 0 1n\nR2 a out 1k\nC2 out 0 1n"
+    found = checked(tmp_path, f"{text}\n.print ac vdb(a) vp(a)")
+    assert [output.name for output in found.outputs] == ["a"]
 
 
 @pytest.mark.parametrize("formula", ["500*i(e1)", "tanh(500*i(e1)+0.5)"])

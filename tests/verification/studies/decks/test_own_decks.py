@@ -27,8 +27,13 @@ from taction.verification.stability.edges import Edge
 from taction.verification.stability.poles import poles
 from taction.verification.studies.decks.board_check import BoardCheck
 from taction.verification.studies.decks.foreign_board import read_board
-from taction.verification.studies.decks.measured_board import MeasuredBoard, measure_board
-from taction.verification.studies.decks.part_influence import PartRow, beside, least_margin
+from taction.verification.studies.decks.measured_board import (
+    MeasuredBoard,
+    PartRow,
+    beside,
+    least_margin,
+    measure_board,
+)
 from taction.verification.studies.decks.questions import QUESTIONS, Question
 from tests.support.running import taction as command
 
@@ -304,7 +309,7 @@ def test_a_coupling_moves_the_leakage_of_a_transformer(tmp_path: Path) -> None:
         ("coupling = 0.2\n", "K1 = 0.9 ± 20 %: reaches 1 within its tolerance"),
         ('[parts]\nnone = "1%"\n', "no part of the deck has this name; the nearest is"),
         ('parts = "1%"\n', "expected a table"),
-        ('[params]\nk = "1%"\n', "give its parts one in"),
+        ('[params]\nk = "1%"\n', "did you mean 'parts'"),
     ],
 )
 def test_a_tolerance_that_cannot_be_is_refused(tmp_path: Path, spread: str, reason: str) -> None:

@@ -288,7 +288,8 @@ def _within(E: Floats, label: Ints, s: Complexes) -> Floats:
     for number in numbers[counts > 1].tolist():
         own = np.flatnonzero(label == number)
         sizes, gap = E[np.ix_(own, own)], np.abs(s[own][:, None] - s[own])
-        weak = IRREDUCIBLE * np.sqrt(np.outer(sizes.max(axis=1), sizes.max(axis=1)))
+        root = np.sqrt(sizes.max(axis=1))  # of far poles a product overflows
+        weak = IRREDUCIBLE * np.outer(root, root)
         disc = 1.01 * float(np.abs(np.linalg.eigvals(sizes + weak)).max())
         joined = components(gap <= 2.0 * disc)
         errors[own] = np.where(joined[:, None] == joined, gap + disc, 0.0).max(axis=1)

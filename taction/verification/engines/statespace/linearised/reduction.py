@@ -121,9 +121,15 @@ def extended(powers: Sequence[Floats], s: NDArray[Any], w: NDArray[Any]) -> NDAr
 
 
 class _Reduction:
-    """The equations that are left of a pencil, the unknowns y of those left, and the steps."""
+    """The equations that are left of a pencil, the unknowns y of those left, and the steps.
 
-    def __init__(self, pencil: Pencil, names: Sequence[str]) -> None:
+    Where equations have charge in another unknown than their own, the unknowns that stay are those
+    that determine the charges best (`by_charge`), or those that are left when the equations without
+    charge have determined those that they determine best. Each loses digits that the other keeps.
+    """
+
+    def __init__(self, pencil: Pencil, names: Sequence[str], by_charge: bool) -> None:
+        self.by_charge = by_charge
         self.M, self.K, self.b, self.names = pencil.M, pencil.K, pencil.b, names
         size = len(self.M)
         self.C, self.D = np.eye(size), np.zeros_like(self.b)
@@ -139,17 +145,21 @@ class _Reduction:
         """Eliminate until M is regular, or until `graded` would keep more; return its inverse."""
         while True:
             turn, charged = None, self.M.any(axis=1)
+            free = np.flatnonzero(~charged)
             if charged.all():
                 inverse, condition = scaled_inverse(self.M)
                 self.graded = grade and not self.turned and GRADED <= condition < NOTHING
                 if self.graded or condition < SINGULAR:
                     self.worst = max(self.worst, condition)
                     return inverse
-                turn, charged = self._separate()
-            self._eliminate(turn, np.flatnonzero(~charged), np.flatnonzero(charged))
+                turn, charged, free = self._separate()
+            self._eliminate(turn, np.flatnonzero(~charged), np.flatnonzero(charged), free)
 
-    def _separate(self) -> tuple[Floats, Bools]:
-        """Combine equations so that each has charge, or none, by complete pivoting."""
+    def _separate(self) -> tuple[Floats, Bools, Ints]:
+        """Combine equations so that each has charge, or none, by complete pivoting.
+
+        The last are the unknowns without which the others determine all charges.
+        """
         size = len(self.M)
         scale = np.abs(self.M).max(axis=1)
         scale[scale == 0.0] = 1.0
@@ -161,12 +171,19 @@ class _Reduction:
         self.powers = [turn @ L for L in self.powers]
         self.jump = np.stack([turn @ self.jump[0], np.abs(turn) @ self.jump[1]])
         self.worst, self.turned = math.inf, True
-        return turn, np.arange(size) < rank
+        return turn, np.arange(size) < rank, np.sort(q[rank:])
 
-    def _eliminate(self, turn: Floats | None, a: Ints, d: Ints) -> None:
-        M, K, b, p = self.M, self.K, self.b, a
-        inverse, condition = scaled_inverse(K[np.ix_(a, p)]) if turn is None else (K, math.inf)
-        if not condition < SINGULAR:
+    def _eliminate(self, turn: Floats | None, a: Ints, d: Ints, p: Ints) -> None:
+        M, K, b, known = self.M, self.K, self.b, False
+        if turn is None or self.by_charge:
+            inverse, condition = scaled_inverse(K[np.ix_(a, p)])
+            known = condition < SINGULAR
+        if turn is not None and known:  # not where p is next to nothing of its equations
+            known = bool(np.all(np.abs(inverse) * np.abs(K[a]).max(axis=1) < DECIDED))
+        if turn is None and self.by_charge and not known:
+            turn, charged, free = self._separate()
+            return self._eliminate(turn, np.flatnonzero(~charged), np.flatnonzero(charged), free)
+        if not known:
             p = _pivots(K[a])
             inverse, condition = scaled_inverse(K[np.ix_(a, p)])
             self.turned = True
@@ -219,18 +236,22 @@ class _Reduction:
 
 
 def reduce_pencil(
-    pencil: Pencil, names: Sequence[str], exact: Callable[[], NDArray[np.longdouble]] | None = None
+    pencil: Pencil,
+    names: Sequence[str],
+    exact: Callable[[], NDArray[np.longdouble]] | None = None,
+    *,
+    by_charge: bool = False,
 ) -> Reduced:
     """Eliminate all unknowns without charge from a pencil, whose unknowns have `names`.
 
-    `exact` makes its M for `graded`.
+    `exact` makes its M for `graded`; `by_charge` chooses the unknowns that stay: see `_Reduction`.
 
     EngineError: the equations have no such form (see `state_space.linearise`).
     """
-    work = _Reduction(pencil, names)
+    work = _Reduction(pencil, names, by_charge)
     inverse_mass = work.run(grade=exact is not None)
     if exact is not None and work.graded:
-        found = reduce_pencil(graded(pencil, exact()), names)
+        found = reduce_pencil(graded(pencil, exact()), names, by_charge=by_charge)
         return replace(found, places=None, decided=False)
     right = np.concatenate([work.K, work.b], axis=1)
     rates = inverse_mass @ right

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -93,12 +94,17 @@ def linearise(
         v, slopes = point.values[devices.input], point.slopes
         value = devices.gain.value(v / devices.v_scale)
         b[devices.output, 1] += -devices.u_scale * value - slopes * v
-    reduced = _reduced(descriptor, slopes, b if inputs is None else inputs)
-    parts = {each.name: getattr(reduced, each.name) for each in fields(reduced)}
-    found = StateSpace(**parts, descriptor=descriptor)
+    b = b if inputs is None else inputs
+    found = _reduced(descriptor, slopes, b)
     if not descriptor.has_branches or found.decided:
         return found
     count = finite_poles(descriptor, slopes)
+    if found.n != count or _doubt(found) >= 1.0:
+        with suppress(EngineError, np.linalg.LinAlgError):
+            found = min(
+                (found, _reduced(descriptor, slopes, b, by_charge=True)),
+                key=lambda each: (abs(each.n - count), _doubt(each)),
+            )
     if count > found.n:
         found = replace(found, lost=count - found.n)
     elif count < found.n:
@@ -112,7 +118,16 @@ def linearise(
     return found
 
 
-def _reduced(descriptor: Descriptor, slopes: Floats, b: Floats) -> Reduced:
+def _doubt(space: StateSpace) -> float:
+    """Return the largest rounding error of a pole, relative to the pole."""
+    errors, sizes = space.modes.pole_errors, np.abs(space.modes.poles)
+    with np.errstate(over="ignore"):
+        return float(np.max(errors / np.maximum(sizes, np.finfo(float).tiny), initial=0.0))
+
+
+def _reduced(
+    descriptor: Descriptor, slopes: Floats, b: Floats, *, by_charge: bool = False
+) -> StateSpace:
     """Eliminate; rounding is relative to the terms of M and K, which may cancel in any circuit."""
     (M, K), every = descriptor.summed(np.asarray, slopes), np.eye(descriptor.size)
     masses, pulls = np.abs(M), np.abs(K)
@@ -123,7 +138,9 @@ def _reduced(descriptor: Descriptor, slopes: Floats, b: Floats) -> Reduced:
         return descriptor.summed(lambda x: x.astype(np.longdouble), slopes)[0]
 
     pencil = Pencil(M, K, b, masses, pulls, every, every)
-    return reduce_pencil(pencil, descriptor.names, exact)
+    reduced = reduce_pencil(pencil, descriptor.names, exact, by_charge=by_charge)
+    parts = {each.name: getattr(reduced, each.name) for each in fields(reduced)}
+    return StateSpace(**parts, descriptor=descriptor)
 
 
 # Poles are counted in integers: no rounding decides. Every stamped value is a double, so M and K

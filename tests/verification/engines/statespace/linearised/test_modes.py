@@ -11,6 +11,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import EPS, Complexes, Floats
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
+from taction.verification.engines.statespace.linearised.modes import _within
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
 from taction.verification.engines.statespace.transients.exact import ModalFlow, exact_solution
 from tests.support import nightly
@@ -188,3 +189,9 @@ def test_the_bound_of_the_rightmost_pole_holds_beside_the_axis(ratio: float) -> 
     space = LinearBoard(single_mode(ratio * 0.455e-6)).state_space
     lead, error = space.modes.poles[0], space.modes.pole_errors[0]
     assert np.abs(lead - exact(space)).min() <= error <= 1e-11 * abs(lead)
+
+
+def test_a_bound_beyond_the_square_root_of_the_largest_number_is_finite() -> None:
+    """Two poles at -1 and -2 with couplings of 1e200: the discs have the radius of their sum."""
+    bound = _within(np.full((2, 2), 1e200), np.zeros(2, int), np.array([-1.0, -2.0], complex))
+    assert np.all((bound >= 2e200) & (bound < 3e200))
