@@ -58,7 +58,7 @@ WITHDRAWN = {
     "check -o": "The command 'listing expand' of ngspice has the flat cards of a deck.",
     "doctor": "What is missing is said where it is needed, with the command that installs it.",
     "netlist --explain": "--json lists what is left out, and so does the report of verify.",
-    "netlist --split": "In Python: taction.write_deck(circuit, analysis, matrix_file=NAME).",
+    "netlist --split": "It was withdrawn: the cards Rf_ and Rb_ of the deck are the matrix.",
     "kicad": "'taction build SCENE -o FOLDER' writes the drawing into FOLDER/kicad.",
     "verify --solve": "'taction solve SCENE' prints the numerical solution.",
     "new --schema": "It is docs/scene.schema.json, and in Python taction.scene_schema().",

@@ -105,4 +105,6 @@ class SimulatedDeck:
     text: str = field(repr=False)  # the first line is a fixed title
     saved: tuple[str, ...]  # nodes whose voltages are saved, in this order
     analysis: Analysis
-    files: Mapping[str, str] = field(default_factory=dict, repr=False)  # included files by name
+    files: Mapping[str, str] = field(
+        default_factory=dict, repr=False
+    )  # files beside it, by name

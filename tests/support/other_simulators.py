@@ -23,8 +23,6 @@ _ANALYSES = (".option", ".print", ".tran", ".save", ".end\n", "accuracy ", "save
 def run_ngspice(deck: Deck, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run a deck; `words` stand before the name of its file."""
     (folder / "deck.cir").write_text(deck.text)
-    for name, text in deck.files.items():
-        (folder / name).write_text(text)
     return subprocess.run(
         [find_simulator().executable, "-b", "-n", *words, "deck.cir"],
         cwd=folder,
@@ -52,7 +50,7 @@ def gnucap_record(executable: str, deck: Deck) -> Record:
     """
     spectre, run = deck.dialect == "spectre", deck.analysis
     assert isinstance(run, Transient)
-    lines = [*deck.text.split("\n")[1:], *("\n".join(deck.files.values())).split("\n")]
+    lines = deck.text.split("\n")[1:]
     unknown = (*_ANALYSES, "global 0", "simulator ", "include ", ".include ", ".end")
     known = [line for line in lines if not line.startswith(unknown) or line.startswith(".ends")]
     tail = [

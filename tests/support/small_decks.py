@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +20,6 @@ def transient(
     step: float = 1e-8,
     start: str = "uic",
     solver: str = "noopiter",
-    files: Mapping[str, str] | None = None,
 ) -> SmallDeck:
     """An RC step of time constant `TAU` from 1 V, node ``out``, and whatever `cards` add to it."""
     lines = [
@@ -35,7 +33,7 @@ def transient(
         f".tran {step!r} {stop!r} 0.0 {step!r} {start}",
         ".end",
     ]
-    return SmallDeck("\n".join(lines) + "\n", saved, Transient(stop, step), files or {})
+    return SmallDeck("\n".join(lines) + "\n", saved, Transient(stop, step))
 
 
 def divider() -> SmallDeck:

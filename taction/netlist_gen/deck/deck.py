@@ -82,8 +82,6 @@ class Deck(SimulatedDeck):
         from PySpice.Spice.Parser import SpiceParser
 
         text = self.text
-        for name, inner in self.files.items():
-            text = text.replace(f".include {name}\n", inner)
         kept = [cell[0] for cell in _CELL.finditer(text) if _FOREIGN.search(cell[2])]
         for vendors in kept:
             text = text.replace(vendors, "")
@@ -112,7 +110,6 @@ def write_deck(
     solver: str = "klu",
     relative: float = 1e-6,
     saved: Iterable[str] | None = None,
-    matrix_file: str | None = None,
     dialect: str = NATIVE,
     measures: Measures | None = None,
 ) -> Deck:
@@ -127,9 +124,6 @@ def write_deck(
         ngspice's reltol; the absolute tolerances follow from the circuit's scales.
     saved : iterable of str, optional
         Nodes to save; by default the outputs. A noise analysis has one node.
-    matrix_file : str, optional
-        Name of an include file for the subcircuit of the resistor matrices, which can then be
-        replaced; the amplifiers are a second subcircuit.
     dialect : str
         Key of `DIALECTS`; all but ngspice's have transients only.
     measures : Measures, optional
@@ -151,7 +145,7 @@ def write_deck(
     """
     check_circuit(circuit)
     nodes = tuple(saved) if saved is not None else tuple(o.node for o in circuit.outputs)
-    check_request(analysis, nodes, solver, matrix_file)
+    check_request(analysis, nodes, solver)
     language, added = DIALECTS[dialect], _strains(circuit, analysis)
     refused = [str(complaint) for complaint in language.refusals(circuit)]
     refused += ["measures"] if measures is not None and not language.measures else []
@@ -161,12 +155,11 @@ def write_deck(
         if not isinstance(analysis, Transient):
             raise ValueError("measures need a transient")
         added += measure_lines(circuit, measures, analysis.stop)
-    parts, files = board_text(circuit, matrix_file, isinstance(analysis, NoiseAnalysis))
+    parts = board_text(circuit, noisy=isinstance(analysis, NoiseAnalysis))
     board = language.cards(parts + "\n".join(added))
     limits = tolerances(circuit, relative)
     text = "\n".join([board, *language.closing(circuit, analysis, nodes, limits, solver)])
-    files = {name: language.cards(text) for name, text in files.items()}
-    return Deck(text, nodes, analysis, files, dialect)
+    return Deck(text, nodes, analysis, dialect=dialect)
 
 
 def _strains(circuit: Circuit, analysis: Analysis) -> list[str]:
@@ -220,13 +213,8 @@ def header_lines(circuit: Circuit) -> list[str]:
     return ["* " + line for line in lines]
 
 
-def board_text(
-    circuit: Circuit, matrix_file: str | None, noisy: bool
-) -> tuple[str, dict[str, str]]:
-    """Return the text of all parts but the sources of the strain, and the text of further files.
-
-    With a `matrix_file` there are two subcircuits: amplifiers and, in this file, matrices.
-    """
+def board_text(circuit: Circuit, *, noisy: bool) -> str:
+    """Return the text of all parts but the sources of the strain; `noisy` op-amps have noise."""
     stages = [
         line
         for stage in circuit.amplifiers
@@ -238,22 +226,6 @@ def board_text(
         *(f"C{c.name} {c.a} {c.b} {c.farads!r}" for c in circuit.capacitors),
         *(f"Q{q.name} {q.collector} {q.base} {q.emitter} {q.model}" for q in circuit.transistors),
     ]
-    matrices, files = matrix_lines(circuit.matrices), dict[str, str]()
-    before, after = [*stages, *matrices], parts
-    if matrix_file is not None:
-        ends = (each for matrix in circuit.matrices for each in matrix.elements())
-        pads = list(dict.fromkeys(node for _, _, *nodes, _ in ends for node in nodes))
-        nodes = [*circuit.signal_nodes, *circuit.constraint_nodes]
-        nodes += [out.node for out in circuit.outputs]
-        nodes += [source.node for source in circuit.voltages]
-        ports = " ".join(dict.fromkeys([*pads, *nodes]))
-        whole = [f".subckt amplifiers {ports}", *stages, *parts, ".ends amplifiers"]
-        calls = [f"Xamplifiers {ports} amplifiers", " ".join(["Xmatrix", *pads, "matrix"])]
-        before = [f".include {matrix_file}"]
-        after = [*([""] if circuit.opamps else []), *whole, *calls]
-        title = "* the resistor matrix of a taction board: swap this file for another of the same"
-        text = [f"{title} ports", " ".join([".subckt matrix", *pads]), *matrices, ".ends matrix"]
-        files[matrix_file] = "\n".join([*text, ""])
     used = {cell.model for cell in circuit.opamps}
     driven = {cell.model for cell in circuit.opamps if cell.noninverting != GROUND}
     cells = "\n".join(
@@ -267,8 +239,9 @@ def board_text(
         f"{bias.card} {bias.node} {GROUND} {bias.volts!r}" for bias in circuit.constant_voltages
     ]
     cards = [model_card(model) for model in circuit.transistor_models.values()]
-    head = [".title taction board", *header_lines(circuit), *cards, *before, ""]
-    return "\n".join(head) + cells + "\n".join([*after, *biases, ""]), files
+    matrices = matrix_lines(circuit.matrices)
+    head = [".title taction board", *header_lines(circuit), *cards, *stages, *matrices, ""]
+    return "\n".join(head) + cells + "\n".join([*parts, *biases, ""])
 
 
 def amplifier_lines(stage: SignalAmplifier, expression: str) -> tuple[str, ...]:
@@ -297,7 +270,6 @@ SCENE_NAME = re.compile(r"[A-Za-z0-9_.-]*")
 # S and A: ngspice's default conductance, at which a vendor's model converges and was measured, and
 # the tolerance of its bench; a board's own tolerances are below the rounding of its junctions.
 VENDORS_GMIN, VENDORS_AMPS = 1e-12, 1e-15
-FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 
 def check_circuit(circuit: Circuit) -> None:
@@ -333,13 +305,9 @@ def check_circuit(circuit: Circuit) -> None:
     _check_value("the absolute temperature", circuit.temperature + ZERO_CELSIUS)
 
 
-def check_request(
-    analysis: Analysis, saved: Sequence[str], solver: str, matrix_file: str | None
-) -> None:
-    """Raise ValueError for a node, option, file name or time that no deck may contain."""
+def check_request(analysis: Analysis, saved: Sequence[str], solver: str) -> None:
+    """Raise ValueError for a node, option or time that no deck may contain."""
     _check_names((*saved, solver))
-    if matrix_file is not None and not FILE_NAME.fullmatch(matrix_file):
-        raise ValueError(f"{matrix_file!r}: a file name in a deck has only letters, digits, '_.-'")
     if isinstance(analysis, NoiseAnalysis):
         if len(saved) != 1:
             raise ValueError("a noise analysis has one node, since ngspice does not name the nodes")

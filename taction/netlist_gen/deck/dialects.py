@@ -37,7 +37,7 @@ class Dialect:
     uncharged: str = " uic"  # what a transient has that begins with no charge
     is_linear: bool = False  # no program could check the deck of a board that is not
     measures: bool = True  # whether the dialect has ``.meas``, and a program that checks it
-    language: str = ""  # first line of an included file
+    folds: bool = True  # whether a line that begins with + goes on with the one before
 
     def refusals(self, circuit: Circuit) -> Iterator[Complaint]:
         """Yield what the dialect cannot express of `circuit`, by the key of the scene."""
@@ -57,7 +57,7 @@ class Dialect:
             yield Complaint("design.opamp.level", "'large-signal'", text)
 
     def cards(self, text: str) -> str:
-        """Return cards of parts and measures, given as ngspice has them."""
+        """Return the deck up to its options, given as ngspice has it."""
         if self.name == NATIVE:
             return text
         written = list[str]()
@@ -66,9 +66,7 @@ class Dialect:
                 if not line.startswith("*") or pattern.startswith(r"^\*"):
                     line = re.sub(pattern, made, line)
             written.append(self._folded(line))
-        if text.startswith(".title"):  # the deck itself, not an included file
-            return "\n".join([written[0], *self.head, *written[1:]])
-        return "\n".join([*filter(None, [self.language]), *written])
+        return "\n".join([written[0], *self.head, *written[1:]])
 
     def closing(
         self,
@@ -98,7 +96,7 @@ class Dialect:
 
     def _folded(self, line: str) -> str:
         """Return a card of SPICE with at most `LONGEST` characters a line, where it has spaces."""
-        if len(line) <= LONGEST or line.startswith("*") or self.language:
+        if len(line) <= LONGEST or line.startswith("*") or not self.folds:
             return line
         return textwrap.fill(
             line, LONGEST, subsequent_indent="+ ", break_long_words=False, break_on_hyphens=False
@@ -170,7 +168,6 @@ HSPICE = Dialect(  # with its classic step control
         "* HSPICE itself: runlvl, delmax, post and probe are from its manual",
     ),
     (
-        (r"^\.include (\S+)", r".include '\1'"),
         (r"^B(\S+ \S+ \S+) [Vv]=(.*)$", r"E_\1 VOL='\2'"),  # B is a buffer of IBIS
         (r"\bln\(", "log("),  # the natural logarithm
     ),
@@ -210,7 +207,6 @@ SPECTRE = Dialect(  # of linear parts: what gnucap can read and simulate, too
     (
         (r"^\*", "//"),
         (r"^\.title (.*)", r"// \1"),
-        (r"^\.include (\S+)", r'include "\1"'),
         (r"^\.subckt (\S+) (.*)", r"subckt \1 (\2)"),
         (r"^\.ends\b", "ends"),
         (r"^(X\S+) (.*) (\S+)$", r"\1 (\2) \3"),
@@ -236,7 +232,7 @@ SPECTRE = Dialect(  # of linear parts: what gnucap can read and simulate, too
     " skipdc=yes",
     is_linear=True,
     measures=False,
-    language="simulator lang=spectre",
+    folds=False,
 )
 DIALECTS = {each.name: each for each in (NGSPICE, LTSPICE, HSPICE, XYCE, SPECTRE)}
 """The table of dialects."""

@@ -123,13 +123,10 @@ def test_the_header_holds_no_line_of_its_own(fields: dict[str, Any]) -> None:
         {"saved": [EVIL]},
         {"saved": ["v_1) v(2"]},
         {"solver": EVIL},
-        {"matrix_file": EVIL},
-        {"matrix_file": "../matrix.inc"},
-        {"matrix_file": "a b.inc"},
     ],
 )
 def test_what_a_deck_asks_for_is_checked_too(changes: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=r"not a valid name|a file name in a deck|finite"):
+    with pytest.raises(ValueError, match=r"not a valid name|finite"):
         write_deck(small(), **{"analysis": TRANSIENT, **changes})
 
 

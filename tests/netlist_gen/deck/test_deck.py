@@ -23,8 +23,7 @@ from taction.netlist_gen.board.parts import NoiseCurrent
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.system.array_types import Waveforms
-from taction.verification.engines.ngspice.evidence import integrated_noise
-from taction.verification.engines.ngspice.process import Simulation, find_simulator, simulate
+from taction.verification.engines.ngspice.process import find_simulator, simulate
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
 from tests.support.paths import GOLDEN
@@ -69,13 +68,6 @@ def test_golden_decks(name: str) -> None:
     design, analysis = CASES[name]
     deck = write_deck(build(design), analysis)
     assert deck.text == (GOLDEN / f"{name}.cir").read_text(encoding="utf-8")
-
-
-def test_golden_split_deck() -> None:
-    deck = write_deck(build(LINEAR), Transient(1e-4, 1e-7), matrix_file="golden_matrix.inc")
-    assert deck.text == (GOLDEN / "split.cir").read_text(encoding="utf-8")
-    matrix = (GOLDEN / "split_matrix.inc").read_text(encoding="utf-8")
-    assert deck.files == {"golden_matrix.inc": matrix}
 
 
 def test_every_value_keeps_every_digit() -> None:
@@ -145,19 +137,6 @@ def test_a_board_may_start_from_rest() -> None:
     assert " uic" in write_deck(quiet, analysis).text  # a discharged linear board is at rest
 
 
-@pytest.mark.usefixtures("ngspice")
-@pytest.mark.parametrize("design", [LINEAR, EXPONENTIAL])
-def test_a_split_deck_gives_the_same_answer(design: dict[str, Any]) -> None:
-    circuit = build(design)
-    nodes = tuple(output.node for output in circuit.outputs)
-    whole = rest_of(circuit, nodes)
-    split = rest_of(circuit, nodes, matrix_file="Matrix-2.inc")
-    assert split == pytest.approx(whole, rel=1e-9)
-    analysis = Transient(1e-5, 1e-7)
-    a, b = run(write_deck(circuit, analysis)), run(write_deck(circuit, analysis, matrix_file="m"))
-    assert b.values[-1] == pytest.approx(a.values[-1], rel=1e-6)
-
-
 def board(**design: Any) -> Circuit:
     parts = {"gain": "1Mohm", "unit_conductance": "1uS", "lambda": 0.1, "opamp": "op27"}
     scene = make_scene(design=parts | design)
@@ -178,20 +157,6 @@ def test_a_noise_deck_is_the_board_and_its_noise() -> None:
     ]
     silenced = {line.removesuffix(" noisy=0").replace("inpe", "inp") for line in noisy}
     assert set(plain) - silenced == {".save v(v_1) v(v_2)", ".op"}
-
-
-@pytest.mark.usefixtures("ngspice")
-@pytest.mark.parametrize("amplifier", ["linear", "exponential"])
-def test_two_files_have_the_noise_of_one(amplifier: str) -> None:
-    circuit = board(amplifier=amplifier, sensor_noise="1pA/rtHz")
-    node = circuit.outputs[0].node
-    found = []
-    for matrix_file in (None, "noise_matrix.inc"):
-        deck = write_deck(circuit, BANDS, saved=[node], matrix_file=matrix_file)
-        with Simulation(deck, find_simulator(), timeout=30.0) as run:
-            found.append(run.accept(integrated_noise))
-    assert found[0] > 0.0
-    assert found[1] == pytest.approx(found[0], rel=1e-9)
 
 
 def test_a_noise_analysis_has_one_node() -> None:

@@ -51,7 +51,6 @@ POINTS = 40_000  # of the step of a stage
 FACTORS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)  # of the scene's own gain
 GAINS = 49  # tried by the search
 OVERSHOOT = 0.05  # its limit
-MATRIX_FILE = "matrix.inc"
 THICKER = 1.2  # depth of the layer that the other matrix chip is made for
 CLOSE = 1e-3  # of the largest output
 
@@ -280,9 +279,7 @@ def _two_chips() -> Finding:
     thin_board, thick_board = synthesise(thin, make_problem(thin)), synthesise(thick, problem)
     board = replace(thin_board, currents=thick_board.currents, matrices=thick_board.matrices)
     simulator = find_simulator()
-    deck = write_deck(
-        board, OperatingPoint(), solver=simulator.solver_option, matrix_file=MATRIX_FILE
-    )
+    deck = write_deck(board, OperatingPoint(), solver=simulator.solver_option)
     record = simulate(deck, simulator, timeout=60.0)
     u = np.array([out.sign * float(record[out.node][-1]) for out in board.outputs])
     target = solve(ideal_network(problem, thick).problem).u * thick.design.unit_voltage

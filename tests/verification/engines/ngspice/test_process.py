@@ -80,12 +80,6 @@ def test_capital_letters_in_node_names_are_kept(simulator: Simulator) -> None:
     np.testing.assert_allclose(waveforms["Other"], waveforms["out"], rtol=1e-6, atol=1e-12)
 
 
-def test_an_include_file_stands_beside_the_deck(simulator: Simulator) -> None:
-    deck = transient(".include Load.inc", files={"Load.inc": "R2 out 0 1000.0\n"})
-    waveforms = simulate(deck, simulator, timeout=30.0)
-    assert waveforms["out"][-1] == pytest.approx(0.5 * -np.expm1(-10.0), rel=1e-5)
-
-
 def test_run_folder_goes_on_success(simulator: Simulator, tmp_path: Path) -> None:
     simulate(transient(), simulator, timeout=30.0)
     assert not list(tmp_path.iterdir())
@@ -276,11 +270,11 @@ def test_environment_inherits_only_the_loaders_path(
 
 
 def test_a_run_has_all_that_it_needs(tmp_path: Path) -> None:
-    place = make_folder(transient(files={"a.inc": "* x\n"}), "ngspice\n")
+    place = make_folder(transient(), "ngspice\n")
     assert place.parent == tmp_path
     texts = {path.name: path.read_text() for path in place.iterdir()}
     assert texts.pop("spinit").startswith("*")
-    expected = {"a.inc": "* x\n", "command.txt": "ngspice\n", "deck.cir": transient().text}
+    expected = {"command.txt": "ngspice\n", "deck.cir": transient().text}
     assert texts == expected
     assert place.stat().st_mode & 0o077 == 0
     remove_own_folder(place)
