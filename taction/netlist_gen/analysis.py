@@ -105,6 +105,4 @@ class SimulatedDeck:
     text: str = field(repr=False)  # the first line is a fixed title
     saved: tuple[str, ...]  # nodes whose voltages are saved, in this order
     analysis: Analysis
-    files: Mapping[str, str] = field(
-        default_factory=dict, repr=False
-    )  # files beside it, by name
+    files: Mapping[str, str] = field(default_factory=dict, repr=False)  # files beside it, by name

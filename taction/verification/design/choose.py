@@ -201,24 +201,14 @@ class BestDesign:
 
 @dataclass(frozen=True, slots=True)
 class Choice(Result):
-    """The best designs of a grid, and what ngspice says about them.
-
-    Attributes
-    ----------
-    scene : Scene
-        The scene as it was.
-    designs : sequence of ChosenDesign
-        All designs of the grid, the best first.
-    best : sequence of BestDesign
-        Those that ngspice has verified.
-    """
+    """The best designs of a grid, and what ngspice says about them."""
 
     VIEW = "taction.verification.report.views.design_view:choice_view"
     DOCUMENT = ("designs", "best")
 
-    scene: Scene = field(repr=False)
-    designs: Sequence[ChosenDesign] = field(repr=False)
-    best: Sequence[BestDesign] = field(repr=False)
+    scene: Scene = field(repr=False)  # as it was
+    designs: Sequence[ChosenDesign] = field(repr=False)  # all of the grid, the best first
+    best: Sequence[BestDesign] = field(repr=False)  # those that ngspice has verified
 
     @property
     def outcome(self) -> str:

@@ -41,35 +41,19 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Remedies:
-    """The changes that were found for a verdict that fails.
-
-    Attributes
-    ----------
-    failed : tuple of str
-        The failed checks.
-    changes : tuple of Change
-        Those with which every check passes.
-    searches : tuple of Search
-        The keys that were searched, each with the ends of its values.
-    unmendable : tuple of str
-        Failed checks that no change of the design mends.
-    trials : int
-        Number of changes that were judged.
-    undecided : tuple of str
-        Why some of them have no verdict, a reason for each.
-    """
+    """The changes that were found for a verdict that fails."""
 
     DOCUMENT = (
         *("failed", "changes", "searched = searches", "unmendable", "trials"),
         "undecided # why changes have no verdict",
     )
 
-    failed: tuple[str, ...]
-    changes: tuple[Change, ...]
-    searches: tuple[Search, ...]
-    unmendable: tuple[str, ...]
-    trials: int
-    undecided: tuple[str, ...]
+    failed: tuple[str, ...]  # checks
+    changes: tuple[Change, ...]  # with which every check passes
+    searches: tuple[Search, ...]  # the keys that were searched, each with the ends of its values
+    unmendable: tuple[str, ...]  # failed checks that no change of the design mends
+    trials: int  # changes that were judged
+    undecided: tuple[str, ...]  # why some of them have no verdict, a reason for each
 
 
 def mending_keys(scene: Scene) -> dict[str, tuple[str, ...]]:

@@ -88,10 +88,7 @@ class Question:
         if not text:
             raise _refused(self.asked, "", f"expected a limit, such as {self.asked}={self.example}")
         if extra and not self.second:
-            several = [
-                f"{q.asked}=LIMIT@{q.second.upper()}" for q in QUESTIONS.values() if q.second
-            ]
-            raise _refused(self.asked, repr(extra), f"only {' and '.join(several)} have two values")
+            raise _refused(self.asked, repr(extra), f"expected one value: {self.asked}={text}")
         if self.name not in Checks.model_fields:  # scenes' checks judge those in it
             try:
                 return {"limit": parse(text, self.unit) if self.unit else number(text)}
