@@ -25,19 +25,23 @@ from taction.system.errors import EngineError
 from taction.system.reading_definitions import FAINT, FOUND, SETTLING_BAND
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import RINGS
-from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
+from taction.verification.engines.statespace.transients.exact import (
+    Exact,
+    exact_solution,
+    real_sums,
+)
 from taction.verification.readings.measurements import STILL, Measurements, channel_measure, summary
 from taction.verification.readings.readings import Reading, Step, read
 from taction.verification.readings.ringing import Mode
 from taction.verification.readings.settling import ChannelState, Settlement
-from taction.verification.readings.trace import BLOCKS, CELLS, PARTS, Asked, CubicCells, Trace
+from taction.verification.readings.trace import PARTS, Asked, CubicCells, Trace
 
 DETAIL = 1e-6  # of the settling band: the grid resolves modes above it
 SHORT = "the channel never reaches the levels of its step"
 FINENESS = 0.5  # width times |p| of the fastest mode of a segment: 13 points a period
 NOISE = 0.1  # of the error bound: a rise by less does not matter to a maximum
 DEAD = 3.0  # a cubic misses at most so many times the amplitude of a mode that has no points
-
+CELLS, BLOCKS = 512, 96  # of a block, and so many blocks are looked at in one search
 STRIDE = 4  # cells that have the same bounds
 
 Piece = tuple[float, float, int]
@@ -67,7 +71,7 @@ class ExactTrace(Trace):
     ) -> None:
         flow = self.flow = solution.flow
         share, slopes = flow.share * signs, flow.derived() * signs
-        self.both: Complexes = np.stack([share, slopes])  # of values and of slopes, (2, m, K)
+        self.both: Complexes = np.array([share.T, slopes.T])  # of values and slopes, (2, K, m)
         self.size, self.channels = np.abs(share), len(signs)
         self.largest = self.size.max(axis=1, initial=0.0)
         self.ends = np.asarray(solution.final * signs - target)
@@ -82,7 +86,7 @@ class ExactTrace(Trace):
         rates, speeds = self.flow.rates, self.flow.speeds
         loud = self.largest > self.detail
         death = np.log(self.largest[loud] / self.detail) / np.abs(rates[loud])
-        order, begin, cells = np.argsort(death), 0.0, max(CELLS // max(self.channels, 1), PARTS)
+        order, begin = np.argsort(death), 0.0
         death, fastest = death[order], np.maximum.accumulate(speeds[loud][order][::-1])[::-1]
         # First block, number of blocks, and their pieces.
         self.runs: list[tuple[int, int, list[Piece]]] = []
@@ -99,10 +103,10 @@ class ExactTrace(Trace):
                 self.runs[-1][2].append(piece)
                 room -= count
                 continue
-            number = -(-count // cells)
+            number = -(-count // CELLS)
             self.runs.append((self.blocks, number, [piece]))
-            self.blocks, room = self.blocks + number, cells - count
-        self.stop, self._cells = begin, cells
+            self.blocks, room = self.blocks + number, CELLS - count
+        self.stop = begin
 
     def _pieces(self, number: int) -> list[Piece]:
         """Return the pieces of a block."""
@@ -110,8 +114,8 @@ class ExactTrace(Trace):
         first, blocks, pieces = self.runs[nth]
         if blocks == 1:
             return pieces
-        ((begin, width, count),), done = pieces, (number - first) * self._cells
-        return [(begin + width * done, width, min(self._cells, count - done))]
+        ((begin, width, count),), done = pieces, (number - first) * CELLS
+        return [(begin + width * done, width, min(CELLS, count - done))]
 
     def block(self, number: int) -> CubicCells:
         """See `Trace`."""
@@ -124,8 +128,10 @@ class ExactTrace(Trace):
         weight = self.largest * np.exp(flow.rates * begin)
         live = weight > self.detail
         dead = DEAD * (np.exp(flow.rates[~live] * begin) @ self.size[~live])
-        basis = flow.basis(times, live)
-        values, slopes = (basis.real @ x.real - basis.imag @ x.imag for x in self.both[:, live])
+        row = math.isqrt(count) + 1
+        basis = flow.on_grids(times[::row], np.array([width]), row, live)
+        basis = basis.reshape(-1, basis.shape[2])[: len(times)]
+        values, slopes = real_sums(basis, self.both[:, :, live])
         missed = _missed(width * flow.speeds[live])
         some = times[:-1:STRIDE]  # what bounds the cells there bounds those up to the next, too
         room = np.exp(np.outer(some, flow.rates[live])) @ (missed[:, None] * self.size[live]) + dead
@@ -169,8 +175,10 @@ class ExactTrace(Trace):
         """See `Trace`."""
         flow, part = self.flow, width / PARTS
         times = begin + np.multiply.outer(np.arange(PARTS + 1), part)
-        basis = flow.basis(times.T, slice(None))
-        values, slopes = (basis @ self.both[:, :, channel].T).real.T
+        live = flow.slowest(float(begin.min()))
+        basis = flow.on_grids(begin, part, PARTS + 1, live)
+        share = self.both[:, channel, live].transpose(1, 0, 2)
+        values, slopes = real_sums(basis, share).transpose(2, 1, 0)
         values, slopes = values + self.ends[channel], slopes * part
         size = np.exp(np.outer(begin, flow.rates)) * self.size[:, channel].T
         missed = _missed(np.outer(part, flow.speeds))

@@ -19,9 +19,8 @@ import numpy as np
 
 from taction.system.array_types import Bools, Floats, Ints
 
-CELLS = 1 << 15  # cells times channels of a block
+CELLS = 1 << 15  # cells times channels of a block of a record
 PARTS = 8  # of a cell that is divided
-BLOCKS = 12  # so many blocks of an exact solution are looked at in one search
 FINE = 1e-7  # of a level: with less room a cell is not divided
 DEEPEST = 8  # so often a cell is divided
 PIECES = 128  # of cells for each level, on average, up to which they are divided again
@@ -223,7 +222,7 @@ class Trace(ABC):
         """
         order, count = slice(None, None, -1 if last else 1), len(asked.side)
         for turn in range(DEEPEST):
-            pieces = np.stack([begin, width, asked.channel[row]], axis=1).view("V24").ravel()
+            pieces = begin + 1j * asked.channel[row]
             _, one, which = np.unique(pieces, return_index=True, return_inverse=True)
             divided = self.divide(begin[one], width[one], asked.channel[row[one]])
             parts = CubicCells(*(each[order, which].T.ravel() for each in divided))
@@ -293,9 +292,9 @@ class Trace(ABC):
         """Raise maxima, with their doubts and instants, and bounds on them by those of a block."""
         cells, tops, doubts = self._topped(number)
         channels = np.arange(self.channels)
-        for k, values in enumerate((cells.left - cells.room, -cells.left - cells.room)):
-            at = values.argmax(axis=0)
-            there = values[at, channels], doubts[channels, at], cells.begin[at, 0]
+        low = tops - 2.0 * cells.room.T  # which the trace reaches in the cell
+        for k, at in enumerate(low.argmax(axis=2)):
+            there = low[k, channels, at], doubts[channels, at], cells.begin[at, 0]
             _raise(found, np.full(self.channels, k), channels, *there)
         maybe = tops > found[0][:, :, None] + self.level
         side, channel, place = np.nonzero(maybe)
@@ -306,6 +305,8 @@ class Trace(ABC):
         np.maximum(reach, others.max(axis=2), out=reach)
         begin, width = cells.begin[place, 0], cells.width[place, 0]
         for turn in range(DEEPEST):
+            if not channel.size:
+                break
             divided = self.divide(begin, width, channel)
             side, channel = (np.tile(each, len(divided.begin)) for each in (side, channel))
             parts, sign = CubicCells(*map(np.ravel, divided)), np.where(side, -1.0, 1.0)
@@ -316,8 +317,6 @@ class Trace(ABC):
             more = ~fine & (height + parts.room > found[0][side, channel] + self.level)
             bound = np.where(more, -math.inf, height + parts.room + parts.doubt)
             np.maximum.at(reach, (side, channel), bound)
-            if not more.any():
-                break
             begin, width = parts.begin[more], parts.width[more]
             side, channel = side[more], channel[more]
 

@@ -23,6 +23,7 @@ from taction.spice_models.input_errors import MOST
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError, SimulationError
 from taction.system.quantities import show
+from taction.system.reading_definitions import FOUND
 from taction.verification.engines.ngspice.evidence import integrated_noise
 from taction.verification.engines.ngspice.process import Simulation, find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
@@ -65,6 +66,8 @@ class SteadyState:
         """Return the instant after which every output stays within `volts` of `values`, s."""
         return self.scales.stop_for(volts / (self.scales.step or 1.0))
 
+
+NEAR = 1e-3  # of the limit of an excursion: error to which that is found
 
 STEP = 0.1  # of the distance to the nearest pole: step of the frequencies
 BELOW, ABOVE = 1e-4, 1e4  # of the slowest, and of the fastest pole: first and last frequency
@@ -213,15 +216,17 @@ class Board:
         """The readings of the exact solution; None where it is not known, or a mode stays."""
         if not (self.poles.known_stable and is_exact(self.linear)):
             return None
+        checks = self.scene.checks
+        limits = [each.max for each in (checks.overshoot, checks.undershoot) if each is not None]
         try:
             return ExactResponse(
                 self.linear,
                 self.ideal.target,
                 self.ideal.start,
                 initial=self.transient.initial,
-                band=self.scene.checks.settling_time.band,
+                band=checks.settling_time.band,
                 target_error=self.target_error,
-                level=0.0,
+                level=min([FOUND, *(NEAR * limit for limit in limits)]),
             ).measured()
         except EngineError:
             return None

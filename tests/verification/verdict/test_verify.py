@@ -296,3 +296,18 @@ def test_a_dip_between_the_points_of_a_record_is_a_difference() -> None:
     record = stepped.simulate(design.linear, design.transient, times=times)
     found = module.state_space_beside(design.linear, design.transient, record, 1e-9)
     assert found.difference > 0.007 * np.abs(u[-1] - u[0]).max()
+
+
+@pytest.mark.parametrize(("limit", "wanted"), [(0.1, 1e-6), (1e-4, 1e-7)])
+def test_an_excursion_is_found_to_a_thousandth_of_its_limit(limit: float, wanted: float) -> None:
+    engine, checks = {"engine": "statespace"}, {"overshoot": {"max": limit}}
+    verdict = verify(shipped("tuned-breadboard", analysis=engine, checks=checks))
+    found, ideal = verdict.measurements.readings["overshoot"], verdict.ideal
+    assert found is not None
+    assert found.uncertainty <= 1.1 * wanted  # and rounding
+    solution = exact_solution(verdict.board.linear, initial=verdict.transient.initial)
+    signs = np.array([output.sign for output in verdict.circuit.outputs])
+    errors = signs * solution.at(np.linspace(0.0, 2e-4, 40_001)) - ideal.target
+    sizes = ideal.target - ideal.start
+    over = float((errors * np.sign(sizes)).max() / np.abs(sizes).max())
+    assert found.value == pytest.approx(over, abs=2.0 * wanted)

@@ -89,17 +89,41 @@ class ModalFlow:
 
     def basis(self, times: Floats, live: Bools | slice) -> Complexes:
         """Return `live` terms with shares of 1 at `times`, whose shape comes first."""
-        poles, powers, scales = self.poles[live], self.powers[live], self.scales[live]
+        return self._with_powers(self._exponentials(times, live), times, live)
+
+    def on_grids(self, begin: Floats, step: Floats, count: int, live: Bools | slice) -> Complexes:
+        """Return `live` terms with shares of 1 at ``begin + step [0, 1, ...]``, (P, count, m).
+
+        Exponentials at the begins (P,) and on one grid for each of the steps (P,) give all others.
+        """
+        steps, which = np.unique(step, return_inverse=True)
+        grid = np.multiply.outer(steps, np.arange(count))
+        values = self._exponentials(begin, live)[:, None] * self._exponentials(grid, live)[which]
+        return self._with_powers(values, begin[:, None] + grid[which], live)
+
+    def _with_powers(self, values: Complexes, times: Floats, live: Bools | slice) -> Complexes:
+        """Multiply exponentials by the powers of the time, in place."""
+        powers, scales = self.powers[live], self.scales[live]
+        with np.errstate(over="ignore", invalid="ignore"):
+            for k in range(1, int(powers.max(initial=0)) + 1):
+                higher = np.flatnonzero(powers >= k)
+                values[..., higher] *= np.multiply.outer(times, scales[higher] / k)
+        return values
+
+    def _exponentials(self, times: Floats, live: Bools | slice) -> Complexes:
+        """Return ``exp(p t)`` of `live` terms at `times`, whose shape comes first."""
+        poles = self.poles[live]
         ring = np.flatnonzero(poles.imag)
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable board overflows
             values: Complexes = np.exp(np.multiply.outer(times, poles.real)).astype(np.complex128)
             angle = np.multiply.outer(times, poles.imag[ring])  # quicker than complex exponentials
             values.imag[..., ring] = values.real[..., ring] * np.sin(angle)
             values.real[..., ring] *= np.cos(angle)
-            for k in range(1, int(powers.max(initial=0)) + 1):
-                higher = np.flatnonzero(powers >= k)
-                values[..., higher] *= np.multiply.outer(times, scales[higher] / k)
         return values
+
+    def slowest(self, time: float) -> slice:
+        """Return the terms that still matter from an instant on, s."""
+        return slice(int(np.count_nonzero(self.rates * time > FADED)))
 
     def derived(self) -> Complexes:
         """Return the shares of the time derivative, (m, K)."""
@@ -121,12 +145,20 @@ class ModalFlow:
         values = np.empty((len(times), weight.shape[1]))
         for first in range(0, len(times), BLOCK):
             part = slice(first, first + BLOCK)
-            live = int(np.count_nonzero(self.rates * times[part].min() > FADED))
-            basis = self.basis(times[part], slice(live))  # the slowest, which still matter
-            some = weight[: basis.shape[1]]
-            with np.errstate(over="ignore", invalid="ignore"):  # half of a complex product
-                values[part] = basis.real @ some.real - basis.imag @ some.imag
+            live = self.slowest(float(times[part].min()))
+            basis = self.basis(times[part], live)
+            with np.errstate(over="ignore", invalid="ignore"):
+                values[part] = real_sums(basis, weight[live].T)
         return values
+
+
+def real_sums(basis: Complexes, share: Complexes) -> Floats:
+    """Return ``Re basis share^T``, (..., P, K), of arrays (..., P, m), contiguous, and (..., K, m).
+
+    It is one real product.
+    """
+    weight = np.ascontiguousarray(share.conj()).view(np.float64)
+    return np.asarray(basis.view(np.float64) @ weight.swapaxes(-1, -2))
 
 
 def _series(group: Group, seen: Complexes, dual: Complexes) -> Complexes:

@@ -14,7 +14,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.transients import reduced_transient
-from taction.verification.engines.statespace.transients.exact import exact_solution
+from taction.verification.engines.statespace.transients.exact import exact_solution, real_sums
 from taction.verification.engines.statespace.transients.stepped import simulate
 from taction.verification.evidence.stress.run_cases import compare, wrong_checks
 from taction.verification.stability.poles import poles
@@ -50,6 +50,9 @@ def test_a_defective_board_has_powers_of_the_time(count: int) -> None:
     values, slopes = solution.flow.pair(t)
     assert 1.0 + values == pytest.approx(solution.at(t), abs=1e-12)
     assert slopes[:, 0] == pytest.approx(slope, abs=1e-9 / TAU)
+    basis = solution.flow.on_grids(t[::20], np.array([t[1]]), 20, slice(None))
+    on_grids = 1.0 + real_sums(basis, solution.flow.share.T)[:, :, 0].ravel()[:101]
+    assert on_grids == pytest.approx(1.0 - np.exp(-x) * sum(terms), abs=1e-12)
 
 
 def test_modes_that_have_faded_are_not_missed() -> None:
