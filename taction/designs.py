@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from taction.netlist_gen.board.opamp_choice import OpAmpFigures
+    from taction.netlist_gen.scene.fields import Unit
     from taction.netlist_gen.scene.scene import Scene
     from taction.system.progress import Progress
     from taction.verification.reference.problem import Solution
@@ -333,12 +334,12 @@ def import_model(
     import re
 
     from taction.netlist_gen.board.opamp_choice import to_document
-    from taction.netlist_gen.scene.fields import BOTH_SIGNS
+    from taction.netlist_gen.scene.fields import Unit
     from taction.system.output_files import write_atomically
     from taction.verification.studies.decks.vendor_model import ImportedModel, import_opamp
 
-    volts = _quantity("supply", BOTH_SIGNS.sub("", str(supply)), "V", 1e6)
-    farads = _quantity("compensation", str(compensation), "F", 1.0) if compensation else 0.0
+    volts = _quantity("supply", supply, Unit("V", both=True))
+    farads = _quantity("compensation", compensation, Unit("F")) if compensation else 0.0
     name = re.sub(r"^(?![a-z])", "m", re.sub(r"[^a-z0-9]", "_", subckt.lower()))
     words = pins.split(",") if isinstance(pins, str) else pins
     roles = tuple(word.strip().lower() for word in words)
@@ -348,18 +349,14 @@ def import_model(
     return ImportedModel(target, found)
 
 
-def _quantity(name: str, text: str, unit: str, most: float) -> float:
-    """Read a quantity of the option `name`, above zero."""
+def _quantity(option: str, value: str | float, unit: Unit) -> float:
+    """Read the quantity of an option as scenes have it."""
     from taction.system.errors import Complaint, InputError
-    from taction.system.quantities import parse
 
     try:
-        value = parse(text, unit)
-        if not 0.0 < value <= most:
-            raise ValueError(f"must be above zero, and at most {most:g} {unit}")
+        return float(unit.check(value))
     except ValueError as error:
-        raise InputError(f"--{name}", Complaint(name, repr(text), str(error))) from None
-    return value
+        raise InputError(f"--{option}", Complaint(option, repr(value), str(error))) from None
 
 
 SECONDS = 60.0  # of all runs of ngspice of one check
