@@ -100,8 +100,10 @@ def test_a_growing_oscillation():
 @pytest.mark.parametrize("size", [0.002, 0.3])
 def test_a_sustained_oscillation_never_settles_inside_the_band_or_outside(size):
     time = np.linspace(0, 200, 6000)
-    channel = measure(time, first_order(time) + size * np.sin(3 * time)[:, None], ONE).channels[0]
+    found = measure(time, first_order(time) + size * np.sin(3 * time)[:, None], ONE)
+    channel = found.channels[0]
     assert channel.state is ChannelState.OSCILLATING
+    assert found.reason == "channel 1: it oscillates and does not decay: it never settles"
     assert channel.settling_time is None
     assert channel.growth_rate == pytest.approx(0.0, abs=1e-6)
 
@@ -111,6 +113,7 @@ def test_a_limit_cycle_is_clipped_with_the_growth_before_it():
     u = first_order(time) + np.tanh(1e-4 * np.exp(0.12 * time) * np.sin(3 * time))[:, None]
     channel = measure(time, u, ONE).channels[0]
     assert channel.state is ChannelState.CLIPPED
+    assert "at a constant amplitude" in channel.reason
     assert channel.frequency == pytest.approx(3 / (2 * np.pi), rel=1e-3)
     assert channel.growth_rate == pytest.approx(0.12, rel=0.01)
 

@@ -114,10 +114,15 @@ def test_what_double_precision_cannot_answer_is_refused(problem: Problem) -> Non
     assert np.all(np.isfinite(solution.u))
 
 
-@pytest.mark.parametrize("count", [50, pytest.param(400, marks=pytest.mark.nightly)])
-def test_random_problems_without_a_false_claim(count: int) -> None:
-    """Of every amplifier, with and without bias, shape, rank, scale, strain and lambda."""
-    claims = count_claims(random_problems(seed=1993, count=count))
+@pytest.mark.parametrize(
+    ("seed", "count"), [(2, 50), pytest.param(1993, 400, marks=pytest.mark.nightly)]
+)
+def test_random_problems_without_a_false_claim(seed: int, count: int) -> None:
+    """Of every amplifier, with and without bias, shape, rank, scale, strain and lambda.
+
+    The fourth one of seed 2 is trusted only where it is refined.
+    """
+    claims = count_claims(random_problems(seed, count))
     assert claims.false == ()
     assert all(problem.lam == 0.0 for problem in claims.inconclusive)
     assert len(claims.inconclusive) <= count / 20
@@ -177,6 +182,17 @@ def test_bounds_on_the_slope(entry: Regulariser) -> None:
         inside = reached < 1.0 if entry is REGULARISERS["tanh"] else np.ones_like(V, dtype=bool)
         slope = entry.slope(entry.inverse(reached[inside]))
         assert np.all(slope <= entry.slope_bound(u[inside]) * (1 + 1e-6) + rise + 1e-6)
+
+
+@ENTRIES
+@pytest.mark.parametrize("mu", [1e-9, 1e-3, 1.0, 1e6])
+def test_the_solver_s_coordinate_leads_back(entry: Regulariser, mu: float) -> None:
+    """An increasing function of v has one root: that from which its value was computed."""
+    h, v = np.linspace(0.1, 3.0, V.size), 5.0 * V
+    q = mu * v + h * entry.g(v)
+    found = entry.v_from_q(q, mu, h)
+    terms = np.abs(mu * v) + np.abs(h * entry.g(v))
+    assert np.all(np.abs(mu * found + h * entry.g(found) - q) <= 1e-14 * terms)
 
 
 def test_qr_keeps_digits_that_normal_equations_lose(rng: np.random.Generator) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
-from taction.spice_models.input_errors import drawn, spread
+from taction.spice_models.input_errors import drawn
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import opamp_subcircuit
 from taction.system.errors import InputError
@@ -173,19 +174,34 @@ def test_a_drawn_op_amp_has_its_deviations_from_the_mean(sigmas: float) -> None:
     assert not found.varying
 
 
+def changing(base: str, temperature: str, **opamp: Any) -> OpAmp:
+    """An op-amp of a board for a range of temperatures, at supplies of ±15 V within 5 %."""
+    choice = {"base": base, "input_errors": "typical", **opamp}
+    design = {"opamp": choice, "temperature": temperature, "supply_tolerance": 0.05}
+    return choose_opamp(make_scene(design=design))
+
+
 def test_changes_that_a_sheet_lacks_are_named() -> None:
     """That of the UA741 has the drift of the offset and the rejection of the supply."""
-    opamp = {"base": "ua741", "input_errors": "typical"}
-    wide = {"opamp": opamp, "temperature": "0..70degC", "supply_tolerance": 0.05}
-    assert choose_opamp(make_scene(design=wide)).not_known == ("bias_drift",)
+    assert changing("ua741", "0..70degC").not_known == ("bias_drift",)
 
 
-def test_a_figure_that_nobody_confirmed_is_assumed() -> None:
-    known = {name: spread("bias_current", 80e-9, 500e-9, {name}).assumed for name in
-             ("bias_current", "guaranteed.bias_current", "offset_voltage")}  # fmt: skip
-    assert [*known.values()] == [True, True, False]
-    assert not spread("bias_current", 80e-9, 500e-9).assumed
-    assert spread("bias_current", 80e-9, None).assumed
+def test_currents_of_field_effect_inputs_are_four_times_as_large_20_kelvins_higher() -> None:
+    """Of a TL084 at most 400 pA, typically 30 pA; of a current that a scene gives, that one."""
+    drift = dict(changing("tl084", "25..45degC").varying)["bias_drift"]
+    deviation = math.sqrt(4.0**2 - 1.0) * (400e-12 - 30e-12) / 3.0
+    assert (drift.mean, drift.sigma) == pytest.approx((3.0 * 30e-12, deviation))
+    given = changing("tl084", "25..45degC", input_errors="none", bias_current="1nA")
+    ((name, own),) = given.varying
+    assert (name, own.sigma) == ("bias_drift", 0.0)
+    assert own.mean == pytest.approx(3e-9)
+
+
+def test_an_op_amp_without_errors_that_drifts_is_drawn_with_one() -> None:
+    cold = changing("tl084", "5..25degC", input_errors="none", offset_drift="10uV/K")
+    assert not cold.input_errors
+    found = drawn(cold, {"offset_drift": 1.5})
+    assert found.input_offset == pytest.approx(1.5 * 20.0 * 10e-6 / 0.67)
 
 
 ERRORS = {"base": "tl084", "offset_voltage": "3mV", "bias_current": "20nA", "offset_current": "4nA"}
