@@ -54,6 +54,12 @@ def test_channels_whose_output_underflows_report_v() -> None:
     assert solution.v.tolist() == pytest.approx([float(x) for x in found[1]], rel=1e-13)
 
 
+def test_the_condition_of_one_channel_is_that_of_its_factor() -> None:
+    """The square root of ``mu + t^2 g'(v)`` over that of mu; g' of the exponential is u."""
+    solution = solve(Problem(np.array([[3.0]]), np.array([5.0]), 0.7, "exponential"))
+    assert solution.condition == pytest.approx(np.sqrt(1.0 + 9.0 * solution.u[0] / 0.35))
+
+
 # Of such starts a few per cent fail on the first path, others with other kernels.
 @pytest.mark.parametrize("seed", [5, 9, 20])
 def test_rounding_of_the_strain_does_not_end_the_refinement(seed: int) -> None:
