@@ -145,6 +145,17 @@ def test_the_lasso_of_orthogonal_columns_is_a_soft_threshold() -> None:
     assert answer.v == pytest.approx([3.2, -0.5, 1.1, -2.2], abs=1e-13)
 
 
+def test_the_lasso_of_more_channels_than_sensors_meets_its_conditions() -> None:
+    """``T^T r`` is lam/2 times the sign of an entry, and at most lam/2 where the entry is 0."""
+    rng = np.random.default_rng(8)
+    for _ in range(40):
+        T, eps, lam = rng.standard_normal((2, 5)), rng.standard_normal(2), 0.02
+        answer = solve(Problem(T, eps, lam, "deadzone", ridge_share=0.0))
+        force = T.T @ (eps - T @ answer.u) / (0.5 * lam)
+        assert np.all(np.abs(force) <= 1.0 + 1e-9)
+        assert force[answer.u != 0.0] == pytest.approx(np.sign(answer.u[answer.u != 0.0]), abs=1e-9)
+
+
 def test_an_answer_that_is_not_unique_is_not_trusted() -> None:
     T, eps = np.ones((1, 2)), np.ones(1)
     answer = solve(Problem(T, eps, 1.0, "saturation", ridge_share=0.0))

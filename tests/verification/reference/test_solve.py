@@ -12,7 +12,12 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import parse_scene
 from taction.system.errors import InputError
 from taction.verification.reference.lambda_rule import choose, fitted, resolve_lambda
-from taction.verification.reference.problem import Problem, Solution, solution_difference
+from taction.verification.reference.problem import (
+    Problem,
+    ScaledProblem,
+    Solution,
+    solution_difference,
+)
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
 from taction.verification.reference.solve import factorise, solve
 from tests.support.oracle import (
@@ -160,6 +165,12 @@ def test_a_change_is_bounded_by_the_errors_of_both() -> None:
     assert change == pytest.approx(0.5, rel=1e-12)
     assert 0.5 <= bound <= 0.5 + 1e-12
     assert bound == change + one.error_bound + other.error_bound
+
+
+@pytest.mark.parametrize("size", [1e-12, 0.3, 2e7])
+def test_a_scaled_matrix_has_a_norm_near_one(size: float) -> None:
+    T = size * np.array([[1.0, 0.5], [-0.25, 2.0]])
+    assert 0.7 <= ScaledProblem.of(Problem(T, np.ones(2), size**2)).norm <= 1.5
 
 
 ENTRIES = pytest.mark.parametrize("entry", REGULARISERS.values(), ids=REGULARISERS)
