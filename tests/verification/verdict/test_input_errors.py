@@ -22,7 +22,7 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
-from taction.spice_models.input_errors import drawn
+from taction.spice_models.input_errors import drawn, spread
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import opamp_subcircuit
 from taction.system.errors import InputError
@@ -202,6 +202,14 @@ def test_an_op_amp_without_errors_that_drifts_is_drawn_with_one() -> None:
     assert not cold.input_errors
     found = drawn(cold, {"offset_drift": 1.5})
     assert found.input_offset == pytest.approx(1.5 * 20.0 * 10e-6 / 0.67)
+
+
+def test_a_figure_that_nobody_confirmed_is_assumed() -> None:
+    known = {name: spread("bias_current", 80e-9, 500e-9, {name}).assumed for name in
+             ("bias_current", "guaranteed.bias_current", "offset_voltage")}  # fmt: skip
+    assert [*known.values()] == [True, True, False]
+    assert not spread("bias_current", 80e-9, 500e-9).assumed
+    assert spread("bias_current", 80e-9, None).assumed
 
 
 ERRORS = {"base": "tl084", "offset_voltage": "3mV", "bias_current": "20nA", "offset_current": "4nA"}
