@@ -108,6 +108,17 @@ def test_a_sustained_oscillation_never_settles_inside_the_band_or_outside(size):
     assert channel.growth_rate == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("stop", "state"), [(17.9, ChannelState.SETTLED), (17.5, ChannelState.NOT_SETTLED)]
+)
+def test_a_ringing_below_half_the_band_at_the_end_need_not_last_three_periods(stop, state):
+    """It is outside the band of 1 % until 15.3 s, and above half of it until 17.7 s."""
+    time = np.linspace(0.0, stop, 2000)
+    ringing = np.exp(-0.3 * time) * np.cos(2.0 * np.pi * time)
+    channel = measure(time, 1.0 - ringing[:, None], ONE).channels[0]
+    assert channel.state is state
+
+
 def test_a_limit_cycle_is_clipped_with_the_growth_before_it():
     time = np.linspace(0, 100, 12000)
     u = first_order(time) + np.tanh(1e-4 * np.exp(0.12 * time) * np.sin(3 * time))[:, None]
