@@ -60,8 +60,10 @@ def tests_of(files: Iterable[str]) -> list[Path]:
 
     Those of its name, and of the folder that mirrors a module's, belong to it, too: commands and
     views are found by their names. A changed file that is no Python, such as a scene, has the tests
-    that name it. Tests that need a tool of their own are left out, as in `make test`.
+    that name it. Tests that need a tool of their own are left out, as in `make test`. Those of the
+    mirrored folder come first, the short ones before the long.
     """
+    files = [*files]
     names = {path: name for name, path in modules().items()}
     every = [file.relative_to(ROOT / "tests") for file in (ROOT / "tests").rglob("test_*.py")]
     tests = [ROOT / "tests" / file for file in every if file.parts[0] not in WITH_TOOLS]
@@ -76,7 +78,8 @@ def tests_of(files: Iterable[str]) -> list[Path]:
         python = path.suffix == ".py"
         using = (e for e in tests if (module in imported(e) if python else path.name in text(e)))
         found |= {path} & {*tests} | {*using}
-    return sorted(found, key=lambda file: file.stat().st_size)
+    folders = {(ROOT / name).parent for name in files}
+    return sorted(found, key=lambda file: (mirror(file) not in folders, file.stat().st_size))
 
 
 def main() -> int:

@@ -87,7 +87,7 @@ def main() -> int:
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "checkout"
-        skipped = shutil.ignore_patterns(".git", ".venv*", "__pycache__", "*_cache", "docs")
+        skipped = shutil.ignore_patterns(".git", ".venv*", "__pycache__", "*_cache")
         shutil.copytree(ROOT, copy, symlinks=True, ignore=skipped)
         for room in asked.rooms:
             began = time.monotonic()

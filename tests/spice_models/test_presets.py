@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from taction.spice_models.input_errors import spreads
 from taction.spice_models.opamp import (
     OpAmp,
+    Spread,
     phase_margin,
     poles_from_phase_margin,
     second_pole_from_phase_margin,
@@ -136,6 +137,7 @@ def test_figures_that_are_given_stay_and_others_follow(
         ({"slew": 0.5e6}, "slew: not a figure of an op-amp; known: dc_gain, gbw"),
         ({"second_pole": 1e6, "phase_margin": 60.0}, "give one of the two"),
         ({"phase_margin": 95.0}, "between 0.2562 and 90 degrees"),
+        ({"phase_margin": 20.0, "dc_gain": 10.0}, "between 36.87 and 95.74 degrees"),
         ({"phase_margin": 60.0, "gbw": math.inf}, "needs a finite gbw"),
         ({"phase_margin": 60.0, "dc_gain": 0.0}, "dc_gain = 0.0: must be finite and above 1"),
         ({"gbw": -1.0}, "gbw = -1.0: must be above 0"),
@@ -153,7 +155,7 @@ def test_a_limit_that_no_document_confirms_is_an_assumed_spread() -> None:
     found = {name: spreads(load_presets()[name]) for name in ("opa189", "tl084", "ad8065")}
     assert all(each.assumed for each in found["opa189"].values())
     assert not any(each.assumed for each in found["tl084"].values())
-    assert found["ad8065"]["bias_current"].assumed
+    assert found["ad8065"]["bias_current"] == Spread(0.0, 2e-12 / 0.67, True)
     assert not found["ad8065"]["offset_voltage"].assumed
 
 

@@ -279,6 +279,7 @@ SOURCE, COIL = Branch("V", "1", "a", "0", 1.0), Branch("L", "1", "a", "0", 1e-3)
     ],
 )
 def test_a_part_of_a_linear_model_that_cannot_be_is_named(part: Branch, text: str) -> None:
+    assert (COIL.nodes, Branch("K", "1", "L1", "L2", 0.5).nodes) == (("a", "0"), ())
     check_parts([SOURCE, COIL, Branch("F", "1", "a", "b", 2.0, ("V1",))])
     with pytest.raises(ValueError, match=text):
         check_parts([SOURCE, COIL, part])

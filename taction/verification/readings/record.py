@@ -144,7 +144,6 @@ class RecordTrace(Trace):
         """See `Trace`; without a curve the only part is the cell."""
         if self.curve is None:
             interval = np.searchsorted(self.every, begin, side="right") - 1
-            interval = np.minimum(interval, len(self.every) - 2)
             return CubicCells(*(each[None] for each in self._cells(interval, channel)))
         part = width / PARTS
         times = begin + np.multiply.outer(np.arange(2 * PARTS + 1), 0.5 * part)

@@ -55,11 +55,6 @@ class IdealNetwork:
         return self.solver(self.problem)
 
     @property
-    def unit(self) -> float:
-        """Voltage at which ``x = 1``: Ve, and U0 for a linear amplifier, V."""
-        return self.U0 if self.amplifier == "linear" else self.Ve
-
-    @property
     def mu(self) -> float:
         """Lambda for linear amplifiers, half of lambda for the others."""
         return self.lam * REGULARISERS[self.amplifier].weight
@@ -96,7 +91,6 @@ class IdealAnswer:
     start: Floats
     target: Floats
     error: float  # bound on the error of `target`, as a fraction of the step amplitude
-    initial: Floats  # (N,): voltages of the signal nodes at t = 0, V
     problem: str  # why the steady state cannot be trusted; empty for a trusted one
 
 
@@ -163,13 +157,11 @@ def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
 
     SolverError: the solver can return no answer, or none for a start from rest, without strain.
     """
-    initial = np.zeros(network.T.shape[1])
+    before = REGULARISERS[network.amplifier].g(np.zeros(network.T.shape[1]))
     if scene.analysis.initial != "zero" and network.amplifier != "linear":
-        rest = replace(network, eps=np.zeros_like(network.eps)).rest
-        initial = network.unit * (rest.v if rest.v is not None else rest.u)
+        before = replace(network, eps=np.zeros_like(network.eps)).rest.u
     solution = network.rest
-    gain = REGULARISERS[network.amplifier].g
-    start, target = network.U0 * gain(initial / network.unit), solution.u * network.U0
+    start, target = network.U0 * before, solution.u * network.U0
     amplitude = float(np.abs(target - start).max()) or 1.0
     return IdealAnswer(
         network=network,
@@ -177,6 +169,5 @@ def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
         start=start,
         target=target,
         error=solution.error_bound * network.U0 / amplitude,
-        initial=initial,
         problem=solution.reason,
     )

@@ -68,6 +68,21 @@ def test_a_second_order_step(volts: float) -> None:
     assert found.settling_time.uncertainty < 1e-8 * settled
 
 
+@pytest.mark.parametrize("periods", [0.02, 0.3, 10.0])
+def test_what_a_cubic_misses_in_a_part_of_so_many_periods_is_bounded(periods: float) -> None:
+    """Beside the closed form, from a quarter of a period on, where the slope is steepest."""
+    zeta, period = 0.01, np.full(1, 2.0 * np.pi / OMEGA)
+    trace = ExactResponse(LinearBoard(second_order(zeta, gain=1e20)), np.array([1.0])).trace
+    parts = trace.divide(0.25 * period, 8.0 * periods * period, np.zeros(1, np.int64))
+    pole = OMEGA * complex(-zeta, np.sqrt(1.0 - zeta**2))
+    left, rise, square, cube = parts.powers()
+    for x in np.linspace(0.0, 1.0, 101):
+        cubic = left + x * (rise + x * (square + x * cube))
+        turned = np.exp(pole * (parts.begin + x * parts.width))
+        true = -(turned * complex(1.0, -zeta / np.sqrt(1.0 - zeta**2))).real
+        assert np.all(np.abs(cubic - true) <= parts.room + parts.doubt)
+
+
 @pytest.mark.parametrize("zeta", [1e-3, 1e-6, 1e-8])
 def test_a_ringing_that_hardly_decays_settles_where_its_envelope_meets_the_band(
     zeta: float,

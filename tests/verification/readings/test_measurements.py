@@ -100,10 +100,23 @@ def test_a_growing_oscillation():
 @pytest.mark.parametrize("size", [0.002, 0.3])
 def test_a_sustained_oscillation_never_settles_inside_the_band_or_outside(size):
     time = np.linspace(0, 200, 6000)
-    channel = measure(time, first_order(time) + size * np.sin(3 * time)[:, None], ONE).channels[0]
+    found = measure(time, first_order(time) + size * np.sin(3 * time)[:, None], ONE)
+    channel = found.channels[0]
     assert channel.state is ChannelState.OSCILLATING
+    assert found.reason == "channel 1: it oscillates and does not decay: it never settles"
     assert channel.settling_time is None
     assert channel.growth_rate == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("stop", "state"), [(17.9, ChannelState.SETTLED), (17.5, ChannelState.NOT_SETTLED)]
+)
+def test_a_ringing_below_half_the_band_at_the_end_need_not_last_three_periods(stop, state):
+    """It is outside the band of 1 % until 15.3 s, and above half of it until 17.7 s."""
+    time = np.linspace(0.0, stop, 2000)
+    ringing = np.exp(-0.3 * time) * np.cos(2.0 * np.pi * time)
+    channel = measure(time, 1.0 - ringing[:, None], ONE).channels[0]
+    assert channel.state is state
 
 
 def test_a_limit_cycle_is_clipped_with_the_growth_before_it():
@@ -111,6 +124,7 @@ def test_a_limit_cycle_is_clipped_with_the_growth_before_it():
     u = first_order(time) + np.tanh(1e-4 * np.exp(0.12 * time) * np.sin(3 * time))[:, None]
     channel = measure(time, u, ONE).channels[0]
     assert channel.state is ChannelState.CLIPPED
+    assert "at a constant amplitude" in channel.reason
     assert channel.frequency == pytest.approx(3 / (2 * np.pi), rel=1e-3)
     assert channel.growth_rate == pytest.approx(0.12, rel=0.01)
 

@@ -13,6 +13,7 @@ from taction.verification.readings.ringing import (
     find_growth,
     find_ringing,
     saturates,
+    slows,
 )
 
 F0 = 123456.0
@@ -67,6 +68,9 @@ def test_a_short_record_does_not_hide_a_growing_mode_behind_a_fading_one(periods
     shares = np.outer(grows, [0.4, 0.2]) + np.outer(fades, [0.2, -0.05])
     mode = fitted(time, shares)
     assert not mode.decays or mode.residual > GOOD_FIT
+    later = fitted(time + 1e-3, 1e-6 * shares)  # neither the begin nor the unit matters
+    for name in ("growth_rate", "growth_sigma"):
+        assert getattr(later, name) == pytest.approx(getattr(mode, name), rel=1e-5)
 
 
 def test_noise_is_covered_by_sigma(rng):
@@ -182,6 +186,14 @@ def test_saturation_needs_growth_and_then_a_plateau():
     assert saturates(np.tanh(1e-3 * np.exp(20 * x)))
     assert not saturates(np.exp(3 * x))
     assert not saturates(np.ones(40))
+
+
+@pytest.mark.parametrize("late", [0.15, 0.05])
+def test_growth_slows_where_its_rate_falls_to_less_than_half(late):
+    """By so many nepers a window in the last eight, and 0.2 in those before."""
+    nepers = np.cumsum([0.2] * 24 + [late] * 8)
+    before = np.count_nonzero(nepers < nepers[-1] - np.log(4.0))
+    assert slows(np.exp(nepers)) == (before if late < 0.1 else 0)
 
 
 TIME = np.linspace(0.0, 20.0, 2001)

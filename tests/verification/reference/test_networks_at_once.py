@@ -106,16 +106,16 @@ def random_problem(seed: int, kind: str, ridge: float, bias: bool = False) -> Pr
 KINDS = ("deadzone", "rectifier", "saturation")
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_scipy_has_the_same_non_negative_and_bounded_answers(seed: int) -> None:
-    problem = random_problem(seed, "rectifier", 0.0)
-    answer = solve(problem)
-    assert answer.trusted
-    assert answer.u == pytest.approx(nnls(problem.T, problem.eps)[0], abs=1e-10)
-    boxed = solve(random_problem(seed, "saturation", 0.0))
-    known = lsq_linear(problem.T, problem.eps, (-1.0, 1.0), tol=1e-14)
-    assert boxed.u == pytest.approx(known.x, abs=1e-6)
-    assert boxed.objective <= 2.0 * known.cost + 1e-12
+def test_scipy_has_the_same_non_negative_and_bounded_answers() -> None:
+    for seed in range(40):
+        problem = random_problem(seed, "rectifier", 0.0)
+        answer = solve(problem)
+        assert answer.trusted
+        assert answer.u == pytest.approx(nnls(problem.T, problem.eps)[0], abs=1e-10)
+        boxed = solve(random_problem(seed, "saturation", 0.0))
+        known = lsq_linear(problem.T, problem.eps, (-1.0, 1.0), tol=1e-14)
+        assert boxed.u == pytest.approx(known.x, abs=1e-6)
+        assert boxed.objective <= 2.0 * known.cost + 1e-12
 
 
 @pytest.mark.parametrize("ridge", [0.0, 0.5, 1.0])
@@ -130,8 +130,9 @@ def test_straight_pieces_are_within_the_error_bound(kind: str, ridge: float) -> 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_newton_s_method_has_the_same_answer_with_the_whole_ridge_term(kind: str) -> None:
-    problem = random_problem(3, kind, 1.0, bias=True)
-    assert solve(problem).u == pytest.approx(solve_smooth(problem).u, abs=1e-9)
+    for seed in range(20):
+        problem = random_problem(seed, kind, 1.0, bias=True)
+        assert solve(problem).u == pytest.approx(solve_smooth(problem).u, abs=1e-9)
 
 
 def test_the_lasso_of_orthogonal_columns_is_a_soft_threshold() -> None:
@@ -142,6 +143,17 @@ def test_the_lasso_of_orthogonal_columns_is_a_soft_threshold() -> None:
     assert answer.u[1] == 0.0
     # The input is u, and at least the threshold (in units of lam/2) where u is not 0.
     assert answer.v == pytest.approx([3.2, -0.5, 1.1, -2.2], abs=1e-13)
+
+
+def test_the_lasso_of_more_channels_than_sensors_meets_its_conditions() -> None:
+    """``T^T r`` is lam/2 times the sign of an entry, and at most lam/2 where the entry is 0."""
+    rng = np.random.default_rng(8)
+    for _ in range(40):
+        T, eps, lam = rng.standard_normal((2, 5)), rng.standard_normal(2), 0.02
+        answer = solve(Problem(T, eps, lam, "deadzone", ridge_share=0.0))
+        force = T.T @ (eps - T @ answer.u) / (0.5 * lam)
+        assert np.all(np.abs(force) <= 1.0 + 1e-9)
+        assert force[answer.u != 0.0] == pytest.approx(np.sign(answer.u[answer.u != 0.0]), abs=1e-9)
 
 
 def test_an_answer_that_is_not_unique_is_not_trusted() -> None:

@@ -12,7 +12,12 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import parse_scene
 from taction.system.errors import InputError
 from taction.verification.reference.lambda_rule import choose, fitted, resolve_lambda
-from taction.verification.reference.problem import Problem, Solution, solution_difference
+from taction.verification.reference.problem import (
+    Problem,
+    ScaledProblem,
+    Solution,
+    solution_difference,
+)
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
 from taction.verification.reference.solve import factorise, solve
 from tests.support.oracle import (
@@ -52,6 +57,12 @@ def test_channels_whose_output_underflows_report_v() -> None:
     assert solution.v[1] == pytest.approx(-1.0 / 0.5e-6, rel=1e-14)
     found = exact_solution(problem, solution.v)
     assert solution.v.tolist() == pytest.approx([float(x) for x in found[1]], rel=1e-13)
+
+
+def test_the_condition_of_one_channel_is_that_of_its_factor() -> None:
+    """The square root of ``mu + t^2 g'(v)`` over that of mu; g' of the exponential is u."""
+    solution = solve(Problem(np.array([[3.0]]), np.array([5.0]), 0.7, "exponential"))
+    assert solution.condition == pytest.approx(np.sqrt(1.0 + 9.0 * solution.u[0] / 0.35))
 
 
 # Of such starts a few per cent fail on the first path, others with other kernels.
@@ -114,10 +125,15 @@ def test_what_double_precision_cannot_answer_is_refused(problem: Problem) -> Non
     assert np.all(np.isfinite(solution.u))
 
 
-@pytest.mark.parametrize("count", [50, pytest.param(400, marks=pytest.mark.nightly)])
-def test_random_problems_without_a_false_claim(count: int) -> None:
-    """Of every amplifier, with and without bias, shape, rank, scale, strain and lambda."""
-    claims = count_claims(random_problems(seed=1993, count=count))
+@pytest.mark.parametrize(
+    ("seed", "count"), [(2, 50), pytest.param(1993, 400, marks=pytest.mark.nightly)]
+)
+def test_random_problems_without_a_false_claim(seed: int, count: int) -> None:
+    """Of every amplifier, with and without bias, shape, rank, scale, strain and lambda.
+
+    The fourth one of seed 2 is trusted only where it is refined.
+    """
+    claims = count_claims(random_problems(seed, count))
     assert claims.false == ()
     assert all(problem.lam == 0.0 for problem in claims.inconclusive)
     assert len(claims.inconclusive) <= count / 20
@@ -151,6 +167,12 @@ def test_a_change_is_bounded_by_the_errors_of_both() -> None:
     assert bound == change + one.error_bound + other.error_bound
 
 
+@pytest.mark.parametrize("size", [1e-12, 0.3, 2e7])
+def test_a_scaled_matrix_has_a_norm_near_one(size: float) -> None:
+    T = size * np.array([[1.0, 0.5], [-0.25, 2.0]])
+    assert 0.7 <= ScaledProblem.of(Problem(T, np.ones(2), size**2)).norm <= 1.5
+
+
 ENTRIES = pytest.mark.parametrize("entry", REGULARISERS.values(), ids=REGULARISERS)
 V = np.linspace(-6.05, 6.15, 49)  # without a break of any amplifier
 
@@ -177,6 +199,17 @@ def test_bounds_on_the_slope(entry: Regulariser) -> None:
         inside = reached < 1.0 if entry is REGULARISERS["tanh"] else np.ones_like(V, dtype=bool)
         slope = entry.slope(entry.inverse(reached[inside]))
         assert np.all(slope <= entry.slope_bound(u[inside]) * (1 + 1e-6) + rise + 1e-6)
+
+
+@ENTRIES
+@pytest.mark.parametrize("mu", [1e-9, 1e-3, 1.0, 1e6])
+def test_the_solver_s_coordinate_leads_back(entry: Regulariser, mu: float) -> None:
+    """An increasing function of v has one root: that from which its value was computed."""
+    h, v = np.linspace(0.1, 3.0, V.size), 5.0 * V
+    q = mu * v + h * entry.g(v)
+    found = entry.v_from_q(q, mu, h)
+    terms = np.abs(mu * v) + np.abs(h * entry.g(v))
+    assert np.all(np.abs(mu * found + h * entry.g(found) - q) <= 1e-14 * terms)
 
 
 def test_qr_keeps_digits_that_normal_equations_lose(rng: np.random.Generator) -> None:

@@ -21,7 +21,7 @@ from taction.verification.engines.statespace.linearised.linear_board import Line
 from taction.verification.stability import families as module
 from taction.verification.stability import margin as margin_module
 from taction.verification.stability.edges import Edges, Scan, scan
-from taction.verification.stability.margin import Margin, find_margin
+from taction.verification.stability.margin import Margin, find_margin, stable_values
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.stability.port_response import PortResponse
 from taction.verification.studies.onset import onset
@@ -53,6 +53,9 @@ def test_a_knob_may_move_to_its_crossing(knob: str, factor: float, text: str) ->
     assert margin.factor == pytest.approx(factor, rel=1e-7)
     assert margin.uncertainty == pytest.approx(1e-6 * margin.factor)
     assert (margin.text, margin.doubt) == (text, "")
+    edges = stable_values(board(), knob.removeprefix("C")).edges  # without a name those of C
+    crossing = board().value(knob) * (factor if knob == "gain" else 1.0 / factor)
+    assert min(abs(edge.value / crossing - 1.0) for edge in edges) < 1e-7
 
 
 def test_boards_that_differ_in_c_alone_share_their_edges(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -181,7 +184,7 @@ def test_both_ends_of_a_window_far_narrower_than_the_grid_are_found() -> None:
         assert [(c.below, c.above) for c in found.edges] == [(0, 2), (2, 0)]
         assert found.edges[0].frequency == pytest.approx(1.0 / np.pi)
         (low, first), (second, high) = found.stable_ranges
-        assert (low, high) == (0.1, 10.0)
+        assert (low, high) == (found.low, found.high) == (0.1, 10.0)
         assert (first, second) == tuple(c.value for c in found.edges)
 
 

@@ -100,6 +100,16 @@ def test_an_oscillation_that_ends_inside_the_band_has_not_settled(
     assert settlings == [1e99] * 8
 
 
+def test_a_deck_for_another_program_has_even_steps() -> None:
+    """125 on a period of the board's ringing at 37.3 kHz; ngspice controls its steps itself."""
+    own, other = (
+        taction.netlist(SCENES / "paper-breadboard.toml", dialect=dialect).analysis
+        for dialect in ("ngspice", "ltspice")
+    )
+    assert other.max_step == pytest.approx(1.0 / (125 * 37.3e3), rel=1e-3)
+    assert own.max_step > 100.0 * other.max_step
+
+
 @pytest.mark.parametrize("dialect", ["xyce", "spectre"])
 def test_measures_that_no_free_program_checks_are_refused(dialect: str) -> None:
     with pytest.raises(

@@ -338,6 +338,7 @@ def test_what_two_records_differ_by(
     (found,) = compare(make(), second, within_uncertainties, groups=(group,))
     assert (found.second, found.allowed, found.beyond) == (value, allowed, beyond)
     assert found.difference == (None if off is None else pytest.approx(off))
+    assert found.unit == ("s" if group in ("figures", "values") else "")
     if group == "figures" and value is not None:
         (back,) = compare(second, make(), within_uncertainties, groups=(group,))
         assert back.first == value

@@ -151,6 +151,7 @@ def test_a_board_whose_parts_cannot_do_it_never_passes(
     check = named(verdict, "headroom")
     assert (verdict.outcome, check.outcome) == (outcome, outcome)
     assert check.value == pytest.approx(share, rel=2e-3)
+    assert 0.0 <= check.uncertainty < 1e-2 * check.value
     assert f"op-amp {part} " in check.reason
     assert "a smaller unit_voltage lowers it" in check.reason
 

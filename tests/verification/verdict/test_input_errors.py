@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -116,10 +117,13 @@ def test_an_output_at_rest_is_that_of_the_closed_form(name: str) -> None:
 
 @pytest.mark.usefixtures("ngspice")
 @pytest.mark.parametrize("large_signal", [False, True])
-@pytest.mark.parametrize("follower", [False, True])
-def test_a_whole_model_rests_alike_in_both_engines(follower: bool, large_signal: bool) -> None:
+@pytest.mark.parametrize("resistors", [DIVIDER, DIVIDER[:1], (LEAK,)])
+def test_a_whole_model_rests_alike_in_both_engines(
+    resistors: tuple[Resistor, ...], large_signal: bool
+) -> None:
+    """Inverting, without feedback (its offset alone drives it beyond its swing), or following."""
     model = replace(UA741, large_signal=large_signal)
-    circuit = bench(model, *((LEAK,) if follower else DIVIDER), follower=follower)
+    circuit = bench(model, *resistors, follower=LEAK in resistors)
     assert by_equations(circuit) == pytest.approx(by_ngspice(circuit), rel=1e-6)
 
 
@@ -168,6 +172,36 @@ def test_a_drawn_op_amp_has_its_deviations_from_the_mean(sigmas: float) -> None:
             value = found.rejection_sign * 10.0 ** (-value / 20.0)
         assert value == pytest.approx(size, rel=1e-12)
     assert not found.varying
+
+
+def changing(base: str, temperature: str, **opamp: Any) -> OpAmp:
+    """An op-amp of a board for a range of temperatures, at supplies of ±15 V within 5 %."""
+    choice = {"base": base, "input_errors": "typical", **opamp}
+    design = {"opamp": choice, "temperature": temperature, "supply_tolerance": 0.05}
+    return choose_opamp(make_scene(design=design))
+
+
+def test_changes_that_a_sheet_lacks_are_named() -> None:
+    """That of the UA741 has the drift of the offset and the rejection of the supply."""
+    assert changing("ua741", "0..70degC").not_known == ("bias_drift",)
+
+
+def test_currents_of_field_effect_inputs_are_four_times_as_large_20_kelvins_higher() -> None:
+    """Of a TL084 at most 400 pA, typically 30 pA; of a current that a scene gives, that one."""
+    drift = dict(changing("tl084", "25..45degC").varying)["bias_drift"]
+    deviation = math.sqrt(4.0**2 - 1.0) * (400e-12 - 30e-12) / 3.0
+    assert (drift.mean, drift.sigma) == pytest.approx((3.0 * 30e-12, deviation))
+    given = changing("tl084", "25..45degC", input_errors="none", bias_current="1nA")
+    ((name, own),) = given.varying
+    assert (name, own.sigma) == ("bias_drift", 0.0)
+    assert own.mean == pytest.approx(3e-9)
+
+
+def test_an_op_amp_without_errors_that_drifts_is_drawn_with_one() -> None:
+    cold = changing("tl084", "5..25degC", input_errors="none", offset_drift="10uV/K")
+    assert not cold.input_errors
+    found = drawn(cold, {"offset_drift": 1.5})
+    assert found.input_offset == pytest.approx(1.5 * 20.0 * 10e-6 / 0.67)
 
 
 def test_a_figure_that_nobody_confirmed_is_assumed() -> None:

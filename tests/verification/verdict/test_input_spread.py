@@ -137,11 +137,10 @@ def test_drift_and_supply_rejection_are_rows_by_the_equilibria_of_changed_boards
     supply = 150e-6 / 3.0 * 0.05 * 15.0  # the sheet's 150 uV/V: 3 sigma
     variance = ROOM.sigma**2 + (each**2).sum(axis=0) * (drift**2 + supply**2)
     np.testing.assert_allclose(spread.sigma, np.sqrt(variance), rtol=2e-3)
-    assert circuit.models["ua741_changed"].not_known == ("bias_drift",)
 
 
 def test_currents_of_field_effect_inputs_double_every_10_kelvins() -> None:
-    """At 45 degrees all currents of a TL084 are four times as large: mean and deviation."""
+    """At 45 degrees all currents of a TL084 are four times as large."""
     design = DESIGN["opamp"] | {"base": "tl084", "offset_drift": "0V/K"}
     hot = InputSpread.of(LinearBoard(board(opamp=design, temperature="25..45degC")))
     four = {"bias_current": 3.0 * 30e-12, "offset_current": 0.0}
@@ -149,12 +148,6 @@ def test_currents_of_field_effect_inputs_double_every_10_kelvins() -> None:
     moved = shifted(circuit, **four).sum(axis=0)
     assert hot is not None
     np.testing.assert_allclose(hot.moved, moved, rtol=1e-6)
-    room = InputSpread.of(LinearBoard(circuit))
-    currents = shifted(circuit, bias_current=1e-9), shifted(circuit, offset_current=1e-9)
-    sigmas = (400e-12 - 30e-12) / 3.0 / 1e-9, 200e-12 / 3.0 / 1e-9
-    own = sum((sigma * each) ** 2 for sigma, each in zip(sigmas, currents, strict=True))
-    variance = room.sigma**2 + 15.0 * own.sum(axis=0)
-    np.testing.assert_allclose(hot.sigma, np.sqrt(variance), rtol=1e-4)
 
 
 def test_resistors_drift_each_by_itself() -> None:
@@ -172,7 +165,7 @@ def test_resistors_drift_each_by_itself() -> None:
     spread = InputSpread.of(LinearBoard(circuit), 1e-4)
     assert spread is not None
     np.testing.assert_allclose(spread.sigma, 1e-4 * np.sqrt(squares), rtol=1e-3)
-    assert spread.curvature < 1e-3
+    assert 0.0 < spread.curvature < 1e-3
 
 
 def test_the_verdict_counts_what_the_scene_asks_for() -> None:

@@ -112,6 +112,12 @@ def test_every_rise_time_is_judged_and_the_worst_is_named(
     assert found.value == RISES[number - 1].readings["rise_time"].value
 
 
+def test_of_one_or_two_rise_times_the_slower_one_is_reported() -> None:
+    for channels, which in ((RISES[:1], ""), (RISES[:2], ", the slowest")):
+        found = check("rise_time", evidence(*channels, checks={"rise_time": {"max": 10e-6}}))
+        assert found.reason == f"10-90 % of channel {len(channels)}{which}"
+
+
 def test_a_rise_time_that_is_missing_is_not_passed_over() -> None:
     lost = channel(5, rise_time=None, rise_reason="the record is too short")
     for most, outcome in ((10e-6, UNDECIDED), (5e-6, FAIL)):

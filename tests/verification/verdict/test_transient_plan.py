@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.array_types import Cost, Floats, Waveforms
-from taction.system.errors import DivergesError, EngineError
+from taction.system.errors import DivergesError, EngineError, StepTooSmall
 from taction.verification.engines.ngspice.process import Simulation, find_simulator
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
@@ -160,6 +161,39 @@ def test_the_coarse_image_of_a_large_board_does_not_decide_whether_the_outputs_g
     assert found.plan.notes == ()
     slowest = -1.0 / found.poles.rightmost.real
     assert found.transient.stop > 4.0 * slowest
+
+
+def test_a_step_of_ngspice_takes_longer_with_behavioural_amplifiers() -> None:
+    """Seven channels, as measured once: 20 us a step, and 50 us."""
+    for amplifier, microseconds in (("linear", 20.0), ("exponential", 50.0)):
+        plan, _ = planned(breadboard(design__amplifier=amplifier))
+        assert plan.seconds / plan.steps == pytest.approx(1e-6 * microseconds, rel=0.01)
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_where_klu_fails_at_the_start_the_older_solver_runs(
+    ngspice: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: bool
+) -> None:
+    """A program that gives up decks for KLU, at once or when it has their whole result."""
+    program, klu = tmp_path / "ngspice", find_simulator().klu
+    log = "doAnalyses: TRAN:  Timestep too small; time = 1e-9"
+    program.write_text(
+        f"""#!/bin/sh
+        grep -qs "^.options klu" deck.cir || exec '{ngspice}' "$@"
+        {f"'{ngspice}' " if late else ": "} "$@"
+        echo "{log}" >&2
+        exit 1
+        """
+    )
+    program.chmod(0o755)
+    monkeypatch.setenv("TACTION_NGSPICE", str(program))
+    wait = begin(build(make_scene(analysis={"engine": "ngspice"})))
+    if late and klu:
+        with pytest.raises(StepTooSmall):
+            wait()
+    else:
+        flags = wait().flags
+        assert any("from the older solver" in flag for flag in flags) == klu
 
 
 @pytest.mark.usefixtures("ngspice")
