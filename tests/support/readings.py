@@ -70,11 +70,6 @@ class Samples:
     end: float  # at the equilibrium
 
     @classmethod
-    def of_function(cls, at: Callable[[float], float], time: Floats, end: float) -> Samples:
-        """Return the samples of an error that is known as a function of time."""
-        return cls(time, np.array([at(t) for t in time.tolist()]), at, end)
-
-    @classmethod
     def of_record(cls, time: Floats, u: Floats, target: float) -> Samples:
         """Return the samples of a record (P,), straight between its points."""
         error = np.asarray(u - target)
