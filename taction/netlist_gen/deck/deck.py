@@ -11,7 +11,6 @@ import re
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
-from itertools import groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -194,13 +193,9 @@ def header_lines(circuit: Circuit) -> list[str]:
         f" {circuit.amplifier} amplifiers, topology {circuit.topology}",
         "units: ohm, F, V, A, s; values are plain floats",
     ]
-    for of_parts, facts in groupby(circuit.facts.values(), lambda fact: bool(fact.role)):
-        texts = [
-            f"{fact.symbol} = {fact.value!r} {fact.unit}".rstrip()
-            + (f"   ({fact.sentence})" if fact.sentence else "")
-            for fact in facts
-        ]
-        lines += [", ".join(texts)] if of_parts else texts  # values of parts are one line
+    for fact in circuit.facts.values():
+        sentence = f"   ({fact.sentence})" if fact.sentence else ""
+        lines.append(f"{fact.symbol} = {fact.value!r} {fact.unit}".rstrip() + sentence)
     outputs = ", ".join(
         f"u_{n} = {'-' if out.sign < 0 else ''}v({out.node})"
         for n, out in enumerate(circuit.outputs[:3], 1)

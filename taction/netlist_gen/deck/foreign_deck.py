@@ -154,12 +154,6 @@ class ForeignDeck:
         """Whether no card may be other than linear."""
         return not any(map(NOT_LINEAR.match, self.lines))
 
-    @property
-    def unanswered(self) -> str:
-        """A sentence about the analyses that are not answered as they stand; empty without one."""
-        words = dict.fromkeys(card.word for card in self.left if card.word in ASKED)
-        return f"{', '.join(words)}: {ANSWERED}" if words else ""
-
 
 def read_deck(file: str | Path) -> ForeignDeck:
     """Read a deck and check every card; nothing in it runs.

@@ -76,12 +76,6 @@ class DeckPoint:
     text: tuple[str, ...] = ()  # with it, after `AT_ONCE`, ngspice finds the point again; or empty
 
     @property
-    def unresolved(self) -> float:
-        """The smallest current that ngspice resolves, A."""
-        given = re.search(r"abstol=(\S+)", self.limits)
-        return float(given[1]) if given else 1e-12  # ngspice's own
-
-    @property
     def starts(self) -> list[str]:
         """Cards that make ngspice start at this point."""
         return [f".nodeset v({node})={self.volts[node]!r}" for node in self.weights]

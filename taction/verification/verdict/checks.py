@@ -62,22 +62,22 @@ class CheckKind:
     keys: type[Model] | None = None  # of the table ``[checks.NAME]``, which `limits` has by NAME
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Evidence:
-    """The readings of a board, and all else that checks judge."""
+    """The readings of a board, and all else that checks judge; by default of an exact solution."""
 
     limits: Checks  # what the scene asks for: a field for each table ``[checks.NAME]``
     measurements: Measurements
-    end_error: float  # bound on the error of the record's end, fraction of the step
+    end_error: float = 0.0  # bound on the error of the record's end, fraction of the step
     steady: SteadyState  # the equilibrium of the board, and what its modes leave at an instant
-    end: float  # last instant of the record, s
-    forever: bool  # whether the measurements hold for all time: they are those of an exact solution
+    end: float = math.inf  # last instant of the record, s
+    forever: bool = True  # whether the measurements hold for all time: they are of no record
     wanted: float  # error of the transient that the scene allows, fraction of the step amplitude
-    agreement: Agreement | None  # None if only one engine ran, or if the board is unstable
+    agreement: Agreement | None = None  # None if only one engine ran, or if the board is unstable
     poles: Poles
-    margin: Margin | None  # None if the scene asks for no stability margin
-    reference_error: float  # bound on the error of the reference, fraction of the step amplitude
-    reference_problem: str  # why the reference solution cannot be used, or empty
+    margin: Margin | None = None  # None if the scene asks for no stability margin
+    reference_error: float = 0.0  # bound on the error of the reference, fraction of the step
+    reference_problem: str = ""  # why the reference solution cannot be used, or empty
     contradiction: str = ""  # which number of the board differs from the reference's, or empty
     parts: PartLoads = NOT_LIMITED  # what the op-amps have to do, beside their limits
     noise: OutputNoise | None = None  # of the outputs; None if the scene has no limit for it

@@ -16,7 +16,7 @@ from taction.verification.stability.poles import poles
 from taction.verification.stability.shown_poles import latching
 from taction.verification.studies.decks.board_sweep import Sweep, sweep_deck, swept_axis
 from taction.verification.studies.decks.foreign_board import read_board
-from taction.verification.studies.decks.measured_board import influences, least_margin
+from taction.verification.studies.decks.measured_board import measure_board
 from tests.support.designer_decks import DECKS
 from tests.support.nodal_analysis import exact_poles
 from tests.support.random_circuits import wide_cards
@@ -25,8 +25,7 @@ CASES = Path(__file__).parents[2] / "data" / "cases"
 
 
 def margin_of(board: LinearBoard) -> Margin:
-    found = poles(board)
-    return least_margin(board, found, influences(board, found, every=True))
+    return measure_board(board, "rest", 0.01, every=True).margin
 
 
 def case(name: str) -> LinearBoard:

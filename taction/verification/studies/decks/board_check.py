@@ -176,8 +176,8 @@ def check_board(
 
 
 STARTS = 12  # along the growing mode, then drawn
-SIZES = (0.05, 0.15, 0.4, 1.0, 10.0)
-REACHES = [sign * size for size in SIZES for sign in (1.0, -1.0)]  # of the range of all voltages
+# of the range of all voltages
+REACHES = [sign * size for size in (0.05, 0.15, 0.4, 1.0, 10.0) for sign in (1.0, -1.0)]
 WIDER = 2.0  # times the range of all voltages on either side: drawn ones
 SAME = 1e-3  # of this range, or of a voltage: a smaller distance is the same point
 ALL_SECONDS = 8.0  # of all starts: no further one begins later

@@ -167,10 +167,8 @@ def _quantities(asked: Wanted) -> Iterator[Quantity]:
             least, most = (limit, None) if question.large else (None, limit)
             yield Quantity(name, unit, worse, least, most, band)
     yield Quantity("steady_state", "step")
-    if asked.oscillates:
-        yield Quantity("growth_rate", "1/s", -1.0, at_least=0.0)
-    else:
-        yield Quantity("growth_rate", "1/s", at_most=0.0)
+    worse, least, most = (-1.0, 0.0, None) if asked.oscillates else (1.0, None, 0.0)
+    yield Quantity("growth_rate", "1/s", worse, least, most)
     if asked.margin:
         yield Quantity("margin", "ratio", -1.0, at_least=asked.limits.stability.margin)
 

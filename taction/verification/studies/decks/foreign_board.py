@@ -23,7 +23,7 @@ from taction.netlist_gen.deck.flat_cards import (
     shown,
     spelt_card,
 )
-from taction.netlist_gen.deck.foreign_deck import ForeignDeck, read_deck
+from taction.netlist_gen.deck.foreign_deck import ANSWERED, ASKED, ForeignDeck, read_deck
 from taction.spice_models.branches import Source
 from taction.system.errors import Complaint, DidNotLoad, InputError, first_ones, one_line
 from taction.system.processes import one_limit
@@ -166,7 +166,8 @@ def _notes(deck: ForeignDeck, flat: Flat, immediate: bool) -> Iterator[str]:
     if immediate:
         yield "uic: the board starts with no charge"
     yield from deck.remarks
-    yield from filter(None, [deck.unanswered])
+    if words := dict.fromkeys(card.word for card in deck.left if card.word in ASKED):
+        yield f"{', '.join(words)}: {ANSWERED}"
     for card in deck.left:
         celsius = _TEMPERATURE.search(card.text)
         if celsius and celsius[1] != "27":

@@ -132,13 +132,51 @@ class MeasuredBoard:
 
     @cached_property
     def parts(self) -> tuple[PartRow, ...]:
-        """What each part does to the stability, the most important first."""
-        return influences(self.board, self.poles, every=self.every)
+        """What each part does to the stability, the most important first.
+
+        Unless `every` part is to be looked at, the edges of a stable board are those of the
+        `MOST_MARGINS` parts that move the rightmost pole most, and of a board of more than
+        `MOST_UNKNOWNS` those of none.
+        """
+        board, found, c, every = self.board, self.poles, self.circuit, self.every
+        knobs = [knob for knob in c.knobs if knob.role]
+        families = dict(zip([k.name for k in knobs], Family.of_each(board, knobs), strict=True))
+        rates = sensitivities(board, found, families)
+        order = sorted(rates, key=lambda name: -abs(rates[name].real))
+        most = len(order) if every or found.known_unstable else MOST_MARGINS
+        large = not every and board.descriptor.size > MOST_UNKNOWNS
+        if large or found.stable is None or board.state_space.lost:
+            most = 0
+        rows = list[PartRow]()
+        for k, name in enumerate(order):
+            edges, doubt, sure = _nearest(families[name], found) if k < most else ((), UNKNOWN, 1.0)
+            own, unit, rate = c.value(name), c.facts[name].unit, rates[name]
+            known = rate.real, rate.imag / math.tau, *beside(own, edges)
+            rows.append(PartRow(name, own, unit, *known, doubt, edges, sure))
+        return tuple(rows)
 
     @property
     def margin(self) -> Margin:
         """The least margin of any part, where `every` one is known."""
-        return least_margin(self.board, self.poles, self.parts)
+        c, rows = self.circuit, self.parts
+        if not self.poles.known_stable:
+            return Margin(0.0, 0.0, "the board is not stable")
+        if not len(self.poles.poles):
+            gains = c.opamps or any(part.control for part in c.branches)
+            active = gains or any(part.ohms <= 0.0 for part in c.resistors)
+            doubt = "a source with gain may have another sign of its feedback" * bool(active)
+            return Margin(REACH, 0.0, "no part makes a pole", doubt)
+        if not rows:
+            return Margin(1.0, 0.0, "no margin is known", "the board is too large")
+        factor, bound, text = REACH, 0.0, f"no crossing up to a factor of {REACH:g} of any part"
+        for row, edge in ((each, edge) for each in rows for edge in each.edges):
+            if (by := max(edge.value, 1.0 / edge.value)) < factor:
+                factor, bound = by, edge.bound * by / edge.value
+                moves = "grow" if edge.value > 1.0 else "shrink"
+                end = show(c.value(row.name) * edge.value, row.unit)
+                text = f"{c.knob(row.name).words} can {moves} by the factor {by:.4g}, to {end}"
+        doubts = (f"{row.name}: {row.doubt}" for row in rows if row.doubt and row.sure <= factor)
+        return Margin(factor, bound, text, next(doubts, ""))
 
     @property
     def remedy(self) -> str:
@@ -292,32 +330,6 @@ def pole_vectors(board: LinearBoard, p: complex) -> tuple[Complexes, Complexes]:
     return V[-1].conj() / columns, U[:, -1].conj() / rows[:, 0]
 
 
-def influences(board: LinearBoard, found: Poles, every: bool = False) -> tuple[PartRow, ...]:
-    """Return the rows of all parts, the most important first.
-
-    Unless `every` part is to be looked at, the edges of a stable board are those of the
-    `MOST_MARGINS` parts that move the rightmost pole most, and of a board of more than
-    `MOST_UNKNOWNS` those of none.
-    """
-    c = board.circuit
-    knobs = [knob for knob in c.knobs if knob.role]
-    families = dict(zip([k.name for k in knobs], Family.of_each(board, knobs), strict=True))
-    rates = sensitivities(board, found, families)
-    order = sorted(rates, key=lambda name: -abs(rates[name].real))
-    most = len(order) if every or found.known_unstable else MOST_MARGINS
-    large = not every and board.descriptor.size > MOST_UNKNOWNS
-    if large or found.stable is None or board.state_space.lost:
-        most = 0
-    rows = list[PartRow]()
-    for k, name in enumerate(order):
-        edges, doubt, sure = _nearest(families[name], found) if k < most else ((), UNKNOWN, 1.0)
-        own, unit, rate = c.value(name), c.facts[name].unit, rates[name]
-        ends = beside(own, edges)
-        known = rate.real, rate.imag / math.tau, *ends
-        rows.append(PartRow(name, own, unit, *known, doubt, edges, sure))
-    return tuple(rows)
-
-
 def beside(own: float, edges: Iterable[Edge]) -> tuple[Number, Number]:
     """Return the value at the edge below `own`, and at that above."""
     ends = [own * edge.value for edge in edges]
@@ -346,26 +358,3 @@ def _nearest(family: Family, found: Poles) -> tuple[tuple[Edge, ...], str, float
     near = [max(factor, 1.0 / factor) for factor in edges.near if low <= factor <= high]
     doubt = "a pole comes close to the axis" if near else ""
     return tuple(filter(None, (below, above))), doubt, min(near, default=math.inf)
-
-
-def least_margin(board: LinearBoard, found: Poles, rows: Sequence[PartRow]) -> Margin:
-    """Return the least margin of any part, from the rows of `every` part."""
-    c = board.circuit
-    if not found.known_stable:
-        return Margin(0.0, 0.0, "the board is not stable")
-    if not len(found.poles):
-        gains = c.opamps or any(part.control for part in c.branches)
-        active = gains or any(part.ohms <= 0.0 for part in c.resistors)
-        doubt = "a source with gain may have another sign of its feedback" * bool(active)
-        return Margin(REACH, 0.0, "no part makes a pole", doubt)
-    if not rows:
-        return Margin(1.0, 0.0, "no margin is known", "the board is too large")
-    factor, bound, text = REACH, 0.0, f"no crossing up to a factor of {REACH:g} of any part"
-    for row, edge in ((each, edge) for each in rows for edge in each.edges):
-        if (by := max(edge.value, 1.0 / edge.value)) < factor:
-            factor, bound = by, edge.bound * by / edge.value
-            moves = "grow" if edge.value > 1.0 else "shrink"
-            end = show(c.value(row.name) * edge.value, row.unit)
-            text = f"{c.knob(row.name).words} can {moves} by the factor {by:.4g}, to {end}"
-    doubts = (f"{row.name}: {row.doubt}" for row in rows if row.doubt and row.sure <= factor)
-    return Margin(factor, bound, text, next(doubts, ""))

@@ -263,16 +263,10 @@ def judge(found: MeasuredBoard, asked: Wanted) -> Iterator[Check]:
     evidence = Evidence(
         limits=asked.limits,
         measurements=found.measurements,
-        end_error=0.0,
         steady=SteadyState.of(found.board, found.scales),
-        end=math.inf,
-        forever=True,
         wanted=WANTED,
-        agreement=None,
         poles=found.poles,
         margin=found.margin if asked.margin else None,
-        reference_error=0.0,
-        reference_problem="",
         noise=found.noise if asked.limits.noise is not None else None,
     )
     for check in run_checks(evidence):

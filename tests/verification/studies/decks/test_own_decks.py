@@ -31,7 +31,6 @@ from taction.verification.studies.decks.measured_board import (
     MeasuredBoard,
     PartRow,
     beside,
-    least_margin,
     measure_board,
 )
 from taction.verification.studies.decks.questions import QUESTIONS, Question
@@ -133,7 +132,9 @@ def test_a_doubt_counts_within_the_margin_only(sure: float, doubt: str) -> None:
     edge = Edge(2.002, 0.0, 0, 1, 1e-9)  # over the factor of the part
     surely = PartRow("G1", 5e-4, "S", 0.0, 0.0, edges=(edge,))
     doubtful = PartRow("R1", 1e3, "ohm", 0.0, 0.0, doubt="a pole comes close", sure=sure)
-    least = least_margin(board, poles(board), [surely, doubtful])
+    found = measure_board(board, "rest", 0.01, every=True)
+    vars(found)["parts"] = (surely, doubtful)
+    least = found.margin
     assert least.factor == pytest.approx(2.002, rel=1e-6)
     assert least.doubt == doubt
 
