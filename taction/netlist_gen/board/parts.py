@@ -147,11 +147,11 @@ class ResistorMatrix:
 
     def elements(self) -> Iterator[tuple[int, int, str, str, float]]:
         """Yield ``(k, n, driving node, summing node, ohms)`` of every resistor, from 0."""
-        finite = np.isfinite(self.ohms)
-        for k, n in zip(*(index.tolist() for index in np.nonzero(finite)), strict=True):
+        negative, ohms = self.negative.tolist(), self.ohms.tolist()
+        for k, n in np.argwhere(np.isfinite(self.ohms)).tolist():
             drive, sink = (n, k) if self.by_column else (k, n)
-            source = self.minus[drive] if self.negative[k, n] else self.plus[drive]
-            yield k, n, source, self.sinks[sink], float(self.ohms[k, n])
+            source = self.minus[drive] if negative[k][n] else self.plus[drive]
+            yield k, n, source, self.sinks[sink], ohms[k][n]
 
     def resistors(self) -> Iterator[Resistor]:
         """Yield every resistor by rows, from its driving node to its summing node."""

@@ -178,10 +178,11 @@ def _strains(circuit: Circuit, analysis: Analysis) -> list[str]:
 def matrix_lines(matrices: Iterable[ResistorMatrix]) -> list[str]:
     """Return one line per resistor by rows, ``Rf_3_5`` in row 3, column 5, or with its wires."""
     lines = list[str]()
-    for matrix in matrices:
-        plain = ((part.card, part.a, part.b, part.ohms) for part in matrix.resistors())
-        parts = plain if matrix.wires is None else wire_branches(matrix)
-        lines += [f"{name} {a} {b} {ohms!r}" for name, a, b, ohms in parts]
+    for one in matrices:
+        if one.wires is not None:
+            lines += [f"{card} {a} {b} {ohms!r}" for card, a, b, ohms in wire_branches(one)]
+            continue
+        lines += [f"{one.name}_{k + 1}_{n + 1} {a} {b} {r!r}" for k, n, a, b, r in one.elements()]
     return lines
 
 
@@ -202,8 +203,7 @@ def header_lines(circuit: Circuit) -> list[str]:
     )
     lines.append("outputs: " + outputs + (", ..." if len(circuit.outputs) > 3 else ""))
     lines.append("Rf_k_n, Rb_k_n: forward and feedback resistor of row k, column n of T")
-    for wires in {each.wires.described for each in circuit.matrices if each.wires is not None}:
-        lines.append(wires)
+    lines += {each.wires.described for each in circuit.matrices if each.wires is not None}
     lines += [f"left out: {item.what}; {item.why}" for item in circuit.omissions]
     return ["* " + line for line in lines]
 
