@@ -104,11 +104,11 @@ def watched_nodes(circuit: Circuit) -> tuple[str, ...]:
 
 def _loads(board: LinearBoard, transient: Transient, tolerance: float) -> tuple[Load, ...]:
     """Return the loads of a board, the largest first; `EngineError` where they are not known."""
-    from scipy.sparse import csr_array
-
     rows, nodes = tuple(_rows(board.circuit)), watched_nodes(board.circuit)
     if not rows:
         return ()
+    from scipy.sparse import csr_array
+
     number = {node: k for k, node in enumerate(nodes)}
     entries = [(w, k, number[n]) for k, row in enumerate(rows) for n, w in row[3].items()]
     values, *places = zip(*entries, strict=True)

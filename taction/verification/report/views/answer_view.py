@@ -13,11 +13,11 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.quantities import percent, quantity, readable, spaced
 from taction.verification.report.blocks import Bar, Facts, Section
 from taction.verification.report.texts import KNOWN, LEAST_SHARE, figure, rounded_up, with_error
-from taction.verification.studies.decks.questions import QUESTIONS
 from taction.verification.studies.running.versions import describe_machine, digest, own_code
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checks import Check, Outcome, band_text, causes, listed
 from taction.verification.verdict.input_spread import SHARE
+from taction.verification.verdict.run_checks import CHECKS
 from taction.verification.verdict.verify import Verdict
 
 
@@ -159,8 +159,11 @@ def check_bar(check: Check, smallest: float | None = None) -> Bar:
     """Return a check as a bar; below `smallest`, the bar shows how far."""
     value, unit = check.value, check.unit
     limit = check.tolerance if check.tolerance is not None else check.expected
-    question = QUESTIONS.get(check.name)
-    least = question.large if question else check.name == "stability" and unit == "ratio"
+    least = check.name == "stability" and unit == "ratio"
+    if check.name not in CHECKS:  # of a deck
+        from taction.verification.studies.decks.questions import QUESTIONS
+
+        least = check.name in QUESTIONS and QUESTIONS[check.name].large
     if smallest is not None and value is not None and value < smallest:
         limit, least = smallest, True
     centre = (check.expected or 0.0) if check.tolerance is not None else 0.0
