@@ -2,8 +2,7 @@
 
     python scripts/check.py [REVISION]    what changed since REVISION; the default is HEAD
 
-The tests of a module are those whose files import it or have its name, and those of the folder that
-mirrors its folder. What does not fit into the time is named; `make test` runs everything.
+What does not fit into the time is named; `make test` runs everything.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -55,15 +54,13 @@ def mirror(file: Path) -> Path:
     return ROOT / "taction" / file.parent.relative_to(ROOT / "tests")
 
 
-def tests_of(files: Iterable[str]) -> list[Path]:
+def tests_of(files: Sequence[str]) -> list[Path]:
     """Return the test files of changed files: themselves and those that import them.
 
-    Those of its name, and of the folder that mirrors a module's, belong to it, too: commands and
-    views are found by their names. A changed file that is no Python, such as a scene, has the tests
-    that name it. Tests that need a tool of their own are left out, as in `make test`. Those of the
-    mirrored folder come first, the short ones before the long.
+    Those of its name, and of the folder that mirrors a module's, belong to it, too, the latter
+    first: commands and views are found by their names. A file that is no Python, such as a scene,
+    has the tests that name it. Tests that need a tool of their own are left out, as in `make test`.
     """
-    files = [*files]
     names = {path: name for name, path in modules().items()}
     every = [file.relative_to(ROOT / "tests") for file in (ROOT / "tests").rglob("test_*.py")]
     tests = [ROOT / "tests" / file for file in every if file.parts[0] not in WITH_TOOLS]
