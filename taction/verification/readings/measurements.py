@@ -15,7 +15,15 @@ import numpy as np
 from taction.system.array_types import Bools, Floats
 from taction.system.quantities import show, show_rate
 from taction.system.reading_definitions import FAINT, READINGS, SETTLING_BAND, SMALL_STEP
-from taction.verification.readings.readings import Reading, Readings, Step, largest, read, unread
+from taction.verification.readings.readings import (
+    Reading,
+    Readings,
+    Step,
+    largest,
+    read,
+    settling_times,
+    unread,
+)
 from taction.verification.readings.record import FEWEST_POINTS, Curve, RecordTrace, Rest
 from taction.verification.readings.ringing import Mode, RecordRinging, find_ringing
 from taction.verification.readings.settling import ChannelState, Settlement, prove
@@ -208,6 +216,7 @@ def measure(
     error: float = 0.0,
     rest: Rest | None = None,
     curve: Curve | None = None,
+    grows: bool = False,
 ) -> Measurements:
     """Measure a transient against its reference steady state.
 
@@ -224,6 +233,8 @@ def measure(
     `rest`: where the channels come to rest, which over- and undershoots include.
     `curve`: channels (Q,) at instants (Q,), also between the points; without it they are
       interpolated.
+    `grows`: of an unstable board, whose rises and excursions depend on the end of the record: they
+      are not read.
     ValueError: shapes that do not match, time that does not increase, a target or a band that is
       not usable: mistakes of the caller, not properties of a waveform.
     """
@@ -242,7 +253,11 @@ def measure(
         ends = None if cut or rest is None else replace(rest, values=rest.values - target)
         between = None if curve is None else (lambda t, n: curve(t, n) - target[n])
         trace = RecordTrace(time, errors, error, ends, between)
-        readings, ringing = read(trace, step, band * scale, lost), find_ringing(time, u)
+        if grows:
+            readings = {**readings, "settling_time": settling_times(trace, band * scale)}
+        else:
+            readings = read(trace, step, band * scale, lost)
+        ringing = find_ringing(time, u)
     record = _Record(time, errors, final, lost, cut, step, band * scale, scale, readings, ringing)
     channels = [record.channel(n) for n in range(target.size)]
     return summary(step.amplitude, band, record.modes, channels)

@@ -216,6 +216,7 @@ def measure_outputs(board: Board, waveforms: Waveforms, error: float = 0.0) -> M
         error=(error if known else waveforms.rounding) + board.target_error,
         rest=rest,
         curve=between,
+        grows=board.poles.known_unstable,
     )
     return measured if known else bounded(measured, None)
 

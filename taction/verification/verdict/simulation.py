@@ -129,7 +129,7 @@ SPARSE = "noopiter"
 SECOND_SOLVER = (
     "the KLU solver failed at the start; this result is from the older solver of ngspice"
 )
-GROWING = 20_000  # least number of points in the record of an unstable board
+GROWING = 5_000  # least number of points in the record of an unstable board
 SLOWER = 5.0  # times the timeout: a run with a longer estimated time does not start
 
 
