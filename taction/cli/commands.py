@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from taction.verification.studies.regression.regress import RegressionReport
 
 JUNIT = "verification.report.junit"
-VIEW = "verification.report.views.verdict_view"
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +73,9 @@ class Verified(Result):
 
     def page(self) -> Page:
         """Return the page of the verdict with all changes."""
-        page: Page = load(f"{VIEW}:view")(self.verdict, changes="\n".join(self.changes(whole=True)))
-        return page
+        from taction.verification.report.views.verdict_view import view
+
+        return view(self.verdict, changes="\n".join(self.changes(whole=True)))
 
     def whole_document(self) -> dict[str, Any]:
         """Return the document of the verdict with the changes."""
@@ -112,7 +112,9 @@ def _print_verdict(found: Verified, progress: StageLine) -> None:
 
     verdict, margins = found.verdict, tuple(margin_lines(found.document))
     if found.whole:
-        page = load(f"{VIEW}:view")(verdict, notes=margins, verbose=True)
+        from taction.verification.report.views.verdict_view import view
+
+        page = view(verdict, notes=margins, verbose=True)
     else:
         page = screen(verdict, margins)
     with progress.aside(), suppress(BrokenPipeError):

@@ -203,7 +203,7 @@ def header_lines(circuit: Circuit) -> list[str]:
     )
     lines.append("outputs: " + outputs + (", ..." if len(circuit.outputs) > 3 else ""))
     lines.append("Rf_k_n, Rb_k_n: forward and feedback resistor of row k, column n of T")
-    lines += {each.wires.described for each in circuit.matrices if each.wires is not None}
+    lines += dict.fromkeys(m.wires.described for m in circuit.matrices if m.wires is not None)
     lines += [f"left out: {item.what}; {item.why}" for item in circuit.omissions]
     return ["* " + line for line in lines]
 
