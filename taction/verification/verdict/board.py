@@ -288,7 +288,7 @@ class Board:
     def built_spread(self, tolerances: Tolerances) -> InputSpread | None:
         """Return where boards rest whose parts have these tolerances; None as for `spread`."""
         stable = self.poles.known_stable
-        return InputSpread.of(self.linear, self._drift, tolerances) if stable else None
+        return InputSpread.shared(self.linear, self._drift, tolerances) if stable else None
 
     @property
     def varies(self) -> tuple[str, str]:

@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import functools
 import math
+import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,6 +43,8 @@ DRAWN = 2**14  # sums
 SURE = 3.0  # standard deviations of the scatter of a drawn share, in its bound
 DIFFERENCED = 1e-3  # of a tolerance: the error of a central difference is its square
 SINGLE = 0.02  # of a variance: a uniform part with more is drawn by itself, the others as normal
+KEPT = 32  # spreads of the last boards
+_FOUND: dict[bytes, InputSpread | None] = {}
 DRIFT = "resistor_drift"  # a kind of deviation: of a resistor by temperature
 NOTHING = Tolerances(
     resistor=0.0, capacitor=0.0, stray=0.0, opamp_gbw=0.0, opamp_gain=0.0, distribution="normal"
@@ -84,10 +87,13 @@ class InputSpread:
         EngineError: the board has no equilibrium. InputError: a tolerance is of no part of it.
         """
         models = board.circuit.models
-        varied = () if tolerances is NOTHING else parameters(board.circuit, tolerances)
-        at_rest = [p for p in varied if p.kind not in (INPUT_ERROR, DEVICE, *DYNAMIC)]
         devices = any(device_spreads(board.circuit).values())
-        if not (resistors or devices or at_rest or any(m.varying for m in models.values())):
+        differs = resistors or devices or any(model.varying for model in models.values())
+        if tolerances is NOTHING and not differs:
+            return None
+        varied = parameters(board.circuit, tolerances)
+        at_rest = [p for p in varied if p.kind not in (INPUT_ERROR, DEVICE, *DYNAMIC)]
+        if not (differs or at_rest):
             return None
         if not board.circuit.is_small_signal:
             small = {name: model.small_signal for name, model in models.items()}
@@ -95,9 +101,8 @@ class InputSpread:
 
         def at(shares: Mapping[str, float]) -> Circuit:
             """Return the board with these z of `vary`."""
-            every = parameters(board.circuit, tolerances)
-            z = np.array([shares.get(each.name, 0.0) for each in every])
-            return vary(board.circuit, tolerances, z)
+            z = np.array([shares.get(each.name, 0.0) for each in varied])
+            return vary(board.circuit, tolerances, z, varied)
 
         sensitivity, uniform = RestSensitivity.of(board), tolerances.distribution == "uniform"
         size = 1.0 / (math.sqrt(3.0) if uniform else MOST)
@@ -129,6 +134,19 @@ class InputSpread:
         off = float(np.abs(probed - found.mean - found.rows.T @ z).max())
         return replace(found, curvature=off / (PROBED * sigma))
 
+    @classmethod
+    def shared(cls, board: LinearBoard, *more: Any) -> InputSpread | None:
+        """Return the same as `of`; points of a sweep that differ in capacitors alone share it."""
+        if not any(model.varying for model in board.circuit.models.values()):
+            return cls.of(board, *more)
+        circuit = replace(board.circuit, name="", capacitors=(), facts={}, roles={}, knobs=())
+        key = pickle.dumps((circuit, more))
+        if key not in _FOUND:
+            if len(_FOUND) == KEPT:
+                del _FOUND[next(iter(_FOUND))]
+            _FOUND[key] = cls.of(board, *more)
+        return _FOUND[key]
+
     @functools.cached_property
     def sigma(self) -> Floats:
         """The standard deviations of the outputs (N,), V."""
@@ -139,7 +157,7 @@ class InputSpread:
         found, ranks = [], DRAWN * (share + self._scatter(share) * np.array([-1.0, 0.0, 1.0]))
         for farthest, error in self._farthest(target):
             places = np.ceil(ranks).astype(np.int64) - 1
-            low, middle, high = np.sort(farthest)[places].tolist()
+            low, middle, high = np.partition(farthest, places)[places].tolist()
             found.append((middle, max(high - middle, middle - low) + error))
         return max(found)
 
@@ -156,7 +174,7 @@ class InputSpread:
         for part in (0.0, self.moved) if np.any(self.moved) else (0.0,):
             away = self.mean - part - target
             size = float(np.abs(away).max() + self.sigma.max(initial=0.0))
-            yield np.abs(away + self._sums).max(axis=1), self.curvature * size
+            yield np.abs(away[:, None] + self._sums).max(axis=0), self.curvature * size
 
     @functools.cached_property
     def _independent(self) -> tuple[Floats, Floats]:
@@ -168,10 +186,10 @@ class InputSpread:
 
     @functools.cached_property
     def _sums(self) -> Floats:
-        """Drawn sums of all deviations, (DRAWN, N), V."""
+        """Drawn sums of all deviations, (N, DRAWN), V."""
         uniform, normal = self._independent
-        found = _standard(len(uniform), "uniform") @ uniform
-        return np.asarray(found + _standard(len(normal), "normal") @ normal)
+        found = uniform.T @ _standard(len(uniform), "uniform")
+        return np.asarray(found + normal.T @ _standard(len(normal), "normal"))
 
     def _scatter(self, share: float) -> float:
         """Return the bound on the scatter of a drawn share; one deviation has its own quantiles."""
@@ -182,18 +200,18 @@ class InputSpread:
 
 @functools.lru_cache(maxsize=8)
 def _standard(count: int, distribution: str) -> Floats:
-    """Return deviations (DRAWN, count), normal or uniform to ±1, by a Latin hypercube."""
+    """Return deviations (count, DRAWN), normal or uniform to ±1, by a Latin hypercube."""
     own = (np.arange(DRAWN) + 0.5) / DRAWN
     if distribution == "normal":  # scipy.special would take a fifth of a verdict to import
         own = np.array([*map(NormalDist().inv_cdf, own.tolist())])
     else:
         own = 2.0 * own - 1.0
     seed = 95 if distribution == "normal" else 96  # drawn independently of each other
-    drawn = np.random.default_rng(seed).permuted(np.tile(own[:, None], count), axis=0)
+    drawn = np.random.default_rng(seed).permuted(np.tile(own, (count, 1)), axis=1)
     if distribution == "uniform" or not count:
         return np.asarray(drawn)
-    lower = np.linalg.cholesky(drawn.T @ drawn / DRAWN)
-    return np.asarray(np.linalg.solve(lower, drawn.T).T)  # their covariance is 1
+    lower = np.linalg.cholesky(drawn @ drawn.T / DRAWN)
+    return np.asarray(np.linalg.solve(lower, drawn))  # their covariance is 1
 
 
 def tolerance_deviations(

@@ -71,6 +71,17 @@ def test_mean_and_deviation_are_those_of_drawn_boards(kind: str) -> None:
     assert found.curvature < (0.1 if kind == "exponential" else 1e-3)
 
 
+def test_boards_that_differ_in_capacitors_alone_share_their_spread() -> None:
+    one, other, more = (
+        InputSpread.shared(LinearBoard(board(**changes)))
+        for changes in ({}, {"capacitance": "2nF"}, {"gain": "200kohm"})
+    )
+    own = InputSpread.of(LinearBoard(board(gain="200kohm")))
+    assert one is other is not None
+    assert more is not None is not own
+    assert np.array_equal(more.rows, own.rows)
+
+
 def test_common_mode_errors_move_followers_with_their_sign() -> None:
     circuit = board("passive")
     slopes = RestSensitivity.of(LinearBoard(circuit)).input_errors()

@@ -22,6 +22,9 @@ NEWTON = 6  # largest number of steps
 FAR = 0.1  # largest turn of a vector by one step
 SEPARABLE = 1e6  # condition number of vectors up to which modes are separated
 IMPROVABLE = 4.0  # times what is unknown of it: a coupling that a step reduces
+ALIKE = 1e-12  # relative difference of figures, and of couplings, of states that mirror each other
+FEW = 60  # states, whose problem costs less than the search for a mirror
+COUPLED, TINY = 4, 1e-300  # so many couplings away states count in a figure
 GROUPS = ((1e5, 0.25), (1e2, 0.5), (0.0, 1.0))  # condition of a mode, width of its group in decays
 
 
@@ -128,9 +131,53 @@ def _with_conjugates(values: Complexes, mates: Ints) -> Complexes:
     return found
 
 
+def eigenvectors(A: Floats) -> tuple[Complexes, Complexes]:
+    """Return eigenvalues (n,) of A and vectors (n, n) like LAPACK, which of pairs are conjugate.
+
+    A board with a mirror, as one with equal distances between its channels is, has modes that are
+    even and odd: two problems of half the size, which cost a quarter.
+    """
+    mirror = mirrored(A) if len(A) > FEW else None
+    if mirror is None:
+        return np.linalg.eig(A)
+    one = np.flatnonzero(np.arange(len(A)) < mirror)
+    own = np.flatnonzero(np.arange(len(A)) == mirror)
+    half, other = np.append(own, one), mirror[one]
+    even, odd = A[np.ix_(half, half)], A[np.ix_(one, one)] - A[np.ix_(one, other)]
+    even[:, own.size :] += A[np.ix_(half, other)]
+    (s, V), (t, W) = np.linalg.eig(even), np.linalg.eig(odd)
+    vectors = np.zeros(A.shape, dtype=np.result_type(V, W))
+    vectors[half, : len(s)], vectors[other, : len(s)] = V, V[own.size :]
+    vectors[one, len(s) :], vectors[other, len(s) :] = W, -W
+    return np.append(s, t), vectors
+
+
+def mirrored(A: Floats) -> Ints | None:
+    """Return the places (n,) of states that change nothing in A by an exchange, or None.
+
+    States are paired by figures that do not depend on their order: sums of functions of what they
+    are coupled with, over some couplings. The exchange is compared with A in the end.
+    """
+    sizes, n = np.abs(A), len(A)
+    rows, columns = (np.maximum(sizes.max(axis=k, initial=0.0), TINY) for k in (1, 0))
+    by_row, by_column = sizes / rows[:, None], sizes.T / columns[:, None]
+    figure = np.log(rows) + 0.3 * np.log(columns)
+    for _ in range(COUPLED):
+        figure = by_row @ np.cos(figure) + 0.7 * (by_column @ np.sin(figure)) + 0.1 * figure
+    order, mirror = np.argsort(figure), np.arange(n)
+    pairs = np.flatnonzero(np.diff(figure[order]) < ALIKE * np.abs(figure).max(initial=0.0))
+    if not pairs.size or np.any(np.diff(pairs) == 1):
+        return None
+    a, b = order[pairs], order[pairs + 1]
+    mirror[a], mirror[b] = b, a
+    exchanged = A[np.ix_(mirror, mirror)]
+    same = np.abs(exchanged - A) <= ALIKE * sizes
+    return mirror if same.all() else None
+
+
 def eigenmodes(reduced: Reduced) -> Modes:
     """Return the modes, each by itself; the vectors of pairs are conjugate to the bit."""
-    s, vectors = np.linalg.eig(reduced.A)
+    s, vectors = eigenvectors(reduced.A)
     upper, lower = np.flatnonzero(s.imag > 0.0), np.flatnonzero(s.imag < 0.0)
     parts = vectors.real.copy()  # a pair's columns: real and imaginary part
     parts[:, lower] = vectors.imag[:, upper]

@@ -193,8 +193,9 @@ class Modes:
         """
         pencil = self.reduced.pencil
         with np.errstate(invalid="ignore", over="ignore"):
-            dual = self.W @ (pencil.charges @ deviation)
-            sizes = np.abs(self.W) @ (pencil.charge_sizes @ np.abs(deviation))
+            dual = self.W @ (pencil.M @ (pencil.left @ deviation))
+            size = pencil.mass @ (np.abs(pencil.left) @ np.abs(deviation))
+            sizes = np.abs(self.W) @ size
             unsure = ROUNDED * sizes + 2.0 * self.mixed @ np.abs(dual)
             terms = (np.abs(C) @ np.abs(self.right)) * sizes
         missed = np.zeros(C.shape) if doubt is None else doubt

@@ -43,16 +43,6 @@ class Pencil:
     basis: Floats  # (size, k)
     left: Floats  # (k, size)
 
-    @property
-    def charges(self) -> Floats:
-        """``M y`` of all unknowns z, (k, size)."""
-        return self.M @ self.left
-
-    @property
-    def charge_sizes(self) -> Floats:
-        """The sizes of the terms of `charges`."""
-        return self.mass @ np.abs(self.left)
-
 
 def graded(pencil: Pencil, exact: NDArray[np.longdouble]) -> Pencil:
     """Return a pencil in unknowns in which M is diagonal.
@@ -271,7 +261,7 @@ def reduce_pencil(
         B=B,
         C=pencil.basis @ C,
         D=pencil.basis @ D,
-        charge=L @ pencil.charges,
+        charge=L @ pencil.M @ pencil.left,
         seen=C,
         left=L,
         places=None if work.turned else work.left,

@@ -8,8 +8,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.array_types import EPS, Complexes, Floats
+from taction.verification.engines.statespace.linearised.find_modes import eigenvectors, mirrored
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import _within
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
@@ -182,6 +183,18 @@ def exact(space: StateSpace) -> Complexes:
         finite = [value for value in listed if abs(value) > mp.mpf(10) ** -30]
         assert len(finite) == space.n
         return np.array([complex(1 - 1 / value) for value in finite])
+
+
+def test_the_halves_of_a_mirrored_board_have_the_modes_of_the_whole() -> None:
+    A = LinearBoard(synthesise(load_scene("scenes/paper-breadboard.toml"))).state_space.A.copy()
+    mirror, (poles, vectors), true = mirrored(A), eigenvectors(A), np.linalg.eig(A)[0]
+    assert mirror is not None
+    assert np.count_nonzero(mirror != np.arange(len(A))) == 78
+    assert np.sort_complex(poles) == pytest.approx(np.sort_complex(true), rel=1e-9)
+    scale = np.abs(A) @ np.abs(vectors) + np.abs(vectors * poles)
+    assert np.all(np.abs(A @ vectors - vectors * poles) <= 1e-11 * scale.max(axis=0))
+    A[np.nonzero(A)[0][0], np.nonzero(A)[1][0]] *= 1.0 + 1e-9  # no two boards alike are mirrors
+    assert mirrored(A) is None
 
 
 @pytest.mark.parametrize("ratio", [0.5, 20.0, 60.0])
