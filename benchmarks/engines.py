@@ -1,38 +1,59 @@
-"""The engine of state space beside ngspice: one transient at equal error, with as many points.
+"""ngspice beside its cheapest bare run of the same error, and the engine of state space beside it.
 
-`verify` runs with ``analysis.error = 1e-4``; its last deck is run again. Processor times, that of
-state space from the circuit on.
+`verify` runs with ``analysis.error = 1e-4``. Its decks are run again, in turns with the cheapest
+bare ``ngspice -b`` of a ladder of reltol and longest steps whose outputs err by as little, over C
+and gain; the last deck in turns with the state space, as many points. Processor times.
 """
 
 from __future__ import annotations
 
+import itertools
+import statistics
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
 from unittest import mock
 
+import numpy as np
+
 from benchmarks.measuring import SCENES, Figure, in_turns, processor, ratios
-from taction.netlist_gen.deck.deck import Deck
+from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.system.errors import SimulationError
 from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.process import find_simulator
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.verdict import simulation
-from taction.verification.verdict.verify import verify
+from taction.verification.verdict.verify import Verdict, verify
 
 ERROR = 1e-4  # of the step amplitude
 FASTER = {"paper-breadboard": 10.0, "tuned-breadboard": 2.5}  # wanted: ngspice over state space
+GRID = ("paper-breadboard", "paper-exponential")
+C, GAIN = np.geomspace(5e-12, 1e-9, 4).tolist(), np.geomspace(1e5, 2e7, 3).tolist()  # F, ohm
+MEAN, LARGEST = 1.2, 2.5  # wanted: verify over the cheapest bare run
+RELTOL = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+PARTS = (50, 200, 500, 1000, 2000, 5000, 20_000)  # of the record: the longest step
+OWN = (".options reltol", ".options method", ".options chgtol", ".tran")  # not in a bare deck
+RUN = partial(process.simulate, simulator=find_simulator(), timeout=600.0)
 
 
 def measure(tiny: bool) -> list[Figure]:
-    """Measure two boards."""
+    """Measure the grid of two boards, and the state space on two."""
+    points = [(GRID[0], C[2], GAIN[1])] if tiny else itertools.product(GRID, C, GAIN)
+    costs = [cost for point in points for cost in of_a_point(*point)]
+    what, base = "verify by ngspice over C and gain", "the cheapest bare run of the same error"
     names = list(FASTER)[1:] if tiny else list(FASTER)
-    return [of_board(name, 1 if tiny else 5) for name in names]
+    return [
+        Figure(f"{what}, geometric mean", base, costs, MEAN, statistics.geometric_mean(costs)),
+        Figure(f"{what}, largest", base, costs, LARGEST, max(costs)),
+        *(of_board(name, 1 if tiny else 5) for name in names),
+    ]
 
 
-def of_board(name: str, rounds: int) -> Figure:
-    """Time one transient of a shipped scene by both engines."""
+def verified(scene: Scene) -> tuple[Verdict, list[Deck]]:
+    """Return the verdict by ngspice, and the decks that it ran."""
     decks: list[Deck] = []
     own = process.Simulation
 
@@ -40,14 +61,60 @@ def of_board(name: str, rounds: int) -> Figure:
         decks.append(deck)
         return own(deck, *given, **named)
 
-    scene = with_values(load_scene(SCENES / f"{name}.toml"), {"analysis.error": ERROR})
     with mock.patch.object(simulation, "Simulation", recorded):
-        verdict = verify(scene.with_engine("ngspice"))
+        return verify(with_values(scene, {"analysis.error": ERROR}).with_engine("ngspice")), decks
+
+
+def of_a_point(name: str, capacitance: float, gain: float) -> Iterator[float]:
+    """Yield the ratio of `verify` to the cheapest bare run, if the board is stable and has one."""
+    values = {"design.capacitance": capacitance, "design.gain": gain}
+    verdict, decks = verified(with_values(load_scene(SCENES / f"{name}.toml"), values))
+    best = cheapest(verdict) if verdict.poles.stable else None
+    if best is not None:
+        every = processor(lambda: [RUN(deck) for deck in decks])
+        found = in_turns({"verify": every, "bare": processor(lambda: RUN(best))}, 3)
+        yield statistics.median(ratios(found["verify"], found["bare"]))
+
+
+def cheapest(verdict: Verdict) -> Deck | None:
+    """Return the deck of the ladder with the fewest points that errs by at most `ERROR`."""
+    best, fewest, beaten = None, np.inf, list[tuple[float, int]]()
+    board, analysis = verdict.circuit, verdict.transient
+    for parts, reltol in itertools.product(PARTS, RELTOL):
+        if any(reltol <= r and parts >= p for r, p in beaten):
+            continue
+        deck = bare(verdict, reltol, analysis.stop / parts)
+        try:
+            record = RUN(deck)
+        except SimulationError:
+            beaten.append((reltol, parts))
+            continue
+        if len(record.time) < fewest:
+            true = stepped.simulate(board, analysis, times=record.time, tolerance=1e-9).values
+            if np.abs(record.values - true).max() > ERROR * verdict.board.amplitude:
+                continue
+            best, fewest = deck, len(record.time)
+        beaten.append((reltol, parts))
+    return best
+
+
+def bare(verdict: Verdict, reltol: float, longest: float) -> Deck:
+    """Return the deck with ngspice's own tolerances but for reltol and a longest step, s."""
+    stop = verdict.transient.stop
+    deck = write_deck(verdict.circuit, verdict.transient, solver=find_simulator().solver_option)
+    kept = [line for line in deck.text.splitlines() if not line.startswith(OWN)]
+    tran = f".tran {1e-3 * longest!r} {stop!r} 0 {longest!r} uic"
+    cards = [f".options reltol={reltol!r}", tran, ".end", ""]
+    return replace(deck, text="\n".join([*kept[: kept.index(".end")], *cards]))
+
+
+def of_board(name: str, rounds: int) -> Figure:
+    """Time one transient of a shipped scene by both engines."""
+    verdict, decks = verified(load_scene(SCENES / f"{name}.toml"))
     points = max(verdict.waveforms.cost.points, 2)
     transient = replace(verdict.transient, max_step=verdict.transient.stop / points)
-    run = partial(process.simulate, decks[-1], find_simulator(), timeout=600.0)
     jobs = {
-        "ngspice": processor(run),
+        "ngspice": processor(lambda: RUN(decks[-1])),
         "statespace": processor(partial(stepped.simulate, verdict.circuit, transient)),
     }
     found = in_turns(jobs, rounds)

@@ -26,34 +26,16 @@ Returned = TypeVar("Returned")
 
 @dataclass(frozen=True)
 class Figure:
-    """A ratio to a baseline, beside the wanted value.
+    """A ratio to a baseline, beside the wanted value."""
 
-    Attributes
-    ----------
-    what, baseline : str
-        What is compared with what.
-    ratios : sequence of float
-        One for each pair that was measured.
-    wanted : float or None
-        Limit of the measured value; None if there is none.
-    value : float or None
-        The measured value; by default the median of `ratios`.
-    unit : str
-        Unit of the measured value; empty for a ratio.
-    least : bool
-        Whether `wanted` is a lower limit.
-    load : float
-        Load average of the machine over the last minute.
-    """
-
-    what: str
+    what: str  # what is compared with what
     baseline: str
-    ratios: Sequence[float]
-    wanted: float | None = None
-    value: float | None = None
-    unit: str = ""
-    least: bool = False
-    load: float = field(default_factory=lambda: os.getloadavg()[0])
+    ratios: Sequence[float]  # one for each pair that was measured
+    wanted: float | None = None  # limit of the measured value; None if there is none
+    value: float | None = None  # the measured value; by default the median of `ratios`
+    unit: str = ""  # of the measured value; empty for a ratio
+    least: bool = False  # whether `wanted` is a lower limit
+    load: float = field(default_factory=lambda: os.getloadavg()[0])  # of the last minute
 
     @property
     def measured(self) -> float:
@@ -141,10 +123,7 @@ COMMAND = "from taction.__main__ import main\nmain(sys.argv[1:], prog_name='tact
 def python(code: str, *words: str, accepted: tuple[int, ...] = (0,)) -> Cost:
     """Run Python in a process of its own and return the cost.
 
-    Raises
-    ------
-    RuntimeError
-        The process ended with a status that is not `accepted`; the message has its stderr.
+    RuntimeError: it ended with a status that is not `accepted`; the message has its stderr.
     """
     before, begun = processor_seconds(), time.perf_counter()
     command = [sys.executable, "-c", PEAK + code, *words]
