@@ -72,9 +72,7 @@ def test_a_report_is_silent_asks_for_nothing_is_legible_and_accessible(
 
 
 @pytest.mark.parametrize("name", ["passing", "64 channels", "montecarlo", "sweep, a map", "choose"])
-def test_a_phone_shows_everything_and_scrolls_in_one_direction(
-    open_report: Open, name: str
-) -> None:
+def test_a_phone_shows_everything_and_scrolls_one_way(open_report: Open, name: str) -> None:
     page = open_report(name, viewport=PHONE, has_touch=True, is_mobile=True).page
     assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
     assert page.evaluate(BEYOND, PHONE["width"]) == []
@@ -210,9 +208,7 @@ def test_texts_that_look_like_markup_do_nothing(open_report: Open) -> None:
     assert opened.messages == []
 
 
-def test_without_javascript_the_text_is_complete(
-    browser: Any, files: Callable[[str], Path]
-) -> None:
+def test_without_javascript_the_text_is_whole(browser: Any, files: Callable[[str], Path]) -> None:
     page = browser.new_context(viewport=DESK, java_script_enabled=False).new_page()
     page.goto(files("passing").as_uri())
     assert "need JavaScript" in page.locator("noscript").inner_text()

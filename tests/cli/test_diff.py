@@ -21,7 +21,7 @@ def readings(found: Any) -> dict[tuple[str, int | None], Any]:
     return {(r["name"], r["channel"]): r for r in found["readings"] if r["group"] != "checks"}
 
 
-def test_keys_come_first_with_their_defaults_then_readings_beyond_the_bounds(
+def test_keys_come_first_with_their_defaults_then_readings_beyond_bounds(
     tmp_path: Path,
 ) -> None:
     first = write_fast(tmp_path / "a.toml")

@@ -97,9 +97,7 @@ def test_every_public_name_is_used() -> None:
 
 
 @pytest.mark.usefixtures("quick_stories")
-def test_every_line_gives_what_the_page_shows(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_line_gives_what_a_page_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     explored: list[str] = []
     served: list[str] = []
     monkeypatch.chdir(tmp_path)

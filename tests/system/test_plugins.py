@@ -67,9 +67,7 @@ def test_a_wrong_object_is_refused_by_its_name(case: str, plugin: Plugin) -> Non
         ("Se-ven", "'Se-ven': a name is a lower-case letter"),
     ],
 )
-def test_a_name_is_one_word_that_taction_does_not_have(
-    name: str, says: str, plugin: Plugin
-) -> None:
+def test_a_name_is_one_word_that_taction_lacks(name: str, says: str, plugin: Plugin) -> None:
     plugin("acme", {"taction.opamps": {name: "SEVEN"}}, SOURCE)
     with pytest.raises(InputError, match=says):
         list(table({"seven": 0}))

@@ -230,9 +230,7 @@ def board_text(circuit: Circuit, *, noisy: bool) -> str:
         for model in circuit.models.values()
         if model.name in used
     )
-    biases = [
-        f"{bias.card} {bias.node} {GROUND} {bias.volts!r}" for bias in circuit.constant_voltages
-    ]
+    biases = [f"{b.card} {b.node} {GROUND} {b.volts!r}" for b in circuit.constant_voltages]
     cards = [model_card(model) for model in circuit.transistor_models.values()]
     matrices = matrix_lines(circuit.matrices)
     head = [".title taction board", *header_lines(circuit), *cards, *stages, *matrices, ""]

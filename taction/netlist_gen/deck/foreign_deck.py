@@ -68,9 +68,7 @@ AFTER_END = (
 _FILE = re.compile(
     r"\.(?:include|inc|lib)\s+(?:\"([^\"]*)\"|'([^']*)'|(\S+))(?:\s+([^\s\\/]+))?", re.I
 )
-_SPACED = re.compile(
-    r"\.(?:include|inc|lib)\s+(?=\S)()()([^\"';]*[\\/][^\"';\\/]*)()", re.I
-)  # with blanks
+_SPACED = re.compile(r"\.(?:include|inc|lib)\s+(?=\S)()()([^\"';]*[\\/][^\"';\\/]*)()", re.I)
 _UNUSUAL = tuple('=[]?()&%$"!:,')  # a line that begins so is a comment of ngspice
 _STRANGE = re.compile(r"[@\[\]\"'%\\~`]")  # such as in .save @v1[i]
 _QUOTED = re.compile(r"'([^']*)'")
@@ -168,10 +166,8 @@ def read_deck(file: str | Path) -> ForeignDeck:
     cards = reading.file(path)
     deck, top = reading.checked(cards), blocks_of(cards)
     if not any(card.text[0].isalpha() for card in top.cards):
-        text = "has no part outside of subcircuits; expected cards such as 'R1 in out 10k'"
-        raise InputError(
-            path, Complaint("deck", "", f"{text}, or 'X1 in out NAME' of a subcircuit")
-        )
+        text = "has no part outside of subcircuits; expected 'R1 in out 10k' or 'X1 in out NAME'"
+        raise InputError(path, Complaint("deck", "", text))
     check_expanded(top)
     return deck
 
@@ -315,10 +311,10 @@ class _DeckReading:
         if not name.isprintable():
             raise card.refused("expected the name of a file, without control characters")
         folder, last = _real(self.deck).parent, name.rpartition("/")[2]
-        target = _real(_real(origin).parent / name)
+        target = _in_any_case(_real(origin).parent / name)
         inside = target.is_relative_to(folder) and _is_file(target)
-        if not inside and _is_file(folder / last):
-            target = _real(folder / last)
+        if not inside and _is_file(own := _in_any_case(folder / last)):
+            target = own
             self.remarks.append(f"{name}: {last} in the deck's folder is read in its place")
         elif not _is_file(target) and LIBRARY.fullmatch(last):
             self.remarks.append(f"{last}: a library of LTspice, which is not read")
@@ -426,6 +422,15 @@ def _screen(card: Card) -> None:
 def _real(path: Path) -> Path:
     """Return a path with links followed; of links that loop some path."""
     return Path(os.path.realpath(path))
+
+
+def _in_any_case(path: Path) -> Path:
+    """Return the file of a path, or one whose name has other letters in capitals, as on Windows."""
+    with suppress(OSError):
+        names = [] if _is_file(path) else sorted(os.listdir(path.parent))  # noqa: PTH208 - as below
+        alike = (each for each in names if each.lower() == path.name.lower())
+        path = path.parent / next(alike, path.name)
+    return _real(path)
 
 
 def _is_file(path: Path) -> bool:

@@ -84,7 +84,7 @@ def test_drift_is_the_power_law_of_its_source_and_has_an_inverse() -> None:
     np.testing.assert_allclose(day.spreads(now)["programming"], fresh * now / aimed, rtol=1e-9)
 
 
-def test_a_share_of_the_cells_is_stuck_and_the_others_are_as_before(
+def test_a_share_of_the_cells_is_stuck_and_others_are_as_before(
     rng: np.random.Generator,
 ) -> None:
     cell = Device(1e-6, 9e-6, programming_error=(1e-8,), stuck_at_least=0.1, stuck_at_most=0.02)
@@ -236,9 +236,7 @@ def values(circuit: Circuit) -> dict[str, float]:
 
 @pytest.mark.parametrize("topology", ["integrator", "passive"])
 @pytest.mark.parametrize(("name", "value"), [("C", 3e-12), ("gain", 3e6)])
-def test_a_turned_knob_is_the_board_of_the_other_scene(
-    topology: str, name: str, value: float
-) -> None:
+def test_a_turned_knob_is_the_board_of_its_scene(topology: str, name: str, value: float) -> None:
     circuit = board(topology, unit_conductance="1nS")
     knob = circuit.knob(name)
     scene = make_scene(

@@ -90,7 +90,7 @@ def test_files_inside_the_folder_are_read(folder: Path, ngspice: str) -> None:
         folder / "lib", ".lib fast\nR7 out 0 7k\n.endl\n.lib slow\nR7 out 0 8k\n.endl\n", "a.lib"
     )
     written(folder / "lib", "R8 out 0 1\xb5\n", "b.inc")
-    place = written(folder, f"t\n{RC}.lib 'lib/a.lib' slow\n.include lib/b.inc\n.end\n")
+    place = written(folder, f"t\n{RC}.lib 'lib/a.lib' slow\n.include lib/B.INC\n.end\n")
     board = read_board(place)
     assert {part.card: part.ohms for part in board.circuit.resistors} == {
         "R1": 1e3, "R7": 8e3, "R8": 1e-6

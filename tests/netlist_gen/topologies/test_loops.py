@@ -99,9 +99,7 @@ def test_inputs_are_loaded_alike_by_devices_with_levels(
         ("ridge", "offset", 12 + 2, 4 + 2 * 4 + 2 * 5 + 3 * 4),
     ],
 )
-def test_the_price_of_negative_entries(
-    topology: str, way: str, opamps: int, resistors: int
-) -> None:
+def test_price_of_negative_entries(topology: str, way: str, opamps: int, resistors: int) -> None:
     """Row 4 and column 4 have no negative entry: they need no inverter and no load."""
     T = np.array([[2, -1, 0, 1], [-1, 3, -1, 1], [0, -1, 2, 1], [1, 1, 1, 3.0]])
     circuit = board(T, np.ones(4), topology, way)

@@ -162,9 +162,7 @@ def test_a_passive_board_that_cannot_be_is_refused_with_its_numbers() -> None:
 @pytest.mark.parametrize(
     ("topology", "bias"), [("integrator", True), ("integrator", False), ("passive", False)]
 )
-def test_an_exponential_board_rests_at_the_maximum_entropy_solution(
-    topology: str, bias: bool
-) -> None:
+def test_an_exponential_board_rests_at_maximum_entropy(topology: str, bias: bool) -> None:
     A, eps = [[0.3, -0.2, 0.1], [0.1, 0.4, 0.25]], [1.0, 0.5]
     scene = design(
         amplifier="exponential", topology=topology, bias=bias, gain="1Mohm",

@@ -272,9 +272,7 @@ def test_what_is_no_opamp_is_refused_with_the_reason(
         imported(tmp_path, text)
 
 
-def test_a_compensation_capacitor_stands_between_its_two_ports(
-    ngspice: str, tmp_path: Path
-) -> None:
+def test_a_compensation_capacitor_stands_between_two_ports(ngspice: str, tmp_path: Path) -> None:
     text = TWO_POLES.replace("pos neg out", "pos neg out a one").replace(
         "ca a 0 100p", "v1 one 0 0"
     )

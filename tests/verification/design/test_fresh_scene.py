@@ -128,9 +128,7 @@ def new(*arguments: str) -> Result:
 
 
 @pytest.mark.parametrize("opamp", ["tl084", "op27"])
-def test_the_scene_passes_at_once(
-    tmp_path: Path, problem: tuple[Matrix, Matrix], opamp: str
-) -> None:
+def test_scenes_pass_at_once(tmp_path: Path, problem: tuple[Matrix, Matrix], opamp: str) -> None:
     file = tmp_path / "board.toml"
     found = new(str(file), *write(tmp_path, *problem), "--opamp", opamp, "--json")
     assert found.exit_code == 0, found.stderr

@@ -271,11 +271,7 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweepAxis, band: f
     if not board.state_space.n:  # and so without a pole at any value of a part
         edges = Edges(min(values), max(values), ())
     elif told_apart(board, poles(board))[1].beyond:  # such poles of the models do not decide
-        edges = scan(
-            values,
-            lambda value: told_apart(at(value), poles(at(value)))[0],
-            logarithmic=logarithmic,
-        )
+        edges = scan(values, lambda v: told_apart(at(v), poles(at(v)))[0], logarithmic=logarithmic)
     elif family.ports is not None and logarithmic:
         edges = find_edges(family, min(values), max(values), values=values)
     else:

@@ -222,10 +222,9 @@ def _check_of(text: str) -> tuple[str, dict[str, Any]]:
         return ("stability" if word == "stable" else word), {}
     if word in ("stable", OSCILLATES):
         raise _refused(word, repr(value), "expected no value")
-    known = ", ".join(f"{each.asked}={each.example}" for each in QUESTIONS.values())
-    raise _refused(
-        "check", repr(word), f"expected {known}, margin=2, agree=1e-3, stable or {OSCILLATES}"
-    )
+    known = [f"{each.asked}={each.example}" for each in QUESTIONS.values()]
+    accepted = ", ".join([*known, f"margin=2, agree=1e-3, stable or {OSCILLATES}"])
+    raise _refused("check", repr(word), f"expected {accepted}")
 
 
 def _expected(text: str) -> Expected:

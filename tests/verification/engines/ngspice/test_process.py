@@ -107,9 +107,7 @@ def test_a_cancelled_run_ends_and_leaves_nothing(simulator: Simulator, tmp_path:
         run.result()
 
 
-def test_a_run_that_nobody_asks_for_ends_with_its_object(
-    simulator: Simulator, tmp_path: Path
-) -> None:
+def test_a_run_nobody_asks_for_ends_with_its_object(simulator: Simulator, tmp_path: Path) -> None:
     fake = wrapped(simulator, tmp_path, f"echo $$ > {tmp_path}/pid")
     run = Simulation(endless(), fake, timeout=60.0)
     pid, folder = process_id(tmp_path / "pid"), run.folder

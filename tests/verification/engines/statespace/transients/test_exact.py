@@ -141,9 +141,7 @@ def test_a_board_of_patterns_has_the_exact_transient(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", [3, *nightly(0, 1, 2)])
-def test_the_stated_error_of_a_large_board_holds(
-    seed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_stated_errors_of_large_boards_hold(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     circuit, analysis = drawn_board(seed + 10), Transient(STOP, 1e-6)
     times = np.concatenate([[0.0], np.geomspace(1e-9, STOP, 500)])
     exact = exact_solution(circuit).at(times)
