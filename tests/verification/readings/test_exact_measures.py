@@ -84,7 +84,7 @@ def test_what_a_cubic_misses_in_a_part_of_so_many_periods_is_bounded(periods: fl
 
 
 @pytest.mark.parametrize("zeta", [1e-3, 1e-6, 1e-8])
-def test_a_ringing_that_hardly_decays_settles_where_its_envelope_meets_the_band(
+def test_a_ringing_that_hardly_decays_settles_with_its_envelope(
     zeta: float,
 ) -> None:
     """Up to 1e8 periods: only those are looked at in which the envelope is near the band."""

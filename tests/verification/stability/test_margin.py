@@ -115,7 +115,7 @@ def test_a_window_within_rounding_is_no_pass(offset: float) -> None:
     assert check.outcome is Outcome.INCONCLUSIVE
 
 
-def test_where_poles_refute_the_loci_a_scan_finds_the_margin(
+def test_where_poles_refute_loci_a_scan_finds_the_margin(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(margin_module, "_SHARED", {})

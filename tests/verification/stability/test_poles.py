@@ -179,9 +179,7 @@ def test_a_fast_latch_is_none_of_the_models() -> None:
         ),
     ],
 )
-def test_a_pole_of_a_negative_capacitance_does_not_decide(
-    cards: tuple[str, ...], rate: float
-) -> None:
+def test_poles_of_negative_capacitances_do_not_decide(cards: tuple[str, ...], rate: float) -> None:
     made = board(*cards)
     found = poles(made)
     assert found.rightmost.real == pytest.approx(rate, rel=1e-5)

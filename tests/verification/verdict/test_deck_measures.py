@@ -86,9 +86,7 @@ def test_a_record_that_ends_too_early_has_not_settled(ngspice: str, tmp_path: Pa
     assert results(replace(deck, text=text), tmp_path)["t_settle"] == 1e99
 
 
-def test_an_oscillation_that_ends_inside_the_band_has_not_settled(
-    ngspice: str, tmp_path: Path
-) -> None:
+def test_an_oscillation_that_ends_in_the_band_has_not_settled(ngspice: str, tmp_path: Path) -> None:
     scene = load_scene(SCENES / "paper-breadboard.toml")
     data = scene.model_dump(by_alias=True, exclude_unset=True)
     data["design"]["capacitance"] = "8.2pF"  # it oscillates: the paper

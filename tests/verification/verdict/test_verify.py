@@ -8,11 +8,13 @@ import tomllib
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from taction.system.errors import EngineError, StepTooSmall, TimedOut
 from taction.system.progress import Clock
@@ -208,9 +210,7 @@ def test_a_step_that_misses_is_refined(ngspice: str, monkeypatch: pytest.MonkeyP
     assert document["wanted"] == 1e-4
 
 
-def test_a_record_stays_where_its_repeat_fails(
-    ngspice: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_records_stay_where_repeats_fail(ngspice: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The verdict is that of the first run, and says why there is no better one."""
     design = build(shipped("paper-breadboard", analysis={"engine": "ngspice"}))
     rough = replace(design.plan, wanted=1e-3 * design.plan.wanted)
@@ -268,6 +268,19 @@ def test_only_a_known_miss_of_a_stepping_engine_is_tried_again() -> None:
     assert again(1e-5) is None
     assert again(math.nan) is None
     assert again(4e-4, StateSpaceError(4e-4 * design.amplitude, "", wave)) is None
+
+
+def test_a_longer_record_is_that_of_the_band_less_the_static_error() -> None:
+    design = build(ringing_scene(engine="ngspice"))
+    band = design.scene.checks.settling_time.band
+    short = replace(design, plan=replace(design.plan, transient=Transient(1e-12, 1e-12)))
+    off = 0.9 * band * design.amplitude
+    vars(short)["steady"] = SimpleNamespace(values=design.ideal.target + off)
+    unsettled = SimpleNamespace(settling_time=None, amplitude=design.amplitude)
+    plan = better_plan(cast(Run, SimpleNamespace(board=short, measured=unsettled)))
+    assert plan is not None
+    left = 0.5 * 0.1 * band
+    assert plan.transient.stop == pytest.approx(1.2 * design.scales.stop_for(left), rel=1e-5)
 
 
 @pytest.mark.parametrize("count", [9, 20, 21, 22, 61])

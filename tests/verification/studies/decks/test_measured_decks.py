@@ -258,9 +258,7 @@ def test_a_charge_of_one_side_adds_no_pole(tmp_path: Path) -> None:
         ("Q1 out in 0 m\n.model m nbjt level=1", ("line 5", "CIDER", "npn")),
     ],
 )
-def test_what_cannot_be_measured_is_refused(
-    card: str, words: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_what_is_not_measured_is_refused(card: str, words: tuple[str, ...], tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
         checked(tmp_path, f"V1 in 0 DC 1 AC 1\nR1 in out 1k\n{card}\nC1 out 0 1n", ngspice=False)
     for word in words:

@@ -98,9 +98,7 @@ def test_a_deck_read_back_has_the_poles_and_readings_of_its_board(
 
 
 @pytest.mark.nightly  # margins of 150 parts: a minute of processor time
-def test_a_real_pole_that_crosses_beyond_the_margin_is_decided(
-    tmp_path: Path, ngspice: str
-) -> None:
+def test_a_real_pole_that_crosses_beyond_a_margin_is_known(tmp_path: Path, ngspice: str) -> None:
     """The margin is 3.27; det(-K) in rational numbers changes its sign at 22.70 to 22.72 Rf_2_2."""
     place = tmp_path / "board.cir"
     place.write_text(taction.netlist("scenes/tuned-breadboard.toml").text)

@@ -255,9 +255,7 @@ def test_the_same_scene_is_the_same(tmp_path: Path, passing: dict[str, Entry]) -
     assert only(report).notes == ()
 
 
-def test_a_scene_that_passes_otherwise_is_changed(
-    tmp_path: Path, passing: dict[str, Entry]
-) -> None:
+def test_a_scene_that_passes_now_is_changed(tmp_path: Path, passing: dict[str, Entry]) -> None:
     write_fast(tmp_path / "a.toml", capacitance="10.5pF")
     report = run(tmp_path, passing)
     assert (only(report).status, report.exit_status) == (Status.CHANGED, 1)

@@ -140,9 +140,7 @@ def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
         assert store.count() == 2
 
 
-def test_another_process_that_never_lets_go(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_process_that_never_lets_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "PATIENCE", 0.05)
     with Store(str(tmp_path / "a.sqlite")) as store, Store(str(tmp_path / "a.sqlite")) as other:
         other._db.execute("begin immediate")

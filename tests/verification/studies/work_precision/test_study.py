@@ -66,7 +66,7 @@ def test_errors_fall_along_every_ladder(found: WorkPrecisionStudy) -> None:
     assert exact < 1e-9  # the rounding of the two references: 0.9e-10 to 1.5e-10, by BLAS kernel
 
 
-def test_the_cheapest_setting_reaches_the_error_and_is_the_cheapest(
+def test_the_cheapest_setting_that_reaches_the_error(
     found: WorkPrecisionStudy,
 ) -> None:
     for engines in (("ngspice", "statespace"), ("ngspice",)):
