@@ -116,8 +116,9 @@ def _loads(board: LinearBoard, transient: Transient, tolerance: float) -> tuple[
     if is_exact(board):
         weights[tuple(places)] = values
         of_volts = np.where(slopes[:, None], 0.0, weights)
-        of_rates = weights - of_volts
-        solution = combinations(board, nodes, of_volts, of_rates, initial=transient.initial)
+        solution = combinations(
+            board, nodes, of_volts, weights - of_volts, initial=transient.initial
+        )
         ones = np.ones(len(rows))
         trace = ExactTrace(solution, ones, 0.0 * ones, PRECISION, DETAIL, fineness=COARSE)
         found = np.array(trace.peaks)

@@ -137,7 +137,8 @@ class InputSpread:
     @classmethod
     def shared(cls, board: LinearBoard, *more: Any) -> InputSpread | None:
         """Return the same as `of`; points of a sweep that differ in capacitors alone share it."""
-        if not any(model.varying for model in board.circuit.models.values()):
+        models, matrices = board.circuit.models.values(), board.circuit.matrices
+        if not any(each.varying for each in models) or any(each.device for each in matrices):
             return cls.of(board, *more)
         circuit = replace(board.circuit, name="", capacitors=(), facts={}, roles={}, knobs=())
         key = pickle.dumps((circuit, more))
