@@ -115,10 +115,8 @@ def _loads(board: LinearBoard, transient: Transient, tolerance: float) -> tuple[
     slopes = np.array([row[1] == "slope" for row in rows])
     if is_exact(board):
         weights[tuple(places)] = values
-        of_volts = np.where(slopes[:, None], 0.0, weights)
-        solution = combinations(
-            board, nodes, of_volts, weights - of_volts, initial=transient.initial
-        )
+        own = np.where(slopes[:, None], 0.0, weights)
+        solution = combinations(board, nodes, own, weights - own, initial=transient.initial)
         ones = np.ones(len(rows))
         trace = ExactTrace(solution, ones, 0.0 * ones, PRECISION, DETAIL, fineness=COARSE)
         found = np.array(trace.peaks)
