@@ -92,8 +92,8 @@ UNKNOWN = (
     "the deck has no subcircuit {}; put the file with its .subckt into the folder and write"
     " '.include FILE'; known without one: {}"
 )
-LIBRARY = re.compile(r"(?:opamp|universalopamps?2?)\.sub|ltc\d*\.lib|standard\.\w+", re.I)
-"""Files that LTspice reads from a folder of its own."""
+LIBRARY = re.compile(r"(?:opamp|universalopamps?2?)\.sub|(?:ltc\d*|nom)\.lib|standard\.\w+", re.I)
+"""Files that LTspice and PSpice read from a folder of their own."""
 PARASITIC = {
     "r": (("rser",), ("cpar",)),
     "c": (("rser", "lser"), ("rpar", "cpar")),

@@ -52,6 +52,7 @@ CODE_MODEL = (
 )
 _ENDS = re.compile(r"^(\.ends\b[^*]*)\*.*")  # of joined files: a comment without its own line
 _COMMENT = re.compile(r";|//|(?:^|(?<=\s))\$")
+BLOCKS = {".control": ".endc", ".aliases": ".endaliases"}  # left out: commands, other names
 FILES = (".include", ".inc", ".lib")
 _LEFT = """
     .title .options .option .opt .temp .tran .ac .op .dc .noise .tf .sens .pz .pss .sp .disto
@@ -317,7 +318,7 @@ class _DeckReading:
             target = own
             self.remarks.append(f"{name}: {last} in the deck's folder is read in its place")
         elif not _is_file(target) and LIBRARY.fullmatch(last):
-            self.remarks.append(f"{last}: a library of LTspice, which is not read")
+            self.remarks.append(f"{last}: a library of LTspice or PSpice, which is not read")
             return
         if not target.is_relative_to(folder):
             raise card.refused(f"{name!r} is outside the deck's folder and not read; copy it there")
@@ -343,15 +344,15 @@ def logical_lines(
     if title and not raw[0].lstrip().startswith((".", "*")):
         raw[0] = ""  # whatever it says
     found, commands, unusual = list[tuple[int, list[str]]](), 0, list[int]()
-    inside = left = False
+    inside, left = "", False
     for place, each in enumerate(raw, 1):
         Card(place, "", file).limited(len(each), "characters in a line", LONGEST)
         # 0x1A ends a file of DOS; joined files have it between them.
         line = each.strip("\x1a").rstrip("\r").replace("\t", " ").strip(" ")
         word = line.split(" ", maxsplit=1)[0].lower()
-        if inside or word == ".control":
-            inside = word != ".endc"
-            commands += 1
+        if inside or word in BLOCKS:
+            commands += (inside or BLOCKS[word]) == ".endc"
+            inside = "" if word == inside else inside or BLOCKS[word]
             continue
         if line.startswith("*"):
             continue
@@ -364,7 +365,7 @@ def logical_lines(
         elif line.startswith(_UNUSUAL):
             unusual.append(place)
             continue
-        line = _ENDS.sub(r"\1", _QUOTED.sub(_braced, line).lower())
+        line = _ENDS.sub(r"\1", _QUOTED.sub(_braced, line).lower()).replace("$n_", "n__")
         if comment := _COMMENT.search(line):
             line = line[: comment.start()]
         if wrong := ALLOWED.sub("", line, count=1):

@@ -97,6 +97,17 @@ def test_files_inside_the_folder_are_read(folder: Path, ngspice: str) -> None:
     }  # fmt: skip
 
 
+def test_decks_of_pspice_schematics_are_read(folder: Path, ngspice: str) -> None:
+    """Nodes without a name begin with a dollar, and a list of aliases is no list of parts."""
+    parts = "R_R1 $N_0001 $N_0002 1k\nC_C1 0 $N_0002 1n\nV_V1 $N_0001 0 DC 0 AC 1\n"
+    written(folder, parts, "a.net")
+    written(folder, ".ALIASES\nR_R1 R1(1=$N_0001 2=$N_0002 )\n.ENDALIASES\n", "a.als")
+    place = written(folder, '* t\n.lib "nom.lib"\n.INC "A.NET"\n.INC "a.als"\n.probe\n.END\n')
+    found = check(place, outputs="n__0002")
+    assert [pole.real for pole in found.poles.poles] == pytest.approx([-1e6], rel=1e-9)
+    assert any("nom.lib: a library of LTspice or PSpice" in note for note in found.notes)
+
+
 def test_subcircuits_may_follow_the_end_and_parts_may_not(folder: Path, ngspice: str) -> None:
     """ngspice reads on: of 1 kohm to 1 V and 1 kohm to ground after .end it finds 0.5 V."""
     divider = ".subckt half a b\nR1 a b 1k\nR2 b 0 1k\n.ends\n"

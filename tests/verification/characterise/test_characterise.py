@@ -219,7 +219,8 @@ def test_a_large_gain_is_no_matter_of_rounding(decades: int, ngspice: str, tmp_p
 ONE_POLE = """
 .subckt amp 1 2 3 4 5
 r1 1 2 1meg
-e1 6 0 1 2 1e5
+e1 6 cm 1 2 1e5
+e9 cm 0 1 0 100
 r2 6 7 1k
 c1 7 0 16u
 e2 5 0 7 0 1
@@ -229,13 +230,13 @@ e2 5 0 7 0 1
 
 def test_one_pole_and_an_ideal_output_have_a_linear_model(ngspice: str, tmp_path: Path) -> None:
     opamp = imported(tmp_path, ONE_POLE)
-    assert opamp.figures.dc_gain == pytest.approx(1e5, rel=1e-6)
-    assert opamp.figures.unity_gain_bandwidth == pytest.approx(
-        1e5 / (2e3 * np.pi * 16e-6), rel=1e-6
-    )
-    assert (opamp.figures.slew_rate, opamp.figures.swing) == (None, None)
+    figures = opamp.figures
+    assert figures.dc_gain == pytest.approx(1e5, rel=1e-6)
+    assert figures.unity_gain_bandwidth == pytest.approx(1e5 / (2e3 * np.pi * 16e-6), rel=1e-6)
+    assert figures.common_mode_rejection == pytest.approx(20.0 * np.log10(1e5 / 100.0), rel=1e-6)
+    assert (figures.slew_rate, figures.swing) == (None, None)
     assert opamp.linear.error <= 1e-6
-    assert opamp.figures.output_resistance == 0.0
+    assert figures.output_resistance == 0.0
     # A follower by the state-space engine: its pole is that of 1 kohm and 16 uF, (1 + 1e5) times.
     (pole,) = poles_of(opamp, inverting="out")
     assert pole == pytest.approx(-62.5 * (1.0 + 1e5), rel=1e-9)

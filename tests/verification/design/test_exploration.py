@@ -14,12 +14,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import Point, with_settings, with_values
 from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from taction.verification.design import trials
-from taction.verification.design.exploration import (
-    LAMBDA,
-    BoardView,
-    Settings,
-    judge,
-)
+from taction.verification.design.exploration import LAMBDA, BoardView, Settings, judge
 from taction.verification.design.remedies import Remedies, find_remedies
 from taction.verification.design.trials import OutOfWorkError, Trials
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard

@@ -183,13 +183,7 @@ def test_a_page_has_every_block_and_loads_nothing() -> None:
     assert len(tree.find_class("block")) == len(blocks)
     assert len(tree.find_class("canvas")) == len(CHARTS)
     text = tree.text_content()
-    for word in (
-        "12.3 µV",
-        "at most 40 %",
-        "u1 is slow",
-        "10 kΩ",
-        "the record ends early",
-    ):
+    for word in ("12.3 µV", "at most 40 %", "u1 is slow", "10 kΩ", "the record ends early"):
         assert word in text
     assert not tree.xpath("//*[@src or @href[not(starts-with(., '#'))]]")
 
