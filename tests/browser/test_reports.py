@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from tests.browser.conftest import DESK, NAMES, PHONE, Open, Opened
+from tests.support import nightly
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
+ALIKE = ("passive", "one channel", "sweep, only op-amps", "sweep, op-amps", "choose, none passes")
+"""Reports that have what others have."""
 AXE = "axe.run({resultTypes: ['violations']})"
 RANGE = "canvas => canvas._fullLayout.xaxis.range.map(Number)"
 VIEWS = """[...document.querySelectorAll(".canvas")].map(each => each._fullLayout)
@@ -49,7 +52,7 @@ def violations(page: Any) -> list[tuple[str, str, str]]:
     return [(each["id"], each["impact"], each["nodes"][0]["html"]) for each in found]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*(n for n in NAMES if n not in ALIKE), *nightly(*ALIKE)])
 def test_a_report_is_silent_asks_for_nothing_is_legible_and_accessible(
     open_report: Open, name: str
 ) -> None:
