@@ -279,11 +279,7 @@ TABLE = {
         outputs=(picture("maps of C and gain for every op-amp"), REPORT),
         before=_choice_database,
         files=lambda found, options: [one.file for one in found.best if one.file],
-        parameters=(
-            option("overshoot", metavar="SHARE"),
-            option("noise", metavar="VOLTS"),
-            FOLDER,
-        ),
+        parameters=(option("overshoot", metavar="SHARE"), option("noise", metavar="VOLTS"), FOLDER),
         ends="Exit status: 0 if a design passes on both engines, 1 if none passes.",
     ),
     "scale": Command(about="Propose G0, U0, s and R for op-amps and supply.", files=own_file),
@@ -354,15 +350,10 @@ TABLE = {
                 outputs=(picture("the Bode diagram of the open loop"),),
                 parameters=(argument("name", type=str, reads=False),),
             ),
-            "import": Command(
-                function="import_model",
-                files=lambda found, options: [found.file],
-            ),
+            "import": Command(function="import_model", files=lambda found, options: [found.file]),
         },
     ),
-    "mcp": Command(
-        about="Serve verify, check, onset and more to a program, by MCP.",
-    ),
+    "mcp": Command(about="Serve verify, check, onset and more to a program, by MCP."),
     "new": Command(
         about="Write a scene file with comments.",
         text=lambda found: None,  # the file is the result

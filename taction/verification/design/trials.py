@@ -233,6 +233,7 @@ def at_small_signal(scene: Scene) -> Scene:
 
 
 OUTWARDS, DECADES = 25, 2.0  # values of one key on each side, and how far they go
+HALVINGS = 4  # of the distance of two of them
 EVALUATIONS = 40  # of one descent
 
 Values = dict[str, Value]
@@ -332,21 +333,42 @@ def search(
 
     None without a value to try. A search that uses up the work is not complete.
     """
-    found, outwards = Search(path), values is None
+    found, one = Search(path), None
     if values is None and (one := SearchRange.around(trials.scene, path, 1.0)) is not None:
         values = one.outwards()
         found.least, found.most = min(one.own, *values), max(one.own, *values)
     if not values:
         return None
+    last = dict[bool, Trial]()  # on either side of the scene's own
     try:
         for value in values:
-            if accept(trial := trials.at({path: value})):
+            trial = trials.at({path: value})
+            if one is not None:
+                above = float(value) > one.own
+                near, last[above] = last.get(above, trial), trial
+                trial = _between(trials, one, near, trial, accept)
+            if accept(trial):
                 found.found.append(trial)
-                if outwards:
+                if one is not None:
                     break
     except OutOfWorkError:
         found.complete = False
     return found
+
+
+def _between(trials: Trials, one: SearchRange, low: Trial, far: Trial, accept: Accept) -> Trial:
+    """Return `far`, or what is accepted between it and a neighbour that fails by other checks."""
+    high = far
+    for _ in range(HALVINGS):
+        failed, others = {*low.record.failed}, {*high.record.failed}
+        if not (failed and others) or failed & others:
+            break
+        ends = float(low.values[one.path]), float(high.values[one.path])
+        middle = trials.at({one.path: one.bought(math.sqrt(math.prod(ends)))})
+        if accept(middle):
+            return middle
+        low, high = (middle, high) if failed & {*middle.record.failed} else (low, middle)
+    return far
 
 
 def descend(

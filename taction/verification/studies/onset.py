@@ -303,15 +303,13 @@ def _prepare(
     return Side(value, pole), fastest, deck
 
 
-def _follow(
-    boards: Family, crossing: Edge, value: float
-) -> tuple[LinearBoard, complex, list[complex]]:
+def _follow(boards: Family, edge: Edge, value: float) -> tuple[LinearBoard, complex, list[complex]]:
     """Follow the pole from the axis to `value`; return the board, the pole and all poles there."""
-    pole = crossing.pole
+    pole = edge.pole
     for share in (0.5, 1.0):
-        board = boards.board(crossing.value + share * (value - crossing.value))
+        board = boards.board(edge.value + share * (value - edge.value))
         board_poles: list[complex] = poles(board).poles.tolist()
-        eligible = [p for p in board_poles if crossing.frequency or p.imag == 0.0]
+        eligible = [p for p in board_poles if edge.frequency or p.imag == 0.0]
         if not eligible:
             raise EngineError("the real pole on the axis becomes a complex pair beside the axis")
         pole = min(eligible, key=lambda each: abs(each - pole))

@@ -353,17 +353,15 @@ def grids(result: SweepResult) -> dict[str, np.ndarray[Any, Any]]:
     ``outcome`` has places in `OUTCOMES`, -1 for a point that is not stored.
     """
     plan = result.plan
-    arrays: dict[str, np.ndarray[Any, Any]] = {
-        name: np.full(plan.shape, np.nan) for name in FIGURES
-    }
-    arrays["outcome"] = np.full(plan.shape, -1, dtype=np.int8)
+    found: dict[str, np.ndarray[Any, Any]] = {name: np.full(plan.shape, np.nan) for name in FIGURES}
+    found["outcome"] = np.full(plan.shape, -1, dtype=np.int8)
     for place, record in enumerate(all_records(plan, result.store)):
         if record is not None:
-            arrays["outcome"].flat[place] = OUTCOMES.index(record["outcome"])
+            found["outcome"].flat[place] = OUTCOMES.index(record["outcome"])
             for name in FIGURES:
                 if record[name] is not None:
-                    arrays[name].flat[place] = record[name]
-    return arrays
+                    found[name].flat[place] = record[name]
+    return found
 
 
 def export_sweep(result: SweepResult, path: str) -> None:

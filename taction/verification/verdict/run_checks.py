@@ -37,12 +37,10 @@ Make = Callable[..., Check]
 """A check with its name, unit and limit; takes the outcome, and the value with its error."""
 
 
-def _unknown(
-    evidence: Evidence, check: Make, unstable: str, outcome: Outcome = FAIL
-) -> Check | None:
+def _unknown(evidence: Evidence, check: Make, what: str, outcome: Outcome = FAIL) -> Check | None:
     """Return the check of a board without this reading; None for a board that has it."""
     if evidence.growth:
-        return check(outcome, reason=f"{unstable}the board {evidence.growth}")
+        return check(outcome, reason=f"{what}the board {evidence.growth}")
     if evidence.obstacle:
         return check(UNDECIDED, reason=evidence.obstacle)
     return None

@@ -324,14 +324,12 @@ def plan_transient(
         allowed = max(AIM * wanted if aim is None else aim, LEAST_ERROR)
         found = model.cheapest(allowed)
         if board.descriptor.devices.steepest.any():  # their slopes jump
-            found = _also_from_start(board, model, found, allowed)
+            found = _from_start(board, model, found, allowed)
     seconds = found.steps * step_seconds
     return made(found.transient, notes=notes, steps=found.steps, error=found.error, seconds=seconds)
 
 
-def _also_from_start(
-    board: LinearBoard, model: StepModel, rest: Forecast, allowed: float
-) -> Forecast:
+def _from_start(board: LinearBoard, model: StepModel, rest: Forecast, allowed: float) -> Forecast:
     """Return a step control that also follows the board where its amplifiers start."""
     try:
         begin = board.at_start(model.initial)

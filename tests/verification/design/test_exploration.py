@@ -139,9 +139,10 @@ def test_every_change_of_an_unstable_board_passes_the_whole_verdict() -> None:
         assert verdict.circuit.value("lambda") == pytest.approx(0.7669809, rel=1e-6)  # of the scene
 
 
-def test_a_rise_between_too_fast_and_too_slow_is_found() -> None:
-    """At 8.5 pF the board of the paper is too fast, and at 12.5 pF too slow."""
-    scene = paper({"design.capacitance": 8e-12, "design.gain": 6e6})
+@pytest.mark.parametrize("more", [{"design.gain": 6e6}, {"design.capacitance": 1e-12}])
+def test_a_rise_between_too_fast_and_too_slow_is_found(more: Point) -> None:
+    """At 8.5 pF the board of the paper is too fast, and at 12.5 pF too slow; 1 pF steps over it."""
+    scene = paper({"design.capacitance": 8e-12, **more})
     found = find_remedies(verify(scene), LONG)
     (farads,) = found.changes[0].values.values()
     assert 8.53e-12 < float(farads) < 1.25e-11

@@ -159,9 +159,7 @@ def accepted_waveforms(
     """
 
     def waveforms(partial: bool) -> Waveforms:
-        return _waveforms(
-            deck, read_raw(ending.folder / RAW, partial=partial), ending, engine, solver
-        )
+        return _record(deck, read_raw(ending.folder / RAW, partial=partial), ending, engine, solver)
 
     try:
         with _explained(ending):
@@ -231,9 +229,7 @@ def _check_values(waveforms: Waveforms, bound: float) -> None:
     raise BadEvidence(f"beyond {bound:g} V, or not a number, at {wrong.size} nodes: {listed}")
 
 
-def _waveforms(
-    deck: SimulatedDeck, plot: Plot, ending: Ending, engine: str, solver: str
-) -> Waveforms:
+def _record(deck: SimulatedDeck, plot: Plot, ending: Ending, engine: str, solver: str) -> Waveforms:
     """Check a plot, and copy its columns, in the order of `saved`, into contiguous memory."""
     is_transient = isinstance(deck.analysis, Transient)
     voltages = [f"v({node.lower()})" for node in deck.saved]

@@ -93,10 +93,8 @@ def observe(verdict: Verdict) -> Entry:
 
 def fingerprint(scene: Scene) -> str:
     """Return the SHA-256 of a scene as written, without its tolerances, and of its files."""
-    written = scene.model_dump(
-        mode="json", exclude_unset=True, exclude={"regression"}, by_alias=True
-    )
-    digest = hashlib.sha256(json.dumps(written, sort_keys=True).encode())
+    keys = scene.model_dump(mode="json", exclude_unset=True, exclude={"regression"}, by_alias=True)
+    digest = hashlib.sha256(json.dumps(keys, sort_keys=True).encode())
     for name in files_of(scene).values():
         if isinstance(name, str):  # an array is in what was written
             digest.update(read_bounded(scene.folder / name, LARGEST))
