@@ -127,7 +127,7 @@ USERS = {
         ),
         Step(
             "taction verify slew-ua741.toml --engine statespace",
-            (r"headroom slew rate counts: needs [\d.]+ V/us of 0\.5",),
+            (r"headroom slew rate counts, as simulated: would need [\d.]+ V/us of 0\.5",),
         ),
         Step(
             "taction verify board.toml --engine statespace",

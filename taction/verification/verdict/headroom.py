@@ -24,7 +24,7 @@ FULL = 0.9  # of a limit: above it the small-signal solution is not taken for tr
 PRECISION = 0.01  # of a limit: error of a peak
 DETAIL = 1e-4  # of a limit: smaller modes need no points of their own
 COARSE = 1.0  # fineness of the points, where PRECISION suffices
-TOLERANCE = 1e-3  # of a board without exact solution, in step amplitudes
+ERROR = 1e-3  # of a board without exact solution, in step amplitudes
 INSTANTS = 1000  # of such a board, in geometric progression
 EARLIEST = 1e-6  # of the record: the first of them
 
@@ -177,9 +177,7 @@ class PartLoads:
     simulated: tuple[Load, ...] = ()  # of the small-signal board, where the simulated op-amps limit
 
     @classmethod
-    def of(
-        cls, board: LinearBoard, transient: Transient, tolerance: float = TOLERANCE
-    ) -> PartLoads:
+    def of(cls, board: LinearBoard, transient: Transient, tolerance: float = ERROR) -> PartLoads:
         """Find the loads of a stable board; an exact solution is searched for all time.
 
         `tolerance`: of the steps of another solution, in step amplitudes.

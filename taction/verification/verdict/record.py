@@ -358,6 +358,8 @@ def _difference(
     note: str,
 ) -> Difference:
     """Return the difference of two words, or of two numbers, of fragile ones the nearest values."""
+    if isinstance(first, Figure) and isinstance(second, Figure) and first.unit != second.unit:
+        first, second = (f"{x.value:.6g} {x.unit}" if x.value else None for x in (first, second))
     if isinstance(first, str) or isinstance(second, str):
         one, two = (None if each is None else str(each) for each in (first, second))
         return Difference(*row, one, two, "", None, None, 0.0 if one == two else math.inf)

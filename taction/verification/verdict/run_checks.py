@@ -249,8 +249,8 @@ def headroom(evidence: Evidence) -> Check | None:
     if parts.simulated:
         first = parts.simulated[0]
         peak, limit = (show(value, first.unit, 3) for value in (first.peak, first.limit))
-        limited = f"{LIMITS[first.quantity]}: needs {peak} of {limit}; op-amp {first.part}"
-        limited += f" at {show(first.at, 's', 3)}; the simulated op-amps have slew rate and swing"
+        limited = f"{LIMITS[first.quantity]}, as simulated: would need {peak} of {limit}; op-amp"
+        limited += f" {first.part} at {show(first.at, 's', 3)}; op-amps have slew rate and swing"
         if any(load.quantity == "current" for load in parts.simulated):
             limited += " and largest output current"
         reason = joined(*((limited, reason) if outcome is PASS else (reason, limited)))

@@ -199,7 +199,7 @@ def test_both_engines_agree_on_a_board_that_slews_and_clips(volts: float) -> Non
     agree, headroom = named(verdict, "engines_agree"), named(verdict, "headroom")
     assert (verdict.outcome, agree.outcome) == (Outcome.PASS, Outcome.PASS)
     assert agree.value < 1e-4
-    assert "needs 1.58 V/us of 0.5 V/us;" in headroom.reason or volts > 1.0
+    assert "would need 1.58 V/us of 0.5 V/us;" in headroom.reason or volts > 1.0
     document = verdict_document(verdict)
     assert document["opamp_level"] == "large-signal"
     assert document["headroom"][0]["share"] == pytest.approx(3.164 * volts, rel=2e-3)

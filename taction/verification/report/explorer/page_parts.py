@@ -89,11 +89,16 @@ def rest_part(view: BoardView) -> Part:
 def poles_part(view: BoardView) -> Part:
     """Return the poles in the upper half plane, and what they say."""
     lead, state = view.poles.rightmost, STATES[view.poles.stable]
-    damping = f"{view.poles.damping_ratio:.3g}" if view.poles.frequency else "does not ring"
+    ringing = "no pole rings"
+    if view.poles.frequency:
+        whose = "its" if lead.imag else "the rightmost ringing pole's"
+        ringing = (
+            f"{whose} frequency is {quantity(view.poles.frequency, 'Hz')},"
+            f" the damping ratio {view.poles.damping_ratio:.3g}"
+        )
     note = (
         f"The board is {state}: the rightmost pole has the real part"
-        f" {figure(lead.real, '1/s')}, {quantity(abs(lead.imag) / math.tau, 'Hz')}; damping ratio"
-        f" {damping}."
+        f" {figure(lead.real, '1/s')}; {ringing}."
     )
     chart = replace(pole_map(view.poles), summary=note, legend=False)
     return {"doubts": [*map(readable, view.doubts)], "poles": chart_part(chart)}

@@ -98,11 +98,15 @@ def pole_map(poles: Poles) -> charts.Chart:
     values = poles.poles[poles.poles.imag >= 0.0][:SHOWN]
     left, right, top = _window(values)
     marks: list[charts.Mark] = [*mode_marks(values.real, values.imag / math.tau, values.real)]
-    if far := values[(values.real < left) | (values.imag > top)].tolist():
-        size = figure(max(map(abs, far)), "1/s", 2)
-        marks.append(
-            charts.Text(f"← {len(far)} farther, to {size}", None, None, ("right", "below"))
-        )
+    beyond, above, far = values.real < left, values.imag > top, list[str]()
+    if beyond.any():
+        end = figure(float(values.real.min()), "1/s", 2)
+        far.append(f"← {beyond.sum()} farther, to {end}")
+    if (above := above & ~beyond).any():
+        end = figure(float(values[above].imag.max()) / math.tau, "Hz", 2)
+        far.append(f"↑ {above.sum()} farther, to {end}")
+    if far:
+        marks.append(charts.Text("; ".join(far), None, None, ("right", "below")))
     reach = 1.5 * max(math.hypot(left, top), float(np.abs(values).max(initial=0.0)))
     ends = [(-z * reach, math.sqrt(1.0 - z**2) * reach / math.tau) for z in DAMPING]
     lines = charts.segments([((0.0, 0.0), end) for end in ends])

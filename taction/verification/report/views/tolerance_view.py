@@ -23,7 +23,7 @@ BINS = 40  # of a histogram, at most
 FAR = 1.5  # times the range of the values: a limit farther away is not drawn
 SAME = 1e-9  # relative: values that are one value
 Limits = tuple[float | None, float | None]  # the least and the largest accepted value
-COUNTED = "Each column counts the samples in a range of values; hatched: beyond the limit."
+COUNTED = "Each column counts the samples in a range of values"
 
 
 def yield_view(result: YieldReport) -> Page:
@@ -143,7 +143,8 @@ def _histogram(title: str, spread: Quantity, values: Floats, text: str) -> Chart
         message = f"{int(beyond.sum())} of {len(values)} samples ({share}) beyond {texts}"
     message += f", {text}" * bool(text)
     x, y = Axis(spread.title, unit, limits=shown), Axis("samples", whole=True)
-    return Chart(f"{title}: {message}", x, y, tuple(marks), COUNTED)
+    hatched = "; hatched: beyond the limit" * bool(limits)
+    return Chart(f"{title}: {message}", x, y, tuple(marks), f"{COUNTED}{hatched}.")
 
 
 WORST = ("fail", "inconclusive", "pass")

@@ -85,7 +85,8 @@ def compare_ac(
     way, at, node = (int(k) for k in np.unravel_index(int(beyond.argmax()), beyond.shape))
     worst, how = float(beyond.max()), ("from the source", "from currents into every node")[way]
     outcome = at_most(worst, 0.0, LIMIT)
-    reason = f"largest at {nodes[node]}, {hertz[at]:.4g} Hz, {how}"
+    reason = f"{len(nodes)} nodes at {len(hertz)} frequencies, from the source and into every node"
+    reason = f"largest at {nodes[node]}, {hertz[at]:.4g} Hz, {how}" if worst > 0.0 else reason
     if hidden:
         most, shown = max(hidden.values()) * len(hertz), board.reported(None)
         reason += f"; {first_ones([*hidden])}: not resolved within the limit"

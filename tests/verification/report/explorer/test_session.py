@@ -84,6 +84,8 @@ def test_only_the_newest_values_have_a_verdict() -> None:
     parts = told(*({"places": {C: place}} for place in (600, 700, 800)), job=job)
     assert [part["number"] for part in parts if "outcome" in part] == [3]
     assert job.calls == 1
+    (note,) = (part["poles"]["note"] for part in parts if "poles" in part)
+    assert "; the rightmost ringing pole's frequency is 37.26 kHz" in note  # the rightmost is real
 
 
 @pytest.mark.parametrize(

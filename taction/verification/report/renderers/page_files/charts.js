@@ -39,6 +39,7 @@ const tactionCharts = (() => {
   const draw = (canvas, spec, more = {}) => {
     const data = coloured(spec.data), layout = { ...layoutOf(spec), ...more };
     if ((more.width || canvas.clientWidth) < NARROW) {
+      if (layout.xaxis?.dtick === "D2") layout.xaxis.tickangle = -45; // Plotly turns no labels of digits
       data.forEach((each) => {
         delete each.texttemplate;
         each.mode = each.mode?.replace("+text", ""); // a table or the pointer has what has no room
