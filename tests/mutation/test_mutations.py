@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from taction.netlist_gen.scene.scene import load_scene
+from taction.verification.verdict import input_spread
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import Verdict
 from tests.mutation.catalogue import KNOWN, MATRIX, MUTATIONS, STATE_SPACE, Mutation
@@ -20,6 +21,7 @@ VERIFIED = sorted({(mutation.scene, mutation.engine) for mutation in MUTATIONS})
 def judge(mutation: Mutation) -> Verdict:
     scene = load_scene(SCENES / f"{mutation.scene}.toml").with_engine(mutation.engine)
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(input_spread, "_FOUND", {})  # which boards of one process share
         return mutation.plant(scene, patch)
 
 

@@ -86,10 +86,7 @@ def test_op_amps_that_cannot_follow_are_named() -> None:
 
 def test_the_gain_leaves_lambda(start: Settings) -> None:
     settings = start.moved({GAIN: 3e6})
-    before, after = (
-        BoardView(start.original),
-        BoardView(settings.scene()),
-    )
+    before, after = BoardView(start.original), BoardView(settings.scene())
     assert after.answer.target == pytest.approx(before.answer.target, rel=1e-9)
     assert settings.changes()[LAMBDA] == start.control(LAMBDA).own
 

@@ -32,6 +32,7 @@ from taction.verification.studies.sweep import (
 from taction.verification.verdict import verify as module_of_verdicts
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify
+from tests.support import nightly
 from tests.support.making import make_scene, write_matrix_scene
 from tests.support.paths import SCENES
 from tests.support.running import taction as command
@@ -225,9 +226,7 @@ def of_verify(scene: Scene) -> dict[str, Any]:
     return dict(json.loads(json.dumps(plain(record)))) | {"seconds": 0.0}
 
 
-@pytest.mark.parametrize(
-    "engine", ["statespace", pytest.param("ngspice", marks=pytest.mark.nightly)]
-)
+@pytest.mark.parametrize("engine", ["statespace", *nightly("ngspice")])
 def test_no_point_of_a_sweep_depends_on_the_points_before(ngspice: str, engine: str) -> None:
     # Unstable, damped, ringing for long and for a few periods.
     forward = swept("C=8pF,1nF,12pF,100pF", engine)
