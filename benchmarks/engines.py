@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import statistics
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -21,6 +22,7 @@ from benchmarks.measuring import SCENES, Figure, in_turns, processor, ratios
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.system.array_types import Waveforms
 from taction.system.errors import SimulationError
 from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.process import find_simulator
@@ -36,7 +38,6 @@ MEAN, LARGEST = 1.2, 2.5  # wanted: verify over the cheapest bare run
 RELTOL = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 PARTS = (50, 200, 500, 1000, 2000, 5000, 20_000)  # of the record: the longest step
 OWN = (".options reltol", ".options method", ".options chgtol", ".tran")  # not in a bare deck
-RUN = partial(process.simulate, simulator=find_simulator(), timeout=600.0)
 
 
 def measure(tiny: bool) -> list[Figure]:
@@ -44,18 +45,21 @@ def measure(tiny: bool) -> list[Figure]:
     points = [(GRID[0], C[2], GAIN[1])] if tiny else itertools.product(GRID, C, GAIN)
     costs = [cost for point in points for cost in of_a_point(*point)]
     what, base = "verify by ngspice over C and gain", "the cheapest bare run of the same error"
-    names = list(FASTER)[1:] if tiny else list(FASTER)
     return [
         Figure(f"{what}, geometric mean", base, costs, MEAN, statistics.geometric_mean(costs)),
         Figure(f"{what}, largest", base, costs, LARGEST, max(costs)),
-        *(of_board(name, 1 if tiny else 5) for name in names),
+        *(of_board(name, 1 if tiny else 5) for name in list(FASTER)[tiny:]),
     ]
+
+
+def run(deck: Deck) -> Waveforms:
+    """Run a deck in an ngspice process of its own."""
+    return process.simulate(deck, find_simulator(), timeout=600.0)
 
 
 def verified(scene: Scene) -> tuple[Verdict, list[Deck]]:
     """Return the verdict by ngspice, and the decks that it ran."""
-    decks: list[Deck] = []
-    own = process.Simulation
+    decks, own = list[Deck](), process.Simulation
 
     def recorded(deck: Deck, *given: Any, **named: Any) -> Any:
         decks.append(deck)
@@ -71,8 +75,8 @@ def of_a_point(name: str, capacitance: float, gain: float) -> Iterator[float]:
     verdict, decks = verified(with_values(load_scene(SCENES / f"{name}.toml"), values))
     best = cheapest(verdict) if verdict.poles.stable else None
     if best is not None:
-        every = processor(lambda: [RUN(deck) for deck in decks])
-        found = in_turns({"verify": every, "bare": processor(lambda: RUN(best))}, 3)
+        every = processor(lambda: [run(deck) for deck in decks])
+        found = in_turns({"verify": every, "bare": processor(lambda: run(best))}, 3)
         yield statistics.median(ratios(found["verify"], found["bare"]))
 
 
@@ -83,13 +87,10 @@ def cheapest(verdict: Verdict) -> Deck | None:
     for parts, reltol in itertools.product(PARTS, RELTOL):
         if any(reltol <= r and parts >= p for r, p in beaten):
             continue
-        deck = bare(verdict, reltol, analysis.stop / parts)
-        try:
-            record = RUN(deck)
-        except SimulationError:
-            beaten.append((reltol, parts))
-            continue
-        if len(record.time) < fewest:
+        deck, record = bare(verdict, reltol, analysis.stop / parts), None
+        with suppress(SimulationError):
+            record = run(deck)
+        if record is not None and len(record.time) < fewest:
             true = stepped.simulate(board, analysis, times=record.time, tolerance=1e-9).values
             if np.abs(record.values - true).max() > ERROR * verdict.board.amplitude:
                 continue
@@ -100,8 +101,8 @@ def cheapest(verdict: Verdict) -> Deck | None:
 
 def bare(verdict: Verdict, reltol: float, longest: float) -> Deck:
     """Return the deck with ngspice's own tolerances but for reltol and a longest step, s."""
-    stop = verdict.transient.stop
-    deck = write_deck(verdict.circuit, verdict.transient, solver=find_simulator().solver_option)
+    stop, solver = verdict.transient.stop, find_simulator().solver_option
+    deck = write_deck(verdict.circuit, verdict.transient, solver=solver)
     kept = [line for line in deck.text.splitlines() if not line.startswith(OWN)]
     tran = f".tran {1e-3 * longest!r} {stop!r} 0 {longest!r} uic"
     cards = [f".options reltol={reltol!r}", tran, ".end", ""]
@@ -114,11 +115,10 @@ def of_board(name: str, rounds: int) -> Figure:
     points = max(verdict.waveforms.cost.points, 2)
     transient = replace(verdict.transient, max_step=verdict.transient.stop / points)
     jobs = {
-        "ngspice": processor(lambda: RUN(decks[-1])),
+        "ngspice": processor(lambda: run(decks[-1])),
         "statespace": processor(partial(stepped.simulate, verdict.circuit, transient)),
     }
     found = in_turns(jobs, rounds)
     what, base = f"ngspice at an error of {ERROR:g}, {name}", "state space, as many points"
-    return Figure(
-        what, base, ratios(found["ngspice"], found["statespace"]), FASTER[name], least=True
-    )
+    times = ratios(found["ngspice"], found["statespace"])
+    return Figure(what, base, times, FASTER[name], least=True)

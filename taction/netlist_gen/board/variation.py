@@ -110,18 +110,13 @@ def draw(tolerances: Tolerances, varied: Sequence[Parameter], seed: int, sample:
     return z
 
 
-def vary(
-    circuit: Circuit,
-    tolerances: Tolerances,
-    z: Floats,
-    varied: Sequence[Parameter] | None = None,
-) -> Circuit:
+def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
     """Return `circuit` with every part varied by its `z`, one value per item of `parameters`.
 
     An op-amp's gain-bandwidth product and second pole have the same factor. The temperature changes
-    all parts of a kind by ``exp(drift z temperature)``. `varied`: the `parameters`, if known.
+    all parts of a kind by ``exp(drift z temperature)``.
     """
-    varied = parameters(circuit, tolerances) if varied is None else varied
+    varied = parameters(circuit, tolerances)
     shift = {p.name: float(value) for p, value in zip(varied, z, strict=True)}
     scale = {
         p.name: math.exp(shift[p.name] * math.log1p(p.tolerance))
@@ -133,14 +128,13 @@ def vary(
     hot_r = math.exp(kelvin * tolerances.resistor_drift)
     hot_c = math.exp(kelvin * tolerances.capacitor_drift)
     hot: dict[type, float] = {Resistor: hot_r, ResistorMatrix: hot_r, Capacitor: hot_c}
-    hot = hot if kelvin else {}
     hot_gbw = math.exp(kelvin * tolerances.opamp_drift)
 
     def varied_opamp(cell: OpAmpCell, model: OpAmp) -> OpAmp:
         errors = {figure: MOST * shift[f"{cell.name}.{figure}"] for figure, _ in model.varying}
         faster = scale.get(f"{cell.name}.gbw", 1.0) * hot_gbw
         gain = scale.get(f"{cell.name}.dc_gain", 1.0)
-        return _opamp(drawn(model, errors, f"{model.name}_{cell.name}"), cell.name, faster, gain)
+        return _opamp(drawn(model, errors), cell.name, faster, gain)
 
     own = _with_own_models(circuit, varied_opamp)
     programmed = tuple(_programmed(each, deviations) for each in circuit.matrices)
@@ -155,8 +149,6 @@ def with_factors(
 
     InputError: coils would have a coupling of 1 or more.
     """
-    if not scale and not every:
-        return circuit
 
     def factor(part: Any) -> Floats | float:
         common = every.get(type(part), 1.0)
@@ -207,11 +199,10 @@ def _with_own_models(circuit: Circuit, make: Callable[[OpAmpCell, OpAmp], OpAmp]
 
 
 def _opamp(model: OpAmp, name: str, faster: float, gain: float) -> OpAmp:
-    if faster == gain == 1.0:
-        return model
     try:
         return replace(
             model,
+            name=f"{model.name}_{name}",
             gbw=model.gbw * faster,
             second_pole=model.second_pole * faster,
             dc_gain=model.dc_gain * gain,

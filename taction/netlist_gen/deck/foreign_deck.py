@@ -52,7 +52,7 @@ CODE_MODEL = (
 )
 _ENDS = re.compile(r"^(\.ends\b[^*]*)\*.*")  # of joined files: a comment without its own line
 _COMMENT = re.compile(r";|//|(?:^|(?<=\s))\$")
-BLOCKS = {".control": ".endc", ".aliases": ".endaliases"}  # left out: commands, other names
+BLOCKS = {".control": ".endc", ".aliases": ".endaliases"}  # begin and end of what is left out
 FILES = (".include", ".inc", ".lib")
 _LEFT = """
     .title .options .option .opt .temp .tran .ac .op .dc .noise .tf .sens .pz .pss .sp .disto
@@ -428,7 +428,7 @@ def _real(path: Path) -> Path:
 def _in_any_case(path: Path) -> Path:
     """Return the file of a path, or one whose name has other letters in capitals, as on Windows."""
     with suppress(OSError):
-        names = [] if _is_file(path) else sorted(os.listdir(path.parent))  # noqa: PTH208 - as below
+        names = [] if _is_file(path) else sorted(os.listdir(path.parent))  # noqa: PTH208 - as `_is_file`
         alike = (each for each in names if each.lower() == path.name.lower())
         path = path.parent / next(alike, path.name)
     return _real(path)

@@ -38,7 +38,7 @@ from taction.verification.readings.trace import PARTS, Asked, CubicCells, Trace
 
 DETAIL = 1e-6  # of the settling band: the grid resolves modes above it
 SHORT = "the channel never reaches the levels of its step"
-FINENESS = 0.5  # by default 13 points a period
+FINENESS = 0.5  # width times |p| of the fastest mode of a segment: 13 points a period
 NOISE = 0.1  # of the error bound: a rise by less does not matter to a maximum
 DEAD = 3.0  # a cubic misses at most so many times the amplitude of a mode that has no points
 CELLS, BLOCKS = 512, 96  # of a block, and so many blocks are looked at in one search
@@ -56,7 +56,6 @@ class ExactTrace(Trace):
     `target_error`: error of the target, V, which adds to the bounds of the solution.
     `detail`: amplitude of a mode below which the grid does not resolve it, V.
     `level`: error that a maximum may have, V.
-    `fineness`: width of the cells times |p| of the fastest mode of a segment.
     """
 
     most = BLOCKS
@@ -69,7 +68,6 @@ class ExactTrace(Trace):
         target_error: float,
         detail: float,
         level: float = 0.0,
-        fineness: float = FINENESS,
     ) -> None:
         flow = self.flow = solution.flow
         share, slopes = flow.share * signs, flow.derived() * signs
@@ -81,9 +79,9 @@ class ExactTrace(Trace):
         largest = float(np.abs([solution.start, solution.final]).max(initial=0.0))
         self.level = max(level, NOISE * (solution.error + target_error + EPS * largest))
         self.detail, self._caps = detail, dict[int, tuple[Floats, Floats]]()
-        self._plan(fineness)
+        self._plan()
 
-    def _plan(self, fineness: float) -> None:
+    def _plan(self) -> None:
         """Lay out the segments in blocks; a long segment has blocks of its own."""
         rates, speeds = self.flow.rates, self.flow.speeds
         loud = self.largest > self.detail
@@ -96,7 +94,7 @@ class ExactTrace(Trace):
         while k < len(death):
             last = max(k, int(np.searchsorted(-fastest, -0.5 * fastest[k])) - 1)
             length, k, speed = float(death[last]) - begin, last + 1, float(fastest[k])
-            count = math.ceil(length * speed / fineness)
+            count = math.ceil(length * speed / FINENESS)
             if not count:
                 continue
             piece = begin, length / count, count

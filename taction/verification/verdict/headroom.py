@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal, cast
+from typing import Literal, cast
 
 import numpy as np
 
@@ -23,8 +23,7 @@ from taction.verification.readings.exact_measures import ExactTrace
 FULL = 0.9  # of a limit: above it the small-signal solution is not taken for true
 PRECISION = 0.01  # of a limit: error of a peak
 DETAIL = 1e-4  # of a limit: smaller modes need no points of their own
-COARSE = 1.0  # fineness of the points, where PRECISION suffices
-ERROR = 1e-3  # of a board without exact solution, in step amplitudes
+TOLERANCE = 1e-3  # of a board without exact solution, in step amplitudes
 INSTANTS = 1000  # of such a board, in geometric progression
 EARLIEST = 1e-6  # of the record: the first of them
 
@@ -105,26 +104,25 @@ def watched_nodes(circuit: Circuit) -> tuple[str, ...]:
 
 def _loads(board: LinearBoard, transient: Transient, tolerance: float) -> tuple[Load, ...]:
     """Return the loads of a board, the largest first; `EngineError` where they are not known."""
-    rows = tuple(_rows(board.circuit))
+    rows, nodes = tuple(_rows(board.circuit)), watched_nodes(board.circuit)
     if not rows:
         return ()
-    number = {node: k for k, node in enumerate(dict.fromkeys(n for row in rows for n in row[3]))}
+    from scipy.sparse import csr_array
+
+    number = {node: k for k, node in enumerate(nodes)}
     entries = [(w, k, number[n]) for k, row in enumerate(rows) for n, w in row[3].items()]
-    (values, *places), nodes = zip(*entries, strict=True), tuple(number)
-    weights: Any = np.zeros((len(rows), len(nodes)))
+    values, *places = zip(*entries, strict=True)
+    weights = csr_array((values, places), shape=(len(rows), len(nodes)))
     slopes = np.array([row[1] == "slope" for row in rows])
     if is_exact(board):
-        weights[tuple(places)] = values
-        own = np.where(slopes[:, None], 0.0, weights)
-        solution = combinations(board, nodes, own, weights - own, initial=transient.initial)
+        dense = weights.toarray()
+        of_volts = np.where(slopes[:, None], 0.0, dense)
+        solution = combinations(board, nodes, of_volts, dense - of_volts, initial=transient.initial)
         ones = np.ones(len(rows))
-        trace = ExactTrace(solution, ones, 0.0 * ones, PRECISION, DETAIL, fineness=COARSE)
+        trace = ExactTrace(solution, ones, 0.0 * ones, PRECISION, DETAIL)
         found = np.array(trace.peaks)
         peaks, errors, at = np.where(found[0, 0] > found[0, 1], found[:, 0], found[:, 1])
     else:
-        from scipy.sparse import csr_array
-
-        weights = csr_array((values, places), shape=weights.shape)
         time, volts = _record(board, nodes, transient, tolerance)
         loaded = np.asarray(weights @ volts.T)
         fine = _sizes(time, loaded, slopes)
@@ -177,7 +175,9 @@ class PartLoads:
     simulated: tuple[Load, ...] = ()  # of the small-signal board, where the simulated op-amps limit
 
     @classmethod
-    def of(cls, board: LinearBoard, transient: Transient, tolerance: float = ERROR) -> PartLoads:
+    def of(
+        cls, board: LinearBoard, transient: Transient, tolerance: float = TOLERANCE
+    ) -> PartLoads:
         """Find the loads of a stable board; an exact solution is searched for all time.
 
         `tolerance`: of the steps of another solution, in step amplitudes.

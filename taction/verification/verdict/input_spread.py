@@ -87,13 +87,10 @@ class InputSpread:
         EngineError: the board has no equilibrium. InputError: a tolerance is of no part of it.
         """
         models = board.circuit.models
-        devices = any(device_spreads(board.circuit).values())
-        differs = resistors or devices or any(model.varying for model in models.values())
-        if tolerances is NOTHING and not differs:
-            return None
-        varied = parameters(board.circuit, tolerances)
+        varied = () if tolerances is NOTHING else parameters(board.circuit, tolerances)
         at_rest = [p for p in varied if p.kind not in (INPUT_ERROR, DEVICE, *DYNAMIC)]
-        if not (differs or at_rest):
+        devices = any(device_spreads(board.circuit).values())
+        if not (resistors or devices or at_rest or any(m.varying for m in models.values())):
             return None
         if not board.circuit.is_small_signal:
             small = {name: model.small_signal for name, model in models.items()}
@@ -101,8 +98,9 @@ class InputSpread:
 
         def at(shares: Mapping[str, float]) -> Circuit:
             """Return the board with these z of `vary`."""
-            z = np.array([shares.get(each.name, 0.0) for each in varied])
-            return vary(board.circuit, tolerances, z, varied)
+            every = parameters(board.circuit, tolerances)
+            z = np.array([shares.get(each.name, 0.0) for each in every])
+            return vary(board.circuit, tolerances, z)
 
         sensitivity, uniform = RestSensitivity.of(board), tolerances.distribution == "uniform"
         size = 1.0 / (math.sqrt(3.0) if uniform else MOST)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
 from taction.system.array_types import Floats
+from taction.system.quantities import show
 from taction.system.reading_definitions import EXCURSIONS, READINGS
 from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.readings.readings import Reading
@@ -358,12 +359,13 @@ def _difference(
     note: str,
 ) -> Difference:
     """Return the difference of two words, or of two numbers, of fragile ones the nearest values."""
-    if isinstance(first, Figure) and isinstance(second, Figure) and first.unit != second.unit:
-        first, second = (f"{x.value:.6g} {x.unit}" if x.value else None for x in (first, second))
     if isinstance(first, str) or isinstance(second, str):
         one, two = (None if each is None else str(each) for each in (first, second))
         return Difference(*row, one, two, "", None, None, 0.0 if one == two else math.inf)
     a, b = first or Figure(None), second or Figure(None)
+    if a.value is not None and b.value is not None and a.unit != b.unit:  # a rate, and a margin
+        words = (show(a.value, a.unit), show(b.value, b.unit))
+        return Difference(*row, *words, "", None, None, math.inf)
     made = Difference(*row, a.value, b.value, a.unit or b.unit, None, None, math.inf, note)
     if a.value is None or b.value is None:
         same = all(x.value is None or (x.fragile and x.alternative is None) for x in (a, b))

@@ -159,7 +159,7 @@ def tolerances(text: str, circuit: Circuit, folder: Path) -> dict[str, float]:
         ('[parts]\n"x1.*" = 0.2\n"x1.Rin" = 0.5', {"x1.Rin": 0.5, "x1.C1": 0.2}),
     ],
 )
-def test_kinds_names(text: str, parts: dict[str, float], circuit: Circuit, tmp_path: Path) -> None:
+def test_tolerances(text: str, parts: dict[str, float], circuit: Circuit, tmp_path: Path) -> None:
     """A kind counts outside of subcircuits; a later name overrides an earlier one."""
     assert tolerances(text, circuit, tmp_path) == parts
 

@@ -193,7 +193,7 @@ def test_the_halves_of_a_mirrored_board_have_the_modes_of_the_whole() -> None:
     assert np.sort_complex(poles) == pytest.approx(np.sort_complex(true), rel=1e-9)
     scale = np.abs(A) @ np.abs(vectors) + np.abs(vectors * poles)
     assert np.all(np.abs(A @ vectors - vectors * poles) <= 1e-11 * scale.max(axis=0))
-    A[np.nonzero(A)[0][0], np.nonzero(A)[1][0]] *= 1.0 + 1e-9  # no two boards alike are mirrors
+    A[np.nonzero(A)[0][0], np.nonzero(A)[1][0]] *= 1.0 + 1e-9  # alike to 1e-9 is not equal
     assert mirrored(A) is None
 
 
