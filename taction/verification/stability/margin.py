@@ -20,9 +20,9 @@ from taction.verification.stability.families import Family, all_but_a_knob, find
 from taction.verification.stability.poles import Poles, poles
 
 REACH = 100.0  # the largest factor
-KEPT = 8  # kinds of boards whose edges are kept
+KEPT = 32  # kinds of boards whose edges are kept
 DIGITS = 9  # of a margin: edges that boards share differ beyond them by where they were found
-WIDER = 3.0  # times: by so much the edges that are kept go beyond the values seen
+WIDER = 10.0  # times: by so much the edges that are kept go beyond the values seen
 CLOSE = 1e-6  # relative distance behind `REACH` up to which edges are searched
 UNKNOWN = "a pole is on the imaginary axis to within rounding, or no pole is known"
 AROUND = 30.0  # stable values: from the board's own value / 30 to its value * 30
