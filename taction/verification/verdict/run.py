@@ -355,13 +355,13 @@ def _observed(board: Board, pending: Waiting | None, clock: Clock) -> Run:
 def better_plan(run: Run) -> TransientPlan | None:
     """Return a plan for a better run; None if the run suffices or no plan would be better.
 
-    A longer record is for a channel that settles only after its end; smaller steps are for an
-    engine that takes the steps of the plan and missed the wanted error.
+    A longer record is for a channel that settles only after its end, unless the board diverges;
+    smaller steps are for an engine that takes the steps of the plan and missed the wanted error.
     """
     board, measured = run.board, run.measured
-    steps, known = board.plan.steps > 0.0, (board.scene, board.linear, board.scales)
-    planned = partial(plan_transient, *known, steps=steps)
-    automatic = board.scene.analysis.stop == "auto" and board.poles.known_stable
+    steps, whole = board.plan.steps > 0.0, run.ends.time[-1] > 0.999 * board.transient.stop
+    planned = partial(plan_transient, board.scene, board.linear, board.scales, steps=steps)
+    automatic = whole and board.scene.analysis.stop == "auto" and board.poles.known_stable
     if automatic and measured.settling_time is None and measured.amplitude:
         static = float(np.abs(board.steady.values - board.ideal.target).max()) / measured.amplitude
         room = INSIDE * (board.scene.checks.settling_time.band - static)

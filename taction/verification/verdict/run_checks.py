@@ -60,8 +60,8 @@ def steady_state(evidence: Evidence) -> Check:
     at_end = f"{percent(evidence.at_end)} at the record's end"
     reason = joined("largest |equilibrium - reference|", boards, at_end)
     if evidence.unsteady and not evidence.steady.linear:
-        outcome, reason = FAIL, f"no steady state: {evidence.unsteady}"
-    elif outcome is PASS and (doubt := unconfirmed(evidence)):
+        return check(FAIL, reason=f"no steady state: {evidence.unsteady}")
+    if outcome is PASS and (doubt := unconfirmed(evidence)):
         outcome, reason = UNDECIDED, joined(reason, doubt)
     return check(outcome, value, error, reason=reason)
 
@@ -175,8 +175,7 @@ def rise_time(evidence: Evidence) -> Check | None:
 
 def excursion(name: str, evidence: Evidence) -> Check | None:
     """Check an excursion, by `name`."""
-    limits = getattr(evidence.limits, name)
-    if limits is None:
+    if (limits := getattr(evidence.limits, name)) is None:
         return None
     check = partial(Check, name, expected=limits.max, unit="step")
     if unknown := _unknown(evidence, check, "no limit: "):
@@ -185,8 +184,9 @@ def excursion(name: str, evidence: Evidence) -> Check | None:
     value, error = (0.0, 0.0) if reading is None else (reading.value, reading.uncertainty)
     outcome, reason = at_most(value, error, limits.max), f"largest {name} of any channel"
     if evidence.unsteady and not evidence.steady.linear:
-        outcome, reason = FAIL, evidence.unsteady
-    elif outcome is PASS and (doubt := _later(evidence, value, limits.max)):
+        largest = (value, error) if outcome is FAIL else (None, None)
+        return check(FAIL, *largest, reason=evidence.unsteady)
+    if outcome is PASS and (doubt := _later(evidence, value, limits.max)):
         outcome, reason = UNDECIDED, doubt
     return check(outcome, value, error, reason=reason)
 

@@ -277,10 +277,14 @@ def test_a_longer_record_is_that_of_the_band_less_the_static_error() -> None:
     off = 0.9 * band * design.amplitude
     vars(short)["steady"] = SimpleNamespace(values=design.ideal.target + off)
     unsettled = SimpleNamespace(settling_time=None, amplitude=design.amplitude)
-    plan = better_plan(cast(Run, SimpleNamespace(board=short, measured=unsettled)))
+    ends = SimpleNamespace(time=[0.0, 1e-12])
+    run = SimpleNamespace(board=short, measured=unsettled, ends=ends, own=object())
+    plan = better_plan(cast(Run, run))
     assert plan is not None
     left = 0.5 * 0.1 * band
     assert plan.transient.stop == pytest.approx(1.2 * design.scales.stop_for(left), rel=1e-5)
+    run.ends.time[-1] = 1e-13
+    assert better_plan(cast(Run, run)) is None, "the board diverged: more time shows no more"
 
 
 @pytest.mark.parametrize("count", [9, 20, 21, 22, 61])

@@ -51,7 +51,8 @@ class Gain:
 
         The left side increases with a slope of at least 1, so the root lies between 0 and
         ``q - h g(0)``. A step that leaves the bracket, or that follows a step that reduced the
-        residual to no less than a tenth, is replaced by the middle of the bracket.
+        residual to no less than a tenth, is replaced by the middle of the bracket. A bracket of
+        neighbouring floats is an end, too: rounding of a limit's g may hide the root in it.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             far = q - h * self.value(np.zeros_like(q))
@@ -61,6 +62,7 @@ class Gain:
                 curved = h * self.value(y)
                 excess = y + curved - q
                 done = np.abs(excess) <= EPS * (np.abs(y) + np.abs(curved) + np.abs(q))
+                done |= high - low <= EPS * np.abs(y)
                 done &= np.isfinite(curved)
                 if np.all(done):
                     break

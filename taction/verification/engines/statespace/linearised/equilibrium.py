@@ -30,7 +30,7 @@ MAX_STEPS = 200
 STAGES = 10.0 ** np.arange(0, -17, -2)  # of the homotopy: added diagonal feedback, times H
 EXACT, STALLED = 1e-14, 1e-11  # residuals, of the terms of a row: at the end, and without progress
 ENOUGH = 1e-3  # correction of y that is near a solution
-LEAST_DAMPING = 1e-10
+LEAST_DAMPING, AT_ROUNDING = 1e-10, 0.01  # of a step: in general, and with a residual `STALLED`
 
 
 def solve_loop(H: Floats, a: Floats, gain: Gain, *, near: bool = False) -> Floats:
@@ -95,7 +95,7 @@ def _newton(
                 if following <= (1.0 - damping / 4.0) * size:
                     break
             damping *= 0.5
-            if damping < LEAST_DAMPING:  # F is at its rounding
+            if damping < (AT_ROUNDING if left <= STALLED else LEAST_DAMPING):
                 close = np.all(np.abs(share * dq) <= ENOUGH * (1.0 + np.abs(y)))
                 return y, step, left <= STALLED or (near and bool(close))
         q = q + damping * dq
