@@ -285,7 +285,7 @@ TABLE = {
     "scale": Command(about="Propose G0, U0, s and R for op-amps and supply.", files=own_file),
     "onset": Command(
         about="Find every stability crossing over a range.",
-        outputs=(picture("damping and frequency of every mode over the value"), REPORT),
+        outputs=(picture("root locus, damping and frequency over the value"), REPORT),
         parameters=(option("over", metavar="KEY[=LOW:HIGH:N]"),),
         ends="Exit status: 0 if the question was answered, 3 if a transient contradicts a"
         " crossing.",

@@ -100,7 +100,7 @@ def poles_part(view: BoardView) -> Part:
         f"The board is {state}: the rightmost pole has the real part"
         f" {figure(lead.real, '1/s')}; {ringing}."
     )
-    chart = replace(pole_map(view.poles), summary=note, legend=False)
+    chart = replace(pole_map(view.poles.poles), summary=note, legend=False)
     return {"doubts": [*map(readable, view.doubts)], "poles": chart_part(chart)}
 
 

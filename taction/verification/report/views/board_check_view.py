@@ -57,7 +57,7 @@ def view(found: BoardCheck) -> Page:
             Section("Checks", Bars("", tuple(map(check_bar, found.checks)), MARGINS), "", BOTH),
             Section("Outputs", lambda: _outputs(found), media=BOTH),
             Section("Poles", lambda: _poles(found), media=BOTH),
-            Section("Pole map", lambda: pole_map(found.poles), media=DRAWN),
+            Section("Pole map", lambda: pole_map(found.poles.poles), media=DRAWN),
             Section("Step response", lambda: _response(found), media=DRAWN),
             Section("Parts", lambda: _parts(found), media=BOTH),
             *map(partial(_swept, found.measurements.band), found.sweeps),

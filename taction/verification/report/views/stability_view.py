@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -29,10 +31,10 @@ from taction.verification.stability.margin import AROUND, first_knob, stable_val
 from taction.verification.stability.poles import Poles
 from taction.verification.studies.onset import NOT_ASKED, Onset, Side
 
-SHOWN = 2000  # poles
 MOST = 100  # channels up to which the stable values of C cost some seconds
 SCANNED = 32  # the same where a scan has to find them: of a knob that scales an array
 FAR = 5.0  # times the size of the smallest pair, or the rightmost: pairs beyond it come by zoom
+NEAR = 0.05  # least damping ratio up to which the poles of many boards are shown first
 DAMPING = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 0.7)
 
 LARGE = "not computed for a board of this size; `taction onset SCENE --over {}` finds it"
@@ -50,10 +52,10 @@ def stability_blocks(circuit: Circuit, poles: Poles) -> tuple[Content, ...]:
     word = {True: "stable", False: "not stable", None: "stable or not, which rounding hides,"}
     text = f"The board is {word[poles.stable]}"
     if not name:
-        return f"{text}.".replace(",.", "."), pole_map(poles), rows
+        return f"{text}.".replace(",.", "."), pole_map(poles.poles), rows
     ranges, own = knob_ranges(circuit, poles), circuit.facts[name].text
     stated = f"{text} at {name} = {own}. Stable values of {name}: {ranges}."
-    return stated, pole_map(poles), rows
+    return stated, pole_map(poles.poles), rows
 
 
 def knob_ranges(circuit: Circuit, poles: Poles) -> str:
@@ -93,11 +95,17 @@ def ranges_words(ranges: Sequence[Range], low: float, high: float, unit: str) ->
     return "; ".join(parts) or "none"
 
 
-def pole_map(poles: Poles) -> charts.Chart:
-    """Return the upper half plane with poles and lines of equal damping."""
-    values = poles.poles[poles.poles.imag >= 0.0][:SHOWN]
-    left, right, top = _window(values)
-    marks: list[charts.Mark] = [*mode_marks(values.real, values.imag / math.tau, values.real)]
+def pole_map(poles: Complexes, texts: Sequence[str] = ()) -> charts.Chart:
+    """Return the upper half plane with poles (P,), 1/s, and lines of equal damping.
+
+    `texts`: of each pole, for the pointer, where they are those of many boards: in this case the
+      view is about the poles near the axis.
+    """
+    upper = poles.imag >= 0.0
+    values, texts = poles[upper], [*compress(texts, upper)]
+    left, right, top = _near_axis(values) if texts else _window(values)
+    size, hertz = 4.0 if texts else 6.0, values.imag / math.tau
+    marks: list[charts.Mark] = [*mode_marks(values.real, hertz, values.real, size, texts)]
     beyond, above, far = values.real < left, values.imag > top, list[str]()
     if beyond.any():
         end = figure(float(values.real.min()), "1/s", 2)
@@ -129,12 +137,13 @@ def pole_map(poles: Poles) -> charts.Chart:
 
 
 def mode_marks(
-    x: Floats, y: Floats, real: Floats, size: float = 6.0
+    x: Floats, y: Floats, real: Floats, size: float = 6.0, texts: Sequence[str] = ()
 ) -> tuple[charts.Curve, charts.Curve]:
     """Return the modes (P,) that decay, as circles, and that grow, as crosses; `real`, 1/s."""
 
     def marks(name: str, outcome: str, mark: str, chosen: np.ndarray) -> charts.Curve:
-        return charts.Curve(x[chosen], y[chosen], name, outcome, "", mark, size=size)
+        hover = tuple(compress(texts, chosen))
+        return charts.Curve(x[chosen], y[chosen], name, outcome, "", mark, size=size, hover=hover)
 
     return marks("decays", "pass", "circle", real < 0.0), marks("grows", "fail", "x", real >= 0.0)
 
@@ -146,6 +155,13 @@ def _window(values: Complexes) -> tuple[float, float, float]:
     sizes = np.abs(shown)
     near = shown[sizes <= FAR * max(sizes.min(initial=math.inf), *sizes[:1].tolist(), 0.0)]
     return _around(near, float(near.real.min(initial=0.0)))
+
+
+def _near_axis(values: Complexes) -> tuple[float, float, float]:
+    """Return what is shown first of many boards: as far to the left as modes grow, or so."""
+    reach = max(float(values.real.max()), NEAR * float(np.abs(values).min()))
+    near = values[values.real >= -reach]
+    return _around(near, -reach) if len(near) else _window(values)
 
 
 def _around(values: Complexes, left: float) -> tuple[float, float, float]:
@@ -251,7 +267,7 @@ def frequency_cell(edge: Any, digits: int = 6) -> Cell | str:
 
 
 def _charts(onset: Onset) -> Iterator[Content]:
-    """Yield damping and frequency of every ringing pole over the value."""
+    """Yield the paths of ringing poles, and their damping and frequency over the value."""
     name, samples = onset.axis.name, [each for each in onset.scan.samples if not each.failure]
     rows = [
         (sample.value, p.real, p.imag)
@@ -263,6 +279,7 @@ def _charts(onset: Onset) -> Iterator[Content]:
         yield "No pole of any value rings."
         return
     value, real, imag = np.array(rows).T
+    yield _root_locus(onset, value, real + 1j * imag)
     hertz, damping = imag / math.tau, -real / np.hypot(real, imag)
     scale: Any = "log" if onset.scan.logarithmic else "linear"
     ends = tuple(onset.scan.samples[k].value for k in (0, -1))
@@ -284,6 +301,28 @@ def _charts(onset: Onset) -> Iterator[Content]:
         title = f"{what.partition(' ')[0].capitalize()} over the value"
         summary = f"The {what} of every ringing mode over {name}. {LOOKS}"
         yield charts.Chart(title, x, y, drawn, summary)
+
+
+def _root_locus(onset: Onset, value: Floats, poles: Complexes) -> charts.Chart:
+    """Return the map of the poles (P,), 1/s, of boards of a value (P,), with the crossings."""
+    texts = [f"{onset.axis.name} = {_value(onset, each)}" for each in value.tolist()]
+    drawn = pole_map(poles, texts)
+    edges = [each.crossing for each in onset.findings if each.crossing.frequency]
+    rings = charts.Curve(
+        np.zeros(len(edges)), [each.frequency for each in edges], "crossing", "ink", "",
+        "circle-open", size=9.0, hover=tuple(f"{_value(onset, e.value)}" for e in edges),
+    )  # fmt: skip
+    ends = []
+    for at, mark in ((value.min(), "diamond-open"), (value.max(), "square-open")):
+        p, name = poles[value == at], f"{onset.axis.name} = {_value(onset, float(at))}"
+        ends.append(charts.Curve(p.real, p.imag / math.tau, name, "ink", "", mark, size=9.0))
+    return replace(
+        drawn,
+        title="Root locus",
+        marks=(*drawn.marks, *ends, rings),
+        summary=f"The poles with a damping ratio below {MAX_DAMPING:g}, as {onset.axis.name} moves"
+        f" from the diamonds to the squares. {drawn.summary}",
+    )
 
 
 def _on_values(onset: Onset) -> Iterator[charts.Mark]:

@@ -14,7 +14,7 @@ from taction.system.charts import Axis, Chart, Curve, Limit, thinned
 from taction.system.documents import plain
 from taction.verification.evidence.paper import reproduce
 from taction.verification.evidence.paper.findings import Chapter, Finding, load_claims
-from taction.verification.report.blocks import PAGE, Bars, Block, Page, Table
+from taction.verification.report.blocks import Bars, Page, Table
 from taction.verification.report.renderers.plotly import plotly_spec
 from taction.verification.report.views.sweep_view import Plane
 from tests.support.entries import grid_plan
@@ -46,8 +46,7 @@ def test_plotly_accepts_every_chart(name: str) -> None:
 
 def test_a_thinned_curve_keeps_every_peak() -> None:
     rng = np.random.default_rng(5)
-    time = np.sort(rng.random(50_000))
-    values = rng.standard_normal(50_000)
+    time, values = np.sort(rng.random(50_000)), rng.standard_normal(50_000)
     x, y = thinned(time, values, 1000)
     assert len(x) <= 1002
     assert np.all(np.diff(x) > 0)
@@ -57,8 +56,7 @@ def test_a_thinned_curve_keeps_every_peak() -> None:
 
 
 def block(report: Page, title: str, kind: type[Any] = Table) -> Any:
-    found: list[Block] = [b for part in report.sections for b in part.made(PAGE)]
-    return next(each for each in found if isinstance(each, kind) and each.title == title)
+    return next(b for b in report.blocks() if isinstance(b, kind) and b.title == title)
 
 
 def test_a_value_of_a_corner_is_marked_beyond_its_limit() -> None:
@@ -82,6 +80,14 @@ def test_a_regression_marks_what_changed() -> None:
 
 def _charts(name: str) -> list[Chart]:
     return [each for each in page(name).blocks() if isinstance(each, Chart)]
+
+
+def test_the_root_locus_passes_the_axis_at_the_crossings() -> None:
+    marks = {each.name: each for each in _charts("onset")[0].marks if isinstance(each, Curve)}
+    assert np.min(marks["grows"].x) >= 0.0 > np.max(marks["decays"].x)
+    rows = block(page("onset"), "Crossings").rows
+    assert list(marks["crossing"].y) == [row[1].number for row in rows]
+    assert {"C = 1 pF", "C = 100 pF"} <= marks.keys()
 
 
 def test_what_fails_is_told_apart_by_colour_and_mark() -> None:
@@ -132,9 +138,4 @@ def test_the_page_holds_every_claim_and_the_pictures(tmp_path: Path) -> None:
     assert "mark: 3.5" in html
     assert "What &lt;is&gt; seen | here." in html
     assert "A &lt;title&gt;" in html
-
-
-@pytest.mark.usefixtures("short")
-def test_the_document_names_verdict_and_expectation() -> None:
-    found = plain(reproduce.reproduce())
-    assert all(each["as_expected"] for each in found["claims"])
+    assert all(each["as_expected"] for each in plain(found)["claims"])
