@@ -291,11 +291,10 @@ class Board:
         return InputSpread.shared(self.linear, self._drift, tolerances) if stable else None
 
     @property
-    def varies(self) -> tuple[str, str]:
+    def varies(self) -> tuple[str, ...]:
         """What differs between the boards of `built_spread`, and of `spread`, in words."""
         every, drift = (self.scene.tolerances, NOTHING), bool(self._drift)
-        built, alike = (covered(self.circuit, each, drift=drift) for each in every)
-        return built, alike
+        return tuple(covered(self.circuit, each, drift=drift) for each in every)
 
     @property
     def _drift(self) -> float:

@@ -76,6 +76,7 @@ class InputSpread:
     uniform: int = 0  # so many of the last rows are uniform, all others normal
     curvature: float = 0.0  # error of the first order, as a share of a deviation
     moved: Floats | float = 0.0  # (N,): what the changes of temperature and supply add to the mean
+    names: tuple[str, ...] = ()  # (P,): what deviates
 
     @classmethod
     def of(
@@ -109,12 +110,12 @@ class InputSpread:
             *tolerance_deviations(sensitivity, at_rest, at, size),
         ]
         rest = outputs_at_rest(board)
-        changed = (each.shift for each in every if each.kind in CHANGES)
         found = cls(
             sum((each.shift for each in every), rest),
             np.array([each.row for each in every]),
             len(at_rest) if uniform else 0,
-            moved=sum(changed, np.zeros_like(rest)),
+            names=tuple(each.name for each in every),
+            moved=sum((d.shift for d in every if d.kind in CHANGES), np.zeros_like(rest)),
         )
         worst = int(np.argmax(found.sigma))
         sigma, column = float(found.sigma[worst]), found.rows[:, worst]

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from scipy import signal
 
 from taction.netlist_gen.analysis import OperatingPoint, Transient
 from taction.netlist_gen.board.circuit import Circuit, Role
@@ -16,7 +15,7 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.array_types import Floats, Waveforms
+from taction.system.array_types import Complexes, Floats, Waveforms
 from taction.system.charts import Axis, Chart, Curve, Limit
 from taction.verification.engines.ngspice.process import find_simulator, simulate
 from taction.verification.evidence.paper.findings import (
@@ -47,7 +46,7 @@ WINDOW_STARTS = (0.3e-3, 0.7e-3, 1.1e-3)  # s, of the three windows that show th
 WINDOW = 0.4e-3  # s
 STABLE_CAPACITANCE = 20e-12  # F, above every onset of oscillation that is searched
 ABOUT = 0.1  # relative difference that a printed "about" allows
-POINTS = 40_000  # of the step of a stage
+POINTS, SPAN = 40_000, 7.0  # of the step of a stage, and their span over its slowest lag
 FACTORS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)  # of the scene's own gain
 GAINS = 49  # tried by the search
 OVERSHOOT = 0.05  # its limit
@@ -73,7 +72,7 @@ def breadboard() -> Chapter:
 
 
 def _constraint(circuit: Circuit) -> tuple[Finding, Finding]:
-    amplifier, stage = (stage_rise_time(circuit, loaded=loaded) for loaded in (False, True))
+    (amplifier, _), (stage, _) = (stage_step(circuit, loaded=loaded) for loaded in (False, True))
     about_1us = abs(amplifier - 1e-6) <= ABOUT * 1e-6
     slower, ratio = weigh(stage > amplifier, fitted=True), stage / amplifier
     return (
@@ -82,18 +81,19 @@ def _constraint(circuit: Circuit) -> tuple[Finding, Finding]:
     )
 
 
-def stage_rise_time(circuit: Circuit, *, loaded: bool) -> float:
-    """Return the 10-90 % rise time, s, of the constraint stage with the largest resistive load.
+def stage_step(circuit: Circuit, *, loaded: bool) -> tuple[float, float]:
+    """Return the step of the constraint stage with the largest resistive load.
 
-    With r the output resistance over s, Y the node's admittance and D = (1 + s A0/wt) (1 + s t2) of
-    the op-amp, output over current is (r D - A0) / ((1 + r) Y D + (D + A0)/s). Only a `loaded`
-    stage has the capacitance of the node; NaN if it grows.
+    That is its 10-90 % rise time, s, and its overshoot, a share of the step. With r the output
+    resistance over s, Y the node's admittance and D = (1 + s A0/wt) (1 + s t2) of the op-amp,
+    output over current is (r D - A0) / ((1 + r) Y D + (D + A0)/s). Only a `loaded` stage has the
+    capacitance of the node; NaN if it grows.
     """
     load, sinks = np.sum(1.0 / circuit.forward_ohms, axis=1), circuit.forward.sinks
     for part in circuit.resistors_of(Role.STRAIN_RESISTOR):
         load[sinks.index(part.b)] += 1.0 / part.ohms
     row = int(np.argmax(load))
-    (model,) = circuit.models.values()
+    model = circuit.models[next(c.model for c in circuit.opamps if c.inverting == sinks[row])]
     strays = [part.farads for part in circuit.capacitors if part.a == sinks[row]]
     farads = math.fsum((*strays, model.input_capacitance, model.differential_capacitance))
     siemens = float(load[row]) + 1.0 / model.input_resistance
@@ -102,13 +102,15 @@ def stage_rise_time(circuit: Circuit, *, loaded: bool) -> float:
     Y = Polynomial([siemens, wt * farads] if loaded else [siemens])  # time times wt, as in D
     D = Polynomial([1.0, A0]) * Polynomial([1.0, model.gbw / model.second_pole])
     above, below = r * D - A0, (1.0 + r) * Y * D + (D + A0) / gain
-    if not np.all(below.trim().roots().real < 0.0):
-        return math.nan
-    system = above.coef[::-1].tolist(), below.trim().coef[::-1].tolist()
-    time, step = signal.step(system, N=POINTS)
-    shares, rising = step * below(0.0) / above(0.0), slice(int(np.argmax(np.abs(step))) + 1)
+    roots: Complexes = below.trim().roots().astype(complex)
+    if not np.all(roots.real < 0.0):
+        return math.nan, math.nan
+    time = np.linspace(0.0, SPAN / float(np.abs(roots.real).min()), POINTS)
+    parts = above(roots) / (below.deriv()(roots) * roots) * below(0.0) / above(0.0)
+    shares = 1.0 + (np.exp(time[:, None] * roots) @ parts).real
+    rising = slice(int(np.argmax(shares)) + 1)
     early, late = np.interp((0.1, 0.9), shares[rising], time[rising]).tolist()
-    return float(late - early) / wt
+    return float(late - early) / wt, max(float(shares.max()) - 1.0, 0.0)
 
 
 def _rise(verdict: Verdict) -> tuple[Finding, Finding]:

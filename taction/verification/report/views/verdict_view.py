@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from taction.netlist_gen.board.circuit import Circuit, Role
 from taction.system.quantities import banded, quantity, readable
 from taction.system.reading_definitions import EXCURSIONS, READINGS, TIMES
 from taction.verification.reference.problem import Solution
@@ -35,6 +36,7 @@ from taction.verification.verdict.record import Channel, Record
 from taction.verification.verdict.verify import Verdict
 
 LOADS = 16  # of op-amps that are shown
+SHOWN = dict.fromkeys((blocks.PAGE, blocks.TERMINAL), 8)  # parts that move the rest
 ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of the step: a smaller part is rounding
 LEAST = 1e-9  # of the largest stress: a smaller part has no number
 REACH = "What the outputs of the op-amps reach, as parts of the limits of the data sheet."
@@ -85,6 +87,7 @@ def view(
             ),
             Section("Checks", lambda: Bars("", answers.check_bars(verdict)), media="picture"),
             Section("Error budget", lambda: budget_table(verdict), media=detailed),
+            Section("Error budget", lambda: _rest_parts(verdict), media=detailed),
             Section("Headroom", lambda: _headroom(verdict), media=both),
             Section("Error and run time", lambda: _effort(verdict), media=detailed),
             Section("Board", lambda: boards.board_blocks(circuit)),
@@ -235,6 +238,27 @@ def budget_table(verdict: Verdict) -> Table | None:
     return Table.of("Parts of the error", parts, columns, note) if parts else None
 
 
+def _rest_parts(verdict: Verdict) -> Table | None:
+    """Return the parts whose deviations move the rest of built boards most; None without any."""
+    built, board = verdict.answer.built, verdict.board
+    if built is None or not built.known:
+        return None
+    spread = board.built_spread(board.scene.tolerances)
+    if spread is None or not spread.sigma.any():
+        return None
+    worst = worst_channel(spread.sigma)
+    moves, sigma = spread.rows[:, worst], float(spread.sigma[worst])
+    order = np.argsort(-np.abs(moves), kind="stable").tolist()
+    columns: dict[str, Column] = {
+        "part": lambda k: spread.names[k],
+        f"moves u{worst + 1} by": lambda k: number_cell(float(moves[k]), "V", 3),
+        "of the variance": lambda k: number_cell(float(moves[k] / sigma) ** 2, "step", 3),
+    }
+    note = f"One standard deviation of each; {quantity(sigma, 'V', 3)} with all ({built.varies})."
+    more = "{} more move it no farther."
+    return Table.of("What moves the rest most", order, columns, note, SHOWN, more)
+
+
 def _effort(verdict: Verdict) -> dict[str, str]:
     """Return the requested and the reached error of the run, and its cost."""
     accuracy, waves, solution = verdict.accuracy, verdict.waveforms, verdict.ideal.solution
@@ -249,8 +273,27 @@ def _effort(verdict: Verdict) -> dict[str, str]:
         "reference": f"{solution.certificate_kind} {solution.certificate:.2g}, bound"
         f" {solution.bound:.2g}",
     }
+    if plane := _constraint_plane(verdict.circuit):
+        facts["constraint plane"] = plane
     stages = (f"{name} {seconds:.2f} s" for name, seconds in verdict.timing.items())
     return facts | {"run time": ", ".join(stages)}
+
+
+def _constraint_plane(circuit: Circuit) -> str:
+    """Return the steps of a constraint amplifier; empty without one, or if one follows at once."""
+    models = circuit.models.values()
+    known = all(m.imported is None and math.isfinite(m.gbw * m.dc_gain) for m in models)
+    if not (known and circuit.named(Role.CONSTRAINT_RESISTOR)):
+        return ""
+    from taction.verification.evidence.paper.boards import stage_step
+
+    (alone, _), (rise, overshoot) = (stage_step(circuit, loaded=by) for by in (False, True))
+    stage = "oscillates by itself"
+    if math.isfinite(rise):
+        over = figure(overshoot, "step", 2)
+        stage = f"rises in {quantity(rise, 's')} with {over} overshoot"
+    text = f"amplifier alone rises in {quantity(alone, 's')}"
+    return f"{text}; its stage with the capacitance of the node {stage}"
 
 
 def on_screen(page: Page, verdict: Verdict) -> tuple[Section, ...]:

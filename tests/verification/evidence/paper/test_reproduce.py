@@ -18,7 +18,7 @@ from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.evidence import demonstration
 from taction.verification.evidence.demonstration import Demonstration
-from taction.verification.evidence.paper.boards import stage_rise_time
+from taction.verification.evidence.paper.boards import stage_step
 from taction.verification.evidence.paper.findings import (
     Chapter,
     ClaimOutcome,
@@ -135,7 +135,7 @@ def test_one_pole_rises_in_its_closed_loop_time_constant(circuit):
     """Without a second pole the stage is a lag of noise gain / (2 pi GBW), but for 1/A0."""
     single = with_models(circuit, second_pole=np.inf, output_resistance=0.0)
     lag = noise_gain(circuit) / (2 * np.pi * 718e3)
-    assert stage_rise_time(single, loaded=False) == pytest.approx(np.log(9) * lag, rel=1e-4)
+    assert stage_step(single, loaded=False)[0] == pytest.approx(np.log(9) * lag, rel=1e-4)
 
 
 def test_the_stage_with_its_capacitance_is_a_second_order_system(circuit):
@@ -145,7 +145,7 @@ def test_the_stage_with_its_capacitance_is_a_second_order_system(circuit):
     poles = [13e-12 * s / w, noise_gain(circuit) / w, 1.0]
     time, step = signal.step(([1.0], poles), T=np.linspace(0.0, 1e-4, 200_001))
     early, late = (time[np.argmax(step > level)] for level in (0.1, 0.9))
-    assert stage_rise_time(single, loaded=True) == pytest.approx(late - early, rel=1e-3)
+    assert stage_step(single, loaded=True)[0] == pytest.approx(late - early, rel=1e-3)
 
 
 @pytest.fixture(scope="module")
