@@ -120,6 +120,35 @@ class Bars:
     brief: bool = False
 
 
+Path = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """Lines, circles and texts at places of one plane, y downwards."""
+
+    kind: ClassVar[str] = "drawing"
+    title: str
+    lines: tuple[Path, ...]
+    circles: tuple[tuple[float, float, float, bool], ...]  # middle, radius, whether filled
+    texts: tuple[tuple[str, float, float, str, float], ...]  # text, place, anchor, height
+    summary: str  # for readers who cannot see it, and as its caption
+
+    @property
+    def frame(self) -> tuple[float, float, float, float]:
+        """Left, top, width and height of everything."""
+        points = [point for line in self.lines for point in line]
+        for text, x, y, anchor, height in self.texts:
+            wide, before = LETTER * height * len(text), BEFORE[anchor]
+            points += [(x - before * wide, y - height), (x + (1.0 - before) * wide, y + height)]
+        (left, right), (top, bottom) = ((min(e), max(e)) for e in zip(*points, strict=True))
+        return left - 1.0, top - 1.0, right - left + 2.0, bottom - top + 2.0
+
+
+LETTER = 0.62  # width of a letter, of its height
+BEFORE = {"left": 0.0, "middle": 0.5, "right": 1.0}  # of a text, before its place
+
+
 @dataclass(frozen=True, slots=True)
 class Facts:
     """Names and values."""
@@ -149,7 +178,7 @@ class Notes:
     outcome: Outcome = ""
 
 
-Block = Table | Bars | Chart | Facts | Code | Notes
+Block = Table | Bars | Chart | Drawing | Facts | Code | Notes
 Content = Block | str | Mapping[str, str] | None
 """What stands in a section: a text is a line of notes, a mapping has names and values."""
 BOTH, EVERYWHERE, DRAWN = "terminal page", "terminal page notebook", "page picture"

@@ -26,6 +26,7 @@ from taction.verification.report.views.answer_view import (
     yield_text,
 )
 from taction.verification.report.views.opamp_view import counts_text, packages_text
+from taction.verification.report.views.schematic_view import schematic
 from taction.verification.report.views.stability_view import stability_blocks
 from taction.verification.report.views.verdict_screen import screen
 from taction.verification.verdict.answer_error import ErrorPart, worst_channel
@@ -90,6 +91,7 @@ def view(
             Section("Error budget", lambda: _rest_parts(verdict), media=detailed),
             Section("Headroom", lambda: _headroom(verdict), media=both),
             Section("Error and run time", lambda: _effort(verdict), media=detailed),
+            Section("Board", lambda: schematic(circuit, verdict.scene)),
             Section("Board", lambda: boards.board_blocks(circuit)),
             Section("Left out", lambda: boards.omissions(circuit)),
             Section("Parts list", lambda: boards.parts_blocks(circuit, verdict.scene)),
