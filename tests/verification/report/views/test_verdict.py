@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taction.netlist_gen.board.variation import with_factors
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.spice_models.input_errors import MOST
 from taction.system.charts import Chart, Curve, Limit, Text
 from taction.system.quantities import quantity, readable, show
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
-from taction.verification.report.blocks import Bars, Code, Notes, Page, Table
+from taction.verification.report.blocks import Bars, Code, Drawing, Notes, Page, Table
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import Terminal, page_text, plain, print_page
 from taction.verification.report.views.answer_view import check_bar
@@ -25,6 +27,7 @@ from taction.verification.report.views.verdict_view import load_bars, view
 from taction.verification.verdict.board_files import board_power
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.headroom import Load
+from taction.verification.verdict.input_spread import outputs_at_rest
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support import nightly
 from tests.support.paths import SCENES
@@ -54,10 +57,8 @@ def number(text: str) -> float:
 
 def block(name: str, kind: type[Any], title: str = "") -> Any:
     """Return the first block of a kind and title on the page of a verdict."""
-    blocks = page(name).blocks()
-    return next(
-        each for each in blocks if isinstance(each, kind) and each.title.partition(":")[0] == title
-    )
+    found = (each for each in page(name).blocks() if isinstance(each, kind))
+    return next(each for each in found if each.title.partition(":")[0] == title)
 
 
 @pytest.mark.parametrize("name", VERDICTS)
@@ -122,15 +123,11 @@ def test_a_value_below_the_smallest_one_is_beyond_its_limit() -> None:
     assert bar.limit == "at least 10 µs"
 
 
-def test_a_margin_at_the_end_of_its_search_is_that_or_more() -> None:
+def test_a_bar_shows_its_uncertainty_and_where_the_search_of_a_margin_ends() -> None:
     ended = made(100.0, 1.5, uncertainty=None, name="stability", unit="ratio")
     assert check_bar(ended).value == "100 or more"
     assert check_bar(replace(ended, value=2.5, uncertainty=1e-9)).value == "2.5"
-    doubtful = replace(ended, outcome=Outcome.INCONCLUSIVE)
-    assert check_bar(doubtful).value == "100 ± unknown"
-
-
-def test_the_whisker_is_the_uncertainty() -> None:
+    assert check_bar(replace(ended, outcome=Outcome.INCONCLUSIVE)).value == "100 ± unknown"
     assert check_bar(made(0.2, 0.4)).whisker == pytest.approx((95.0, 105.0))
     assert check_bar(made(0.2, 0.4, uncertainty=1e-6)).whisker is None
 
@@ -138,21 +135,33 @@ def test_the_whisker_is_the_uncertainty() -> None:
 def test_the_parts_list_counts_every_part() -> None:
     circuit = verdicts()["passing"].circuit
     rows = block("passing", Table, "Parts").rows
-    resistors = len(circuit.resistors) + sum(
-        int(np.isfinite(m.ohms).sum()) for m in circuit.matrices
-    )
-    assert sum(row[2].number for row in rows if row[0].text == "resistor") == resistors
+    resistors = sum(int(np.isfinite(m.ohms).sum()) for m in circuit.matrices)
+    found = sum(row[2].number for row in rows if row[0].text == "resistor")
+    assert found == resistors + len(circuit.resistors)
     power = quantity(board_power(LinearBoard(circuit)).total, "W", 3)
-    notes = [
-        line for each in page("passing").blocks() if isinstance(each, Notes) for line in each.lines
-    ]
-    assert any(f"dissipation {power} at rest" in line for line in notes)
+    notes = (each.lines for each in page("passing").blocks() if isinstance(each, Notes))
+    assert any(f"dissipation {power} at rest" in line for lines in notes for line in lines)
 
 
-def test_the_deck_to_copy_is_the_deck_that_runs() -> None:
-    code = block("passing", Code, "the deck")
-    assert code.text.rstrip().endswith(".end")
-    assert ".tran" in code.text
+@pytest.mark.parametrize("name", VERDICTS)
+def test_one_channel_is_drawn_with_the_parts_of_the_deck_that_runs(name: str) -> None:
+    deck, drawing = block(name, Code, "the deck").text, block(name, Drawing, "One channel")
+    assert deck.rstrip().endswith(".end")
+    assert ".tran" in deck
+    cards = {text for text, *_ in drawing.texts if text[0] in "RC" and "_" in text}
+    assert cards <= set(deck.split())
+    assert {each[:2] for each in cards} >= {"Rf", "Rb", "Cc"}
+
+
+def test_what_moves_the_rest_most_moves_it_so_far() -> None:
+    circuit = verdicts()["passing"].circuit
+    table = block("passing", Table, "What moves the rest most")
+    part, volts, share = table.rows[0]
+    scales = ({part.text: math.exp(z)} for z in (1e-4, -1e-4))
+    up, down = (outputs_at_rest(LinearBoard(with_factors(circuit, each))) for each in scales)
+    moved = (up - down)[int(table.columns[1][7]) - 1] / 2e-4 * math.log1p(0.01) / MOST
+    assert volts.number == pytest.approx(moved, rel=1e-4)
+    assert 1.0 >= share.number == max(row[2].number for row in table.rows)
 
 
 def test_the_outputs_show_the_record_and_the_targets() -> None:
@@ -161,7 +170,7 @@ def test_the_outputs_show_the_record_and_the_targets() -> None:
     curves = [mark for mark in marks if isinstance(mark, Curve)]
     assert [curve.name for curve in curves] == ["u1", "u2", "u3"]
     for n, curve in enumerate(curves):
-        x, y = np.asarray(curve.x), np.asarray(curve.y)
+        x, y = map(np.asarray, (curve.x, curve.y))
         exact = np.interp(x, verdict.waveforms.time, verdict.u[:, n])
         assert np.abs(y - exact).max() < 1e-9 * verdict.measurements.amplitude
         assert (y.min(), y.max()) == (verdict.u[:, n].min(), verdict.u[:, n].max())
