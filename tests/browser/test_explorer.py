@@ -152,6 +152,9 @@ def test_a_slider_moves_the_board_and_back(explore: Callable[..., Opened]) -> No
     page.wait_for_selector(VERDICT, timeout=LONG)
     assert page.inner_text("#readings") != before
     assert "--set design.capacitance=" in page.inner_text("#command")
+    with page.expect_download() as saved:
+        page.click("#save")
+    assert "capacitance = " in saved.value.path().read_text("utf-8")
     page.click("#reset")
     page.wait_for_function("document.getElementById('value-0').value === '10 pF'")
     page.wait_for_selector(VERDICT, timeout=LONG)

@@ -187,6 +187,7 @@ async def _talk(socket: Any, settings: Settings, judging: ExplorerJob) -> None:
     actions: dict[str, Callable[[Any], None]] = {
         "move": session.move,
         "window": lambda name: session.show(str(name)),
+        "save": lambda _: session.save(),
     }
     try:
         async for kind, given in socket.iter_json():

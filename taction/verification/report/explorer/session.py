@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, TypeVar
 
+from taction.netlist_gen.scene.keys import scene_text
 from taction.system.documents import read
 from taction.system.errors import EngineError, InputError, TactionError
 from taction.system.quantities import readable
@@ -166,6 +167,10 @@ class Session:
         self.window = window if window in WINDOWS else self.window
         if self._look is not None:
             self._tell(**self._look.outputs_part(self.window))
+
+    def save(self) -> None:
+        """Send the present values as the text of a scene file, for the folder of the scene's."""
+        self._tell(scene=scene_text(self.settings.scene()))
 
     def close(self) -> None:
         """End what is still to be found."""

@@ -6,6 +6,7 @@ import asyncio
 import base64
 import socket
 from collections.abc import Callable, MutableMapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -116,6 +117,15 @@ def test_values_without_a_board_say_why() -> None:
     (part,) = told({"opamp": "ad8065"})
     assert "ad8065 works at supplies" in part["refused"]
     assert "--set design.opamp=ad8065" in part["command"]
+
+
+def test_the_saved_scene_has_the_values(tmp_path: Path) -> None:
+    parts, file = list[Any](), tmp_path / "explored.toml"
+    settings = Settings.of(load_scene(SCENES / "lasso.toml")).moved({C: 12e-12}, "tl084")
+    Session(settings, parts.append, Here()).save()  # type: ignore[arg-type]
+    file.write_text(parts[-1]["scene"], encoding="utf-8")
+    assert load_scene(file).design.capacitance == 12e-12
+    assert load_scene(file).model_dump() == settings.scene().model_dump()
 
 
 def test_a_lost_process_is_no_verdict() -> None:

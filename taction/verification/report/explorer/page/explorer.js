@@ -81,6 +81,10 @@ const show = (part) => {
     get("head").className = `head outcome-${part.outcome}`;
     outdated(state.waiting || Boolean(state.pending)); // it may be of earlier values
   }
+  if ("scene" in part) {
+    const href = URL.createObjectURL(new Blob([part.scene], { type: "text/plain" }));
+    Object.assign(document.createElement("a"), { href, download: "explored.toml" }).click();
+  }
   if ("refused" in part) outdated(false);
   requestAnimationFrame(() => document.documentElement.style.setProperty("--head", `${get("head").offsetHeight + 14}px`));
   draw(part, fresh);
@@ -110,6 +114,7 @@ const wire = () => {
     send("window", state.window);
   }));
   get("opamp").addEventListener("change", () => ask({ opamp: get("opamp").value }));
+  get("save").addEventListener("click", () => send("save"));
   get("reset").addEventListener("click", () => ask({ reset: true }));
   get("hand").addEventListener("submit", (event) => event.preventDefault());
   tactionCharts.follow(() => draw({}, true));
