@@ -164,6 +164,19 @@ class Scan(Edges):
 
     samples: tuple[Sample, ...] = ()
     logarithmic: bool = True
+    traced: Edges | None = None  # edges that the loci of one board show, if any were traced
+
+    @property
+    def counts(self) -> tuple[tuple[float, int, int], ...]:
+        """Values between edges with their unstable poles: at samples, and as the loci count them.
+
+        Empty where not all poles are known, without loci, and where these come near the axis.
+        """
+        if self.traced is None or self.traced.near or not self.complete:
+            return ()
+        ends = [self.low, *(edge.value for edge in self.edges), self.high]
+        middles = (math.sqrt(a * b) for a, b in pairwise(ends) if a < b)
+        return tuple((at, self.unstable_at(at), self.traced.unstable_at(at)) for at in middles)
 
     @property
     def points(self) -> int:

@@ -119,20 +119,23 @@ class Family:
 
         With samples beside the edges of the loci no edge is too narrow to be found.
         """
-        beside = self._beside_edges(min(values), max(values)) if logarithmic else []
-        return scan([*values, *beside], self.poles, logarithmic=logarithmic, start=start)
-
-    def _beside_edges(self, low: float, high: float) -> list[float]:
-        """Return values on both sides of the edges that the loci show."""
-        if self.ports is None:
-            return []
-        try:
-            found = traced_edges(self.ports, low, high, own=self.own, power=self.power)
-        except EngineError:
-            return []
-        places = [*(edge.value for edge in found.edges), *found.near]
+        low, high = min(values), max(values)
+        traced = self._traced(low, high) if logarithmic else None
+        places = [*(edge.value for edge in traced.edges), *traced.near] if traced else []
         sides = (0.0, *(by for distance in SCANNED for by in (-distance, distance)))
-        return [v for at in places for by in sides if low < (v := at * (1.0 + by)) < high]
+        beside = [v for at in places for by in sides if low < (v := at * (1.0 + by)) < high]
+        found = scan([*values, *beside], self.poles, logarithmic=logarithmic, start=start)
+        return replace(found, traced=traced)
+
+    def _traced(self, low: float, high: float) -> Edges | None:
+        """Return the edges that the loci show; None without loci."""
+        if self.ports is None:
+            return None
+        try:
+            unstable = poles(self.ports.board).unstable_count
+            return traced_edges(self.ports, low, high, unstable, self.own, self.power)
+        except EngineError:
+            return None
 
 
 def find_edges(

@@ -188,6 +188,7 @@ RATES = (
     "Unstable poles: the number right of the axis below and above the crossing. Rate: of growth,"
     " 1/s, fitted to a transient; in brackets the real part of the pole."
 )
+SECOND = "A second count of unstable poles, by the windings of one board's Nyquist loci,"
 LOOKS = (
     "Shaded: stable. Vertical lines: crossings of the imaginary axis. Circles decay, crosses grow."
 )
@@ -223,7 +224,7 @@ def _ranges(onset: Onset, ranges: Sequence[tuple[float, float]]) -> str:
 
 def _crossings(onset: Onset) -> Iterator[Content]:
     """Yield the crossings, and what is not resolved or not known."""
-    unit, complete = onset.axis.key.unit, onset.scan.complete
+    unit, complete, name = onset.axis.key.unit, onset.scan.complete, onset.axis.name
     if not onset.findings:
         yield "No pole crosses the imaginary axis in this range."
 
@@ -252,6 +253,10 @@ def _crossings(onset: Onset) -> Iterator[Content]:
     if any(each.reason for each in onset.findings):
         columns["remark"] = "reason"
     yield Table.of("Crossings", onset.findings, columns, RATES)
+    if counts := onset.scan.counts:
+        wrong = [_value(onset, at) for at, own, loci in counts if own != loci]
+        agree = f"agrees in {len(counts) - len(wrong)} of {len(counts)} ranges of {name}"
+        yield f"{SECOND} {agree}{', not at ' * bool(wrong)}{', '.join(wrong)}."
     if not complete:
         yield INCOMPLETE
     if unresolved := _ranges(onset, onset.scan.unresolved):

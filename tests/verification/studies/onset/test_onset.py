@@ -107,6 +107,7 @@ def test_an_antisymmetric_mode_that_the_load_never_excites_is_confirmed(ngspice:
     assert edge.value == pytest.approx(4.134e-12, rel=1e-4)
     assert (edge.below, edge.above, edge.changes_stability) == (2, 0, True)
     assert low.crossing.changes_stability is False
+    assert [(own, loci) for _, own, loci in found.scan.counts] == [(4, 4), (2, 2), (0, 0)]
     check_sides(high)
     (stable,) = found.scan.stable_ranges
     assert stable == (edge.value, 3e-11)
