@@ -136,17 +136,13 @@ class Drawing:
 
     @property
     def frame(self) -> tuple[float, float, float, float]:
-        """Left, top, width and height of everything."""
-        points = [point for line in self.lines for point in line]
-        for text, x, y, anchor, height in self.texts:
-            wide, before = LETTER * height * len(text), BEFORE[anchor]
-            points += [(x - before * wide, y - height), (x + (1.0 - before) * wide, y + height)]
+        """Left, top, width and height."""
+        points = (point for line in self.lines for point in line)
         (left, right), (top, bottom) = ((min(e), max(e)) for e in zip(*points, strict=True))
-        return left - 1.0, top - 1.0, right - left + 2.0, bottom - top + 2.0
+        return left - BESIDE, top - BESIDE, right - left + 2.0 * BESIDE, bottom - top + 2.0 * BESIDE
 
 
-LETTER = 0.62  # width of a letter, of its height
-BEFORE = {"left": 0.0, "middle": 0.5, "right": 1.0}  # of a text, before its place
+BESIDE = 8.0  # of the lines of a drawing: room for its texts
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,4 @@
-"""The drawing of one channel: a channel and a sensor row of a board, as its KiCad sheets have them.
-
-Of the resistors of a matrix into a node it has one.
-"""
+"""The drawing of one channel: the KiCad sheets of a channel and a sensor row, in brief."""
 
 from __future__ import annotations
 
@@ -49,15 +46,10 @@ def schematic(circuit: Circuit, scene: Scene) -> Drawing:
         if name in found:
             top = drawn.branch(top, found[name])
     into, out = (np.isfinite(each).sum() for each in (ohms[:, n - 1], ohms[k - 1]))
-    return drawing_of(
-        sheet,
+    summary = (
         f"Channel {n} and sensor row {k}: column {n} of T has {counted(into, 'resistor')}, row {k}"
-        f" has {out}; one of each matrix is drawn. Stray capacitances and supplies are not drawn.",
+        f" has {out}; one of each matrix is drawn. Stray capacitances and supplies are not drawn."
     )
-
-
-def drawing_of(sheet: SchematicSheet, summary: str) -> Drawing:
-    """Return what a sheet shows, with the names of the deck."""
     lines: list[Path] = [*sheet.segments]
     circles = [(x, y, DOT, True) for x, y in sheet.junctions()]
     texts = [replace(e, at=(e.at[0], e.at[1] - ABOVE * (e.kind == "label"))) for e in sheet.labels]

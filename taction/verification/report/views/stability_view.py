@@ -96,11 +96,7 @@ def ranges_words(ranges: Sequence[Range], low: float, high: float, unit: str) ->
 
 
 def pole_map(poles: Complexes, texts: Sequence[str] = ()) -> charts.Chart:
-    """Return the upper half plane with poles (P,), 1/s, and lines of equal damping.
-
-    `texts`: of each pole, for the pointer, where they are those of many boards: in this case the
-      view is about the poles near the axis.
-    """
+    """Return the upper half plane with poles (P,), 1/s; those of many boards have `texts` each."""
     upper = poles.imag >= 0.0
     values, texts = poles[upper], [*compress(texts, upper)]
     left, right, top = _near_axis(values) if texts else _window(values)
@@ -284,18 +280,19 @@ def _charts(onset: Onset) -> Iterator[Content]:
         yield "No pole of any value rings."
         return
     value, real, imag = np.array(rows).T
-    yield _root_locus(onset, value, real + 1j * imag)
+    edges = [each.crossing for each in onset.findings]
+    at, rings = np.array([(c.value, c.frequency) for c in edges if c.frequency]).reshape(-1, 2).T
+    crossing = charts.Curve(at, rings, "crossing", "ink", "", "circle-open", size=8.0, label="")
+    on_axis = replace(crossing, x=0.0 * at, label="legend")
+    yield _root_locus(onset, value, real + 1j * imag, on_axis)
     hertz, damping = imag / math.tau, -real / np.hypot(real, imag)
     scale: Any = "log" if onset.scan.logarithmic else "linear"
     ends = tuple(onset.scan.samples[k].value for k in (0, -1))
     x = charts.Axis(name, onset.axis.key.unit, scale, (ends[0], ends[1]))
     ground = tuple(_on_values(onset))
     reach = min(max(3.0 * float(np.median(np.abs(damping))), 1e-3), MAX_DAMPING)
-    edges = [each.crossing for each in onset.findings]
-    at, rings = np.array([(c.value, c.frequency) for c in edges if c.frequency]).reshape(-1, 2).T
     wide = float(hertz.max()) > 5.0 * float(hertz.min())
     zero = charts.Limit(0.0, "y", line="solid")
-    crossing = charts.Curve(at, rings, "crossing", "ink", "", "circle-open", size=8.0, label="")
     ratio = charts.Axis("damping ratio (below 0: grows)", limits=(-reach, reach))
     frequency = charts.Axis("ringing frequency", "Hz", "log" if wide else "linear")
     for what, y, values, first, last in (
@@ -308,26 +305,19 @@ def _charts(onset: Onset) -> Iterator[Content]:
         yield charts.Chart(title, x, y, drawn, summary)
 
 
-def _root_locus(onset: Onset, value: Floats, poles: Complexes) -> charts.Chart:
-    """Return the map of the poles (P,), 1/s, of boards of a value (P,), with the crossings."""
-    texts = [f"{onset.axis.name} = {_value(onset, each)}" for each in value.tolist()]
-    drawn = pole_map(poles, texts)
-    edges = [each.crossing for each in onset.findings if each.crossing.frequency]
-    rings = charts.Curve(
-        np.zeros(len(edges)), [each.frequency for each in edges], "crossing", "ink", "",
-        "circle-open", size=9.0, hover=tuple(f"{_value(onset, e.value)}" for e in edges),
-    )  # fmt: skip
-    ends = []
-    for at, mark in ((value.min(), "diamond-open"), (value.max(), "square-open")):
-        p, name = poles[value == at], f"{onset.axis.name} = {_value(onset, float(at))}"
-        ends.append(charts.Curve(p.real, p.imag / math.tau, name, "ink", "", mark, size=9.0))
-    return replace(
-        drawn,
-        title="Root locus",
-        marks=(*drawn.marks, *ends, rings),
-        summary=f"The poles with a damping ratio below {MAX_DAMPING:g}, as {onset.axis.name} moves"
-        f" from the diamonds to the squares. {drawn.summary}",
-    )
+def _root_locus(
+    onset: Onset, value: Floats, poles: Complexes, crossings: charts.Curve
+) -> charts.Chart:
+    """Return the map of the poles (P,), 1/s, of boards of a value (P,)."""
+    name, marks = onset.axis.name, [crossings]
+    drawn = pole_map(poles, [f"{name} = {_value(onset, each)}" for each in value.tolist()])
+    for at, mark in ((float(value.min()), "diamond-open"), (float(value.max()), "square-open")):
+        x, y, text = poles.real, poles.imag / math.tau, f"{name} = {_value(onset, at)}"
+        own = value == at
+        marks.append(charts.Curve(x[own], y[own], text, "ink", "", mark, size=9.0))
+    summary = f"The poles with a damping ratio below {MAX_DAMPING:g}, as {name} moves from the"
+    summary += f" diamonds to the squares. {drawn.summary}"
+    return replace(drawn, title="Root locus", marks=(*drawn.marks, *marks), summary=summary)
 
 
 def _on_values(onset: Onset) -> Iterator[charts.Mark]:
