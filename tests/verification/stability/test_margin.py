@@ -115,9 +115,7 @@ def test_a_window_within_rounding_is_no_pass(offset: float) -> None:
     assert check.outcome is Outcome.INCONCLUSIVE
 
 
-def test_where_poles_refute_loci_a_scan_finds_the_margin(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_where_poles_refute_loci_a_scan_decides(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(margin_module, "_SHARED", {})
     monkeypatch.setattr(Edges, "unstable_at", lambda *_: 7)
     margin = find_margin(board())

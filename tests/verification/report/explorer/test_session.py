@@ -171,7 +171,7 @@ def answer(
     return dict(sent[0])
 
 
-def test_the_token_becomes_a_cookie() -> None:
+def test_the_token_becomes_the_cookie_that_opens_the_page_with_its_policy() -> None:
     first = answer(query=f"token={TOKEN}")
     headers = dict(first["headers"])
     assert first["status"] == 303
@@ -179,9 +179,6 @@ def test_the_token_becomes_a_cookie() -> None:
     assert headers[b"set-cookie"].startswith(COOKIE.encode())
     assert b"HttpOnly" in headers[b"set-cookie"]
     assert b"samesite=strict" in headers[b"set-cookie"].lower()
-
-
-def test_the_cookie_opens_the_page_with_its_policy() -> None:
     first = answer(cookie=COOKIE)
     assert first["status"] == 200
     policy = dict(first["headers"])[b"content-security-policy"].decode()
@@ -218,10 +215,7 @@ def test_two_hosts_or_origins_are_refused(name: str) -> None:
 
 
 @pytest.mark.parametrize("query", ["token=wrong", "token=", "", "token=" + "é"])
-def test_a_wrong_token_is_refused(query: str) -> None:
+def test_a_wrong_token_opens_nothing_and_the_token_the_page_alone(query: str) -> None:
     assert answer(query=query)["status"] == 403
-
-
-def test_the_token_opens_nothing_but_the_page() -> None:
     assert answer(path="/taction/explorer.js", query=f"token={TOKEN}")["status"] == 403
     assert answer("websocket", query=f"token={TOKEN}")["type"] == "websocket.close"

@@ -62,7 +62,7 @@ def block(name: str, kind: type[Any], title: str = "") -> Any:
 
 
 @pytest.mark.parametrize("name", VERDICTS)
-def test_the_checks_have_the_numbers_of_the_document(name: str) -> None:
+def test_checks_and_channels_have_the_numbers_of_the_document(name: str) -> None:
     document = verdict_document(verdicts()[name])
     bars = block(name, Bars)
     assert len(bars.rows) == len(document["checks"])
@@ -75,12 +75,7 @@ def test_the_checks_have_the_numbers_of_the_document(name: str) -> None:
             assert abs(check["value"]) < 1e-6
         else:
             assert number(bar.value) == pytest.approx(check["value"], rel=6e-3)
-
-
-@pytest.mark.parametrize("name", VERDICTS)
-def test_the_channels_have_the_numbers_of_the_document(name: str) -> None:
-    records = verdict_document(verdicts()[name])["channels"]
-    table = block(name, Table, "Channels")
+    records, table = document["channels"], block(name, Table, "Channels")
     assert len(table.rows) == len(records)
     for row, record in zip(table.rows, records, strict=True):
         cells = dict(zip(table.columns, row, strict=True))
@@ -108,22 +103,17 @@ def test_a_load_above_a_simulated_limit_is_no_failure(limited: bool, outcome: st
         (made(-1e4, 0.0, name="stability", unit="1/s"), None, 0.0, "below 0.01 % of the limit"),
     ],
 )
-def test_a_bar_is_the_used_part_of_the_limit(
-    check: Check, share: float | None, width: float, used: str
-) -> None:
+def test_a_bar_is_the_used_part(check: Check, share: Any, width: float, used: str) -> None:
     bar = check_bar(check)
     assert bar.share == (None if share is None else pytest.approx(share))
     assert bar.width == pytest.approx(width, abs=1e-3)
     assert bar.used == used
 
 
-def test_a_value_below_the_smallest_one_is_beyond_its_limit() -> None:
+def test_a_bar_shows_a_smallest_value_the_end_of_a_search_and_its_uncertainty() -> None:
     bar = check_bar(made(8e-6, 12e-6, name="rise_time", unit="s", outcome=Outcome.FAIL), 10e-6)
     assert bar.share == pytest.approx(1.25)
     assert bar.limit == "at least 10 µs"
-
-
-def test_a_bar_shows_its_uncertainty_and_where_the_search_of_a_margin_ends() -> None:
     ended = made(100.0, 1.5, uncertainty=None, name="stability", unit="ratio")
     assert check_bar(ended).value == "100 or more"
     assert check_bar(replace(ended, value=2.5, uncertainty=1e-9)).value == "2.5"
@@ -170,7 +160,7 @@ def test_the_outputs_show_the_record_and_the_targets() -> None:
     curves = [mark for mark in marks if isinstance(mark, Curve)]
     assert [curve.name for curve in curves] == ["u1", "u2", "u3"]
     for n, curve in enumerate(curves):
-        x, y = map(np.asarray, (curve.x, curve.y))
+        x, y = np.asarray(curve.x), np.asarray(curve.y)
         exact = np.interp(x, verdict.waveforms.time, verdict.u[:, n])
         assert np.abs(y - exact).max() < 1e-9 * verdict.measurements.amplitude
         assert (y.min(), y.max()) == (verdict.u[:, n].min(), verdict.u[:, n].max())

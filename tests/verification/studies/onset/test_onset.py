@@ -154,16 +154,13 @@ def damping(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("ngspice", "damping")
 def test_an_integration_that_damps_is_reported_as_a_disagreement() -> None:
     found = taction.onset(TUNED, over="C=4pF:5pF:3")
-    (finding,) = found.findings
-    trial = finding
+    (trial,) = found.findings
     assert (found.outcome, trial.confirmed) == ("inconclusive", False)
     assert "the transient grows with -" in trial.reason
     assert trial.below.predicted.real > 0.0 > trial.below.measured.growth_rate
 
 
-def test_without_ngspice_crossings_are_found_and_stay_undecided(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_without_ngspice_crossings_stay_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TACTION_NGSPICE", "/nonexistent/ngspice")
     boards = Family.over(lagging)
     found = boards.scan(np.geomspace(1e-10, 1e-8, 21).tolist())
