@@ -288,10 +288,10 @@ class Judgement:
     answer: AnswerError | None = None
 
 
-def judge(scene: Scene) -> Judgement:
-    """Verify a scene with the state-space engine."""
+def judge(scene: Scene, engine: str = "statespace") -> Judgement:
+    """Verify a scene with an engine."""
     try:
-        verdict = verify(scene.with_engine("statespace"))
+        verdict = verify(scene.with_engine(engine))
     except TactionError as error:
         return Judgement(Record.without_verdict(error, ""))
     time, stop = verdict.waveforms.time, float(verdict.waveforms.time[-1])

@@ -188,6 +188,7 @@ async def _talk(socket: Any, settings: Settings, judging: ExplorerJob) -> None:
         "move": session.move,
         "window": lambda name: session.show(str(name)),
         "save": lambda _: session.save(),
+        "simulate": lambda _: session.simulate(),
     }
     try:
         async for kind, given in socket.iter_json():

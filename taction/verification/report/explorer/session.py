@@ -133,8 +133,17 @@ class Session:
         await asyncio.sleep(REST)
         for stage in (poles, look.find_limits, boundary) if large else (look.find_limits,):
             await self._step(stage)
+        await self._judge(look, "statespace")
+
+    def simulate(self) -> None:
+        """Judge the present values by ngspice, too, once their verdict is known."""
+        if self._look is not None and self.work is not None and self.work.done():
+            self.work = asyncio.create_task(self._judge(self._look, "ngspice"))
+
+    async def _judge(self, look: SliderLook, engine: str) -> None:
+        """Tell the verdict by an engine."""
         try:
-            look.verdict = await self.judging.run(exploration.judge, look.view.scene)
+            look.verdict = await self.judging.run(exploration.judge, look.view.scene, engine)
         except WorkerDiedError as error:
             look.verdict = Judgement(Record.without_verdict(error, ""))
         better = {} if look.is_exact else look.outputs_part(self.window)

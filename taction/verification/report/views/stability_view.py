@@ -315,8 +315,8 @@ def _root_locus(
         x, y, text = poles.real, poles.imag / math.tau, f"{name} = {_value(onset, at)}"
         own = value == at
         marks.append(charts.Curve(x[own], y[own], text, "ink", "", mark, size=9.0))
-    summary = f"The poles with a damping ratio below {MAX_DAMPING:g}, as {name} moves from the"
-    summary += f" diamonds to the squares. {drawn.summary}"
+    summary = f"The poles with a damping ratio below {MAX_DAMPING:g}, as {name} moves from diamonds"
+    summary += f" to squares; open circles: crossings of the axis. {drawn.summary}"
     return replace(drawn, title="Root locus", marks=(*drawn.marks, *marks), summary=summary)
 
 

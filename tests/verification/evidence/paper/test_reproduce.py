@@ -13,7 +13,6 @@ from scipy.linalg import toeplitz
 
 import taction
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.evidence import demonstration
@@ -115,8 +114,7 @@ def test_a_solution_by_conjugate_gradients_is_that_of_the_whole_matrix() -> None
 
 @pytest.fixture
 def circuit():
-    scene = load_scene(SCENES / "paper-breadboard.toml")
-    return synthesise(scene, make_problem(scene))
+    return synthesise(load_scene(SCENES / "paper-breadboard.toml"))
 
 
 def with_models(circuit, **figures):

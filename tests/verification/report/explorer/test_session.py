@@ -46,7 +46,7 @@ class Ended(Here):
         raise WorkerDiedError("the process was ended")
 
 
-def told(*moves: dict[str, Any], job: Any = None) -> list[Any]:
+def told(*moves: dict[str, Any], job: Any = None, simulates: bool = False) -> list[Any]:
     """Return the parts that a page is told of moves; the hand rests after the last one."""
     parts: list[Any] = []
 
@@ -57,6 +57,9 @@ def told(*moves: dict[str, Any], job: Any = None) -> list[Any]:
             page.move(move)
         if page.work is not None:
             await page.work
+            if simulates:
+                page.simulate()
+                await page.work
 
     asyncio.run(run())
     return parts
@@ -128,16 +131,21 @@ def test_the_saved_scene_has_the_values(tmp_path: Path) -> None:
     assert load_scene(file).model_dump() == settings.scene().model_dump()
 
 
+def test_ngspice_judges_the_values_when_it_is_asked_to(ngspice: str) -> None:
+    *_, own, simulated = told({}, simulates=True)
+    assert own["outcome"] == simulated["outcome"] == "pass"
+    named = [[bar.name for bar in part["checks"].rows] for part in (own, simulated)]
+    assert named[1] == [*named[0], "engines agree"]
+
+
 def test_a_lost_process_is_no_verdict() -> None:
     assert told({}, job=Ended())[-1]["outcome"] == "error"
 
 
 def test_a_port_that_is_taken_is_refused() -> None:
-    with socket.socket() as taken:
-        taken.bind((server.HOST, 0))
-        taken.listen()
-        with pytest.raises(InputError, match="--port"):
-            server.bound(taken.getsockname()[1])
+    refused = pytest.raises(InputError, match="--port")
+    with socket.create_server((server.HOST, 0)) as taken, refused:
+        server.bound(taken.getsockname()[1])
 
 
 def answer(

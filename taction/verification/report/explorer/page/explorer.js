@@ -23,6 +23,7 @@ const flush = () => {
 const outdated = (waits) => {
   for (const id of ["readings", "checks"]) get(id).classList.toggle("old", waits);
   get("head").classList.toggle("waits", waits);
+  get("simulate").disabled = waits;
 };
 
 // Controls.
@@ -114,6 +115,7 @@ const wire = () => {
     send("window", state.window);
   }));
   get("opamp").addEventListener("change", () => ask({ opamp: get("opamp").value }));
+  get("simulate").addEventListener("click", () => { if (!state.refused) { outdated(true); send("simulate"); } });
   get("save").addEventListener("click", () => send("save"));
   get("reset").addEventListener("click", () => ask({ reset: true }));
   get("hand").addEventListener("submit", (event) => event.preventDefault());
