@@ -39,6 +39,10 @@ def schematic(circuit: Circuit, scene: Scene) -> Drawing:
     ohms = circuit.forward_ohms
     n = (ohms.shape[1] + 1) // 2
     k = int(np.argmin(ohms[:, n - 1])) + 1
+    other = np.ones(ohms.shape, dtype=np.bool_)  # resistors that are not looked at: most of many
+    other[k - 1], other[:, n - 1] = False, False
+    few = (replace(m, ohms=np.where(other, np.inf, m.ohms)) for m in circuit.matrices)
+    circuit = replace(circuit, matrices=tuple(few))
     parts, sheet = BriefParts(circuit, scene, f"_{k}_{n}"), SchematicSheet(circuit.name)
     found, top = {branch.name: branch for branch in branches(parts)}, TOP
     drawn = BranchDrawing(parts, sheet)
