@@ -139,10 +139,7 @@ def test_junit_has_a_suite_for_each_scene(three_scenes: Path) -> None:
 
 @pytest.mark.parametrize(
     ("words", "text"),
-    [
-        (("--exclude", "draft-*"), "Name the scenes"),
-        (("--plot", "board.png"), "shows one board"),
-    ],
+    [(("--exclude", "draft-*"), "Name the scenes"), (("--plot", "board.png"), "shows one board")],
 )
 def test_options_that_cannot_be_used_are_refused(
     three_scenes: Path, words: tuple[str, ...], text: str

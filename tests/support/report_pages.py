@@ -129,7 +129,7 @@ def tuned() -> Tuned:
         SearchRange("design.gain", "ohm", 1e5, 1e4, 1e6, "E24"),
         SearchRange("design.capacitance", "F", 1e-10, 1e-11, 1e-9, "E24"),
     )
-    return Tuned(before, after, verdict.scene, 57, 0.1, 1.2, ranges, verdict)
+    return Tuned(before, after, verdict.scene, 57, 0.1, 1.2, ranges, verdict, (before, after))
 
 
 def _sweep(*over: str) -> Page:

@@ -28,6 +28,8 @@ INPUT_ERROR = "input_error"  # kind
 DEVICE = "device"  # kind: an entry of an array that is programmed
 DYNAMIC = ("capacitor", "stray", "opamp_gbw", "coil", "coupling")  # kinds that move no equilibrium
 LEAST = 1e-12  # standard deviation of a device that may be stuck, over itself
+SIGNIFICANT = 4.0  # standard errors of a correlation that stands out; hundreds are tested at once
+FEWEST = 30  # boards for correlations
 BRANCHES = {"L": "coil", "E": "gain", "F": "gain", "G": "gain", "H": "gain", "K": "coupling"}
 """Kinds of the branches that vary, by their letter; no table of a scene has them."""
 
@@ -108,6 +110,65 @@ def draw(tolerances: Tolerances, varied: Sequence[Parameter], seed: int, sample:
     z = random.uniform(-1.0, 1.0, len(varied))
     z[errors] = random.standard_normal(sum(errors)) / MOST
     return z
+
+
+def deviations(varied: Sequence[Parameter], values: Mapping[str, float]) -> Floats:
+    """Return the z of `varied` from deviations in tolerances, by part or else by kind.
+
+    InputError: a name is of no part that varies, and of no kind.
+    """
+    kinds = sorted({parameter.kind for parameter in varied})
+    for key in values:
+        if key not in (*kinds, *(parameter.name for parameter in varied)):
+            text = f"neither a component that varies nor one of {', '.join(kinds)}"
+            raise InputError("--corner", Complaint(key, "", text))
+    return np.array([values.get(p.name, values.get(p.kind, 0.0)) for p in varied])
+
+
+def deviations_of(corner: str | Mapping[str, float]) -> tuple[str, Mapping[str, float]]:
+    """Return the name of a corner and its deviations, in units of the tolerances."""
+    if not isinstance(corner, str):
+        return ",".join(f"{key}={value:g}" for key, value in corner.items()), corner
+    deviations = {}
+    for part in corner.split(","):
+        name, _, value = part.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.inf
+        if not abs(number) <= 100:
+            accepted = "expected KEY=Z, Z from -100 to 100 in units of the tolerance: capacitor=-1"
+            raise InputError("--corner", Complaint("KEY=Z", repr(part), accepted))
+        deviations[name.strip()] = number
+    return corner, deviations
+
+
+def influences(
+    tolerances: Tolerances,
+    varied: Sequence[Parameter],
+    seed: int,
+    values: Mapping[int, float | None],
+) -> dict[str, float]:
+    """Return the correlations of values of drawn boards, by their numbers, with the parts.
+
+    The square of one is the share of the variance that a line in its deviation explains. Parts
+    that do not stand out of the scatter, or of fewer than `FEWEST` boards, are left out; the
+    strongest come first.
+    """
+    known = {number: v for number, v in values.items() if v is not None and math.isfinite(v)}
+    if len(known) < FEWEST:
+        return {}
+    z = np.array([draw(tolerances, varied, seed, number) for number in known])
+    z, y = z - z.mean(axis=0), np.array([*known.values()]) - np.mean([*known.values()])
+    scale = np.sqrt((z**2).sum(axis=0) * (y @ y))
+    found = dict(
+        zip((p.name for p in varied), y @ z / np.where(scale, scale, math.inf), strict=True)
+    )
+    least = SIGNIFICANT / math.sqrt(len(known))
+    parts = sorted(
+        (name for name in found if abs(found[name]) > least), key=lambda n: -abs(found[n])
+    )
+    return {name: float(found[name]) for name in parts}
 
 
 def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:

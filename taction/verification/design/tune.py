@@ -62,6 +62,7 @@ class Tuned(Result):
     margin: float
     ranges: tuple[SearchRange, ...] = field(repr=False)
     verdict: Verdict
+    trials: tuple[Trial, ...] = field(repr=False)  # all that were tried, the scene's own first
 
     @property
     def ends(self) -> dict[str, tuple[float, ...]]:
@@ -158,7 +159,7 @@ def tune(
     verdict = verify(best, progress)
     if output is not None:
         write_scene(best, output)
-    return Tuned(tried[0], after, best, len(tried), limit, margin, ranges, verdict)
+    return Tuned(tried[0], after, best, len(tried), limit, margin, ranges, verdict, tried)
 
 
 def _search(

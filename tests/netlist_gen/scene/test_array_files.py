@@ -107,11 +107,7 @@ def message(folder: Path, scene: Path) -> str:
         ("T.csv", "2.0\t0.5\t0.1\n", "'.' as the decimal point and ',' between them"),
         ("T.csv", "2.0 0.5 0.1\n", "'.' as the decimal point and ',' between them"),
         ("eps.csv", "0,1\n0,2\n", "shape 2 x 2; expected 2"),
-        (
-            "T.csv",
-            "1,2,3\n4,x,6\n",
-            "row 2, column 2: could not convert string to float: 'x'",
-        ),
+        ("T.csv", "1,2,3\n4,x,6\n", "row 2, column 2: could not convert string to float: 'x'"),
         ("T.csv", "nan,1,2\n", "entry (1, 1) is not finite"),
         ("T.csv", "1,2,3\n4,٥,6\n", "row 2, column 2: '٥' has '٥'; expected numbers with '.'"),
         ("T.csv", "1,２,3\n", "row 1, column 2: '２' has '２'"),

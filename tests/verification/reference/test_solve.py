@@ -253,10 +253,7 @@ def squared_error(solution: Solution, truth: np.ndarray) -> float:
     return float(np.sum((solution.u - truth) ** 2))
 
 
-@pytest.mark.parametrize(
-    ("rule", "factor"),
-    [("discrepancy", 2.5), ("gcv", 7.0)],
-)
+@pytest.mark.parametrize(("rule", "factor"), [("discrepancy", 2.5), ("gcv", 7.0)])
 def test_rules_come_near_the_best(rule: str, factor: float) -> None:
     ratios = []
     for seed in range(3):
@@ -276,10 +273,7 @@ def test_noise_above_the_signal_leaves_no_lam() -> None:
 
 @pytest.mark.parametrize(
     ("rule", "message"),
-    [
-        ("discrepancy", r"noise\.variance"),
-        ("gvc", "one of discrepancy, gcv"),
-    ],
+    [("discrepancy", r"noise\.variance"), ("gvc", "one of discrepancy, gcv")],
 )
 def test_what_a_rule_needs(rule: str, message: str) -> None:
     with pytest.raises(InputError, match=message):

@@ -240,11 +240,13 @@ def _varied(found: BoardCheck) -> Iterator[Section]:
     study, share = found.corners, found.yields
     if study is None or share is None:
         return
-    yield Section(
-        "Worst cases", lambda: tolerance.tables(study.quantities, study.corners), media=BOTH
-    )
+    names = [out.node for out in found.circuit.outputs]
+    yield Section("Worst cases", lambda: tolerance.tables(study, names), tolerance.SEARCHED, BOTH)
+    yield Section("Deviations", lambda: tolerance.deviations(study.corners))
     yield Section("Yield", f"{titled(share.sentence)}.", media=BOTH)
     yield Section("Checks that do not pass", lambda: tolerance.failures(share), media=BOTH)
+    yield Section("Parts behind the spread", lambda: tolerance.influences(share), media=BOTH)
+    yield Section("Strongest parts", lambda: tolerance.most_moved(share), media=DRAWN)
     yield Section("Spread", lambda: tolerance.spreads(share), media=BOTH)
     yield Section("Histograms", lambda: tolerance.histograms(share))
 

@@ -13,8 +13,17 @@ import numpy as np
 from taction.system import charts
 from taction.system.array_types import Floats
 from taction.system.documents import read
-from taction.system.quantities import counted, readable, spaced
-from taction.verification.report.blocks import BOTH, Bars, Content, Notes, Page, Section, Table
+from taction.system.quantities import counted, quantity, readable, spaced
+from taction.verification.report.blocks import (
+    BOTH,
+    DRAWN,
+    Bars,
+    Content,
+    Notes,
+    Page,
+    Section,
+    Table,
+)
 from taction.verification.report.texts import (
     Cell,
     Column,
@@ -145,6 +154,12 @@ def stored_value(value: float | str | None, unit: str) -> str:
     return figure(value, "" if unit == "step" else unit, 6)
 
 
+RATIOS = 16  # readings of a chart
+WIDE = 10.0  # times the least ratio: a scale that is logarithmic
+RATIO = (
+    "Readings of B over those of A, the most different first; those within their uncertainties, or"
+    " without a ratio, are left out."
+)
 POINTS = 20_000  # of all curves of one board
 BEYOND: dict[bool | None, tuple[str, charts.Outcome]] = {
     True: ("yes", "fail"),
@@ -164,7 +179,8 @@ def difference_view(difference: VerdictDifference) -> Page:
         sections=(
             Section("Keys", _keys(difference), media="terminal page"),
             Section("Readings", _readings(difference), media="terminal page"),
-            Section("Waveforms", lambda: _outputs(difference), media="page picture"),
+            Section("Ratios", lambda: _ratios(difference), media=DRAWN),
+            Section("Waveforms", lambda: _outputs(difference), media=DRAWN),
         ),
     )
 
@@ -198,6 +214,31 @@ def _readings(difference: VerdictDifference) -> Table:
     }
     changed = (each for each in difference.readings if each.first != each.second)
     return Table.of("Readings", changed, columns)
+
+
+def _ratios(difference: VerdictDifference) -> charts.Chart | None:
+    """Return the readings of B over those of A, the most different ones first."""
+    found = [
+        (each.second / each.first, each)
+        for each in difference.readings
+        if isinstance(each.first, float) and isinstance(each.second, float)
+        if each.beyond is not False and each.first * each.second > 0.0
+    ]
+    rows = sorted(found, key=lambda row: -abs(math.log(row[0])))[:RATIOS]
+    if not rows:
+        return None
+    marks: list[charts.Mark] = [charts.Limit(1.0, "x", "equal")]
+    for beyond, (word, look) in BEYOND.items():
+        places = [n for n, (_, each) in enumerate(rows) if each.beyond is beyond]
+        ratios, mark = [rows[n][0] for n in places], charts.OUTCOMES[look].mark
+        name = f"beyond ±: {word}"
+        marks += [charts.Curve(ratios, places, name, look, "", mark)] if places else []
+    names = tuple(_name(each, difference.outputs) for _, each in rows)
+    ends = [ratio for ratio, _ in rows]
+    x = charts.Axis("B over A", scale="log" if max(ends) > WIDE * min(ends) else "linear")
+    y = charts.Axis(scale="names", names=names, reverse=True)
+    title, height = f"{len(rows)} of {len(found)} readings that differ", 140 + 22 * len(rows)
+    return charts.Chart(title, x, y, tuple(marks), RATIO, height=height)
 
 
 def allowed_cell(reading: Difference) -> Cell:
@@ -242,6 +283,14 @@ def _outputs(difference: VerdictDifference) -> Iterator[Content]:
     marks = *drawn(time, u, "solid", 2.2), *drawn(other, v, "dash", 1.2), *texts
     text = f"Solid: A, {difference.first}. Dashed: B, {difference.second}."
     yield charts.Chart("Outputs", charts.TIME, charts.Axis("output", "V"), marks, text, height=420)
+    inside = time[(time >= other[0]) & (time <= other[-1])]
+    places = np.searchsorted(time, inside)
+    apart = [np.interp(inside, other, v[:, n]) - u[places, n] for n in range(count)]
+    if len(inside):
+        lines = tuple(drawn(inside, np.transpose(apart), "solid", 1.2))
+        most = quantity(float(np.abs(apart).max()), "V", 3)
+        axes = charts.TIME, charts.Axis("difference", "V")
+        yield charts.Chart(f"B minus A: at most {most} apart", *axes, lines, height=300)
 
 
 Document = Mapping[str, Any]

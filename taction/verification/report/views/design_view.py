@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -54,9 +54,14 @@ LONGEST = 60  # characters of a reason in a table
 SHOWN = 12  # op-amps in a terminal
 LISTED = 500  # designs in the table
 DRAWN = 8  # op-amps with a colour of their own, the best first
+MARKS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "cross", "hexagon")
 PICTURE = (
-    "A mark is a design: below the line every value is within its limit. A design that is not here"
-    " does not settle, or has no worst value. `taction sweep` of a best scene maps C and gain."
+    "A mark is a design: below the line the value is within its limit. A design that is not here"
+    " does not settle, or has no value."
+)
+MAP = (
+    "The worst value over its limit, of the op-amp of the best design; star: among the best;"
+    " empty: no value."
 )
 WORST = (
     "Worst: the largest value over its limit; below 1 every check passes; -: a check that does not"
@@ -73,7 +78,7 @@ def choice_view(choice: Choice) -> Page:
     own = (
         Section("Best designs", tuple(_best(best)), WORST, "terminal page"),
         Section("Op-amps", _opamps(designs), media="terminal page"),
-        Section("Picture", lambda: _picture(designs, best), media="page picture"),
+        Section("Picture", lambda: _picture(choice), media="page picture"),
         Section("All designs", lambda: _table(designs)),
     )
     none = "No design passes; the table of op-amps has the nearest of each with its reason."
@@ -87,9 +92,9 @@ def choice_view(choice: Choice) -> Page:
     )
 
 
-def _place(design: ChosenDesign) -> str:
-    values = ((path, float(design.values[path])) for path in design.keys)
-    return ", ".join(f"{NAMES[path]} = {quantity(v, UNITS[path])}" for path, v in values)
+def _place(scene: Scene, design: Trial) -> str:
+    paths = design.keys if isinstance(design, ChosenDesign) else design.values
+    return ", ".join(key_with_value(scene, path, float(design.values[path])) for path in paths)
 
 
 def _best(best: Sequence[BestDesign]) -> Iterator[Content]:
@@ -159,36 +164,52 @@ def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Column]:
     return columns
 
 
-def _picture(designs: Sequence[ChosenDesign], best: Sequence[BestDesign]) -> Chart | str:
-    """Return settling time and worst share of every design that has both."""
-    shown = [
-        each for each in designs if each.worst and math.isfinite(each.worst * each.settling_time)
-    ]
-    if not shown:
-        return "No design settles with a value over its limit: there is no picture."
-    names = [each.opamp for each in first_of_each(shown)]
-    chosen = {one.design.place for one in best}
-    looks = [*charts.SERIES[:DRAWN], *["muted"] * len(names[DRAWN:])]
-    marks: list[Mark] = [
-        _points([each for each in shown if each.opamp == name], name, look, "circle")
-        for name, look in zip(names, looks, strict=False)
-    ]
-    if stars := [each for each in shown if each.place in chosen]:
-        marks.append(_points(stars, "among the best", "ink", "star", 11.0))
-    marks.append(charts.Limit(1.0, "y", "the limit", "ink"))
-    axes = (
-        Axis(f"settling {_band(designs)}".rstrip(), "s", "log"),
-        Axis("worst value over its limit", scale="log"),
-    )
-    return Chart("Designs", *axes, tuple(marks), PICTURE)
+def _picture(choice: Choice) -> Iterator[Content]:
+    """Yield settling time and worst share of every design, and the map of the best op-amp."""
+    designs, best = choice.designs, choice.best
+    firsts = first_of_each([each for each in designs if math.isfinite(each.settling_time)])
+    names, chosen = [each.opamp for each in firsts], {one.design.place for one in best}
+    groups = {name: [each for each in designs if each.opamp == name] for name in names[:DRAWN]}
+    groups["others"] = [each for each in designs if each.opamp in names[DRAWN:]]
+    groups["among the best"] = [each for each in designs if each.place in chosen]
+    x = Axis(f"settling {_band(designs)}".rstrip(), "s", "log")
+    y = Axis("worst value over its limit", scale="log")
+    chart = _tradeoff(choice.scene, groups, "worst", x, y, 1.0)
+    yield chart or "No design settles with a value over its limit: there is no picture."
+    yield _map([each for each in designs if each.opamp == designs[0].opamp], chosen)
 
 
-def _points(
-    designs: Sequence[ChosenDesign], name: str, colour: str, mark: str, size: float = 5.0
-) -> Curve:
-    x, y = np.array([(each.settling_time, each.worst) for each in designs]).T
-    hover = tuple(f"{each.opamp}, {_place(each)}" for each in designs)
-    return Curve(x, y, name, colour, "", mark, size=size, hover=hover)
+def _tradeoff(
+    scene: Scene, groups: Mapping[str, Sequence[Trial]], name: str, x: Axis, y: Axis, limit: float
+) -> Chart | None:
+    """Return a figure of designs over their settling time; stars: the last group."""
+    marks, looks, (*_, last) = list[Mark](), [*charts.SERIES[:DRAWN], "muted"], groups
+    for (group, designs), look, mark in zip(groups.items(), looks * 2, MARKS * 2, strict=False):
+        points = [(each, each.settling_time, float(getattr(each, name))) for each in designs]
+        shown = [point for point in points if point[2] > 0.0 and math.isfinite(point[1] * point[2])]
+        if shown:
+            kept, times, values = zip(*shown, strict=True)
+            own, shape = ("ink", "star") if group == last else (look, mark)
+            hover = tuple(f"{group}, {_place(scene, each)}" for each in kept)
+            size = 11.0 if group == last else 5.0
+            marks.append(Curve(times, values, group, own, "", shape, size=size, hover=hover))
+    line = charts.Limit(limit, "y", "the limit", "ink")
+    return Chart("Designs", x, y, (*marks, line), PICTURE) if marks else None
+
+
+def _map(own: Sequence[ChosenDesign], chosen: Collection[int]) -> Chart | None:
+    """Return the worst share of the designs of one op-amp over the two keys that are searched."""
+    found = {tuple(float(each.values[path]) for path in each.keys): each for each in own}
+    x, y = (sorted(set(places)) for places in zip(*found, strict=True))
+    values = [[found[a, b].worst if (a, b) in found else math.inf for a in x] for b in y]
+    shares = np.where(np.isfinite(values), values, math.nan)
+    if min(len(x), len(y)) < 2 or not np.isfinite(shares).any():
+        return None
+    stars = np.reshape([place for place, each in found.items() if each.place in chosen], (-1, 2))
+    best = Curve(stars[:, 0], stars[:, 1], "among the best", charts.ORANGE, "", "star", size=11.0)
+    C, gain = (Axis(NAMES[path], UNITS[path], "log") for path in own[0].keys)
+    title = f"{own[0].opamp}: {sum(each.good for each in own)} of {len(own)} designs pass"
+    return Chart(title, C, gain, (charts.Grid(x, y, shares, "ratio", "log"), best), MAP, False)
 
 
 def tuning_view(result: Tuned) -> Page:
@@ -198,13 +219,29 @@ def tuning_view(result: Tuned) -> Page:
     before, after = result.before.settling_time, result.after.settling_time
     lead = banded("settles", verdict.measurements.band).capitalize()
     summary = f"{lead} in {figure(after, 's')}, before: {figure(before, 's')}. {verified.summary}"
-    own = Section("Tuning", tuple(_blocks(result)), media="terminal page")
+    own = (
+        Section("Tuning", tuple(_blocks(result)), media="terminal page"),
+        Section("Trade-off", lambda: _tuned(result), media="page picture"),
+    )
     return replace(
         verified,
         summary=summary,
-        sections=(own, *on_screen(verified, verdict)),
+        sections=(*own, *on_screen(verified, verdict)),
         foot=(*verified.foot, "more: --report FILE"),
     )
+
+
+def _tuned(tuning: Tuned) -> Chart | None:
+    """Return overshoot and settling time of every design that was tried."""
+    groups = {
+        "does not pass": [each for each in tuning.trials if not each.good],
+        "passes": [each for each in tuning.trials if each.good],
+        "before": [tuning.before],
+        "after": [tuning.after],
+    }
+    x = Axis(banded("settling_time", tuning.scene.checks.settling_time.band), "s", "log")
+    y = Axis("overshoot", "step", "log")
+    return _tradeoff(tuning.scene, groups, "overshoot", x, y, tuning.overshoot_limit)
 
 
 def _blocks(tuning: Tuned) -> Iterator[Content]:

@@ -13,7 +13,15 @@ import numpy as np
 from taction.system.array_types import Floats
 from taction.system.charts import Axis, Band, Chart, Columns, Limit, Mark
 from taction.system.quantities import counted, percent, spaced
-from taction.verification.report.blocks import Content, Notes, Page, Section, Table
+from taction.verification.report.blocks import (
+    DRAWN,
+    EVERYWHERE,
+    Content,
+    Notes,
+    Page,
+    Section,
+    Table,
+)
 from taction.verification.report.texts import Cell, Column, fields, figure, number_cell, titled
 from taction.verification.report.views.answer_view import origin_section
 from taction.verification.studies.tolerance.corners import Corner, CornerStudy
@@ -24,12 +32,21 @@ FAR = 1.5  # times the range of the values: a limit farther away is not drawn
 SAME = 1e-9  # relative: values that are one value
 Limits = tuple[float | None, float | None]  # the least and the largest accepted value
 COUNTED = "Each column counts the samples in a range of values"
+PARTS = 12  # of a terminal, and of a chart
+MOVED = (
+    "The square of the correlation over the samples is the share of the variance that the deviation"
+    " of one part explains alone. With + the quantity grows with the part. Left out: samples"
+    " without a value, and parts whose correlation is within four standard errors, each 1 over the"
+    " root of the number of samples."
+)
+NOTHING = "no part stands out of the scatter of these samples, by four standard errors."
+MORE = "{} more: --json has all."
 
 
 def yield_view(result: YieldReport) -> Page:
     """Return the page of a yield."""
     origin = (("seed", str(result.seed)), ("samples", str(result.samples)))
-    text, shown = result.sentence, "terminal page notebook"
+    text, shown = result.sentence, EVERYWHERE
     return Page(
         title=result.name,
         command="taction yield montecarlo",
@@ -37,16 +54,13 @@ def yield_view(result: YieldReport) -> Page:
         summary=f"{text[:1].upper()}{text[1:]}.",
         sections=(
             Section("Checks that do not pass", tuple(failures(result)), media=shown),
+            Section("Parts behind the spread", influences(result), media=shown),
+            Section("Strongest parts", lambda: most_moved(result), media=DRAWN),
             Section("Quantities", spreads(result), media=shown),
-            Section("Histograms", lambda: histograms(result), media="page picture"),
+            Section("Histograms", lambda: histograms(result), media=DRAWN),
             origin_section(result.scene, origin),
         ),
     )
-
-
-def _check(quantity: str) -> str:
-    """Return the check that a quantity belongs to."""
-    return CHECK_OF.get(quantity, quantity)
 
 
 def failures(result: YieldReport) -> Iterator[Content]:
@@ -99,14 +113,60 @@ def _values(result: YieldReport, spread: Quantity) -> tuple[Floats, int, str]:
     return values, count, text
 
 
+def _costliest(result: YieldReport) -> list[Quantity]:
+    """Return the quantities, those first whose check costs most yield, those without limit last."""
+    return sorted(result.quantities, key=lambda each: (not _limits(each), -_lost(result, each)))
+
+
+def _lost(result: YieldReport, spread: Quantity) -> int:
+    """Return how many samples do not pass the check of a quantity."""
+    return result.failures.get(CHECK_OF.get(spread.name, spread.name), 0)
+
+
+def _moved(spread: Quantity) -> str:
+    """Return what the parts of a quantity move."""
+    of = f", error of channel {spread.channel}" if spread.channel else ""
+    return f"{spread.title}{of}"
+
+
+def influences(result: YieldReport) -> Table:
+    """Return the parts that move the quantities with a limit."""
+    columns: dict[str, Column] = {
+        "quantity": lambda each: _moved(each[0]),
+        "not passed": lambda each: percent(_lost(result, each[0]) / result.samples, 4),
+        "part": lambda each: each[1],
+        "correlation": lambda each: Cell(f"{each[2]:+.2f}", each[2]),
+        "of the variance": lambda each: Cell(percent(each[2] ** 2, 2), each[2] ** 2),
+    }
+    limited = [each for each in _costliest(result) if _limits(each)]
+    rows = [(each, part, size) for each in limited for part, size in each.parts.items()]
+    return Table.of("Parts", rows, columns, MOVED, {"terminal": PARTS, "notebook": PARTS}, MORE)
+
+
+def most_moved(result: YieldReport) -> Iterator[Content]:
+    """Yield the chart of the parts that move the quantity whose check costs most yield."""
+    for spread in _costliest(result)[:1]:
+        parts = dict([*spread.parts.items()][:PARTS])
+        if not parts:
+            yield Notes("Parts", (f"{titled(_moved(spread))}: {NOTHING}",))
+            continue
+        places, shares = np.arange(float(len(parts))), np.square([*parts.values()])
+        names = tuple(f"{'-' if size < 0.0 else '+'}{part}" for part, size in parts.items())
+        looks, widths = ("pass",) * len(parts), np.full(len(parts), 0.7)
+        first = f"{next(iter(parts))} explains {percent(float(shares[0]), 2)} of the variance"
+        yield Chart(
+            f"Parts behind {_moved(spread)}: {first}",
+            Axis("", scale="names", names=names),
+            Axis("share of the variance (%)"),
+            (Columns(places, 100.0 * shares, widths, looks),),
+            "With + the quantity grows with the part.",
+            height=300,
+        )
+
+
 def histograms(result: YieldReport) -> Iterator[Content]:
     """Yield a histogram of each quantity, those first whose check costs most yield."""
-
-    def place(spread: Quantity) -> tuple[bool, int]:
-        unlimited = spread.at_least is None and spread.at_most is None
-        return unlimited, -result.failures.get(_check(spread.name), 0)
-
-    for spread in sorted(result.quantities, key=place):
+    for spread in _costliest(result):
         title, (values, count, text) = titled(spread.title), _values(result, spread)
         if len(values) and np.ptp(values) > SAME * np.abs(values).max():
             yield _histogram(title, spread, values, text)
@@ -148,6 +208,12 @@ def _histogram(title: str, spread: Quantity, values: Floats, text: str) -> Chart
 
 
 WORST = ("fail", "inconclusive", "pass")
+LISTED = 500  # rows of a page
+SEARCHED = (
+    "Every component at an end of its tolerance, as the slopes at the nominal board make a quantity"
+    " worst; where these miss the value by more than 10 %, also by the slopes at the corners. Other"
+    " combinations of the ends are not verified."
+)
 
 
 def corner_view(study: CornerStudy) -> Page:
@@ -161,20 +227,48 @@ def corner_view(study: CornerStudy) -> Page:
         command="taction yield corners",
         outcome=outcome,
         summary=f"{counted(len(corners), 'corner')}: {counts}.",
-        lines=("Every component at an end of its tolerance, as it makes a quantity worst.",),
+        lines=(SEARCHED,) * any(corner.quantity for corner in corners),
         sections=(
-            Section("Corners", tuple(tables(study.quantities, corners)), media="terminal page"),
+            Section("Corners", tuple(tables(study)), media="terminal page"),
+            Section("Deviations", lambda: deviations(corners)),
             origin_section(study.scene),
         ),
     )
 
 
-def tables(reported: Sequence[Quantity], corners: Sequence[Corner]) -> Iterator[Content]:
-    """Yield the corners with their values and the limits, and why they do not pass."""
+def tables(study: CornerStudy, names: Sequence[str] = ()) -> Iterator[Content]:
+    """Yield the corners with their values, why they do not pass, and the errors of the channels.
+
+    `names` are those of the channels.
+    """
+    reported, corners = study.quantities, study.corners
     columns: dict[str, Column] = {"corner": _name, "outcome": "result.outcome outcome"}
     columns |= {each.title: partial(_quantity, each) for each in reported}
     yield Table.of("Corners", corners, columns, "; ".join(filter(None, map(_limits, reported))))
     yield Notes("Why, and most moved by", tuple(filter(None, map(_remark, corners))))
+    known = [each for each in corners if each.result.errors]
+    columns = {"channel": lambda n: names[n] if names else f"u{n + 1}"}
+    columns |= {_name(each): partial(_error, each) for each in known}
+    channels = range(len(known[0].result.errors) if known else 0)
+    yield Table.of("Errors at rest, by channel", channels, columns)
+
+
+def _error(corner: Corner, channel: int) -> Cell:
+    return number_cell(corner.result.errors[channel], "step", 3)
+
+
+def deviations(corners: Sequence[Corner]) -> Table:
+    """Return to which end of its tolerance every part goes in each corner."""
+    moved = [corner for corner in corners if corner.deviations]
+    columns: dict[str, Column] = {"part": str}
+    columns |= {_name(each): partial(_deviation, each) for each in moved}
+    parts = dict.fromkeys(part for each in moved for part in each.deviations)
+    return Table.of("Deviations, in tolerances", parts, columns, "", {"page": LISTED}, MORE)
+
+
+def _deviation(corner: Corner, part: str) -> Cell | None:
+    value = corner.deviations.get(part)
+    return None if value is None else Cell(f"{value:+g}", value)
 
 
 def _limits(quantity: Quantity) -> str:

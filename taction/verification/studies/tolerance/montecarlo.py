@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
@@ -21,7 +21,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.board.variation import Parameter, draw, parameters, vary
+from taction.netlist_gen.board.variation import Parameter, draw, influences, parameters, vary
 from taction.netlist_gen.scene.check_keys import Tolerances
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.keys import files_of
@@ -86,7 +86,9 @@ class Quantity:
     """A reported quantity, its unit, the direction that is worse, and what its check accepts.
 
     `low`, `median` and `high` are its quantiles at 5 %, 50 % and 95 % over samples, each the value
-    of one sample: infinite for one that never settles.
+    of one sample: infinite for one that never settles. `parts` has its correlations with those that
+    stand out of the scatter, the strongest first; of the steady state that of the signed error of
+    the `channel` whose error is largest, root mean square.
     """
 
     name: str
@@ -99,6 +101,8 @@ class Quantity:
     median: float = math.nan
     high: float = math.nan
     missing: int = 0  # samples without the quantity
+    channel: int | None = None  # from 1
+    parts: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def title(self) -> str:
@@ -289,7 +293,7 @@ def summarise_samples(board: Varied, samples: list[BoardSample], seed: int) -> Y
         high=high,
         failures=dict(failures.most_common()),
         reasons=dict(Counter(s.lost for s in undecided if s.lost).most_common()),
-        quantities=tuple(_spread(quantity, samples) for quantity in board.quantities),
+        quantities=tuple(_spread(board, each, samples, seed) for each in board.quantities),
     )
 
 
@@ -303,16 +307,22 @@ def interval(passed: int, samples: int) -> tuple[float, float]:
     return low, high
 
 
-def _spread(quantity: Quantity, samples: list[BoardSample]) -> Quantity:
-    """Return a quantity with its distribution over the samples."""
-    values = [sample.value(quantity.name) for sample in samples if not sample.lost]
-    missing = values.count(None)
-    known = [value for value in values if value is not None and not math.isnan(value)]
+def _spread(board: Varied, quantity: Quantity, samples: list[BoardSample], seed: int) -> Quantity:
+    """Return a quantity with its distribution over the samples, and the parts that move it."""
+    found = {each.number: each.value(quantity.name) for each in samples if not each.lost}
+    known = [value for value in found.values() if value is not None and not math.isnan(value)]
+    missing = [*found.values()].count(None)
     if quantity.unit == "s":
         known += [math.inf] * missing  # it never settles
     quantiles = np.quantile(known or [math.nan], QUANTILES, method="inverted_cdf")
     low, median, high = quantiles.tolist()
-    return replace(quantity, low=low, median=median, high=high, missing=missing)
+    errors, channel = {each.number: each.errors for each in samples if each.errors}, None
+    if quantity.name == "steady_state" and errors:
+        channel = 1 + int(np.argmax(np.square([*errors.values()]).mean(axis=0)))
+        found = {number: each[channel - 1] for number, each in errors.items()}
+    parts = influences(board.tolerances, board.varied, seed, found)
+    spread = replace(quantity, low=low, median=median, high=high, missing=missing)
+    return replace(spread, channel=channel, parts=parts)
 
 
 def sample_keys(board: VariedBoard, seed: int) -> Callable[[int], bytes]:

@@ -318,10 +318,7 @@ def test_what_cannot_be_written_is_refused_before_any_work(folder: Path) -> None
         (("--export", "a.xls"), ".csv, .parquet"),
         (("--export", "missing/a.csv"), "folder does not exist"),
         (("--plot", "a.gif"), ".png, .svg, .pdf"),
-        (
-            ("--plot", "a.png", "--over", "stray_capacitance=1p,2p"),
-            "a picture has at most two",
-        ),
+        (("--plot", "a.png", "--over", "stray_capacitance=1p,2p"), "a picture has at most two"),
     ):
         done = taction(*OVER, *words)
         assert done.exit_code == 2, done.output

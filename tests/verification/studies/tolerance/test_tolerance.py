@@ -30,7 +30,7 @@ from taction.verification.studies.tolerance import montecarlo
 from taction.verification.studies.tolerance.corners import (
     PROBE,
     Corner,
-    named_corners,
+    corners,
     steady_slopes,
     worst_of,
 )
@@ -179,6 +179,19 @@ def test_no_corner_is_worse_than_the_worst() -> None:
         assert worst(found, quantity) == pytest.approx(most, rel=1e-9)
 
 
+class Bent(VariedBoard):
+    """A board whose overshoot is not worst where its nominal slopes lead to."""
+
+    def measured(self, number: int, z: Floats) -> BoardSample:
+        return make_sample(number, overshoot=2.0 + z[0] + 2.0 * z[1] - 1.5 * z[0] * z[1])
+
+
+def test_where_the_first_order_misses_the_slopes_at_the_corner_lead_on() -> None:
+    study = prepare(small_scene(tolerances=FEW, checks=CHECKS))
+    found = worst_of(Bent(**vars(study) | {"step_amplitude": math.nan}), HERE).corners
+    assert worst(found, "overshoot") == 4.5
+
+
 def test_the_nominal_board_comes_first_and_corners_say_what_moves_them() -> None:
     scene = small_scene(tolerances=FEW, checks=CHECKS)
     found = worst_of(prepare(scene, full_margin=True), HERE).corners
@@ -213,9 +226,10 @@ def test_a_margin_that_is_checked_has_its_corner() -> None:
 
 
 def test_a_corner_of_one_s_own_by_kind_and_by_name() -> None:
-    study = prepare(small_scene(tolerances=WORN, checks=CHECKS))
+    scene = small_scene(tolerances=WORN, checks=CHECKS)
+    study = prepare(scene, full_margin=True)
     mine = {"resistor": 1.0, "Rf_1_2": -0.5, "capacitor": -1.0}
-    (corner,) = named_corners(study, [("mine", mine)])
+    (corner,) = corners(scene, corner=[mine]).corners
     assert corner.deviations["Rf_1_2"] == -0.5
     assert corner.deviations["Rf_1_1"] == corner.deviations["Rb_1_2"] == 1.0
     assert corner.deviations["Cc_2"] == -1.0
@@ -323,19 +337,19 @@ def test_the_yield_counts_what_the_checks_say() -> None:
     errors = sorted(value for value in values if value is not None)
     within = sum(value <= 0.03 for value in errors)
     assert 0 < within < 40
-    assert (found.samples, found.passed, found.failures) == (
-        40,
-        within,
-        {"steady_state": 40 - within},
-    )
+    failures = {"steady_state": 40 - within}
+    assert (found.samples, found.passed, found.failures) == (40, within, failures)
     assert (found.low, found.high) == interval(within, 40)
     spread = next(each for each in found.quantities if each.name == "steady_state")
-    assert (spread.at_most, spread.low, spread.median, spread.high) == (
-        0.03,
-        errors[1],
-        errors[19],
-        errors[37],
-    )
+    low, median, high = (errors[k] for k in (1, 19, 37))
+    assert (spread.at_most, spread.low, spread.median, spread.high) == (0.03, low, median, high)
+    z = np.array([draw(asked.tolerances, asked.varied, 5, n) for n in range(40)])
+    signed = [sample.errors[(spread.channel or 0) - 1] for sample in samples]
+    expected = np.corrcoef([*z.T, signed])[-1, :-1]
+    assert 0 < len(spread.parts) == (np.abs(expected) > 4.0 / math.sqrt(40.0)).sum()
+    places = {part.name: n for n, part in enumerate(asked.varied)}
+    for name, size in spread.parts.items():
+        assert size == pytest.approx(expected[places[name]], rel=1e-9)
 
 
 def test_samples_without_verdict_count_as_not_passed() -> None:
