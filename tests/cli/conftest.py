@@ -18,7 +18,7 @@ def boards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     write_fast(tmp_path / "a.toml", more=TOLERANCES)
     write_fast(tmp_path / "slow.toml", limit="1us", capacitance="20pF")
     (tmp_path / "bad.toml").write_text("[problem]\nkind = 'tactil'\n")
-    (tmp_path / "b.json").write_text('{"taction_baseline": 5, "scenes": {}}')
+    (tmp_path / "b.json").write_text('{"taction_baseline": 6, "scenes": {}}')
     (tmp_path / "T.csv").write_text("2.0,0.5\n0.5,1.0\n")
     (tmp_path / "eps.csv").write_text("1.0\n0.5\n")
     (tmp_path / "filter.cir").write_text(DECKS["sallen-key-gain"])

@@ -26,7 +26,7 @@ def entry(**changes: Any) -> Entry:
     """An entry of one output that rises to 1 V; `changes` are keys of its plain data."""
     fields: dict[str, Any] = {
         "name": "one",
-        "fingerprint": "f" * 64,
+        "keys": {"design.capacitance": "10pF"},
         "taction": "0.1.0",
         "solved_by": "ngspice-46, KLU, trapezoidal",
         "outcome": "pass",

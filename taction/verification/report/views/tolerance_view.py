@@ -211,8 +211,8 @@ WORST = ("fail", "inconclusive", "pass")
 LISTED = 500  # rows of a page
 SEARCHED = (
     "Every component at an end of its tolerance, as the slopes at the nominal board make a quantity"
-    " worst; where these miss the value by more than 10 %, also by the slopes at the corners. Other"
-    " combinations of the ends are not verified."
+    " worst; where these miss its change by more than 10 %, also by the slopes at the corners. No"
+    " other combination of the ends is verified."
 )
 
 

@@ -7,18 +7,18 @@ so the same results give the same bytes.
 from __future__ import annotations
 
 import enum
-import hashlib
 import json
 import math
 import time
-from collections.abc import Iterable, Mapping
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from taction.netlist_gen.scene.check_keys import Regression
-from taction.netlist_gen.scene.keys import files_of
+from taction.netlist_gen.scene.keys import files_of, scene_text
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import INLINE, plain, read
 from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted, TactionError
@@ -28,6 +28,7 @@ from taction.system.progress import Progress
 from taction.system.reading_definitions import READINGS
 from taction.system.results import Result
 from taction.verification.studies.running.study import for_each
+from taction.verification.studies.running.versions import file_content
 from taction.verification.studies.scene_files import find_scenes, verdict_of
 from taction.verification.verdict.checks import Check, Outcome, causes
 from taction.verification.verdict.record import (
@@ -40,7 +41,7 @@ from taction.verification.verdict.record import (
 )
 from taction.verification.verdict.verify import Verdict
 
-FORMAT = 5
+FORMAT = 6
 MARK = "taction_baseline"
 MOVE_AWAY = "rename it, and `--update` writes a new baseline"
 
@@ -55,7 +56,7 @@ class Entry:
     """The stored results of one scene."""
 
     name: str
-    fingerprint: str  # SHA-256 of the scene and its files, without the tolerances
+    keys: dict[str, str]  # what the scene gives, see `keys_of`
     taction: str  # version
     solved_by: str  # engine with its version, matrix solver and integration method
     # What is compared: `ALWAYS`, `STABLE` and the same of the channels.
@@ -84,21 +85,25 @@ def observe(verdict: Verdict) -> Entry:
     """Return the entry of a verdict."""
     return Entry(
         name=verdict.scene.name,
-        fingerprint=fingerprint(verdict.scene),
+        keys=keys_of(verdict.scene),
         taction=metadata.version("taction"),
         solved_by=verdict.waveforms.simulator,
         record=Record.of(verdict).without_run_time(),
     )
 
 
-def fingerprint(scene: Scene) -> str:
-    """Return the SHA-256 of a scene as written, without its tolerances, and of its files."""
-    keys = scene.model_dump(mode="json", exclude_unset=True, exclude={"regression"}, by_alias=True)
-    digest = hashlib.sha256(json.dumps(keys, sort_keys=True).encode())
-    for name in files_of(scene).values():
-        if isinstance(name, str):  # an array is in what was written
-            digest.update(read_bounded(scene.folder / name, LARGEST))
-    return digest.hexdigest()
+def keys_of(scene: Scene) -> dict[str, str]:
+    """Return the keys that a scene gives, without its tolerances, and the SHA-256 of its files."""
+    found = dict(_flat(tomllib.loads(scene_text(scene))))
+    named = {path: name for path, name in files_of(scene).items() if isinstance(name, str)}
+    found |= {path: f"{name} {file_content(scene, name).hex()}" for path, name in named.items()}
+    return {path: text for path, text in found.items() if not path.startswith("regression.")}
+
+
+def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    for name, value in table.items():
+        path = f"{prefix}{name}"
+        yield from _flat(value, f"{path}.") if isinstance(value, dict) else [(path, str(value))]
 
 
 def load_baseline(path: str | Path) -> dict[str, Entry]:
@@ -200,7 +205,7 @@ class SceneResult:
         *("file", "status", "outcome = entry.record.outcome", "reason", "notes"),
         *("simulator = entry.solved_by", "baseline.outcome = baseline.record.outcome"),
         *("baseline.taction = baseline.taction", "baseline.simulator = baseline.solved_by"),
-        "baseline.fingerprint = baseline.fingerprint",
+        "baseline.keys = baseline.keys",
         *("worst # of the differences, over what is allowed", "checks"),
         *("differences # the baseline is the first", "seconds [s]"),
     )
@@ -409,12 +414,13 @@ def _unchanged(result: SceneResult) -> bool:
     if new is None or old is None or math.isinf(result.worst or 0.0):
         return False
     same = new.record.outcome == old.record.outcome and new.checks == old.checks
-    return same and new.fingerprint == old.fingerprint and not result.changes
+    return same and new.keys == old.keys and not result.changes
 
 
 def _notes(now: Entry, then: Entry) -> Iterable[str]:
-    if now.fingerprint != then.fingerprint:
-        yield "the scene, or a file that it names, was edited since the baseline"
+    for key in {**then.keys, **now.keys}:
+        if (was := then.keys.get(key, "not given")) != (given := now.keys.get(key, "not given")):
+            yield f"edited since the baseline: {key} was {was}, now {given}"
     if now.solved_by != then.solved_by:
         yield f"simulator was {then.solved_by}, now {now.solved_by}"
     if now.taction != then.taction:

@@ -2,11 +2,11 @@
 
 A sensitivity is a difference of two verifications by the state-space engine. In the worst corner of
 a quantity every component has the end of its tolerance with the sign of the sensitivity, which is
-exact where the quantity is monotonic in each component. Where the first order misses the value of
-the corner, sensitivities are taken again at the corner, and components change ends, as long as that
-makes it worse. The steady-state error is smallest near the nominal board: the corners of the
-channels with the largest signed errors, ``e_n + sum_p |S_pn|`` to first order, are tried. If the
-corner of one quantity is worse for another one than its own corner, it is reported for both.
+exact where the quantity is monotonic in each component. Where the first order misses its change,
+the sensitivities are taken again at the corner, as long as other ends make it worse. The
+steady-state error is smallest near the nominal board: the corners of the channels with the largest
+signed errors, ``e_n + sum_p |S_pn|`` to first order, are tried. If the corner of one quantity is
+worse for another quantity than that quantity's own corner, it is reported for both.
 """
 
 from __future__ import annotations
@@ -159,13 +159,13 @@ def worst_of(
     nominal, *tried = _verified(board, ends, workers, progress, "corners")
     named = []
     for quantity in reported:
-        slopes, own = gradient[quantity.name], _worst(tried, quantity)
-        change, first = _worse(quantity, own.result, nominal.result), np.abs(slopes).sum() / PROBE
-        known = quantity.name == "steady_state" or own.result.value(quantity.name) is None
-        if not known and abs(change - first) > MISSED * change:
+        name, own = quantity.name, _worst(tried, quantity)
+        slopes, change = gradient[name], _worse(quantity, own.result, nominal.result)
+        known = name == "steady_state" or own.result.value(name) is None
+        if not known and abs(change - np.abs(slopes).sum() / PROBE) > MISSED * change:
             own = _climbed(board, quantity, own, workers, progress)
-        largest, name = largest_parts(slopes, board, own.deviations), f"worst {quantity.name}"
-        named.append(replace(own, name=name, quantity=quantity.name, largest=largest))
+        largest = own.largest or largest_parts(slopes, board, own.deviations)
+        named.append(replace(own, name=f"worst {name}", quantity=name, largest=largest))
     return CornerStudy(board.name, reported, (nominal, *named))
 
 
@@ -183,9 +183,10 @@ def _climbed(
     centre, *moved = _verified(probed, probes, workers, progress, "sensitivities")
     slopes = np.array([_worse(quantity, each.result, centre.result) for each in moved])
     ends = [(corner.name, np.where(slopes > 0.0, other, z))]
-    tried = _verified(board, ends, workers, progress, "corners")
-    worst = _worst((corner, *tried), quantity)
-    return corner if worst is corner else _climbed(board, quantity, worst, workers, progress)
+    worst = _worst((corner, *_verified(board, ends, workers, progress, "corners")), quantity)
+    if worst is not corner:
+        return _climbed(board, quantity, worst, workers, progress)
+    return replace(corner, largest=largest_parts(slopes, board, corner.deviations))
 
 
 def steady_slopes(board: Varied, centre: BoardSample, moved: Sequence[BoardSample]) -> list[Floats]:

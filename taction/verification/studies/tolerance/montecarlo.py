@@ -86,9 +86,8 @@ class Quantity:
     """A reported quantity, its unit, the direction that is worse, and what its check accepts.
 
     `low`, `median` and `high` are its quantiles at 5 %, 50 % and 95 % over samples, each the value
-    of one sample: infinite for one that never settles. `parts` has its correlations with those that
-    stand out of the scatter, the strongest first; of the steady state that of the signed error of
-    the `channel` whose error is largest, root mean square.
+    of one sample: infinite for one that never settles. `parts` has its correlations with them, the
+    strongest first; of the steady state those of the signed error of `channel`, the largest rms.
     """
 
     name: str
@@ -314,8 +313,7 @@ def _spread(board: Varied, quantity: Quantity, samples: list[BoardSample], seed:
     missing = [*found.values()].count(None)
     if quantity.unit == "s":
         known += [math.inf] * missing  # it never settles
-    quantiles = np.quantile(known or [math.nan], QUANTILES, method="inverted_cdf")
-    low, median, high = quantiles.tolist()
+    low, median, high = np.quantile(known or [math.nan], QUANTILES, method="inverted_cdf").tolist()
     errors, channel = {each.number: each.errors for each in samples if each.errors}, None
     if quantity.name == "steady_state" and errors:
         channel = 1 + int(np.argmax(np.square([*errors.values()]).mean(axis=0)))

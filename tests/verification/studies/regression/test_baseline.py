@@ -22,7 +22,7 @@ from taction.verification.studies.regression.regress import (
     Status,
     baseline_text,
     compare_entry,
-    fingerprint,
+    keys_of,
     load_baseline,
     observe,
     regress,
@@ -49,13 +49,13 @@ def broken(change: dict[str, Any]) -> str:
 
 WRONG = {
     "": "damaged, no JSON",
-    '{"taction_baseline": 5, "scenes": {': "damaged, no JSON",
+    '{"taction_baseline": 6, "scenes": {': "damaged, no JSON",
     "\x00\x01": "damaged, no JSON",
     "[" * 100_000: "damaged, no JSON",
     "[1, 2]": "no baseline of taction",
     '{"scenes": {}}': "no baseline of taction",
     '{"taction_baseline": 1, "scenes": {}}': "taction_baseline = 1: another format",
-    '{"taction_baseline": 5}': "scenes = null: damaged",
+    '{"taction_baseline": 6}': "scenes = null: damaged",
     broken({"step_amplitude": "much"}): r"scenes\.a\.toml\.step_amplitude = 'much': damaged",
     broken({"step_amplitude": float("nan")}): r"scenes\.a\.toml\.step_amplitude = nan: damaged",
     broken({"growth_rate": None}): "growth_rate",
@@ -104,19 +104,20 @@ def test_of_an_unstable_board_no_transient_is_compared(tmp_path: Path) -> None:
     assert "settling_time" not in {each.name for each in found if each.group == "figures"}
 
 
-def test_a_fingerprint_is_of_what_was_asked_not_of_how_it_was_written(tmp_path: Path) -> None:
-    def of(**changes: str) -> str:
-        return fingerprint(load_scene(write_fast(tmp_path / "s.toml", **changes)))
+def test_the_keys_are_of_what_was_asked_not_of_how_it_was_written(tmp_path: Path) -> None:
+    def of(**changes: str) -> dict[str, str]:
+        return keys_of(load_scene(write_fast(tmp_path / "s.toml", **changes)))
 
-    def with_entry(entry: str) -> str:
+    def with_entry(entry: str) -> dict[str, str]:
         text = f"[problem]\nkind = 'matrix'\nmatrix = [[{entry}]]\nstrain = [1.0]\n"
         (tmp_path / "a.toml").write_text(text)
-        return fingerprint(load_scene(tmp_path / "a.toml"))
+        return keys_of(load_scene(tmp_path / "a.toml"))
 
     same = of()
     assert of(capacitance="1e-11") == same
     assert of(more="# a comment\n[regression]\ntimes = { relative = 0.5 }\n") == same
-    assert of(capacitance="11pF") != same
+    other = of(capacitance="11pF")
+    assert other == same | {"design.capacitance": "11pF"}
     assert with_entry("2.0") == with_entry("2")
     assert with_entry("2.0") != with_entry("2.5")
 
@@ -259,7 +260,8 @@ def test_a_scene_that_passes_now_is_changed(tmp_path: Path, passing: dict[str, E
     write_fast(tmp_path / "a.toml", capacitance="10.5pF")
     report = run(tmp_path, passing)
     assert (only(report).status, report.exit_status) == (Status.CHANGED, 1)
-    assert only(report).notes[0].endswith("was edited since the baseline")
+    edited = "edited since the baseline: design.capacitance was 10pF, now 10.5pF"
+    assert only(report).notes[0] == edited
     assert {"figures", "channels"} <= {d.group for d in only(report).changes}
     assert [d.off for d in only(report).changes] == sorted(
         (d.off for d in only(report).changes), reverse=True
