@@ -54,6 +54,10 @@ LONGEST = 60  # characters of a reason in a table
 SHOWN = 12  # op-amps in a terminal
 LISTED = 500  # designs in the table
 DRAWN = 8  # op-amps with a colour of their own, the best first
+LOOKS = {
+    **{"passes": ("pass", "circle"), "does not pass": ("fail", "x")},
+    **{"before": ("ink", "diamond"), "after": ("ink", "star"), "among the best": ("ink", "star")},
+}
 MARKS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "cross", "hexagon")
 PICTURE = (
     "A mark is a design: below the line the value is within its limit. A design that is not here"
@@ -182,17 +186,18 @@ def _picture(choice: Choice) -> Iterator[Content]:
 def _tradeoff(
     scene: Scene, groups: Mapping[str, Sequence[Trial]], name: str, x: Axis, y: Axis, limit: float
 ) -> Chart | None:
-    """Return a figure of designs over their settling time; stars: the last group."""
-    marks, looks, (*_, last) = list[Mark](), [*charts.SERIES[:DRAWN], "muted"], groups
-    for (group, designs), look, mark in zip(groups.items(), looks * 2, MARKS * 2, strict=False):
+    """Return a figure of designs over their settling time, a look for each group."""
+    marks, looks = list[Mark](), zip([*charts.SERIES[:DRAWN], "muted"] * 2, MARKS * 2, strict=False)
+    for (group, designs), next_look in zip(groups.items(), looks, strict=False):
         points = [(each, each.settling_time, float(getattr(each, name))) for each in designs]
-        shown = [point for point in points if point[2] > 0.0 and math.isfinite(point[1] * point[2])]
+        known = (point for point in points if math.isfinite(point[1] * point[2]))
+        shown = [point for point in known if point[2] > 0.0 or y.scale != "log"]
         if shown:
             kept, times, values = zip(*shown, strict=True)
-            own, shape = ("ink", "star") if group == last else (look, mark)
+            look, shape = LOOKS.get(group, next_look)
             hover = tuple(f"{group}, {_place(scene, each)}" for each in kept)
-            size = 11.0 if group == last else 5.0
-            marks.append(Curve(times, values, group, own, "", shape, size=size, hover=hover))
+            size = 11.0 if shape == "star" else 5.0
+            marks.append(Curve(times, values, group, look, "", shape, size=size, hover=hover))
     line = charts.Limit(limit, "y", "the limit", "ink")
     return Chart("Designs", x, y, (*marks, line), PICTURE) if marks else None
 
@@ -240,7 +245,7 @@ def _tuned(tuning: Tuned) -> Chart | None:
         "after": [tuning.after],
     }
     x = Axis(banded("settling_time", tuning.scene.checks.settling_time.band), "s", "log")
-    y = Axis("overshoot", "step", "log")
+    y = Axis("overshoot", "step")
     return _tradeoff(tuning.scene, groups, "overshoot", x, y, tuning.overshoot_limit)
 
 

@@ -39,7 +39,7 @@ MOVED = (
     " without a value, and parts whose correlation is within four standard errors, each 1 over the"
     " root of the number of samples."
 )
-NOTHING = "no part stands out of the scatter of these samples, by four standard errors."
+NOTHING = "no part stands out by four standard errors, or fewer than 30 samples have a value."
 MORE = "{} more: --json has all."
 
 
@@ -140,7 +140,8 @@ def influences(result: YieldReport) -> Table:
     }
     limited = [each for each in _costliest(result) if _limits(each)]
     rows = [(each, part, size) for each in limited for part, size in each.parts.items()]
-    return Table.of("Parts", rows, columns, MOVED, {"terminal": PARTS, "notebook": PARTS}, MORE)
+    title = "What moves the limited quantities"
+    return Table.of(title, rows, columns, MOVED, {"terminal": PARTS, "notebook": PARTS}, MORE)
 
 
 def most_moved(result: YieldReport) -> Iterator[Content]:
@@ -210,9 +211,9 @@ def _histogram(title: str, spread: Quantity, values: Floats, text: str) -> Chart
 WORST = ("fail", "inconclusive", "pass")
 LISTED = 500  # rows of a page
 SEARCHED = (
-    "Every component at an end of its tolerance, as the slopes at the nominal board make a quantity"
-    " worst; where these miss its change by more than 10 %, also by the slopes at the corners. No"
-    " other combination of the ends is verified."
+    "Every component that moves a quantity at an end of its tolerance, as the slopes at the nominal"
+    " board make it worst; where these miss its change by more than 10 %, also by the slopes at the"
+    " corners. No other combination of the ends is verified."
 )
 
 
