@@ -112,10 +112,14 @@ def draw(tolerances: Tolerances, varied: Sequence[Parameter], seed: int, sample:
     return z
 
 
-def deviations(varied: Sequence[Parameter], values: Mapping[str, float]) -> Floats:
+def deviations_by_name(varied: Sequence[Parameter], values: Mapping[str, float]) -> Floats:
     """Return the z of `varied` from deviations in tolerances, by part or else by kind.
 
     InputError: a name is of no part that varies, and of no kind.
+
+    >>> parts = Parameter("R1", "resistor", 0.01), Parameter("R2", "resistor", 0.05)
+    >>> deviations_by_name(parts, {"resistor": 1.0, "R2": -0.5}).tolist()
+    [1.0, -0.5]
     """
     kinds = sorted({parameter.kind for parameter in varied})
     for key in values:
@@ -126,7 +130,11 @@ def deviations(varied: Sequence[Parameter], values: Mapping[str, float]) -> Floa
 
 
 def deviations_of(corner: str | Mapping[str, float]) -> tuple[str, Mapping[str, float]]:
-    """Return the name of a corner and its deviations, in units of the tolerances."""
+    """Return the name of a corner and its deviations, in units of the tolerances.
+
+    >>> deviations_of("resistor=1,R2=-0.5")
+    ('resistor=1,R2=-0.5', {'resistor': 1.0, 'R2': -0.5})
+    """
     if not isinstance(corner, str):
         return ",".join(f"{key}={value:g}" for key, value in corner.items()), corner
     deviations = {}
@@ -154,6 +162,11 @@ def influences(
     The square of one is the share of the variance that a line in its deviation explains. Parts
     that do not stand out of the scatter, or of fewer than `FEWEST` boards, are left out; the
     strongest come first.
+
+    >>> exact, part = Tolerances(distribution="normal"), Parameter("R1", "resistor", 0.01)
+    >>> values = {number: draw(exact, [part], 1, number)[0] for number in range(FEWEST)}
+    >>> influences(exact, [part], 1, values)
+    {'R1': 1.0}
     """
     known = {number: v for number, v in values.items() if v is not None and math.isfinite(v)}
     if len(known) < FEWEST:
@@ -161,14 +174,10 @@ def influences(
     z = np.array([draw(tolerances, varied, seed, number) for number in known])
     z, y = z - z.mean(axis=0), np.array([*known.values()]) - np.mean([*known.values()])
     scale = np.sqrt((z**2).sum(axis=0) * (y @ y))
-    found = dict(
-        zip((p.name for p in varied), y @ z / np.where(scale, scale, math.inf), strict=True)
-    )
+    found = (y @ z / np.where(scale, scale, math.inf)).tolist()
+    pairs = sorted(zip(varied, found, strict=True), key=lambda pair: -abs(pair[1]))
     least = SIGNIFICANT / math.sqrt(len(known))
-    parts = sorted(
-        (name for name in found if abs(found[name]) > least), key=lambda n: -abs(found[n])
-    )
-    return {name: float(found[name]) for name in parts}
+    return {part.name: size for part, size in pairs if abs(size) > least}
 
 
 def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:

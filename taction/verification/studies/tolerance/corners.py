@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from taction.netlist_gen.board.variation import deviations, deviations_of
+from taction.netlist_gen.board.variation import deviations_by_name, deviations_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.progress import Progress
@@ -130,7 +130,7 @@ def corners(
     named = [deviations_of(each) for each in corner]
     board = prepare(scene, full_margin=True)
     if named:
-        ends = [(name, deviations(board.varied, values)) for name, values in named]
+        ends = [(name, deviations_by_name(board.varied, values)) for name, values in named]
         found = _verified(board, ends, HERE, progress, "corners")
         return CornerStudy(board.name, board.quantities, found, scene=scene)
     with workers_at(cluster, jobs, progress) as workers:
