@@ -64,8 +64,8 @@ PICTURE = (
     " does not settle, or has no value."
 )
 MAP = (
-    "The worst value over its limit, of the op-amp of the best design; star: among the best;"
-    " empty: no value."
+    "The worst value over its limit, of the op-amp that is first in the tables; star: among the"
+    " best; empty: no value."
 )
 WORST = (
     "Worst: the largest value over its limit; below 1 every check passes; -: a check that does not"
