@@ -3,7 +3,7 @@
 A sensitivity is a difference of two verifications by the state-space engine. In the worst corner of
 a quantity every component has the end of its tolerance with the sign of the sensitivity, which is
 exact where the quantity is monotonic in each component. Where the first order misses its change,
-the sensitivities are taken again at the corner, as long as other ends make it worse. The
+the sensitivities are taken again at the corner, as long as other ends make it so much worse. The
 steady-state error is smallest near the nominal board: the corners of the channels with the largest
 signed errors, ``e_n + sum_p |S_pn|`` to first order, are tried. If the corner of one quantity is
 worse for another quantity than that quantity's own corner, it is reported for both.
@@ -40,7 +40,7 @@ PROBE = 0.25  # of the tolerance: large against rounding errors, small against c
 NOTHING = 1e-9  # of the largest slope of a channel: rounding
 NAMED = 5  # components listed with each corner
 STEADY_CORNERS = 8  # corners of the steady state that are tried
-MISSED = 0.1  # of the change: an error of the first order
+MISSED, SMALL = 0.1, 1e-4  # of the change, and of the step: errors of the first order that count
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,8 +162,9 @@ def worst_of(
         name, own = quantity.name, _worst(tried, quantity)
         slopes, change = gradient[name], _worse(quantity, own.result, nominal.result)
         known = name == "steady_state" or own.result.value(name) is None
-        if not known and abs(change - np.abs(slopes).sum() / PROBE) > MISSED * change:
-            own = _climbed(board, quantity, own, workers, progress)
+        least = max(MISSED * change, SMALL * (quantity.unit == "step"))
+        if not known and abs(change - np.abs(slopes).sum() / PROBE) > least:
+            own = _climbed(board, quantity, own, least, workers, progress)
         largest = own.largest or largest_parts(slopes, board, own.deviations)
         named.append(replace(own, name=f"worst {name}", quantity=name, largest=largest))
     return CornerStudy(board.name, reported, (nominal, *named))
@@ -174,19 +175,19 @@ def _worst(tried: Iterable[Corner], quantity: Quantity) -> Corner:
 
 
 def _climbed(
-    board: Varied, quantity: Quantity, corner: Corner, workers: Workers, progress: Progress
+    board: Varied, quantity: Quantity, corner: Corner, least: float, workers: Workers, say: Progress
 ) -> Corner:
-    """Return the worse corner that sensitivities at a corner, and at the next ones, lead to."""
+    """Return the worse corner that sensitivities there, and at those worse by `least`, lead to."""
     z = np.array([corner.deviations.get(each.name, 0.0) for each in board.varied])
     other, probed = np.where(z, -z, 1.0), replace(board, engine="statespace")
     probes = [("", z), *(("", z + PROBE * step) for step in np.diag(other))]
-    centre, *moved = _verified(probed, probes, workers, progress, "sensitivities")
+    centre, *moved = _verified(probed, probes, workers, say, "sensitivities")
     slopes = np.array([_worse(quantity, each.result, centre.result) for each in moved])
     ends = [(corner.name, np.where(slopes > 0.0, other, z))]
-    worst = _worst((corner, *_verified(board, ends, workers, progress, "corners")), quantity)
-    if worst is not corner:
-        return _climbed(board, quantity, worst, workers, progress)
-    return replace(corner, largest=largest_parts(slopes, board, corner.deviations))
+    worst = _worst((corner, *_verified(board, ends, workers, say, "corners")), quantity)
+    if _worse(quantity, worst.result, corner.result) > least:
+        return _climbed(board, quantity, worst, least, workers, say)
+    return replace(worst, largest=largest_parts(slopes, board, worst.deviations))
 
 
 def steady_slopes(board: Varied, centre: BoardSample, moved: Sequence[BoardSample]) -> list[Floats]:
