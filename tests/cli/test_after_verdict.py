@@ -17,7 +17,8 @@ ENGINE = ("--engine", "statespace")
 LIMITS = {"pass": "1s", "fail": "1ns"}
 STATUS = {"pass": 0, "fail": 1}
 VERIFY = "taction.verification.verdict.verify"
-VIEW = "taction.verification.report.views.verdict_view"
+VIEW = "taction.verification.report.views"
+DRAWN = "taction.verification.report.renderers"
 
 
 @pytest.fixture(autouse=True)
@@ -32,76 +33,53 @@ def broken(*given: Any, **more: Any) -> Any:
 
 @pytest.mark.parametrize("outcome", LIMITS)
 @pytest.mark.parametrize(
-    ("place", "says"),
+    ("place", "says", "words"),
     [
-        (f"{VERIFY}.all_warnings", "the warnings failed"),
-        (f"{VERIFY}.error_budget", "the error budget failed"),
-        (f"{VIEW}._headroom", "'Headroom' failed"),
-        (f"{VIEW}.budget_table", "'Error budget' failed"),
-        (f"{VIEW}.channel_table", "'Waveforms' failed"),
-        (f"{VIEW}.decisive_text", "the text failed"),
+        (f"{VERIFY}.all_warnings", "the warnings failed", ""),
+        (f"{VERIFY}.error_budget", "the error budget failed", ""),
+        (f"{VIEW}.verdict_view._headroom", "'Headroom' failed", ""),
+        (f"{VIEW}.verdict_view.budget_table", "'Error budget' failed", ""),
+        (f"{VIEW}.verdict_view.channel_table", "'Waveforms' failed", ""),
+        (f"{VIEW}.verdict_view.decisive_text", "the text failed", ""),
+        (f"{DRAWN}.page.page_html", "--report failed", "--report x.html"),
+        (f"{DRAWN}.picture.draw_page", "--plot failed", "--plot x.svg"),
     ],
 )
 def test_a_step_that_fails_leaves_outcome_and_status(
-    outcome: str, place: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    outcome: str, place: str, says: str, words: str, boards: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scene = write_fast(tmp_path / "a.toml", limit=LIMITS[outcome])
+    scene = str(write_fast(boards / "a.toml", limit=LIMITS[outcome]))
     monkeypatch.setattr(place, broken)
-    result = run("verify", str(scene), *ENGINE, "--changes", "0", "--verbose")
+    result = run("verify", scene, *ENGINE, "--changes", "0", *(words or "--verbose").split())
     assert result.exit_code == STATUS[outcome]
     assert f"{says}, the result stands: ZeroDivisionError: boom" in result.output
     assert result.stdout.rstrip().endswith(outcome.upper())
     assert "Traceback" not in result.output
+    assert not list(boards.glob("x.*"))
 
 
 @pytest.mark.parametrize("mode", [(), ("--json",)])
 @pytest.mark.parametrize(
-    "error", [ZeroDivisionError("boom"), taction.NoVerdictError("boom"), MemoryError("boom")]
+    ("error", "status", "says"),
+    [
+        (ZeroDivisionError("boom"), 1, "the search for changes failed, the result stands"),
+        (taction.NoVerdictError("boom"), 1, "the search for changes failed, the result stands"),
+        (MemoryError("boom"), 1, "the search for changes failed, the result stands"),
+        (KeyboardInterrupt(), 130, "interrupted; the verdict stands"),
+    ],
 )
-def test_a_search_that_fails(
-    mode: tuple[str, ...], error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_search_that_ends_shows_the_verdict(
+    mode: tuple[str, ...], error: BaseException, status: int, says: str, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
     def search(*given: Any, **more: Any) -> None:
         raise error
 
     monkeypatch.setattr(taction, "what_to_change", search)
     result = run("verify", str(write_fast(tmp_path / "a.toml", limit="1ns")), *ENGINE, *mode)
-    assert result.exit_code == 1
-    assert "the search for changes failed, the result stands" in result.stderr
+    assert result.exit_code == status
+    assert says in result.stderr
     if mode:
         assert document(result)["outcome"] == "fail"
-
-
-def test_ctrl_c_in_the_search_shows_the_verdict(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def search(*given: Any, **more: Any) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(taction, "what_to_change", search)
-    result = run("verify", str(write_fast(tmp_path / "a.toml", limit="1ns")), *ENGINE)
-    assert result.exit_code == 130
-    assert result.stdout.rstrip().endswith("FAIL")
-    assert "interrupted; the verdict stands" in result.stderr
-
-
-@pytest.mark.parametrize("outcome", LIMITS)
-@pytest.mark.parametrize(
-    ("option", "place"),
-    [
-        ("report.html", "taction.verification.report.renderers.page.page_html"),
-        ("plot.svg", "taction.verification.report.renderers.picture.draw_page"),
-    ],
-)
-def test_a_report_or_picture_that_fails(
-    outcome: str, option: str, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    scene = write_fast(tmp_path / "a.toml", limit=LIMITS[outcome])
-    monkeypatch.setattr(place, broken)
-    name = option.partition(".")[0]
-    words = (f"--{name}", str(tmp_path / option), "--changes", "0")
-    result = run("verify", str(scene), *ENGINE, *words)
-    assert result.exit_code == STATUS[outcome]
-    assert f"--{name} failed, the result stands: ZeroDivisionError: boom" in result.stderr
-    assert not (tmp_path / option).exists()
-    assert result.stdout.rstrip().endswith(outcome.upper())
+    else:
+        assert result.stdout.rstrip().endswith("FAIL")

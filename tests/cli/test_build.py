@@ -12,6 +12,7 @@ import pytest
 from click.testing import Result
 
 from taction.netlist_gen.scene.scene import load_scene
+from tests.support.command_lines import PINS, VENDOR
 from tests.support.entries import write_fast
 from tests.support.paths import SCENES
 from tests.support.running import document, taction
@@ -176,17 +177,10 @@ def test_one_op_amp_is_shown_with_its_sources() -> None:
     assert shown["figures"]["saturation"]["note"] == "14 V of 15 V into 10 kohm"
 
 
-VENDOR = Path(__file__).parents[1] / "data" / "fet100.cir"
-PINS = "inp,inn,vcc,vee,out"
-
-
 def test_a_netlist_becomes_a_file_for_scenes(ngspice: str, tmp_path: Path) -> None:
     target = tmp_path / "amp.json"
-    run = taction(
-        "models", "import", str(VENDOR), "--subckt", "FET100", "--pins", PINS,
-        "--supply", "±12V", "-o", str(target), "--json",
-    )  # fmt: skip
-    found = document(run)
+    words = ("models", "import", VENDOR, *PINS.split(), "--supply", "±12V", "-o", str(target))
+    found = document(taction(*words, "--json"))
     assert found["supply"] == 12.0
     assert 1e5 < found["figures"]["dc_gain"] < 3e5
     assert found["linear"]["error"] <= 1e-6

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +11,9 @@ import pytest
 import taction
 from taction.cli import command as cli
 from taction.cli import commands as table
-from taction.cli.command import Command, CommandParameter, load, sentences, signature
-from taction.cli.commands import COMMANDS
+from taction.cli.command import Command, load, sentences, signature
 from taction.system.errors import Complaint
-from tests.support.command_lines import LINES
+from tests.support.command_lines import LINES, commands
 from tests.support.running import document
 from tests.support.running import taction as run
 
@@ -35,24 +33,8 @@ WORDS = {
 }
 
 
-def commands(table: Mapping[str, Command] = COMMANDS, above: str = "") -> Iterator[str]:
-    for name, command in table.items():
-        yield f"{above}{name}"
-        yield from commands(command.commands, f"{name} ")
-
-
-CALLS = list(commands())
-
-
-def entry(name: str) -> Command:
-    first, *rest = name.split()
-    return COMMANDS[first].commands[rest[0]] if rest else COMMANDS[first]
-
-
-def jobs() -> Iterator[tuple[str, Command]]:
-    yield from ((name, job) for name, job in vars(table).items() if isinstance(job, Command))
-    for name in CALLS:
-        yield name, entry(name)
+CALLS = dict(commands())
+JOBS = [(name, job) for name, job in vars(table).items() if isinstance(job, Command)]
 
 
 def words_of(name: str) -> list[str]:
@@ -67,44 +49,28 @@ def folder(boards: Path) -> Path:
 
 @pytest.mark.parametrize("name", CALLS)
 def test_a_command_calls_the_function_of_its_name(name: str) -> None:
-    function = entry(name).function
-    assert function == NAMES.get(name, name)
-    assert function in taction.__all__
-
-
-def stated(name: str, parameter: CommandParameter) -> inspect.Parameter | None:
-    return signature(parameter.of or entry(name).function).get(parameter.name)
-
-
-@pytest.mark.parametrize("name", CALLS)
-def test_an_option_is_a_keyword_with_its_default_or_shows_the_result(name: str) -> None:
-    command = entry(name)
+    """An option is a keyword with its default, and has its sentence; or it shows the result."""
+    command = CALLS[name]
+    assert command.function == NAMES.get(name, name)
+    assert command.function in taction.__all__
+    assert command.python_only == (("scene",) if name == "verify" else ())
     made = {p.name: p for p in cli.made(name, command).params}
     shown = {output.name for output in command.outputs} | {"junit"}
     for parameter in command.every:
-        known = stated(name, parameter)
+        function = parameter.of or command.function
+        known = signature(function).get(parameter.name)
+        told = made[parameter.name].to_info_dict()
         if known is None:
             assert parameter.name in SHOWN.get(name, set()) | shown
         elif known.default is not inspect.Parameter.empty and parameter.flags:
-            default = made[parameter.name].to_info_dict().get("default")
-            assert (default or None) == (known.default or None)
-    assert command.python_only == (("scene",) if name == "verify" else ())
-
-
-@pytest.mark.parametrize("name", CALLS)
-def test_every_option_has_the_sentence_of_the_docstring(name: str) -> None:
-    command = entry(name)
-    made = {p.name: p for p in cli.made(name, command).params}
-    for parameter in command.every:
+            assert (told.get("default") or None) == (known.default or None)
         if parameter.flags:
-            text = made[parameter.name].to_info_dict()["help"]
-            known = sentences(parameter.of or command.function).get(parameter.name)
-            assert text
-            assert text.endswith((".", "*10."))
-            assert "help" in parameter.attributes or text == known
+            assert told["help"].endswith((".", "*10."))
+            sentence = sentences(function).get(parameter.name)
+            assert "help" in parameter.attributes or told["help"] == sentence
 
 
-@pytest.mark.parametrize(("name", "job"), list(jobs()))
+@pytest.mark.parametrize(("name", "job"), [*JOBS, *CALLS.items()])
 def test_everything_that_shows_a_result_is_there(name: str, job: Command) -> None:
     shown = (job.view,) if job.text is None else (job.text,)
     for target in (*shown, *(output.write for output in job.outputs)):
@@ -134,7 +100,7 @@ def test_the_exit_status_of_a_result(values: dict[str, Any], status: int) -> Non
 
 def failing(monkeypatch: pytest.MonkeyPatch, name: str, error: BaseException) -> None:
     """Let the function of a command end with `error`."""
-    function = entry(name).function
+    function = CALLS[name].function
     real = signature(function)
 
     def ends(*_: Any, **__: Any) -> None:

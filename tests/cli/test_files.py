@@ -7,17 +7,15 @@ import json
 import resource
 import shutil
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import click
 import pytest
 
-from taction.cli.command import Command
-from taction.cli.commands import COMMANDS
 from taction.cli.main import main
-from tests.support.command_lines import PINS, VENDOR
+from tests.support.command_lines import PINS, VENDOR, commands
 from tests.support.paths import SCENES
 from tests.support.running import document, taction
 
@@ -64,7 +62,6 @@ ENDS = {  # of a whole file
     ".json": b"}", ".sqlite": b"",
 }  # fmt: skip
 
-Entry = tuple[str, Command]
 SCENE = str(SCENES / "tuned-breadboard.toml")
 OVER = ("--over", "C=50p:500p:12", "--jobs", "1")
 SWEEP = ("sweep", SCENE, *OVER, "--engine", "statespace", "--json", "-o")
@@ -81,13 +78,6 @@ class ReaderGone(io.TextIOBase):
 def folder(boards: Path, quick_stories: None) -> Path:
     shutil.copy(VENDOR, boards / "v.cir")
     return boards
-
-
-def commands(table: Mapping[str, Command] = COMMANDS, above: str = "") -> Iterator[Entry]:
-    """Every command and those below it, by their names."""
-    for name, command in table.items():
-        yield f"{above}{name}", command
-        yield from commands(command.commands, f"{name} ")
 
 
 def test_every_output_of_every_command_is_listed() -> None:

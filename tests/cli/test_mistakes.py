@@ -55,6 +55,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 FRESH = ("new", "y.toml", "--strain", "eps.csv", "--matrix")
+OVER = ("--over", "C=50pF:100pF:3")
 GOOD = ("new", "y.toml", "--matrix", "T.csv", "--strain", "eps.csv")
 COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("verify", "bord.toml"): ("bord.toml", "No such file", "`taction new` writes one"),
@@ -70,6 +71,15 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("verify", "ok.toml", "--set", "checks.overshoot.max=5%"): ("--set", "'5%'", "5% is 0.05"),
     ("sweep", "ok.toml", "--over", "cap=1p:1n:3"): ("--over", "'cap'", "known: C, R"),
     ("sweep", "ok.toml", "--over", "C", "1pF:1nF:3"): ("(1pF:1nF:3)", "--over C=1pF:1nF:3"),
+    ("sweep", "ok.toml", *OVER, "--engine", "hybrid"):
+        ("--engine ngspice compares every point with state space",),
+    ("sweep", "ok.toml", *OVER, "--retry", "failed"):
+        ("The same command computes points without a verdict again.",),
+    ("sweep", "ok.toml", *OVER, "--keep-waveforms"): ("'taction export waveforms'",),
+    ("montecarlo", "ok.toml", "--remedy"): ("Set a better grade in [tolerances]",),
+    ("montecarlo", "ok.toml", "--no-remedy"): ("Leave it out",),
+    ("verify", ".", "--exclude", "draft-*"): ("Name the scenes",),
+    ("verify", "ok.toml", "there.toml", "--plot", "board.png"): ("shows one board",),
     ("onset", "ok.toml"): ("Missing option '--over'", "Expected KEY"),
     ("diff", "ok.toml"): ("Missing argument 'B'", "two scene files"),
     ("netlist", "ok.toml", "--dialect", "pspice"): ("'--dialect'", "'pspice'", "'ltspice'"),

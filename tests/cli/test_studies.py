@@ -17,35 +17,10 @@ import taction as library
 from taction.verification.report.documents.document_catalogue import schema
 from taction.verification.report.explorer import server
 from tests.support.entries import write_fast
-from tests.support.paths import SCENES
 from tests.support.running import document, taction
 
-PAPER = str(SCENES / "paper-breadboard.toml")
-OVER = ("--over", "C=50pF:100pF:3", "--fix", "gain=1M", "--fix", "lambda=0.7")
 VARYING = ("timing", "simulation", "accuracy", "taction")  # wall times, and the head
 SET = ("--set", "C=20pF", "--set", "design.gain=2Mohm")
-
-
-@pytest.mark.parametrize(
-    ("words", "remedy"),
-    [
-        (
-            ("sweep", *OVER, "--engine", "hybrid"),
-            "--engine ngspice compares every point with state space",
-        ),
-        (
-            ("sweep", *OVER, "--retry", "failed"),
-            "The same command computes points without a verdict again.",
-        ),
-        (("sweep", *OVER, "--keep-waveforms"), "'taction export waveforms'"),
-        (("montecarlo", "--remedy"), "Set a better grade in [tolerances]"),
-        (("montecarlo", "--no-remedy"), "Leave it out"),
-    ],
-)
-def test_an_option_that_is_no_more_says_what_to_type(words: tuple[str, ...], remedy: str) -> None:
-    refused = taction(words[0], PAPER, *words[1:])
-    assert refused.exit_code == 2
-    assert remedy in " ".join(refused.stderr.replace("│", " ").split())
 
 
 def regress(*words: object) -> Result:
@@ -119,34 +94,18 @@ def test_one_document_holds_the_documents_of_single_runs(three_scenes: Path) -> 
 
 
 def test_the_exit_status_is_the_worst_and_a_bad_file_stops_no_other(three_scenes: Path) -> None:
-    result = taction("verify", str(three_scenes), "--json", "--jobs", "1")
+    file = three_scenes.parent / f"{three_scenes.name}.xml"
+    words = ("verify", str(three_scenes), "--json", "--jobs", "1", "--junit", str(file))
+    result = taction(*words)
     assert result.exit_code == 2
     found = json.loads(result.stdout)
     assert found["counts"] == {"pass": 1, "fail": 1, "bad input": 1}
     bad = found["verdicts"][0]
     assert bad["file"].endswith("draft-1.toml")
     assert bad["error"]["complaints"][0]["key"] == "problem.kind"
-
-
-def test_junit_has_a_suite_for_each_scene(three_scenes: Path) -> None:
-    file = three_scenes.parent / f"{three_scenes.name}.xml"
-    result = taction("verify", str(three_scenes), "--junit", str(file), "--jobs", "1")
-    assert result.exit_code == 2
     root = ET.fromstring(file.read_text(encoding="utf-8"))  # noqa: S314 - our own file
     assert (root.get("failures"), root.get("errors")) == ("1", "1")
     assert [suite.get("name") for suite in root] == ["draft-1", "good", "slow"]
-
-
-@pytest.mark.parametrize(
-    ("words", "text"),
-    [(("--exclude", "draft-*"), "Name the scenes"), (("--plot", "board.png"), "shows one board")],
-)
-def test_options_that_cannot_be_used_are_refused(
-    three_scenes: Path, words: tuple[str, ...], text: str
-) -> None:
-    result = taction("verify", str(three_scenes), *words)
-    assert result.exit_code == 2
-    assert text in result.stderr
 
 
 def test_set_values_are_those_of_a_file_with_them(tmp_path: Path) -> None:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+
+from taction.cli.command import Command
+from taction.cli.commands import COMMANDS
 from tests.support.paths import ROOT
 
 VENDOR = str(ROOT / "tests" / "data" / "fet100.cir")
@@ -51,6 +55,15 @@ LINES: dict[str, str] = {
     "error, no ngspice": "verify ngspice.toml",
     "reproduce": "reproduce",
 }
+
+
+def commands(
+    table: Mapping[str, Command] = COMMANDS, above: str = ""
+) -> Iterator[tuple[str, Command]]:
+    """Every command and those below it, by their names."""
+    for name, command in table.items():
+        yield f"{above}{name}", command
+        yield from commands(command.commands, f"{name} ")
 
 
 def line(name: str) -> list[str]:
