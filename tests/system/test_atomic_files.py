@@ -85,22 +85,16 @@ def test_a_later_writer_clears_what_a_killed_writer_left(tmp_path: Path) -> None
     assert {path.name for path in tmp_path.iterdir()} == {"new", used.name, foreign.name}
 
 
-def test_a_file_comes_back_whole(tmp_path: Path) -> None:
+def test_a_file_comes_back_whole_or_is_refused(tmp_path: Path) -> None:
+    """One over the limit is refused without being read: this one is sparse."""
     file = tmp_path / "a"
     file.write_bytes(bytes(range(256)) * 8000)  # more than one piece
     assert read_bounded(file, 3_000_000) == file.read_bytes()
     assert read_bounded(file, 256 * 8000) == file.read_bytes()
-
-
-def test_a_file_over_the_limit_is_refused_without_being_read(tmp_path: Path) -> None:
-    file = tmp_path / "a"
     with file.open("wb") as stream:
-        stream.truncate(10**12)  # sparse
+        stream.truncate(10**12)
     with pytest.raises(UnusableFileError, match=re.escape("over 2 MB, the largest size")):
         read_bounded(file, 2_000_000)
-
-
-def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for name in (tmp_path / "pipe", tmp_path, "/dev/zero", "/dev/null"):
         with pytest.raises(UnusableFileError, match="not a regular file"):
@@ -163,27 +157,20 @@ def test_a_folder_stays_while_its_process_lives_and_goes_after_a_kill(tmp_path: 
 
 
 def test_what_is_not_ours_stays(tmp_path: Path) -> None:
-    place = tmp_path / "place"
-    place.mkdir()
-    foreign = place / "taction-run-foreign"
-    foreign.mkdir()
-    elsewhere = tmp_path / "elsewhere"
-    elsewhere.mkdir()
+    place, elsewhere = tmp_path / "place", tmp_path / "elsewhere"
+    foreign, others = place / "taction-run-foreign", ("pymp-other", "taction-kept-told")
+    for folder in (place, elsewhere, foreign, *(place / name for name in others)):
+        folder.mkdir()
     (place / "taction-run-link").symlink_to(elsewhere)
     (place / "taction-run-file").touch()
-    (place / "pymp-other").mkdir()
-    (place / "taction-kept-told").mkdir()
     if os.geteuid() == 0:
         os.chown(foreign, 65534, 65534)
     clear_abandoned(place)
     left = {path.name for path in place.iterdir()}
-    names = {"taction-run-link", "taction-run-file", "pymp-other", "taction-kept-told"}
+    names = {"taction-run-link", "taction-run-file", *others}
     assert left == (names | {foreign.name} if os.geteuid() == 0 else names)
     assert elsewhere.is_dir()
-
-
-def test_the_folder_of_a_block_goes_with_all_that_is_in_it() -> None:
-    with own_folder() as folder:
+    with own_folder() as folder:  # what is ours goes with all that is in it
         (folder / "within").mkdir()
         (folder / "within" / "file").touch()
     assert not folder.exists()

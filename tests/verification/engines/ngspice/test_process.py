@@ -15,7 +15,6 @@ from taction.system.errors import (
     DidNotLoad,
     OutOfDisk,
     SimulationError,
-    SimulatorNotFound,
     SingularCircuit,
     StepTooSmall,
     TimedOut,
@@ -66,23 +65,17 @@ def test_rc_step_agrees_with_the_closed_form_and_converges_at_second_order(
     assert coarse.cost.seconds > 0.0
 
 
-def test_operating_point_is_one_point_at_time_zero(simulator: Simulator) -> None:
+def test_operating_point_is_one_point_and_capital_letters_of_nodes_are_kept(
+    simulator: Simulator,
+) -> None:
     waveforms = simulate(divider(), simulator, timeout=30.0)
     assert waveforms.time.tolist() == [0.0]
     assert waveforms["out"][0] == pytest.approx(0.75, rel=1e-12)
     assert waveforms.nodes == ("out", "in")
-
-
-def test_capital_letters_in_node_names_are_kept(simulator: Simulator) -> None:
     deck = transient("R2 out Other 1.0", saved=("Other", "out"))
     waveforms = simulate(deck, simulator, timeout=30.0)
     assert waveforms.nodes == ("Other", "out")
     np.testing.assert_allclose(waveforms["Other"], waveforms["out"], rtol=1e-6, atol=1e-12)
-
-
-def test_run_folder_goes_on_success(simulator: Simulator, tmp_path: Path) -> None:
-    simulate(transient(), simulator, timeout=30.0)
-    assert not list(tmp_path.iterdir())
 
 
 def test_the_command_repeats_the_run(simulator: Simulator, tmp_path: Path) -> None:
@@ -97,20 +90,19 @@ def test_the_command_repeats_the_run(simulator: Simulator, tmp_path: Path) -> No
     assert (folder / "out.raw").read_bytes().partition(b"Binary:")[2] == first
 
 
-def test_a_cancelled_run_ends_and_leaves_nothing(simulator: Simulator, tmp_path: Path) -> None:
-    fake = wrapped(simulator, tmp_path, f"echo $$ > {tmp_path}/pid")
-    with Simulation(endless(), fake, timeout=60.0) as run:
-        pid = process_id(tmp_path / "pid")
-    assert not is_running(pid)
-    assert not run.folder.exists()
-    with pytest.raises(SimulationError, match="cancelled"):
-        run.result()
-
-
-def test_a_run_nobody_asks_for_ends_with_its_object(simulator: Simulator, tmp_path: Path) -> None:
+@pytest.mark.parametrize("cancelled", [True, False])
+def test_a_run_that_nobody_waits_for_ends_and_leaves_nothing(
+    simulator: Simulator, tmp_path: Path, cancelled: bool
+) -> None:
+    """It is cancelled at the end of its block, or goes with its object."""
     fake = wrapped(simulator, tmp_path, f"echo $$ > {tmp_path}/pid")
     run = Simulation(endless(), fake, timeout=60.0)
     pid, folder = process_id(tmp_path / "pid"), run.folder
+    if cancelled:
+        with run:
+            pass
+        with pytest.raises(SimulationError, match="cancelled"):
+            run.result()
     del run
     assert not is_running(pid)
     assert not folder.exists()
@@ -232,13 +224,6 @@ def test_version_and_solver(answer: str, version: int, option: str, tmp_path: Pa
     for asked in ("klu", "noopiter"):
         right = "KLU" if asked == option == "klu" else "Sparse"
         assert simulator.solver_of(f"* title\n.options {asked}\n.end\n") == right
-
-
-def test_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.delenv("TACTION_NGSPICE", raising=False)
-    with pytest.raises(SimulatorNotFound, match="TACTION_NGSPICE"):
-        find_simulator()
 
 
 def test_variable_overrides_the_path_and_an_argument_overrides_both(
