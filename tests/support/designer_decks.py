@@ -6,6 +6,8 @@ with one pole, `FAST` one with two poles and an output resistance, `IDEAL` a gai
 
 from __future__ import annotations
 
+from pathlib import Path
+
 OPAMP = """\
 .subckt opamp p n o params: a0=2e5 gbw=1meg
 G1 0 x p n 1m
@@ -39,6 +41,13 @@ def deck(title: str, *cards: str, source: str = STEP) -> str:
         model for name, model in (("opamp", OPAMP), ("fast", FAST)) if f" {name}" in body
     )
     return f"{title}\n{models}{source}{body}\n{END}"
+
+
+def written(folder: Path, text: str) -> Path:
+    """Return the file of a deck of these lines, to which a title and the end are added."""
+    place = folder / "deck.cir"
+    place.write_text(f"title\n{text}\n.end\n")
+    return place
 
 
 FILTERS = {

@@ -22,7 +22,8 @@ from taction.verification.studies.decks.board_check import BoardCheck, check_boa
 from taction.verification.studies.decks.board_sweep import swept_axis
 from taction.verification.studies.decks.foreign_board import ForeignBoard, read_board
 from taction.verification.studies.decks.questions import wanted
-from tests.support.designer_decks import DECKS, deck
+from tests.support.designer_decks import DECKS, deck, written
+from tests.support.measured import named
 from tests.support.nodal_analysis import exact_poles
 
 pytestmark = pytest.mark.usefixtures("ngspice")
@@ -68,10 +69,8 @@ def test_poles_are_those_of_nodal_analysis(name: str, read: Read) -> None:
 
 @pytest.mark.parametrize("name", DECKS)
 def test_ngspice_has_the_same_small_signal(name: str, read: Read) -> None:
-    found = check_board(read(DECKS[name]), wanted())
-    (check,) = (each for each in found.checks if each.name == "ac_agrees")
+    check = named(check_board(read(DECKS[name]), wanted()), "ac_agrees")
     assert check.outcome.value == "pass", check.reason
-    assert check.value is not None
     assert check.value < 1e-6
 
 
@@ -146,9 +145,10 @@ def test_a_pole_of_a_model_beyond_the_band_decides_nothing(read: Read) -> None:
     assert [note for note in found.notes if "+628.9 T/s, beyond 10 GHz" in note]
 
 
-def test_margins_are_edges_of_the_poles(read: Read) -> None:
+def test_margins_are_edges_of_the_poles_and_every_part_counts(read: Read) -> None:
     """The bridge of gain 2.9 oscillates as R2 or C1 grows by 1/9: 1 + R1/R2 + C2/C1 = 2.9."""
-    rows = {row.name: row for row in checked(read(DECKS["wien"])).parts}
+    found = checked(read(DECKS["wien"]), checks=("margin=1.01",))
+    rows = {row.name: row for row in found.parts}
     # Barkhausen: gain = 1 + R1/R2 + C2/C1
     assert rows["R2"].above == pytest.approx(1e4 / 0.9, rel=1e-6)
     assert rows["R2"].below is None
@@ -156,10 +156,6 @@ def test_margins_are_edges_of_the_poles(read: Read) -> None:
     assert rows["C1"].above == pytest.approx(1e-8 / 0.9, rel=1e-6)
     assert rows["C2"].below == pytest.approx(9e-9, rel=1e-6)
     assert rows["E1"].above == pytest.approx(3.0, rel=1e-6)
-
-
-def test_a_margin_counts_every_part(read: Read) -> None:
-    found = checked(read(DECKS["wien"]), checks=("margin=1.01",))
     assert found.outcome.value == "pass"
     (check,) = found.checks
     assert check.value == pytest.approx(3.0 / 2.9, rel=1e-6)
@@ -204,27 +200,22 @@ def test_an_expression_without_braces_is_refused_with_its_line(card: str, read: 
         read(text)
 
 
-def checked_deck(folder: Path, text: str) -> BoardCheck:
-    place = folder / "deck.cir"
-    place.write_text(f"title\n{text}\n.end\n")
-    return taction.check(place)
-
-
-@pytest.mark.parametrize(("volts", "said"), [(1e-4, False), (1.0, True)])
-def test_a_step_beyond_the_linear_range_is_said(volts: float, said: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("volts", "parts", "said"),
+    [
+        (1e-4, "R1 o out 1k", ""),
+        (1.0, "R1 o out 1k", "v(out) = 10 V, the linear circuit 100 V"),
+        # The output follows the input, a node beside it does not.
+        (1.0, "R1 o 0 1k\nR2 in out 1k", "v(o) = 10 V, the linear circuit 100 V"),
+    ],
+)
+def test_a_step_beyond_the_linear_range_is_said(
+    volts: float, parts: str, said: str, tmp_path: Path
+) -> None:
     """10 tanh(10 v): at 1 V the circuit gives 10 V, its slope 100 V."""
-    text = f"V1 in 0 PULSE(0 {volts})\nB1 o 0 V=10*tanh(10*V(in))\nR1 o out 1k\nC1 out 0 1n"
-    notes = [each for each in checked_deck(tmp_path, text).notes if "too large" in each]
-    assert bool(notes) is said
-    if said:
-        assert "v(out) = 10 V, the linear circuit 100 V" in notes[0]
-
-
-def test_a_step_beyond_the_linear_range_of_an_inner_node_is_said(tmp_path: Path) -> None:
-    """The output follows the input; a node beside it has 10 tanh(10 v)."""
-    text = "V1 in 0 PULSE(0 1)\nB1 o 0 V=10*tanh(10*V(in))\nR1 o 0 1k\nR2 in out 1k\nC1 out 0 1n"
-    notes = [each for each in checked_deck(tmp_path, text).notes if "too large" in each]
-    assert "v(o) = 10 V, the linear circuit 100 V" in notes[0]
+    text = f"V1 in 0 PULSE(0 {volts})\nB1 o 0 V=10*tanh(10*V(in))\n{parts}\nC1 out 0 1n"
+    notes = [each for each in taction.check(written(tmp_path, text)).notes if "too large" in each]
+    assert said in notes[0] if said else not notes
 
 
 NEGATIVE_ZERO = """
@@ -280,7 +271,7 @@ def test_a_negative_capacitance_of_a_model_does_not_decide(
 
     From the unstable point of the exchanged inputs ngspice's tighter solution goes to a supply.
     """
-    found = checked_deck(tmp_path, NEGATIVE_ZERO.format(inputs=inputs))
+    found = taction.check(written(tmp_path, NEGATIVE_ZERO.format(inputs=inputs)))
     assert found.outcome.value == outcome
     assert found.apart.far.tolist() == [pytest.approx((1.0 + 1e-6) / (1e-6 * 1e-9), rel=1e-6)]
     assert any("the model itself has a pole at +1e15 /s" in note for note in found.notes)
@@ -299,9 +290,7 @@ R1 x gnd 1k
 .ends
 X1 out low
 X2 in out high"""
-    place = tmp_path / "deck.cir"
-    place.write_text(f"title\n{text}\n.end\n")
-    found = taction.check(place, outputs="out")
-    assert "ac_agrees" in {check.name for check in found.checks if check.outcome.value == "pass"}
+    found = taction.check(written(tmp_path, text), outputs="out")
+    assert named(found, "ac_agrees").outcome.value == "pass"
     assert found.poles.rightmost.real == pytest.approx(-2e6, rel=1e-9)
     assert any("a pwl that repeats" in note for note in found.notes)

@@ -18,6 +18,8 @@ from taction.verification.characterise import operating_point
 from taction.verification.studies.decks import witnesses
 from taction.verification.studies.decks.board_check import BoardCheck
 from taction.verification.studies.decks.foreign_board import read_board
+from tests.support.designer_decks import written
+from tests.support.measured import named
 from tests.support.paths import ROOT
 
 pytestmark = pytest.mark.usefixtures("ngspice")
@@ -27,14 +29,10 @@ INVERTER = "R1 in x 10k\nR2 x out 10k\nC2 x out 10p\nX1 ref x vp {low} out FET10
 
 
 def checked(folder: Path, text: str, **options: object) -> BoardCheck:
-    place = folder / "deck.cir"
-    place.write_text(f"title\n{text}\n.end\n")
-    return taction.check(place, **options)  # type: ignore[arg-type]
-
-
-def agrees(found: BoardCheck) -> bool:
-    (check,) = [check for check in found.checks if check.name == "ac_agrees"]
-    return check.outcome.value == "pass"
+    """The check of a deck, of which the small signals are those of ngspice."""
+    found = taction.check(written(folder, text), **options)  # type: ignore[arg-type]
+    assert options.get("ngspice") is False or named(found, "ac_agrees").outcome.value == "pass"
+    return found
 
 
 @pytest.mark.parametrize(
@@ -57,7 +55,7 @@ def test_the_rightmost_pole_is_that_of_the_cards(
     name: str, real: float | None, hertz: float | None
 ) -> None:
     found = taction.check(CASES / name)
-    assert agrees(found)
+    assert named(found, "ac_agrees").outcome.value == "pass"
     lead = found.poles.rightmost
     if real is not None and hertz is not None:
         assert lead.real == pytest.approx(real, rel=2e-3)
@@ -136,12 +134,6 @@ C1 out 0 1n
 .model dx D(Is=800f rs=1)"""  # 1 pS behind 1 S, times 4e7
 
 
-@pytest.mark.parametrize("text", [PAIR, FIELD, EMITTER, LEAKING])
-def test_every_node_responds_as_in_ngspice(text: str, tmp_path: Path) -> None:
-    """From the source and from currents into every node, within 1e-6."""
-    assert agrees(checked(tmp_path, text))
-
-
 def test_a_base_resistance_that_falls_with_the_current(tmp_path: Path) -> None:
     """RB 400, RBM 100 ohm; no substrate capacitance, so Q1 has two capacitances and two poles."""
     text = """Vp vp 0 5
@@ -152,11 +144,11 @@ Rc vp c 1k
 Re e 0 100
 .model qn npn(is=1e-15 bf=100 ikf=5m vaf=50 rb=400 rbm=100 re=1 rc=10 cje=1p cjc=1p tf=20p)"""
     found = checked(tmp_path, text, outputs="c")
-    assert agrees(found)
     assert len(found.poles.poles) == 2
     assert found.outputs[0].figures["settling_time"] is not None
 
 
+# BSIM, levels 8 and 14, knows no rd and rs.
 MOS = """.model nm nmos(level={} {})
 Vdd vdd 0 1.8
 Vin in 0 dc 0.8 ac 1
@@ -165,20 +157,12 @@ Rd vdd d 1k
 Cl d 0 1p"""
 
 
-@pytest.mark.parametrize("level", [2, 8, 14])
-@pytest.mark.parametrize("ohmic", ["rsh=10", "rd=5 rs=5"])
-def test_levels_of_mos_have_the_resistances_that_they_know(
-    level: int, ohmic: str, tmp_path: Path
-) -> None:
-    """BSIM knows no rd and rs."""
-    assert agrees(checked(tmp_path, MOS.format(level, ohmic), outputs="d"))
-
-
 def test_a_device_without_a_finite_small_signal_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no finite small signal"):
         checked(tmp_path, MOS.format(4, "rsh=10"), outputs="d")
 
 
+# An op-amp of the Boyle kind: gains of 2e9 leave 1e-6 of a current to ngspice's rounding.
 LOOP = """.model jx pjf(beta=300u vto=-1 is=2.5p)
 .model dx d(is=8e-16)
 Vp 3 0 15
@@ -211,13 +195,57 @@ D4 92 90 dx
 Vln 0 92 18"""
 
 
-def test_what_ngspice_itself_does_not_resolve_is_no_disagreement(tmp_path: Path) -> None:
-    """An op-amp of the Boyle kind: gains of 2e9 leave 1e-6 of a current to ngspice's rounding.
+# 47 pA of the gate flow through D6: a second point in one run of ngspice has others.
+FOLLOWER = """.model dx d(is=1e-15)
+.model jx pjf(beta=12.5u vto=-2 is=30p)
+Vp vp 0 15
+Vm vm 0 -15
+V1 in 0 dc 0 ac 1
+I1 vp 4 100u
+J1 5 out 4 jx
+J2 6 in 4 jx
+R3 5 vm 20k
+R4 6 vm 20k
+C4 5 6 0.2p
+G1 0 9 5 6 2m
+R5 9 0 100meg
+C3 9 0 50p
+E1 26 0 9 0 1
+V8 26 27 0
+R16 27 out 25
+F5 vp 23 V8 1
+D6 23 vp dx
+C1 out 0 1n
+.print v(out)"""
+# Some 1e-13 A through a junction to 15 V: ngspice resolves 1 fA, 1 % of its slope.
+WEAK = """.model dx d(is=1e-15)
+Vp vp 0 15
+V1 in 0 dc 1 ac 1
+R1 in a 1k
+R2 a 0 1k
+C1 a 0 1n
+E1 b 0 a 0 1.0000000001
+G1 x 0 b a 2m
+D1 vp x dx
+L1 x y 1u
+C2 y 0 1p
+.print v(a)"""
+RESPONDING = {
+    **dict.fromkeys((PAIR, FIELD, EMITTER, LEAKING, WEAK, FOLLOWER), ()),
+    **{MOS.format(n, ohms): "d" for n in (2, 8, 14) for ohms in ("rsh=10", "rd=5 rs=5")},
+    LOOP: "5",
+}
 
-    Its point is known to nine digits from ngspice's own start, not from the point that is near.
+
+@pytest.mark.parametrize("text", RESPONDING)
+def test_every_node_responds_as_in_ngspice(text: str, tmp_path: Path) -> None:
+    """From the source and from currents into every node, within 1e-6.
+
+    Not counted is what ngspice itself does not resolve. The point of all is known to nine digits
+    from ngspice's own start, not from the point that is near.
     """
-    found = checked(tmp_path, LOOP, outputs="5")
-    assert agrees(found)
+    found = checked(tmp_path, text, outputs=RESPONDING[text])
+    assert found.poles.known_stable
     assert not any("(found with" in note for note in found.notes)
 
 
@@ -234,7 +262,6 @@ def test_a_diode_is_its_conductance(tmp_path: Path) -> None:
 def test_a_deck_of_one_node_has_its_voltage(tmp_path: Path) -> None:
     """ngspice writes the only vector of a plot as V(1), every other one as v(1)."""
     found = checked(tmp_path, ".model dd d(is=1e-14)\nD1 1 0 dd")
-    assert agrees(found)
     assert [row.before for row in found.outputs] == pytest.approx([0.0], abs=1e-15)
 
 
@@ -265,21 +292,16 @@ def test_what_is_not_measured_is_refused(card: str, words: tuple[str, ...], tmp_
         assert word in str(error.value)
 
 
-def with_opamp(folder: Path, text: str, **options: object) -> BoardCheck:
-    (folder / "fet100.lib").write_bytes((ROOT / "tests" / "data" / "fet100.cir").read_bytes())
-    return checked(folder, f".include fet100.lib\n{text}", **options)
-
-
 def test_a_single_supply_shifts_all_voltages(tmp_path: Path) -> None:
     """A macromodel knows its supplies only: at 2 V and 26 V it is the op-amp at ±12 V."""
+    (tmp_path / "fet100.lib").write_bytes((ROOT / "tests" / "data" / "fet100.cir").read_bytes())
     found = []
     for low, middle in ((-12.0, 0.0), (2.0, 14.0)):
         lines = (
-            f"Vp vp 0 {middle + 12.0}\nVm vm 0 {low}\nVref ref 0 {middle}\n"
+            f".include fet100.lib\nVp vp 0 {middle + 12.0}\nVm vm 0 {low}\nVref ref 0 {middle}\n"
             f"V1 in 0 PULSE({middle} {middle + 0.01} 1u)\n"
         )
-        check = with_opamp(tmp_path, lines + INVERTER.format(low="vm"))
-        assert agrees(check)
+        check = checked(tmp_path, lines + INVERTER.format(low="vm"))
         (row,) = check.outputs
         assert row.rest is not None
         assert row.before is not None
@@ -292,9 +314,7 @@ def test_a_parameter_moves_the_point(tmp_path: Path) -> None:
     """The conductance of a diode follows a .param, and not the one of a subcircuit, its current."""
     text = ".param amps=1m\n.model dd d(is=1e-14)\nI1 0 out {amps}\nD1 out 0 dd\nC1 out 0 1u"
     text += "\nX1 x 0 own\n.subckt own a b\n.param amps=5\nR1 a b {amps}\n.ends"
-    place = tmp_path / "deck.cir"
-    place.write_text(f"t\n{text}\n.end\n")
-    board = read_board(place)
+    board = read_board(written(tmp_path, text))
     one, other = board.at("amps", [1e-3, 2e-3])
     assert not isinstance(one, InputError)
     assert not isinstance(other, InputError)
@@ -350,7 +370,6 @@ def test_the_unstable_middle_of_a_latch_is_no_pass(
     assert any(note.startswith("at least 3 operating points") for note in found.notes), found.notes
     assert found.poles.stable is False
     assert found.outcome.value == "fail"
-    assert agrees(found)
     if rate is not None:
         assert found.poles.rightmost.real == pytest.approx(rate, rel=1e-9)
 
@@ -411,7 +430,6 @@ X1 in out vc ve out oa
 def test_a_negative_resistance_in_series_with_an_emitter_is_no_latch(tmp_path: Path) -> None:
     """Less than 1 / gm = 5.2 kohm: makers of models raise the slope of an input stage by it."""
     found = checked(tmp_path, NEGATIVE)
-    assert agrees(found)
     assert found.outcome.value == "pass"
     # 1 / gm - 1 kohm of each half, 13 kohm, 100 uS and 150 pF, beside 4 pF across 26 kohm
     fast, slow = 1.0 / (26e3 * 4e-12), 100e-6 * 13e3 / (2 * VT / 10e-6 - 1e3) / 150e-12
@@ -437,8 +455,7 @@ def test_two_solvers_of_ngspice_that_differ_do_not_decide(
     deck = "V1 in 0 dc 0 ac 1\nR1 in a 1k\nC1 a 0 1n\nR2 a out 1k\nC2 out 0 1n"
     for sign, count, outcome in ((-1.0, 1, "pass"), (-1.0, 20, "inconclusive"), (1.0, 1, "fail")):
         monkeypatch.setattr(witnesses, "_theirs", of_solver(sign, count))
-        found = checked(tmp_path, deck, outputs="a")
-        (check,) = [check for check in found.checks if check.name == "ac_agrees"]
+        check = named(taction.check(written(tmp_path, deck), outputs="a"), "ac_agrees")
         assert check.outcome.value == outcome, check
         said = f"a: not resolved within the limit at {count} of "
         assert (said in check.reason) is (outcome != "fail")
@@ -465,38 +482,15 @@ def test_the_current_of_a_source_with_gain_is_not_that_of_another_part(
 
     Of the tanh at rest (-1 + 0.5 = -0.5) the slope is 1 - tanh(0.5)^2.
     """
-    deck = tmp_path / "sensed.cir"
-    deck.write_text(
-        "sensed\nV1 in 0 1 ac 1\nVe1 q 0 0\nRq q in 7k\nE1 x 0 in 0 2\nR1 x 0 1k\n"
-        f"B1 o 0 v={formula}\nR3 o p 1k\nC3 p 0 1n\n.plot ac v(o) v(p)\n.end\n"
+    found = checked(
+        tmp_path,
+        "V1 in 0 1 ac 1\nVe1 q 0 0\nRq q in 7k\nE1 x 0 in 0 2\nR1 x 0 1k\n"
+        f"B1 o 0 v={formula}\nR3 o p 1k\nC3 p 0 1n\n.plot ac v(o) v(p)",
     )
-    found = taction.check(deck)
-    assert agrees(found)
     first = found.outputs[0]
     slope = 1.0 if formula.startswith("500") else 1.0 - math.tanh(0.5) ** 2
     moved = (first.rest - first.before) / (0.01 if slope == 1.0 else 1e-3)
     assert moved == pytest.approx(-slope, rel=1e-3)
-
-
-WEAK = """.model dx d(is=1e-15)
-Vp vp 0 15
-V1 in 0 dc 1 ac 1
-R1 in a 1k
-R2 a 0 1k
-C1 a 0 1n
-E1 b 0 a 0 1.0000000001
-G1 x 0 b a 2m
-D1 vp x dx
-L1 x y 1u
-C2 y 0 1p
-.print v(a)"""
-
-
-def test_a_node_that_only_a_junction_holds_is_no_disagreement(tmp_path: Path) -> None:
-    """Some 1e-13 A through a junction to 15 V: ngspice resolves 1 fA, 1 % of its slope."""
-    found = checked(tmp_path, WEAK)
-    assert agrees(found)
-    assert found.poles.rightmost.real < 0.0
 
 
 def test_a_capacitance_of_nothing_is_left_out(tmp_path: Path) -> None:
@@ -515,7 +509,6 @@ C1 out 0 6n"""  # 2 aF at the source, and so a pole of 1e17 times that of C1
 
 def test_a_capacitance_of_nothing_of_a_device_is_left_out(tmp_path: Path) -> None:
     found = checked(tmp_path, f"{AREA}\nD2 0 out m 400e-12")
-    assert agrees(found)
     assert any("left out: D1, D2" in note for note in found.notes)
     assert found.poles.poles == pytest.approx([-1.0 / (1e3 * 6e-9)], rel=1e-6)
 
@@ -523,8 +516,7 @@ def test_a_capacitance_of_nothing_of_a_device_is_left_out(tmp_path: Path) -> Non
 def test_a_capacitance_that_moves_an_output_is_not_left_out_in_silence(tmp_path: Path) -> None:
     """Two reversed diodes divide by their capacitances from some 20 GHz on, before that by gmin."""
     text = f"{AREA}\nD2 dark in m 400e-12\nD3 0 dark m 100e-12\nR2 out x 1k\nC2 x 0 100f"
-    found = checked(tmp_path, text, outputs="dark")
-    (check,) = [check for check in found.checks if check.name == "ac_agrees"]
+    check = named(taction.check(written(tmp_path, text), outputs="dark"), "ac_agrees")
     assert check.outcome.value == "inconclusive"
     assert "dark" in check.reason
 
@@ -533,41 +525,10 @@ def test_a_polynomial_of_the_third_degree_of_two_inputs(tmp_path: Path) -> None:
     """Its coefficients after 1, x, y, xx, xy, yy are those of xxx, xxy, xyy and yyy."""
     cards = ["V1 x 0 dc 2 ac 1", "V2 y 0 3", "E1 u 0 poly(2) x 0 y 0 0 0 0 0 0 0 1 10 100 1000"]
     found = checked(tmp_path, "\n".join([*cards, "R1 u out 1k", "C1 out 0 1n", ".print v(out)"]))
-    assert agrees(found)
     gain = 3.0 * 2.0**2 + 10.0 * 2.0 * 2.0 * 3.0 + 100.0 * 3.0**2
     (before,), (rest,) = found.before, found.rest
     assert before == pytest.approx(8.0 + 10.0 * 12.0 + 100.0 * 18.0 + 1000.0 * 27.0)
     assert rest - before == pytest.approx(gain * 1e-3, rel=1e-9)
-
-
-FOLLOWER = """.model dx d(is=1e-15)
-.model jx pjf(beta=12.5u vto=-2 is=30p)
-Vp vp 0 15
-Vm vm 0 -15
-V1 in 0 dc 0 ac 1
-I1 vp 4 100u
-J1 5 out 4 jx
-J2 6 in 4 jx
-R3 5 vm 20k
-R4 6 vm 20k
-C4 5 6 0.2p
-G1 0 9 5 6 2m
-R5 9 0 100meg
-C3 9 0 50p
-E1 26 0 9 0 1
-V8 26 27 0
-R16 27 out 25
-F5 vp 23 V8 1
-D6 23 vp dx
-C1 out 0 1n
-.print v(out)"""
-
-
-def test_every_sweep_of_ngspice_is_about_the_same_point(tmp_path: Path) -> None:
-    """47 pA of the gate flow through D6: a second point in one run of ngspice has others."""
-    found = checked(tmp_path, FOLLOWER)
-    assert agrees(found)
-    assert found.poles.stable
 
 
 def test_a_point_that_ngspice_does_not_find_again_is_none(
@@ -595,4 +556,5 @@ def test_where_ngspice_keeps_pivots_it_is_asked_at_each_frequency(
         return wrong, said
 
     monkeypatch.setattr(operating_point.DeckPoint, "small_signals", rounded)
-    assert agrees(checked(tmp_path, "V1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n"))
+    found = checked(tmp_path, "V1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n")
+    assert found.outcome.value == "pass"

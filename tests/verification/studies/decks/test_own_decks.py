@@ -34,29 +34,40 @@ from taction.verification.studies.decks.measured_board import (
     measure_board,
 )
 from taction.verification.studies.decks.questions import QUESTIONS, Question
+from tests.support.designer_decks import written
 from tests.support.running import taction as command
 
 READABLE = ("ngspice", "ltspice", "hspice")  # the dialects that ngspice can read
-LINEAR = ("integrator", "passive", "inv", "pinv", "ridge")
 SMALL = {
     "base": "ideal", "dc_gain": 1e5, "gbw": "1MHz", "second_pole": "2.5MHz",
     "output_resistance": "75ohm", "input_capacitance": "3pF",
 }  # fmt: skip
-DIVIDER = "divider\nV1 in 0 PULSE(0 4)\nR1 in out 1k\nR2 out 0 3k\nC1 out 0 1n\n.end\n"
-RC = "RC\nV1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n\n.end\n"
-PULSED = "divider\nV1 in 0 PULSE(0 2)\nR1 in out 1k\nR2 out 0 1k\nC1 out 0 1n\n.end\n"
-TAU = 1e-6
+DIVIDER = "V1 in 0 PULSE(0 4)\nR1 in out 1k\nR2 out 0 3k\nC1 out 0 1n"
+RC = "V1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n"
+PULSED = "V1 in 0 PULSE(0 2)\nR1 in out 1k\nR2 out 0 1k\nC1 out 0 1n"
+TRANSFORMER = (
+    ".param k=0\nV1 in 0 PULSE(0 1)\nR1 in a 1k\nL1 a 0 1m\nL2 out 0 1m\nK1 L1 L2 0.9\n"
+    "R2 out 0 {1k+k}"
+)
+TAU, SLOW = 1e-6, 1.01 * 1.05 * 1e-6
+WORST = [
+    # With R and C at their upper ends tau is 1.01 * 1.05 times its value.
+    (RC, "resistor = 0.01\ncapacitor = 0.05\n", "growth_rate", -1.0 / SLOW),
+    (RC, "resistor = 0.01\ncapacitor = 0.05\n", "settling_time", SLOW * math.log(100.0)),
+    (RC, "resistor = 0.01\ncapacitor = 0.05\n", "rise_time", SLOW * math.log(9.0)),
+    # A divider of 2 V, in steps of 1 V: twice the share.
+    (PULSED, 'resistor = "1%"\n', "steady_state", 2.0 * (1.01 / (1.01 + 1.0 / 1.01) - 0.5)),
+    # Behind R1 the leakage L (1 - k^2) of equal coils decays through R2 + R1 fastest:
+    # (R1 + s L)(R2 + s L) = (s M)^2 with R1 = R2, so s = -R / (L (1 + k)), the slower one
+    (TRANSFORMER, "coupling = 0.05\n", "growth_rate", -1e6 / (1.0 + 0.9 * 1.05)),
+]
 T, EPS = np.array([[2.0, 1.0], [1.0, 3.0], [0.0, 1.0]]), np.array([3.0, 4.0, 2.0])
-
-
-def test_every_topology_of_taction_is_read_back() -> None:
-    assert set(LINEAR) == set(TOPOLOGIES)
 
 
 @pytest.mark.parametrize("dialect", READABLE)
 @pytest.mark.parametrize(
     ("name", "topology"),
-    [*(("", topology) for topology in LINEAR), ("known-readings", ""), ("custom-matrix", "")],
+    [*(("", each) for each in sorted(TOPOLOGIES)), ("known-readings", ""), ("custom-matrix", "")],
 )
 def test_a_deck_read_back_has_the_poles_and_readings_of_its_board(
     name: str, topology: str, dialect: str, tmp_path: Path, ngspice: str
@@ -113,9 +124,8 @@ def test_a_real_pole_that_crosses_beyond_a_margin_is_known(tmp_path: Path, ngspi
 
 
 def test_a_part_between_one_node_and_itself_moves_nothing(tmp_path: Path, ngspice: str) -> None:
-    place = tmp_path / "rc.cir"
-    parts = "R1 in out 1k\nC1 out 0 1n\nR5 0 0 1k\nC5 0 0 1n\nR6 out out 2k\n"
-    place.write_text(f"t\nV1 in 0 PULSE(0 1)\n{parts}.end\n")
+    parts = "R1 in out 1k\nC1 out 0 1n\nR5 0 0 1k\nC5 0 0 1n\nR6 out out 2k"
+    place = written(tmp_path, f"V1 in 0 PULSE(0 1)\n{parts}")
     found = taction.check(place, checks="margin=2", ngspice=False)
     assert found.outcome.value == "pass"
     rates = {row.name: row.real for row in found.parts}
@@ -148,9 +158,8 @@ def test_an_output_that_returns_settles_in_shares_of_its_exact_peak(tmp_path: Pa
     ohms, henry, farads = 1e5, 1e-2, 1e-8
     decay = 0.5 / (ohms * farads)
     turn = math.sqrt(1.0 / (henry * farads) - decay**2)
-    deck = tmp_path / "pulse.cir"
     cards = f"R1 in out {ohms!r}\nL1 out 0 {henry!r}\nC1 out 0 {farads!r}"
-    deck.write_text(f"pulse\nV1 in 0 PULSE(0 1)\n{cards}\n.end\n")
+    deck = written(tmp_path, f"V1 in 0 PULSE(0 1)\n{cards}")
     found = taction.check(deck, outputs=["out"], ngspice=False).measurements
 
     def volts(t: float) -> float:
@@ -178,8 +187,7 @@ def deck(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     caches = (documents.parts_of, documents._hints, document_catalogue.units)
     asked = Question("level", "V", "level at rest", "the least level", rests, large=True)
     monkeypatch.setitem(QUESTIONS, "level", asked)
-    place = tmp_path / "divider.cir"
-    place.write_text(DIVIDER)
+    place = written(tmp_path, DIVIDER)
     for cache in caches:
         cache.cache_clear()
     yield place
@@ -217,52 +225,29 @@ def test_a_limit_that_is_none_is_refused(deck: Path, text: str) -> None:
 
 
 def checked(folder: Path, deck: str, spread: str, **more: object) -> BoardCheck:
-    (folder / "deck.cir").write_text(deck)
-    (folder / "parts.toml").write_text(spread)
-    return taction.check(
-        folder / "deck.cir",
-        tolerances=folder / "parts.toml",
-        ngspice=False,
-        **more,  # type: ignore[arg-type]
-    )
+    parts, options = folder / "parts.toml", {"ngspice": False, **more}
+    parts.write_text(spread)
+    return taction.check(written(folder, deck), tolerances=parts, **options)  # type: ignore[arg-type]
 
 
-def worst(found: BoardCheck, quantity: str) -> float:
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize(("deck", "spread", "quantity", "worst"), WORST)
+def test_a_corner_has_the_worst_value_of_the_closed_form(
+    deck: str, spread: str, quantity: str, worst: float, tmp_path: Path
+) -> None:
+    found = checked(tmp_path, deck, spread, samples=1)
     assert found.corners is not None
     (corner,) = (each for each in found.corners.corners if each.quantity == quantity)
-    value = corner.result.value(quantity)
-    assert value is not None
-    return value
-
-
-@pytest.mark.usefixtures("ngspice")
-def test_the_corners_of_an_rc_are_its_slowest_and_fastest(tmp_path: Path) -> None:
-    """With R and C at their upper ends tau is 1.01 * 1.05 times its value."""
-    found = checked(tmp_path, RC, "resistor = 0.01\ncapacitor = 0.05\n", samples=1)
-    slow = 1.01 * 1.05 * TAU
-    assert worst(found, "growth_rate") == pytest.approx(-1.0 / slow, rel=1e-9)
-    assert worst(found, "settling_time") == pytest.approx(slow * math.log(100.0), rel=1e-5)
-    assert worst(found, "rise_time") == pytest.approx(slow * math.log(9.0), rel=1e-5)
-
-
-@pytest.mark.usefixtures("ngspice")
-def test_a_divider_rests_where_its_worst_resistors_say(tmp_path: Path) -> None:
-    found = checked(tmp_path, PULSED, 'resistor = "1%"\n', samples=1)
-    above = 1.01 / (1.01 + 1.0 / 1.01) - 0.5  # of 2 V, in steps of 1 V: twice this
-    assert worst(found, "steady_state") == pytest.approx(2.0 * above, rel=1e-6)
+    rel = 1e-9 if quantity == "growth_rate" else 1e-6
+    assert corner.result.value(quantity) == pytest.approx(worst, rel=rel)
 
 
 @pytest.mark.usefixtures("ngspice")
 def test_the_yield_is_the_share_of_slow_capacitors(tmp_path: Path) -> None:
     """C is C0 1.05^z with z from -1 to 1: it is below 1.02 C0 in (1 + ln 1.02 / ln 1.05) / 2."""
     limit = 1.02 * TAU * math.log(100.0)
-    found = checked(
-        tmp_path,
-        RC,
-        'capacitor = 0.05\ndistribution = "uniform"\n',
-        samples=100,
-        checks=f"settling={limit!r}@1%",
-    )
+    spread, asked = 'capacitor = 0.05\ndistribution = "uniform"\n', f"settling={limit!r}@1%"
+    found = checked(tmp_path, RC, spread, samples=100, checks=asked)
     assert found.yields is not None
     share = 0.5 * (1.0 + math.log(1.02) / math.log(1.05))
     assert found.yields.low <= share <= found.yields.high
@@ -276,9 +261,9 @@ def test_the_yield_is_the_share_of_slow_capacitors(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("ngspice")
 def test_the_command_says_worst_cases_and_yield(tmp_path: Path) -> None:
-    (tmp_path / "deck.cir").write_text(RC)
-    (tmp_path / "parts.toml").write_text("capacitor = 0.05\n")
-    call = ["check", str(tmp_path / "deck.cir"), "--tolerances", str(tmp_path / "parts.toml")]
+    deck, parts = written(tmp_path, RC), tmp_path / "parts.toml"
+    parts.write_text("capacitor = 0.05\n")
+    call = ["check", str(deck), "--tolerances", str(parts)]
     result = command(*call, "-n", "20", "--no-ngspice")
     assert result.exit_code == 0, result.output
     assert "worst settling time" in result.output
@@ -286,19 +271,6 @@ def test_the_command_says_worst_cases_and_yield(tmp_path: Path) -> None:
     result = command(*call, "-n", "20", "--check", "settling=4.7us@1%", "--no-ngspice")
     assert result.exit_code == 1
     assert "settling time not kept" in result.output
-
-
-@pytest.mark.usefixtures("ngspice")
-def test_a_coupling_moves_the_leakage_of_a_transformer(tmp_path: Path) -> None:
-    """Behind R1 the leakage L (1 - k^2) of equal coils decays through R2 + R1 fastest."""
-    deck = (
-        "transformer\nV1 in 0 PULSE(0 1)\nR1 in a 1k\nL1 a 0 1m\nL2 out 0 1m\nK1 L1 L2 0.9\n"
-        "R2 out 0 1k\n.end\n"
-    )
-    found = checked(tmp_path, deck, "coupling = 0.05\n", samples=20)
-    # (R1 + s L)(R2 + s L) = (s M)^2 with R1 = R2: s = -R / (L (1 + k)), the slower one
-    k = 0.9 * 1.05
-    assert worst(found, "growth_rate") == pytest.approx(-1e6 / (1.0 + k), rel=1e-9)
 
 
 @pytest.mark.usefixtures("ngspice")
@@ -312,9 +284,5 @@ def test_a_coupling_moves_the_leakage_of_a_transformer(tmp_path: Path) -> None:
     ],
 )
 def test_a_tolerance_that_cannot_be_is_refused(tmp_path: Path, spread: str, reason: str) -> None:
-    deck = (
-        "transformer\n.param k=0\nV1 in 0 PULSE(0 1)\nR1 in a 1k\nL1 a 0 1m\nL2 out 0 1m\n"
-        "K1 L1 L2 0.9\nR2 out 0 {1k+k}\n.end\n"
-    )
     with pytest.raises(InputError, match=reason):
-        checked(tmp_path, deck, spread, samples=1)
+        checked(tmp_path, TRANSFORMER, spread, samples=1)
