@@ -52,10 +52,10 @@ def process_id(path: Path) -> int:
     raise AssertionError(f"{path} was not written")
 
 
-def is_running(pid: int) -> bool:
-    """Whether the process is neither gone nor a zombie within a second."""
+def is_running(pid: int, seconds: float = 1.0) -> bool:
+    """Whether the process is neither gone nor a zombie within this time."""
     status = Path(f"/proc/{pid}/status")
-    for _ in range(100):
+    for _ in range(int(100 * seconds)):
         try:
             if "\nState:\tZ" in status.read_text():
                 return False

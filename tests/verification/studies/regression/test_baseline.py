@@ -126,10 +126,6 @@ def find(found: tuple[Difference, ...], name: str, group: str = "") -> Differenc
     return next(d for d in found if d.name == name and group in ("", d.group))
 
 
-def check(name: str, outcome: str) -> dict[str, str]:
-    return {"name": name, "outcome": outcome}
-
-
 def against(
     now: dict[str, Any], allowed: dict[str, Any] | None = None, **then: Any
 ) -> tuple[Difference, ...]:
@@ -241,45 +237,36 @@ def failing(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Entry]:
     return {"a.toml": entry}
 
 
-def test_a_scene_without_baseline_is_new_and_judged_by_its_checks(tmp_path: Path) -> None:
-    write_fast(tmp_path / "a.toml")
-    assert (only(run(tmp_path)).status, run(tmp_path).exit_status) == (Status.NEW, 0)
-    write_fast(tmp_path / "a.toml", limit="1us")
-    assert (only(run(tmp_path)).status, run(tmp_path).exit_status) == (Status.NEW, 1)
-
-
-def test_the_same_scene_is_the_same(tmp_path: Path, passing: dict[str, Entry]) -> None:
-    write_fast(tmp_path / "a.toml")
-    report = run(tmp_path, passing)
-    assert (only(report).status, report.exit_status) == (Status.SAME, 0)
-    assert only(report).worst < 1e-5
-    assert only(report).notes == ()
-
-
-def test_a_scene_that_passes_now_is_changed(tmp_path: Path, passing: dict[str, Entry]) -> None:
-    write_fast(tmp_path / "a.toml", capacitance="10.5pF")
-    report = run(tmp_path, passing)
-    assert (only(report).status, report.exit_status) == (Status.CHANGED, 1)
-    edited = "edited since the baseline: design.capacitance was 10pF, now 10.5pF"
-    assert only(report).notes[0] == edited
-    assert {"figures", "channels"} <= {d.group for d in only(report).changes}
-    assert [d.off for d in only(report).changes] == sorted(
-        (d.off for d in only(report).changes), reverse=True
-    )
-
-
-def test_broken_still_failing_and_newly_passing_are_told_apart(
-    tmp_path: Path, passing: dict[str, Entry], failing: dict[str, Entry]
-) -> None:
-    write_fast(tmp_path / "a.toml", limit="1us")
-    report = run(tmp_path, passing)
-    assert (only(report).status, report.exit_status) == (Status.BROKEN, 1)
-    assert [d.name for d in only(report).changes] == ["settling_time"]  # the check, nothing else
-    report = run(tmp_path, failing)
-    assert (only(report).status, report.exit_status) == (Status.FAILING, 1)
-    write_fast(tmp_path / "a.toml")
-    report = run(tmp_path, failing)
-    assert (only(report).status, report.exit_status) == (Status.NEWLY_PASSING, 0)
+@pytest.mark.parametrize(
+    ("scene", "before", "status", "exit_status"),
+    [
+        ({}, "", Status.NEW, 0),  # judged by its checks
+        ({"limit": "1us"}, "", Status.NEW, 1),
+        ({}, "passing", Status.SAME, 0),
+        ({"capacitance": "10.5pF"}, "passing", Status.CHANGED, 1),
+        ({"limit": "1us"}, "passing", Status.BROKEN, 1),
+        ({"limit": "1us"}, "failing", Status.FAILING, 1),
+        ({}, "failing", Status.NEWLY_PASSING, 0),
+    ],
+)
+def test_a_scene_is_told_from_what_it_was(
+    scene: dict[str, str], before: str, status: Status, exit_status: int, tmp_path: Path,
+    passing: dict[str, Entry], failing: dict[str, Entry],
+) -> None:  # fmt: skip
+    write_fast(tmp_path / "a.toml", **scene)
+    report = run(tmp_path, {"": {}, "passing": passing, "failing": failing}[before])
+    found = only(report)
+    assert (found.status, report.exit_status) == (status, exit_status)
+    if status is Status.SAME:
+        assert found.worst < 1e-5
+        assert found.notes == ()
+    if status is Status.CHANGED:
+        assert found.notes[0].endswith("was edited since the baseline")
+        assert {"figures", "channels"} <= {d.group for d in found.changes}
+        off = [d.off for d in found.changes]
+        assert off == sorted(off, reverse=True)
+    if status is Status.BROKEN:
+        assert [d.name for d in found.changes] == ["settling_time"]  # the check, nothing else
 
 
 def test_a_scene_that_is_gone_is_missing_until_the_baseline_is_updated(

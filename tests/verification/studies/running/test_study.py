@@ -67,37 +67,32 @@ def test_only_an_error_is_replaced(tmp_path: Path) -> None:
         assert store.outcome_of(key(1)) == "fail"
 
 
-def _truncate(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:5000])
+def executed(statement: str, *values: str) -> Callable[[Path], None]:
+    """Return what gives a database, or a new one, a statement."""
+
+    def spoil(path: Path) -> None:
+        with closing(sqlite3.connect(path)) as db, db:
+            db.execute(statement, values)
+
+    return spoil
 
 
-def _garble(path: Path) -> None:
-    data = bytearray(path.read_bytes())
-    data[4096:8192] = os.urandom(4096)
-    path.write_bytes(data)
-
-
-def _other_program(path: Path) -> None:
+def other_program(path: Path) -> None:
     path.unlink()
-    with sqlite3.connect(path) as db:
-        db.execute("create table cats (name)")
-    db.close()
-
-
-def _other_format(path: Path) -> None:
-    with sqlite3.connect(path) as db:
-        db.execute(f"pragma user_version = {FORMAT + 1}")
-    db.close()
+    executed("create table cats (name)")(path)
 
 
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
         (lambda path: path.write_text("a,b\n" * 2000), "no SQLite database"),
-        (_truncate, "damaged"),
-        (_garble, "damaged"),
-        (_other_program, "another program"),
-        (_other_format, f"results of format {FORMAT + 1}, this taction has {FORMAT}"),
+        (lambda path: path.write_bytes(path.read_bytes()[:5000]), "damaged"),
+        (lambda path: path.write_bytes(path.read_bytes()[:4096] + os.urandom(9000)), "damaged"),
+        (other_program, "another program"),
+        (
+            executed(f"pragma user_version = {FORMAT + 1}"),
+            f"results of format {FORMAT + 1}, this taction has {FORMAT}",
+        ),
     ],
 )
 def test_a_spoilt_database_is_named_and_left_alone(
@@ -120,9 +115,7 @@ def test_a_record_that_is_none_is_named(tmp_path: Path) -> None:
     with Store(str(path)) as store:
         put(store, 1)
     for text in ("{", "[]", '{"outcome": 3}'):
-        with sqlite3.connect(path) as db:
-            db.execute("update points set record = ?", (text,))
-        db.close()
+        executed("update points set record = ?", text)(path)
         with Store(str(path)) as store, pytest.raises(InputError, match="the database is damaged"):
             store.record_of(key(1), Row)
 
@@ -224,25 +217,12 @@ def test_a_killed_run_is_repeated_and_the_folder_of_the_last_one_stays(
 
 
 def test_types_and_borders_count() -> None:
-    values: list[tuple[object, ...]] = [
-        (1,),
-        (1.0,),
-        ("1",),
-        (True,),
-        (b"1",),
-        (None,),
-        ("ab", "c"),
-        ("a", "bc"),
-        (("a", "b"), "c"),
-        ("a", ("b", "c")),
-        (np.array([1.0, 2.0]),),
-        (np.array([1.0, np.nextafter(2.0, 3.0)]),),
-        (np.array([[1.0, 2.0]]),),
-        (np.array([1.0, 2.0], dtype=np.float32),),
-        (0.0,),
-        (-0.0,),
-    ]
-    assert len({digest(*value) for value in values}) == len(values)
+    values: list[tuple[object, ...]] = [(each,) for each in (1, 1.0, "1", True, b"1", None)]
+    values += [(0.0,), (-0.0,), ("ab", "c"), ("a", "bc"), (("a", "b"), "c"), ("a", ("b", "c"))]
+    arrays = [[1.0, 2.0], [1.0, np.nextafter(2.0, 3.0)], [[1.0, 2.0]]]
+    values += [(np.array(each),) for each in arrays]
+    values += [(np.array([1.0, 2.0], dtype=np.float32),)]
+    assert len({digest(*value) for value in values}) == len(values) == 16
 
 
 def command(folder: Path, *more: str) -> list[str]:

@@ -154,10 +154,7 @@ def test_the_spread_of_the_noise_has_its_limit() -> None:
     assert (spread.unit, spread.at_most, spread.missing) == ("V", middle, 0)
     assert spread.low < rms.max() < spread.high
     assert "noise" not in {quantity.name for quantity in quantities(scene(None))}
-
-
-def test_a_table_of_a_sweep_has_a_column_for_the_noise_where_it_is_limited() -> None:
-    assert columns_of(scene(1e-3))[-1] == "noise"
+    assert columns_of(scene(1e-3))[-1] == "noise"  # of a sweep's table
     assert "noise" not in columns_of(scene(None))
 
 
@@ -168,7 +165,7 @@ def worst(found: tuple[Corner, ...], quantity: str) -> float:
     return value
 
 
-def test_no_corner_is_worse_than_the_worst() -> None:
+def test_no_corner_is_worse_than_the_worst_and_each_says_what_moves_it() -> None:
     scene = small_scene(tolerances=FEW, checks=CHECKS)
     study = prepare(scene)
     assert [p.name for p in study.varied] == ["Cc_1", "Cc_2", "temperature"]
@@ -177,24 +174,6 @@ def test_no_corner_is_worse_than_the_worst() -> None:
     for quantity in QUANTITIES:
         most = max(sample.value(quantity) for sample in every)
         assert worst(found, quantity) == pytest.approx(most, rel=1e-9)
-
-
-class Bent(VariedBoard):
-    """A board whose overshoot is not worst where its nominal slopes lead to."""
-
-    def measured(self, number: int, z: Floats) -> BoardSample:
-        return make_sample(number, overshoot=2.0 + z[0] + 2.0 * z[1] - 1.5 * z[0] * z[1])
-
-
-def test_where_the_first_order_misses_the_slopes_at_the_corner_lead_on() -> None:
-    study = prepare(small_scene(tolerances=FEW, checks=CHECKS))
-    found = worst_of(Bent(**vars(study) | {"step_amplitude": math.nan}), HERE).corners
-    assert worst(found, "overshoot") == 4.5
-
-
-def test_the_nominal_board_comes_first_and_corners_say_what_moves_them() -> None:
-    scene = small_scene(tolerances=FEW, checks=CHECKS)
-    found = worst_of(prepare(scene, full_margin=True), HERE).corners
     assert [corner.name for corner in found] == ["nominal", *(f"worst {q}" for q in QUANTITIES)]
     assert found[0].deviations == {}
     slowest = next(corner for corner in found if corner.quantity == "growth_rate")
@@ -204,12 +183,7 @@ def test_the_nominal_board_comes_first_and_corners_say_what_moves_them() -> None
 
 def test_a_margin_that_is_checked_has_its_corner() -> None:
     real = {"base": "ideal", "dc_gain": 1e5, "gbw": "1MHz", "second_pole": "3MHz"}
-    design: dict[str, Any] = {
-        "capacitance": "10pF",
-        "gain": "300kohm",
-        "stray_capacitance": "5pF",
-        "opamp": real,
-    }
+    design = {"capacitance": "10pF", "gain": "300kohm", "stray_capacitance": "5pF", "opamp": real}
     design |= {"unit_conductance": "10uS", "lambda": 0.1}
     tolerances = QUIET | {"stray": 0.5, "opamp_gbw": 0.3}
     checks = CHECKS | {"stability": {"margin": 1.5}}
@@ -320,13 +294,8 @@ def test_a_sample_is_the_same_alone_in_a_batch_and_in_any_order() -> None:
     z = draw(asked.scene.tolerances, asked.varied, 5, 4)
     assert asked.measured(4, z) == batch[4]
     assert len({sample.value("steady_state") for sample in batch}) == 6
-
-
-def test_processes_compute_the_same() -> None:
-    asked = study()
-    alone = drawn(asked, 8)
     with local(2) as workers:
-        assert drawn(asked, 8, workers) == alone
+        assert drawn(asked, 6, workers) == batch
 
 
 def test_the_yield_counts_what_the_checks_say() -> None:
@@ -337,30 +306,19 @@ def test_the_yield_counts_what_the_checks_say() -> None:
     errors = sorted(value for value in values if value is not None)
     within = sum(value <= 0.03 for value in errors)
     assert 0 < within < 40
-    failures = {"steady_state": 40 - within}
-    assert (found.samples, found.passed, found.failures) == (40, within, failures)
+    assert (found.samples, found.passed) == (40, within)
+    assert found.failures == {"steady_state": 40 - within}
     assert (found.low, found.high) == interval(within, 40)
     spread = next(each for each in found.quantities if each.name == "steady_state")
-    low, median, high = (errors[k] for k in (1, 19, 37))
-    assert (spread.at_most, spread.low, spread.median, spread.high) == (0.03, low, median, high)
-    z = np.array([draw(asked.tolerances, asked.varied, 5, n) for n in range(40)])
-    signed = [sample.errors[(spread.channel or 0) - 1] for sample in samples]
-    expected = np.corrcoef([*z.T, signed])[-1, :-1]
-    assert 0 < len(spread.parts) == (np.abs(expected) > 4.0 / math.sqrt(40.0)).sum()
-    places = {part.name: n for n, part in enumerate(asked.varied)}
-    for name, size in spread.parts.items():
-        assert size == pytest.approx(expected[places[name]], rel=1e-9)
+    assert spread.at_most == 0.03
+    assert [spread.low, spread.median, spread.high] == [errors[n] for n in (1, 19, 37)]
 
 
 def test_samples_without_verdict_count_as_not_passed() -> None:
     asked = study()
-    samples = [
-        make_sample(0, settling_time=1e-6),
-        make_sample(1, "error", failure="Killed", reason="lost"),
-    ]
-    found = summarise_samples(
-        asked, [*samples, make_sample(2, "fail", ("settling_time",), settling_time=None)], 1
-    )
+    lost = make_sample(1, "error", failure="Killed", reason="lost")
+    never = make_sample(2, "fail", ("settling_time",), settling_time=None)
+    found = summarise_samples(asked, [make_sample(0, settling_time=1e-6), lost, never], 1)
     assert (found.passed, found.without_verdict) == (1, 1)
     assert found.fraction == pytest.approx(1 / 3)
     assert found.reasons == {"lost": 1}
