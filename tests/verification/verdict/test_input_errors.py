@@ -33,6 +33,7 @@ from taction.verification.studies.onset import onset
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene
+from tests.support.measured import named
 from tests.support.paths import SCENES
 from tests.support.small_decks import SmallDeck
 
@@ -181,9 +182,13 @@ def changing(base: str, temperature: str, **opamp: Any) -> OpAmp:
     return choose_opamp(make_scene(design=design))
 
 
-def test_changes_that_a_sheet_lacks_are_named() -> None:
+def test_changes_that_a_sheet_lacks_are_named_and_those_of_a_scene_are_drawn() -> None:
     """That of the UA741 has the drift of the offset and the rejection of the supply."""
     assert changing("ua741", "0..70degC").not_known == ("bias_drift",)
+    cold = changing("tl084", "5..25degC", input_errors="none", offset_drift="10uV/K")
+    assert not cold.input_errors
+    found = drawn(cold, {"offset_drift": 1.5})
+    assert found.input_offset == pytest.approx(1.5 * 20.0 * 10e-6 / 0.67)
 
 
 def test_currents_of_field_effect_inputs_are_four_times_as_large_20_kelvins_higher() -> None:
@@ -195,13 +200,6 @@ def test_currents_of_field_effect_inputs_are_four_times_as_large_20_kelvins_high
     ((name, own),) = given.varying
     assert (name, own.sigma) == ("bias_drift", 0.0)
     assert own.mean == pytest.approx(3e-9)
-
-
-def test_an_op_amp_without_errors_that_drifts_is_drawn_with_one() -> None:
-    cold = changing("tl084", "5..25degC", input_errors="none", offset_drift="10uV/K")
-    assert not cold.input_errors
-    found = drawn(cold, {"offset_drift": 1.5})
-    assert found.input_offset == pytest.approx(1.5 * 20.0 * 10e-6 / 0.67)
 
 
 def test_a_figure_that_nobody_confirmed_is_assumed() -> None:
@@ -234,7 +232,7 @@ def board(**values: Any) -> Scene:
 @pytest.mark.parametrize("name", SCENES_WITH_ERRORS)
 def test_both_engines_agree_on_boards_with_errors(name: str) -> None:
     verdict = verify(board(**SCENES_WITH_ERRORS[name]).with_engine("ngspice"))
-    agree = next(check for check in verdict.checks if check.name == "engines_agree")
+    agree = named(verdict, "engines_agree")
     assert agree.outcome is Outcome.PASS
     assert agree.value < 1e-4
     without = board(**SCENES_WITH_ERRORS[name], opamp={"base": "tl084", "input_errors": "none"})
@@ -291,18 +289,13 @@ def write(document: dict[str, Any], tmp_path: Path) -> Callable[..., Scene]:
 def test_a_board_passes_with_the_vendors_netlist_in_the_deck(write: Callable[..., Scene]) -> None:
     verdict = verify(write())
     assert verdict.outcome is Outcome.PASS
-    (agree,) = (check for check in verdict.checks if check.name == "engines_agree")
-    assert agree.value < 3e-4
+    assert named(verdict, "engines_agree").value < 3e-4
     assert any("fet100 is imported" in warning for warning in verdict.warnings)
-
-
-def test_a_vendors_netlist_is_for_ngspice_only(write: Callable[..., Scene]) -> None:
-    scene = write()
+    assert "Xdevice" in str(taction.netlist(verdict.scene).to_pyspice())
     for dialect in ("ltspice", "hspice", "xyce", "spectre"):
         text = rf"design.opamp.file = 'fet100': .*not for {dialect}; expected a preset"
         with pytest.raises(InputError, match=text):
-            taction.netlist(scene, dialect=dialect)
-    assert "Xdevice" in str(taction.netlist(scene).to_pyspice())
+            taction.netlist(verdict.scene, dialect=dialect)
 
 
 def test_both_engines_have_one_rest_with_offset(write: Callable[..., Scene]) -> None:
@@ -317,14 +310,11 @@ def test_both_engines_have_one_rest_with_offset(write: Callable[..., Scene]) -> 
     assert 1e-6 < max(abs(board.rest[node]) for node in nodes) < 1e-3
 
 
-def test_without_a_linear_model_nothing_is_decided(write: Callable[..., Scene]) -> None:
+def test_without_a_linear_model_or_ngspice_nothing_is_decided(write: Callable[..., Scene]) -> None:
     verdict = verify(write({"linear": None, "missing": "no stable linear model"}))
     assert {check.outcome for check in verdict.checks} == {Outcome.INCONCLUSIVE}
     reason = "op-amp fet100 has no state-space witness: no stable linear model"
     assert all(check.reason.startswith(reason) for check in verdict.checks)
-
-
-def test_without_ngspice_nothing_is_decided(write: Callable[..., Scene]) -> None:
     verdict = verify(write().with_engine("statespace"))
     assert verdict.outcome is Outcome.INCONCLUSIVE
     assert "slew rate and limits of op-amp fet100 are in its netlist" in verdict.checks[0].reason
@@ -364,22 +354,21 @@ def test_a_file_that_does_not_fit_is_refused(
         synthesise(write(changes, **tables))
 
 
-def test_a_board_knows_the_measured_limits_and_errors(write: Callable[..., Scene]) -> None:
-    (model,) = synthesise(write()).models.values()
-    assert model.slew_rate == pytest.approx(200e-6 / 15e-12, rel=0.03)  # its current into c2
-    assert model.swing(15.0) == pytest.approx(13.5, rel=0.02)
-    # Gates of JFETs: 15 pA of saturation, and gmin.
-    assert 0.0 < model.bias_current < 100e-12
-    assert model.offset_voltage == pytest.approx(3.5e-6, rel=0.2)
-    assert not model.input_errors  # they are in the netlist
-
-
-def test_a_scene_takes_the_measured_figures_where_it_says_so(write: Callable[..., Scene]) -> None:
+def test_a_board_knows_the_measured_figures_and_a_scene_may_take_them_alone(
+    write: Callable[..., Scene],
+) -> None:
     cards, figures = (
         synthesise(write(design={"opamp": {"file": "fet100.opamp.json", "model": model}}))
         for model in ("cards", "figures")
     )
     (vendor,), (macromodel,) = cards.models.values(), figures.models.values()
+    assert synthesise(write()).models == cards.models
+    assert vendor.slew_rate == pytest.approx(200e-6 / 15e-12, rel=0.03)  # its current into c2
+    assert vendor.swing(15.0) == pytest.approx(13.5, rel=0.02)
+    # Gates of JFETs: 15 pA of saturation, and gmin.
+    assert 0.0 < vendor.bias_current < 100e-12
+    assert vendor.offset_voltage == pytest.approx(3.5e-6, rel=0.2)
+    assert not vendor.input_errors  # they are in the netlist
     assert vendor.imported is not None
     assert macromodel == replace(vendor, imported=None)
     assert macromodel.dc_gain == vendor.imported.figures.dc_gain

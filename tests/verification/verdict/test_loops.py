@@ -19,6 +19,7 @@ from taction.verification.report.documents.verdict import VerdictBody
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene
+from tests.support.measured import named
 from tests.support.true_values import true_values
 
 T = np.array(
@@ -51,9 +52,7 @@ def scene(topology: str, engine: str = "statespace", **design: Any) -> Scene:
 @pytest.mark.parametrize("way", ["inverters", "differential"])
 def test_three_witnesses_agree(ngspice: str, topology: str, way: str) -> None:
     found = taction.verify(scene(topology, "ngspice", negative_entries=way))
-    assert found.outcome is Outcome.PASS, str(found)
-    checks = {check.name: check.outcome for check in found.checks}
-    assert checks["engines_agree"] is Outcome.PASS
+    assert found.outcome is named(found, "engines_agree").outcome is Outcome.PASS, str(found)
     exact = taction.verify(scene(topology, negative_entries=way))
     both = [v.measurements.settling_time for v in (found, exact)]
     apart = abs(both[0].value - both[1].value)
@@ -120,8 +119,7 @@ def test_a_faulty_board_does_not_pass() -> None:
         replace(each, ohms=ohms) if each is feedback else each for each in circuit.matrices
     )
     found = verify(one, circuit=replace(circuit, matrices=wrong))
-    checks = {check.name: check.outcome for check in found.checks}
-    assert checks["steady_state"] is Outcome.FAIL
+    assert named(found, "steady_state").outcome is Outcome.FAIL
 
 
 def test_budget_and_document() -> None:
@@ -152,7 +150,7 @@ def test_the_margin_of_inv_is_where_the_slowest_inputs_let_a_mode_grow() -> None
     for asked, outcome in ((0.99 * edge, Outcome.PASS), (1.01 * edge, Outcome.FAIL)):
         checks = {"steady_state": {"tolerance": 5e-3}, "stability": {"margin": asked}}
         found = taction.verify(with_values(one, {"problem": problem, "checks": checks}))
-        check = next(each for each in found.checks if each.name == "stability")
+        check = named(found, "stability")
         assert abs(check.value - edge) <= check.uncertainty <= 2e-6 * edge
         assert check.outcome is outcome
     assert f"G0 can shrink by the factor {edge:.4g}" in check.reason

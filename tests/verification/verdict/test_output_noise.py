@@ -25,11 +25,10 @@ from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.verdict_view import view
 from taction.verification.verdict.board import STEP, OutputNoise, noise_bands
-from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.run_checks import run_checks
+from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
 from tests.mutation.planting import CircuitChange, figures, scaled
-from tests.support.measured import evidence
+from tests.support.measured import check, evidence, named
 from tests.support.paths import SCENES
 
 TYPICAL = {"design.opamp.voltage_noise": 20e-9, "design.opamp.current_noise": 0.5e-12}
@@ -93,11 +92,9 @@ def test_both_engines_agree_on_a_band(corner: str, lowest: str) -> None:
     design = {
         "opamp": {"base": "tl084", "voltage_noise": "1uV/rtHz", "voltage_noise_corner": corner}
     }
-    scene = small(checks={"noise": {"max": "1V", "lowest": lowest}}, **design).with_engine(
-        "ngspice"
-    )
-    verdict = verify(scene)
-    check = next(check for check in verdict.checks if check.name == "noise")
+    scene = small(checks={"noise": {"max": "1V", "lowest": lowest}}, **design)
+    verdict = verify(scene.with_engine("ngspice"))
+    check = named(verdict, "noise")
     assert verdict.noise.difference < 1e-3 * check.value
     assert "above" in check.reason
     assert ("1/f" in check.reason) is (corner != 0)
@@ -120,12 +117,6 @@ def test_the_lowest_frequency_is_stated() -> None:
     assert "1/f noise of op-amp ua741 not known" in found("ua741").notes[0]
 
 
-def check_of(noise: OutputNoise | None, limit: float | None = 1e-3) -> Check | None:
-    checks = {} if limit is None else {"noise": {"max": limit}}
-    found = run_checks(evidence(checks=checks, noise=noise))
-    return next((check for check in found if check.name == "noise"), None)
-
-
 @pytest.mark.parametrize(
     ("rms", "simulated", "lacking", "outcome", "reason"),
     [
@@ -143,10 +134,11 @@ def check_of(noise: OutputNoise | None, limit: float | None = 1e-3) -> Check | N
 def test_the_check(
     rms: float, simulated: float | None, lacking: str, outcome: Outcome, reason: str
 ) -> None:
-    check = check_of(OutputNoise((1e-6, rms), (1e-9, 1e-9), "", simulated, lacking))
-    assert check.outcome is outcome
-    assert reason in check.reason
-    assert (check.value, check.unit, check.expected) == (rms, "V", 1e-3)
+    noise = OutputNoise((1e-6, rms), (1e-9, 1e-9), "", simulated, lacking)
+    found = check("noise", evidence(checks={"noise": {"max": 1e-3}}, noise=noise))
+    assert found.outcome is outcome
+    assert reason in found.reason
+    assert (found.value, found.unit, found.expected) == (rms, "V", 1e-3)
 
 
 @pytest.mark.usefixtures("ngspice")
@@ -155,7 +147,7 @@ def test_the_verdict_has_the_noise_of_every_channel(engine: str) -> None:
     scene = small(checks={"noise": {"max": "1mV"}}).with_engine(engine)
     verdict = verify(scene)
     rms = output_noise(LinearBoard(synthesise(scene)))[0]
-    check = next(check for check in verdict.checks if check.name == "noise")
+    check = named(verdict, "noise")
     assert check.outcome is Outcome.PASS
     assert check.value == pytest.approx(rms.max(), rel=1e-9)
     document = verdict_document(verdict)
@@ -189,7 +181,7 @@ def test_a_fault_in_the_deck_alone_is_no_pass(
     outcomes = []
     for writer in (write_deck, faulty):
         monkeypatch.setattr("taction.verification.verdict.board.write_deck", writer)
-        outcomes += [check for check in verify(scene).checks if check.name == "noise"]
+        outcomes.append(named(verify(scene), "noise"))
     assert [check.outcome for check in outcomes] == [Outcome.PASS, Outcome.INCONCLUSIVE]
     assert "ngspice differs by" in outcomes[1].reason
 
@@ -204,7 +196,7 @@ def test_a_fault_in_the_deck_alone_is_no_pass(
 def test_a_board_whose_noise_has_no_bound_is_undecided(design: dict[str, Any], reason: str) -> None:
     scene = small(checks={"noise": {"max": "1mV"}}, **design).with_engine("statespace")
     verdict = verify(scene)
-    check = next(check for check in verdict.checks if check.name == "noise")
+    check = named(verdict, "noise")
     assert check.outcome is Outcome.INCONCLUSIVE
     assert reason in check.reason
     assert next(part for part in verdict.budget if part.name == "noise").value is None

@@ -122,6 +122,8 @@ def test_the_log_is_read_even_when_all_else_is_good(log: str, tmp_path: Path) ->
 
 
 def test_a_failure_brings_the_points_that_were_written(tmp_path: Path) -> None:
+    with pytest.raises(BadEvidence, match="exit status 3"):  # without a reason
+        judged(tmp_path, record(), status=3)
     with pytest.raises(Killed, match=r"SIGKILL.*memory") as caught:
         judged(tmp_path, record(TIME[:5]), status=-9)
     assert isinstance(caught.value.partial, Waveforms)

@@ -9,16 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from taction.system import errors
 from taction.system.array_types import Waveforms
-from taction.system.errors import (
-    BadEvidence,
-    DidNotLoad,
-    OutOfDisk,
-    SimulationError,
-    SingularCircuit,
-    StepTooSmall,
-    TimedOut,
-)
 from taction.system.processes import remove_own_folder
 from taction.verification.engines.ngspice.process import (
     Simulation,
@@ -101,7 +93,7 @@ def test_a_run_that_nobody_waits_for_ends_and_leaves_nothing(
     if cancelled:
         with run:
             pass
-        with pytest.raises(SimulationError, match="cancelled"):
+        with pytest.raises(errors.SimulationError, match="cancelled"):
             run.result()
     del run
     assert not is_running(pid)
@@ -119,30 +111,34 @@ def test_nothing_of_the_users_surroundings_reaches_the_process(
 
 
 LOAD = "R9 x 0 1.0"
-FAILURES: dict[str, tuple[SmallDeck, type[SimulationError], str]] = {
-    "unknown model": (transient("D1 out 0 nowhere"), DidNotLoad, "d1 out 0 nowhere"),
-    "bad value": (transient("R2 out 0 {1.0 +}"), DidNotLoad, "netlist line no."),
+FAILURES: dict[str, tuple[SmallDeck, type[errors.SimulationError], str]] = {
+    "unknown model": (transient("D1 out 0 nowhere"), errors.DidNotLoad, "d1 out 0 nowhere"),
+    "bad value": (transient("R2 out 0 {1.0 +}"), errors.DidNotLoad, "netlist line no."),
     "loop of voltage sources": (
         transient("V2 in 0 2.0", start=""),
-        SingularCircuit,
+        errors.SingularCircuit,
         "check node v1#branch",
     ),
     "loop of voltage sources at an operating point": (
         SmallDeck(
             divider().text.replace("R2", "V2 in 0 2.0\nR2"), ("out", "in"), divider().analysis
         ),
-        SingularCircuit,
+        errors.SingularCircuit,
         "check node",
     ),
     "no solution": (
         transient("B1 x 0 V = v(x) > 0.5 ? 0 : 1", LOAD),
-        StepTooSmall,
+        errors.StepTooSmall,
         'trouble with node "x"',
     ),
-    "missing node": (transient(saved=("out", "nowhere")), BadEvidence, "missing: v(nowhere)"),
+    "missing node": (
+        transient(saved=("out", "nowhere")),
+        errors.BadEvidence,
+        "missing: v(nowhere)",
+    ),
     "overflow": (
         transient("B1 x 0 V = exp(1e6*v(out))", LOAD, saved=("out", "x")),
-        BadEvidence,
+        errors.BadEvidence,
         "v(x) ",
     ),
 }
@@ -181,7 +177,7 @@ DISKS = {
 @pytest.mark.parametrize("case", DISKS)
 def test_out_of_disk(case: str, simulator: Simulator, tmp_path: Path) -> None:
     fake = wrapped(simulator, tmp_path, DISKS[case])
-    with pytest.raises(OutOfDisk) as caught:
+    with pytest.raises(errors.OutOfDisk) as caught:
         simulate(transient(stop=1e-4), fake, timeout=30.0)
     partial = caught.value.partial
     assert (partial is None) == (case == "full device")
@@ -193,7 +189,7 @@ def test_timeout_ends_the_whole_group_and_keeps_what_was_written(
     simulator: Simulator, tmp_path: Path
 ) -> None:
     fake = wrapped(simulator, tmp_path, "sleep 1000 & echo $! > child")
-    with pytest.raises(TimedOut, match=r"0\.5 s") as caught:
+    with pytest.raises(errors.TimedOut, match=r"0\.5 s") as caught:
         simulate(endless(), fake, timeout=0.5)
     partial = caught.value.partial
     assert isinstance(partial, Waveforms)
@@ -229,6 +225,11 @@ def test_version_and_solver(answer: str, version: int, option: str, tmp_path: Pa
 def test_variable_overrides_the_path_and_an_argument_overrides_both(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    with monkeypatch.context() as patch:
+        patch.setenv("PATH", str(tmp_path))
+        patch.delenv("TACTION_NGSPICE", raising=False)
+        with pytest.raises(errors.SimulatorNotFound, match="TACTION_NGSPICE"):
+            find_simulator()
     for version in (41, 42):
         (tmp_path / str(version)).mkdir()
     named = fake(tmp_path / "41", "** ngspice-41 : x")

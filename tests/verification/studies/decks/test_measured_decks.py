@@ -78,15 +78,11 @@ def test_the_onset_of_a_wien_bridge() -> None:
     assert row.below == pytest.approx(20.001e3, rel=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("name", "volts"), [("vendor-rdiff-buffer", 0.99998), ("midsupply-ac", None)]
-)
-def test_an_output_rests_where_ngspice_says(name: str, volts: float | None) -> None:
-    (row,) = taction.check(CASES / f"{name}.cir", ngspice=False).outputs
-    if volts is None:
-        assert row.before == pytest.approx(2.475, abs=1e-3)
-    else:
-        assert row.rest == pytest.approx(volts, rel=1e-5)
+def test_an_output_rests_where_ngspice_says() -> None:
+    (row,) = taction.check(CASES / "vendor-rdiff-buffer.cir", ngspice=False).outputs
+    assert row.rest == pytest.approx(0.99998, rel=1e-5)
+    (row,) = taction.check(CASES / "midsupply-ac.cir", ngspice=False).outputs
+    assert row.before == pytest.approx(2.475, abs=1e-3)
 
 
 PAIR = """.model qn npn(is=1e-14 bf=200 vaf=100 cje=1p cjc=1p xcjc=0.5 tf=300p rb=100 rc=5 re=1)
