@@ -58,12 +58,8 @@ def record(settling: float = 1e-4, headroom: float = 0.5, outcome: str = "pass")
         Check("headroom", Outcome.PASS, headroom, None, 0.9),
         Check("stability", Outcome.PASS, 2.5, None, 2.0),
     )
-    return make_record(
-        outcome=outcome,
-        settling_time=settling,
-        checks=checks,
-        reason="" if outcome == "pass" else "!",
-    )
+    reason = "" if outcome == "pass" else "!"
+    return make_record(outcome=outcome, settling_time=settling, checks=checks, reason=reason)
 
 
 def test_the_grid_has_values_that_can_be_bought() -> None:
@@ -111,54 +107,46 @@ def test_an_op_amp_that_does_not_work_at_the_supply_costs_only_its_own_designs()
 
 def test_the_order_is_that_of_the_worst_share() -> None:
     """Settling 0.1 of 1 ms and headroom 0.5 of 0.9: 0.56; margin 2 (of the scene) of 2.5: 0.8."""
-    plan = choice_plan(scene(), **TWO)
-    made = {
-        0: record(),
-        1: record(settling=9e-4),
-        2: record(headroom=0.8),
-        3: record(settling=2e-3, outcome="fail"),
-        5: record(settling=5e-4),
-    }
-    with Store(":memory:") as store:
-        store_records(plan, store, made)
-        ranked = designs(plan, store)
-    assert [design.place for design in ranked] == [0, 5, 2, 1, 3]
-    assert ranked[0].worst == pytest.approx(0.8)
-    assert ranked[2].worst == pytest.approx(0.8 / 0.9)
-    assert ranked[3].worst == pytest.approx(0.9)
-    assert ranked[-1].record.failed == ("settling_time",)
-    best = best_designs(ranked)
+    made = {0: record(), 1: record(settling=9e-4), 2: record(headroom=0.8)}
+    made |= {3: record(settling=2e-3, outcome="fail"), 5: record(settling=5e-4)}
+    found = ranked(choice_plan(scene(), **TWO), made)
+    assert [design.place for design in found] == [0, 5, 2, 1, 3]
+    assert found[0].worst == pytest.approx(0.8)
+    assert found[2].worst == pytest.approx(0.8 / 0.9)
+    assert found[3].worst == pytest.approx(0.9)
+    assert found[-1].record.failed == ("settling_time",)
+    best = best_designs(found)
     assert [design.opamp for design in best] == ["tl084", "ne5534", "tl084"]
     assert [design.place for design in best] == [0, 5, 2]
+
+
+def ranked(plan: Plan, made: dict[int, Record]) -> list[Any]:
+    """Return the designs of a plan whose records are made by hand, the best first."""
+    with Store(":memory:") as store:
+        store_records(plan, store, made)
+        return designs(plan, store)
 
 
 def test_parts_that_cannot_be_bought_are_never_best() -> None:
     """R = 1/(lambda s G0²) is 16.6 Mohm at s = 2 Mohm; C = 1 pF is below the stray 2.05 pF."""
     plan = choice_plan(scene(), ["tl084"], {CAPACITANCE: "1pF:10pF", GAIN: "2M:2.4M"}, 2)
-    with Store(":memory:") as store:
-        store_records(plan, store, {k: record() for k in range(4)})
-        ranked = designs(plan, store)
-    assert [design.place for design in best_designs(ranked)] == [3]
-    refused = {design.place: design.refused for design in ranked}
+    found = ranked(plan, {k: record() for k in range(4)})
+    assert [design.place for design in best_designs(found)] == [3]
+    refused = {design.place: design.refused for design in found}
     assert "resistors R above 10 Mohm" in refused[2]
     assert "capacitors C below the stray capacitance" in refused[1]
 
 
 def test_an_unstable_design_has_no_share() -> None:
     plan = choice_plan(scene(), ["tl084"], {CAPACITANCE: "10pF:10pF", GAIN: "1M:1M"}, 1)
-    with Store(":memory:") as store:
-        bad = replace(record(outcome="fail"), stable=False)
-        store_records(plan, store, {0: bad})
-        (design,) = designs(plan, store)
+    (design,) = ranked(plan, {0: replace(record(outcome="fail"), stable=False)})
     assert (design.shares, design.settling_time) == ({}, float("inf"))
     assert not best_designs([design])
 
 
 def test_a_written_scene_is_the_design() -> None:
     plan = choice_plan(scene(), **TWO)
-    with Store(":memory:") as store:
-        store_records(plan, store, {7: record()})
-        (design,) = designs(plan, store)
+    (design,) = ranked(plan, {7: record()})
     made = design_scene(plan, scene(), design, 1)
     assert (made.design.opamp.base, made.design.opamp.level) == ("ne5534", "auto")
     assert (made.design.capacitance, made.design.gain) == (2.2e-11, 4.7e6)
@@ -171,17 +159,9 @@ def test_the_command_confirms_by_ngspice(tmp_path: Path, ngspice: str) -> None:
     text = (ROOT / "scenes" / "tuned-breadboard.toml").read_text("utf-8")
     # At the conductances of this board the input errors decide; here the dynamics do.
     file.write_text(text.replace("opamp = { base", 'opamp = { input_errors = "none", base'))
-    words = [
-        "choose",
-        str(file),
-        "--settling",
-        "1ms",
-        "--overshoot",
-        "8%",
-        "--opamps",
-        "ne5534,op27",
-    ]
-    words += ["--c-range", "10pF:22pF", "--gain-range", "2.4M:4.7M", "--points", "2", "--jobs", "1"]
+    words = ["choose", str(file), "--settling", "1ms", "--overshoot", "8%"]
+    words += ["--opamps", "ne5534,op27", "--c-range", "10pF:22pF"]
+    words += ["--gain-range", "2.4M:4.7M", "--points", "2", "--jobs", "1"]
     words += ["--store", str(tmp_path / "a.sqlite"), "-o", str(folder), "--json"]
     found = command(*words)
     assert found.exit_code == 0, found.stderr

@@ -12,7 +12,7 @@ import pytest
 import taction
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import Point, with_settings, with_values
-from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.verification.design import trials
 from taction.verification.design.exploration import LAMBDA, BoardView, Settings, judge
 from taction.verification.design.remedies import Remedies, find_remedies
@@ -20,19 +20,11 @@ from taction.verification.design.trials import OutOfWorkError, Trials
 from taction.verification.engines.statespace.linearised.linear_board import LinearBoard
 from taction.verification.report.views.design_view import remedies_text
 from taction.verification.verdict.verify import verify
-from tests.support.paths import ROOT, SCENES
+from tests.support.making import make_scene
+from tests.support.paths import SCENES
 
-ONE = {
-    "name": "one",
-    "problem": {"kind": "tactile", "channels": 1, "depth": 1.0},
-    "design": {
-        "opamp": {"base": "ideal", "dc_gain": 1e6, "gbw": "1GHz"},
-        "capacitance": "1nF",
-        "gain": "1Mohm",
-        "lambda": 0.5,
-        "stray_capacitance": "0F",
-    },
-}
+FAST = {"base": "ideal", "dc_gain": 1e6, "gbw": "1GHz"}
+ONE = {"capacitance": "1nF", "gain": "1Mohm", "lambda": 0.5, "stray_capacitance": 0, "opamp": FAST}
 CAPACITANCE, GAIN = "design.capacitance", "design.gain"
 BREADBOARD = SCENES / "paper-breadboard.toml"
 LONG = 1e6  # designs
@@ -45,7 +37,7 @@ def start() -> Settings:
 
 def test_one_channel_rises_as_its_closed_form() -> None:
     """One ideal channel has ``u = u0 (1 - exp(-t/tau))``, tau = RC / (1 + T² / lambda)."""
-    start = Settings.of(parse_scene(ONE, "one.toml"))
+    start = Settings.of(make_scene({"channels": 1, "depth": 1.0}, design=ONE))
     view = BoardView(start.original)
     T, eps = float(view.problem.matrix[0, 0]), float(view.problem.strain[0])
     u0 = T * eps / (T**2 + 0.5)
@@ -115,7 +107,7 @@ def test_a_closed_loop_board_has_its_own_slider_and_its_whole_margin() -> None:
 
 
 def paper(changes: Point | None = None, name: str = "paper-breadboard") -> Scene:
-    scene = load_scene(ROOT / "scenes" / f"{name}.toml").with_engine("statespace")
+    scene = load_scene(SCENES / f"{name}.toml").with_engine("statespace")
     return with_values(scene, changes or {})
 
 
@@ -134,6 +126,11 @@ def test_every_change_of_an_unstable_board_passes_the_whole_verdict() -> None:
         verdict = verify(with_values(scene, change.values))
         assert verdict.outcome.value == "pass"
         assert verdict.circuit.value("lambda") == pytest.approx(0.7669809, rel=1e-6)  # of the scene
+    none = find_remedies(verify(scene), 1e-9)  # a limit of the work says what it left out
+    assert none.trials == 0
+    assert not any(each.complete for each in none.searches)
+    text = "searched 0 changes of C, gain, opamp; not to the end: C, gain, opamp"
+    assert text in remedies_text(scene, none)
 
 
 @pytest.mark.parametrize("more", [{"design.gain": 6e6}, {"design.capacitance": 1e-12}])
@@ -148,26 +145,13 @@ def test_a_rise_between_too_fast_and_too_slow_is_found(more: Point) -> None:
         assert verdict.outcome.value == "pass"
 
 
-def test_a_limit_on_the_settling_time_of_a_slow_board() -> None:
+def test_a_limit_on_the_settling_time_and_rounded_resistors_are_named() -> None:
     scene = paper({"design.capacitance": 1e-10}, "tuned-breadboard")
-    found = find_remedies(verify(scene), LONG)
-    text = remedies_text(scene, found)
+    text = remedies_text(scene, find_remedies(verify(scene), LONG))
     assert "C = 74.5 pF (verified)" in text  # the largest that passes is 77.3 pF
-
-
-def test_rounded_resistors_are_named_as_the_cause() -> None:
     scene = paper({"design.resistor_series": "E24"}, "tuned-breadboard")
     found = find_remedies(verify(scene), 600.0)
     assert found.changes[0].values == {"design.resistor_series": "exact"}
-
-
-def test_a_limit_of_the_work_says_what_it_left_out() -> None:
-    scene = paper({"design.capacitance": 5e-12})
-    found = find_remedies(verify(scene), 1e-9)
-    assert found.trials == 0
-    assert not any(each.complete for each in found.searches)
-    text = "searched 0 changes of C, gain, opamp; not to the end: C, gain, opamp"
-    assert text in remedies_text(scene, found)
 
 
 def test_the_work_is_counted_and_kept() -> None:

@@ -35,18 +35,13 @@ from taction.verification.verdict.verify import verify
 from tests.support import nightly
 from tests.support.entries import make_trial
 from tests.support.making import make_scene, write_matrix_scene
+from tests.support.measured import named
 from tests.support.paths import ROOT
 from tests.support.running import taction as command
 
 REAL = {"base": "ideal", "dc_gain": 1e5, "gbw": "1MHz", "second_pole": "3MHz"}
-DESIGN = {
-    "capacitance": "100pF",
-    "gain": "100kohm",
-    "stray_capacitance": "5pF",
-    "unit_conductance": "10uS",
-    "lambda": 0.1,
-    "opamp": REAL,
-}
+DESIGN = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": "5pF", "opamp": REAL}
+DESIGN |= {"unit_conductance": "10uS", "lambda": 0.1}
 C, GAIN = "design.capacitance", "design.gain"
 Fails = Callable[[float, float], list[str]]  # of C / 10 pF and gain / 1 Mohm
 
@@ -64,32 +59,26 @@ def tuned() -> Tuned:
     return tune(scene(), overshoot=0.02, margin=1.3)
 
 
-def test_the_board_becomes_faster_within_the_limits() -> None:
+def test_the_board_becomes_faster_within_the_limits_and_lambda_is_held() -> None:
     found = tuned()
     assert found.after.settling_time < 0.5 * found.before.settling_time
     assert found.after.overshoot <= 0.02
     assert found.after.good
     assert found.after.values["design.gain"] > 1e5
+    before, after = synthesise(scene()).value, synthesise(found.scene).value
+    assert after("lambda") == pytest.approx(before("lambda"), rel=1e-12)
+    assert after("R") * after("gain") == pytest.approx(before("R") * before("gain"))
 
 
 def test_ngspice_verifies_what_was_found(ngspice: str) -> None:
     found = tuned()
     verdict = verify(found.scene.with_engine("ngspice"))
     assert verdict.waveforms.engine.startswith("ngspice")
-    checks = {check.name: check for check in verdict.checks}
-    assert {name: check.outcome.value for name, check in checks.items()} == dict.fromkeys(
-        checks, "pass"
-    )
-    assert checks["overshoot"].expected == 0.02
-    assert checks["stability"].expected == 1.3
+    assert {check.outcome.value for check in verdict.checks} == {"pass"}
+    assert named(verdict, "overshoot").expected == 0.02
+    assert named(verdict, "stability").expected == 1.3
     settling = verdict.measurements.settling_time
     assert settling.value == pytest.approx(found.after.settling_time, rel=0.05)
-
-
-def test_lambda_is_held_and_the_resistance_follows() -> None:
-    before, after = synthesise(scene()).value, synthesise(tuned().scene).value
-    assert after("lambda") == pytest.approx(before("lambda"), rel=1e-12)
-    assert after("R") * after("gain") == pytest.approx(before("R") * before("gain"))
 
 
 def test_the_scene_s_own_limits_are_the_defaults(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,9 +107,7 @@ def test_keys_that_cannot_be_tuned(keys: list[str], text: str) -> None:
 
 def test_nothing_feasible_says_what_came_closest(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tune_module, "GRID", {1: 3})
-    ringing = make_scene(
-        {"channels": 2, "span": 1.2}, design=DESIGN | {"gain": 3e5, "capacitance": 1e-11}
-    )
+    ringing = with_values(scene(), {"design.gain": 3e5, "design.capacitance": 1e-11})
     closest = r"closest is design.gain = .* with an overshoot of .* does not pass overshoot"
     with pytest.raises(EngineError, match=closest):
         tune(ringing, overshoot=1e-9, reach=1.1)
@@ -142,9 +129,8 @@ def test_every_check_of_the_scene_counts(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_values_are_those_of_the_series(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tune_module, "GRID", {1: 5, 2: 4})
-    series = {"capacitor_series": "E6", "resistor_series": "E96"}
-    asked = make_scene({"channels": 2, "span": 1.2}, design=DESIGN | series)
-    loose = with_values(asked, {"checks.steady_state.tolerance": 0.05})
+    series = {"design.capacitor_series": "E6", "design.resistor_series": "E96"}
+    loose = with_values(scene(), series | {"checks.steady_state.tolerance": 0.05})
     found = tune(loose, ["C", "gain"], overshoot=0.05)
     farads, ohms = found.after.values["design.capacitance"], found.after.values["design.gain"]
     assert f"{farads:.1e}"[:3] in {"1.0", "1.5", "2.2", "3.3", "4.7", "6.8"}
@@ -209,13 +195,10 @@ def test_ngspice_measures_the_loads_that_were_promised(ngspice: str) -> None:
     assert largest <= 0.4 * 13.5  # volts of 15 V less 1.5 V
 
 
-def test_an_unstable_board_becomes_stable() -> None:
+def test_an_unstable_board_becomes_stable_and_a_larger_capacitance_is_named() -> None:
     scene = with_values(shipped("tuned-breadboard", "tl084"), {"design.capacitance": 1e-12})
     assert not verify(scene).poles.stable
     assert scaled(scene).outcome == "pass"
-
-
-def test_a_larger_capacitance_is_named() -> None:
     scene = with_values(shipped("tuned-breadboard", "ideal"), {"design.opamp.gbw": 3e6})
     found = scaled(scene)
     assert found.verdict.circuit.value("C") > scene.design.capacitance
