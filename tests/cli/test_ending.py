@@ -112,17 +112,13 @@ def test_a_signal_ends_the_simulator(name: str, tmp_path: Path) -> None:
     simulator.write_text(SIMULATOR.format(folder=tmp_path))
     simulator.chmod(0o755)
     temporary.mkdir()
+    places = {"TACTION_NGSPICE": str(simulator), "TMPDIR": str(temporary)}
     parent = subprocess.Popen(
         [sys.executable, "-c", CODE, "verify", TUNED, "--engine", "ngspice"],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
-        env={
-            **os.environ,
-            "PYTHONPATH": str(SCENES.parent),
-            "TACTION_NGSPICE": str(simulator),
-            "TMPDIR": str(temporary),
-        },
+        env={**os.environ, "PYTHONPATH": str(SCENES.parent), **places},
     )
     try:
         child, leader = (process_id(tmp_path / file) for file in ("child", "process"))
@@ -141,38 +137,25 @@ def test_a_signal_ends_the_simulator(name: str, tmp_path: Path) -> None:
     assert list(temporary.iterdir()) == []
 
 
-SWALLOWED = """
+HEAD = """
 import os, signal, sys, time, weakref
 from taction.cli.main import run_command
-
-class Thing:
-    pass
-
 def function():
-    thing = Thing()
+"""
+END = "\nsys.exit(run_command(function, as_json=False))\n"
+SWALLOWED = """
+    thing = type("Thing", (), {})()
     reference = weakref.ref(thing, lambda _: os.kill(os.getpid(), signal.SIGTERM))
     del thing  # Python drops an exception of this callback
     time.sleep(60)
-
-sys.exit(run_command(function, as_json=False))
 """
 WRAPPED = """
-import os, signal, sys
-from taction.cli.main import run_command
-
-def function():
     try:
         os.kill(os.getpid(), signal.SIGTERM)
     except KeyboardInterrupt:
         raise ValueError("an error that holds the signal") from None
-
-sys.exit(run_command(function, as_json=False))
 """
-EXECUTED = """
-import os, signal, sys
-from taction.cli.main import run_command
-sys.exit(run_command(lambda: exec("os.kill(os.getpid(), signal.SIGINT)"), as_json=False))
-"""
+EXECUTED = "    exec('os.kill(os.getpid(), signal.SIGINT)')"
 
 
 @pytest.mark.parametrize(
@@ -180,27 +163,22 @@ sys.exit(run_command(lambda: exec("os.kill(os.getpid(), signal.SIGINT)"), as_jso
     [(SWALLOWED, signal.SIGTERM), (WRAPPED, signal.SIGTERM), (EXECUTED, signal.SIGINT)],
 )
 def test_no_signal_is_lost_on_its_way(code: str, number: int) -> None:
-    done = python("-c", code)
+    done = python("-c", HEAD + code + END)
     assert done.returncode == 128 + number
     assert done.stderr == "taction: interrupted; no verdict was reached\n"
 
 
 def test_the_second_signal_does_not_stop_the_clean_up() -> None:
     code = """
-import os, signal, sys, time
-from taction.cli.main import run_command
-
-def function():
     try:
         os.kill(os.getpid(), signal.SIGINT)
     finally:
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(0.1)
         print("clean")
-
 status = run_command(function, as_json=False)
 os.kill(os.getpid(), signal.SIGINT)
 sys.exit(status)
 """
-    done = python("-c", code)
+    done = python("-c", HEAD + code)
     assert (done.returncode, done.stdout) == (130, "clean\n")

@@ -80,15 +80,12 @@ def folder(boards: Path, quick_stories: None) -> Path:
     return boards
 
 
-def test_every_output_of_every_command_is_listed() -> None:
+def test_every_path_is_an_input_or_an_output_and_every_output_is_listed() -> None:
     outputs = {(name, p.option) for name, each in commands() for p in each.every if p.writes}
     short = {"--output": "-o"}
     assert {(name, option) for name, _, option, _ in SINGLE} == {
         (name, short.get(option, option)) for name, option in outputs
     }
-
-
-def test_every_path_is_an_input_or_an_output() -> None:
     for name, command in commands():
         for each in command.every:
             kind, metavar = each.attributes.get("type"), each.attributes.get("metavar")

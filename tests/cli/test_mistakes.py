@@ -7,15 +7,12 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from lxml import etree
 
-from tests.support.entries import write_fast
 from tests.support.paths import SCENES
 from tests.support.running import document, python, taction
 
@@ -191,46 +188,31 @@ def test_a_name_that_no_file_can_have(line: str, folder: Path) -> None:
     assert "expected" in said or "Too many levels" in said or "too long" in said
 
 
-def run(*words: str, **variables: str) -> subprocess.CompletedProcess[str]:
-    return python("-m", "taction", *words, env=variables)
+SWEEP = ("sweep", "a.toml", "--over", "C=10p", "--engine", "ngspice", "--jobs", "1", "-o", "a.db")
 
 
-@pytest.fixture
-def temporary(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
-    """Return a function that names the folder for temporary files of this process."""
-
-    def named(folder: str) -> None:
-        monkeypatch.setenv("TMPDIR", folder)
-        monkeypatch.setattr(tempfile, "tempdir", None)
-
-    return named
-
-
+@pytest.mark.usefixtures("ngspice")
 def test_a_temporary_folder_may_have_any_name(
-    tmp_path: Path, ngspice: str, temporary: Callable[[str], None]
+    boards: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    place = tmp_path / "a'quote, a line\nbreak, $HOME;`x` {\\"
+    place = boards / "a'quote, a line\nbreak, $HOME;`x` {\\"
     place.mkdir()
-    temporary(str(place))
-    scene = str(write_fast(tmp_path / "a.toml"))
-    done = taction("verify", scene, "--engine", "ngspice")
+    monkeypatch.setenv("TMPDIR", str(place))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    done = taction("verify", "a.toml", "--engine", "ngspice")
     assert done.exit_code == 0, done.stderr
-    words = ("sweep", scene, "--over", "C=10p", "--engine", "ngspice", "--jobs", "1")
-    done = taction(*words, "-o", str(tmp_path / "a.sqlite"), "--json")
+    done = taction(*SWEEP, "--json")
     assert done.exit_code == 0, done.stderr
     assert "error" not in document(done)["outcomes"]
     assert not list(place.iterdir())
 
 
-def test_a_temporary_folder_that_is_missing_is_named_and_no_point_is_stored(
-    tmp_path: Path, ngspice: str
-) -> None:
-    scene = str(write_fast(tmp_path / "a.toml"))
-    words = ("sweep", scene, "--over", "C=10p", "--engine", "ngspice", "--jobs", "1")
-    done = run(*words, "-o", str(tmp_path / "a.sqlite"), TMPDIR="/missing")
+@pytest.mark.usefixtures("ngspice")
+def test_a_temporary_folder_that_is_missing_is_named_and_no_point_is_stored(boards: Path) -> None:
+    done = python("-m", "taction", *SWEEP, cwd=boards, env={"TMPDIR": "/missing"})
     assert done.returncode == 3
     assert "no folder can be made in /missing (TMPDIR)" in done.stderr
-    assert document(taction(*words, "-o", str(tmp_path / "a.sqlite"), "--json"))["ran"] == 1
+    assert document(taction(*SWEEP, "--json"))["ran"] == 1
 
 
 def test_a_regression_with_a_name_that_is_no_text(tmp_path: Path) -> None:
@@ -293,11 +275,8 @@ def test_a_name_with_a_command_in_every_medium() -> None:
     from taction.verification.report.renderers.page import page_html
     from taction.verification.report.renderers.terminal import card, markdown, page_text
 
-    blocks = (
-        Table(ODD, (ODD,), ((cell(ODD),),), ODD),
-        Facts(ODD, ((ODD, ODD),)),
-        Notes(ODD, (ODD,)),
-    )
+    table = Table(ODD, (ODD,), ((cell(ODD),),), ODD)
+    blocks = (table, Facts(ODD, ((ODD, ODD),)), Notes(ODD, (ODD,)))
     media = f"{BOTH} notebook"
     page = Page(ODD, ODD, "", ODD, (ODD,), (Section(ODD, blocks, ODD, media),), (ODD,))
     suite = junit_suite(ODD, [JUnitTest(ODD, "failure", ODD, ODD)], simulator=ODD)

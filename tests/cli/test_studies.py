@@ -61,51 +61,39 @@ def test_a_report_that_cannot_be_written_spoils_neither_result_nor_baseline(fold
     assert file.read_bytes() != before
 
 
-@pytest.fixture
-def three_scenes(tmp_path: Path) -> Path:
-    """One scene that passes, one that fails, one that is no scene."""
-    write_fast(tmp_path / "good.toml")
-    write_fast(tmp_path / "slow.toml", limit="1us")
-    (tmp_path / "draft-1.toml").write_text("[problem]\nkind = 'tactil'\n")
-    return tmp_path
-
-
-def test_the_table_has_a_row_for_each_scene_and_the_reasons_below(three_scenes: Path) -> None:
-    (three_scenes / "draft-1.toml").unlink()
-    result = taction("verify", str(three_scenes), "--jobs", "1")
+def test_the_table_has_a_row_for_each_scene_and_the_reasons_below(boards: Path) -> None:
+    (boards / "bad.toml").unlink()
+    result = taction("verify", str(boards), "--jobs", "1")
     assert result.exit_code == 1
-    assert f"{three_scenes}/good.toml" in result.stdout
+    assert f"{boards}/a.toml" in result.stdout
     assert "settles to ±1 % in " in result.stdout
     assert "2 scenes: 1 pass, 1 fail" in result.stdout
 
 
-def test_one_document_holds_the_documents_of_single_runs(three_scenes: Path) -> None:
-    good, slow = str(three_scenes / "good.toml"), str(three_scenes / "slow.toml")
-    whole = document(taction("verify", slow, good, slow, "--json", "--jobs", "1"))
-    assert (whole["outcome"], whole["exit_status"], whole["counts"]) == (
-        "fail",
-        1,
-        {"pass": 1, "fail": 1},
-    )
-    for file, found in zip((slow, good), whole["verdicts"], strict=True):
+@pytest.mark.usefixtures("boards")
+def test_one_document_holds_the_documents_of_single_runs() -> None:
+    words = ("slow.toml", "a.toml", "slow.toml")
+    whole = document(taction("verify", *words, "--json", "--jobs", "1"))
+    assert (whole["outcome"], whole["exit_status"]) == ("fail", 1)
+    assert whole["counts"] == {"pass": 1, "fail": 1}
+    for file, found in zip(words[:2], whole["verdicts"], strict=True):
         single = document(taction("verify", file, "--json", "--changes", "0"))
         same = {key: value for key, value in single.items() if key not in VARYING}
         assert same == {key: value for key, value in found.items() if key not in VARYING}
 
 
-def test_the_exit_status_is_the_worst_and_a_bad_file_stops_no_other(three_scenes: Path) -> None:
-    file = three_scenes.parent / f"{three_scenes.name}.xml"
-    words = ("verify", str(three_scenes), "--json", "--jobs", "1", "--junit", str(file))
-    result = taction(*words)
+@pytest.mark.usefixtures("boards")
+def test_the_exit_status_is_the_worst_and_a_bad_file_stops_no_other() -> None:
+    result = taction("verify", ".", "--json", "--jobs", "1", "--junit", "x.xml")
     assert result.exit_code == 2
     found = json.loads(result.stdout)
     assert found["counts"] == {"pass": 1, "fail": 1, "bad input": 1}
-    bad = found["verdicts"][0]
-    assert bad["file"].endswith("draft-1.toml")
+    bad = found["verdicts"][1]
+    assert bad["file"].endswith("bad.toml")
     assert bad["error"]["complaints"][0]["key"] == "problem.kind"
-    root = ET.fromstring(file.read_text(encoding="utf-8"))  # noqa: S314 - our own file
+    root = ET.fromstring(Path("x.xml").read_text(encoding="utf-8"))  # noqa: S314 - our own file
     assert (root.get("failures"), root.get("errors")) == ("1", "1")
-    assert [suite.get("name") for suite in root] == ["draft-1", "good", "slow"]
+    assert [suite.get("name") for suite in root] == ["a", "bad", "slow"]
 
 
 def test_set_values_are_those_of_a_file_with_them(tmp_path: Path) -> None:

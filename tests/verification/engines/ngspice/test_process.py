@@ -1,4 +1,4 @@
-"""The runner with a real ngspice, the search for ngspice, and run folders."""
+"""The runner with a real ngspice, the search for ngspice, run folders, and how a deck is listed."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import pytest
 from taction.system import errors
 from taction.system.array_types import Waveforms
 from taction.system.processes import remove_own_folder
+from taction.verification.engines.ngspice.commands import MEMORY, expand
 from taction.verification.engines.ngspice.process import (
     Simulation,
     Simulator,
@@ -263,3 +264,41 @@ def test_a_run_has_all_that_it_needs(tmp_path: Path) -> None:
     assert place.stat().st_mode & 0o077 == 0
     remove_own_folder(place)
     assert not list(tmp_path.iterdir())
+
+
+LINES = (".param r=1k", "v1 in 0 1", "r1 in out {2*r}", "c1 out 0 1n")
+FLAT = ("v1 in 0 1", "r1 in out 2.000000000000000e+03", "c1 out 0 1n")
+
+
+def test_a_deck_is_listed_flat(simulator: Simulator) -> None:
+    assert expand(LINES, simulator) == (FLAT,)
+
+
+ENDINGS: dict[str, type[errors.SimulationError]] = {
+    "exit 1": errors.DidNotLoad, "kill -9 $$": errors.Killed, "exec sleep 1000": errors.TimedOut
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_a_simulator_that_does_not_list_is_told_of(
+    ending: str, simulator: Simulator, tmp_path: Path
+) -> None:
+    with pytest.raises(ENDINGS[ending]):
+        expand(LINES, wrapped(simulator, tmp_path, ending), seconds=0.3)
+
+
+def test_a_listing_has_little_memory(simulator: Simulator, tmp_path: Path) -> None:
+    told = tmp_path / "kilobytes"
+    expand(LINES, wrapped(simulator, tmp_path, f"sleep 0.2; ulimit -v > {told}"))
+    assert int(told.read_text()) == MEMORY // 1024
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [((*LINES, "r2 out 0 {nothing}"), "nothing"), ((".subckt s a", *LINES, ".ends"), "no card")],
+)
+def test_a_deck_of_which_ngspice_complains_is_refused(
+    wrong: tuple[str, ...], says: str, simulator: Simulator
+) -> None:
+    with pytest.raises(errors.DidNotLoad, match=says):
+        expand(wrong, simulator)
