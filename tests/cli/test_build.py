@@ -31,7 +31,7 @@ def built(folder: Path, scene: str = "a.toml", *more: str) -> Result:
     return taction("build", scene, "-o", str(folder), *more)
 
 
-def test_the_folder_holds_all_that_a_builder_needs(folder: Path) -> None:
+def test_the_folder_holds_all_that_a_builder_needs_also_of_a_board_that_fails(folder: Path) -> None:
     found = built(folder)
     assert found.exit_code == 0
     assert found.stdout.rstrip().endswith("PASS")
@@ -43,6 +43,10 @@ def test_the_folder_holds_all_that_a_builder_needs(folder: Path) -> None:
     drawn = {file.name for file in (folder / "kicad").iterdir()}
     assert {"fast.kicad_pro", "fast.kicad_sch", "channel-3.kicad_sch", "row-3.kicad_sch"} <= drawn
     assert (folder / "report.html").read_text().rstrip().endswith("</html>")
+    found = built(folder, "slow.toml")
+    assert found.exit_code == 1
+    assert found.stdout.rstrip().endswith("FAIL")
+    assert {file.name for file in folder.iterdir()} == OWN
 
 
 def test_a_second_time_replaces_the_files(folder: Path) -> None:
@@ -54,13 +58,6 @@ def test_a_second_time_replaces_the_files(folder: Path) -> None:
     assert before.keys() == after.keys()
     changed = {file.name for file in before if before[file] != after[file]}
     assert {"parts.csv", "wiring.csv", "deck.cir", "report.html", "channel-1.kicad_sch"} <= changed
-
-
-def test_a_board_that_fails_is_built_with_status_1(folder: Path) -> None:
-    found = built(folder, "slow.toml")
-    assert found.exit_code == 1
-    assert found.stdout.rstrip().endswith("FAIL")
-    assert {file.name for file in folder.iterdir()} == OWN
 
 
 def test_without_a_verdict_the_other_files_are_written(

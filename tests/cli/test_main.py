@@ -163,11 +163,20 @@ def folder(boards: Path) -> Path:
     return boards
 
 
-def test_every_schema_has_a_command_and_every_command_a_schema() -> None:
+def test_the_published_schemas_are_valid_without_open_parts_and_those_of_all_commands() -> None:
     names = {name.partition(",")[0] for name in LINES}
     assert names == set(MODELS) - {"explore"}  # which serves until Ctrl-C: `test_explore`
     known = {name.partition("-")[0] for name in MODELS}
     assert known == set(COMMANDS) - {"mcp"} | {"error"}  # its stdout is the protocol's
+    published = {path.name: path.read_text(encoding="utf-8") for path in FOLDER.glob("*.json")}
+    assert published == dict(schemas()), "run: make schemas"
+    for file, text in published.items():
+        known = json.loads(text)
+        jsonschema.Draft202012Validator.check_schema(known)
+        assert f"{known['$id']}.json" == file
+    verdict = json.loads(published["verify-2.json"])
+    assert verdict["properties"]["settling_time"]["unit"] == "s"
+    assert [place for name in MODELS for place in open_parts(schema(name), name)] == []
 
 
 @pytest.mark.usefixtures("folder", "quick_stories")
@@ -208,18 +217,6 @@ def open_parts(part: Any, place: str) -> list[str]:
         inside = f"{place}.{key}" if key not in ("$defs", "anyOf", "items") else place
         found += open_parts(part[key], inside)
     return found
-
-
-def test_the_published_schemas_are_valid_without_open_parts_and_those_of_the_models() -> None:
-    published = {path.name: path.read_text(encoding="utf-8") for path in FOLDER.glob("*.json")}
-    assert published == dict(schemas()), "run: make schemas"
-    for file, text in published.items():
-        known = json.loads(text)
-        jsonschema.Draft202012Validator.check_schema(known)
-        assert f"{known['$id']}.json" == file
-    verdict = json.loads(published["verify-2.json"])
-    assert verdict["properties"]["settling_time"]["unit"] == "s"
-    assert [place for name in MODELS for place in open_parts(schema(name), name)] == []
 
 
 def test_lines_become_rare(

@@ -62,7 +62,7 @@ def record(settling: float = 1e-4, headroom: float = 0.5, outcome: str = "pass")
     return make_record(outcome=outcome, settling_time=settling, checks=checks, reason=reason)
 
 
-def test_the_grid_has_values_that_can_be_bought() -> None:
+def test_the_grid_has_values_that_can_be_bought_and_op_amps_that_work_at_the_supply() -> None:
     plan = choice_plan(scene(), ["tl084"], points=9)
     farads, ohms = (values_of(plan, path) for path in (CAPACITANCE, GAIN))
     assert (plan.points, len(farads), len(ohms)) == (81, 9, 9)
@@ -72,6 +72,8 @@ def test_the_grid_has_values_that_can_be_bought() -> None:
     design = plan.scene.design
     assert design.lam == pytest.approx(0.0224385, rel=1e-5)
     assert design.opamp.level == "small-signal"  # above 90 % of a limit: inconclusive
+    plan = choice_plan(scene(), ["ua741", "opa189"], points=2, limits={"design.supply": 2.5})
+    assert (plan.scene.design.opamp.base, plan.shape) == ("opa189", (2, 2, 2))
 
 
 def test_ngspice_contradicts_every_one_of_the_best() -> None:
@@ -100,11 +102,6 @@ def test_requests_that_cannot_be(names: list[str], asked: dict[str, Any], text: 
         choice_plan(scene(), names, **asked)
 
 
-def test_an_op_amp_that_does_not_work_at_the_supply_costs_only_its_own_designs() -> None:
-    plan = choice_plan(scene(), ["ua741", "opa189"], points=2, limits={"design.supply": 2.5})
-    assert (plan.scene.design.opamp.base, plan.shape) == ("opa189", (2, 2, 2))
-
-
 def test_the_order_is_that_of_the_worst_share() -> None:
     """Settling 0.1 of 1 ms and headroom 0.5 of 0.9: 0.56; margin 2 (of the scene) of 2.5: 0.8."""
     made = {0: record(), 1: record(settling=9e-4), 2: record(headroom=0.8)}
@@ -127,7 +124,7 @@ def ranked(plan: Plan, made: dict[int, Record]) -> list[Any]:
         return designs(plan, store)
 
 
-def test_parts_that_cannot_be_bought_are_never_best() -> None:
+def test_parts_that_cannot_be_bought_and_unstable_boards_are_never_best() -> None:
     """R = 1/(lambda s G0²) is 16.6 Mohm at s = 2 Mohm; C = 1 pF is below the stray 2.05 pF."""
     plan = choice_plan(scene(), ["tl084"], {CAPACITANCE: "1pF:10pF", GAIN: "2M:2.4M"}, 2)
     found = ranked(plan, {k: record() for k in range(4)})
@@ -135,9 +132,6 @@ def test_parts_that_cannot_be_bought_are_never_best() -> None:
     refused = {design.place: design.refused for design in found}
     assert "resistors R above 10 Mohm" in refused[2]
     assert "capacitors C below the stray capacitance" in refused[1]
-
-
-def test_an_unstable_design_has_no_share() -> None:
     plan = choice_plan(scene(), ["tl084"], {CAPACITANCE: "10pF:10pF", GAIN: "1M:1M"}, 1)
     (design,) = ranked(plan, {0: replace(record(outcome="fail"), stable=False)})
     assert (design.shares, design.settling_time) == ({}, float("inf"))

@@ -76,14 +76,11 @@ def test_op_amps_that_cannot_follow_are_named() -> None:
     assert "slope of op-amp" in text
 
 
-def test_the_gain_leaves_lambda(start: Settings) -> None:
+def test_a_moved_board_keeps_lambda_and_has_the_verdict_of_verify(start: Settings) -> None:
     settings = start.moved({GAIN: 3e6})
     before, after = BoardView(start.original), BoardView(settings.scene())
     assert after.answer.target == pytest.approx(before.answer.target, rel=1e-9)
     assert settings.changes()[LAMBDA] == start.control(LAMBDA).own
-
-
-def test_a_verdict_is_that_of_verify(start: Settings) -> None:
     scene = start.moved({CAPACITANCE: 1.5e-11}).scene()
     found, verdict = judge(scene), taction.verify(scene, engine="statespace")
     assert found.record.value("settling_time") == verdict.measurements.settling_time.value

@@ -61,13 +61,10 @@ def errors(grade: float, count: int) -> Floats:
     return np.array(found)
 
 
-def test_two_percent_of_the_boards_exceed_the_predicted_error(scene: Scene) -> None:
+def test_the_limits_are_those_that_most_boards_keep(scene: Scene) -> None:
     predicted = exceeded(with_values(scene, {"tolerances.resistor": 0.01}))
     drawn = float(np.quantile(errors(0.01, 4000), 0.98))
     assert predicted == pytest.approx(drawn, rel=0.1)
-
-
-def test_the_limits_are_those_that_most_boards_keep(scene: Scene) -> None:
     limited, note = with_limits(scene)
     grade, limit = limited.tolerances.resistor, limited.checks.steady_state.tolerance
     assert grade in GRADES

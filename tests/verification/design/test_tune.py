@@ -81,12 +81,23 @@ def test_ngspice_verifies_what_was_found(ngspice: str) -> None:
     assert settling.value == pytest.approx(found.after.settling_time, rel=0.05)
 
 
-def test_the_scene_s_own_limits_are_the_defaults(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_limits_of_the_scene_are_the_defaults_and_a_range_is_kept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(tune_module, "GRID", {1: 5})
     asked = scene(checks={"overshoot": {"max": 0.07}, "stability": {"margin": 1.2}})
     found = tune(asked)
     assert (found.overshoot_limit, found.margin) == (0.07, 1.2)
     assert tune(scene()).overshoot_limit == tune_module.OVERSHOOT
+    found = tune(scene(), ["gain=100k:120k"], overshoot=0.02)
+    assert 1e5 <= found.after.values["design.gain"] <= 1.2e5
+    assert found.at_edges == {"design.gain": 1.2e5}
+    assert not tuned().at_edges
+    # The gain would like to grow beyond the 40 Mohm that the scene has.
+    design = DESIGN | {"gain": "40Mohm", "unit_conductance": "50nS", "capacitance": "100pF"}
+    huge = make_scene({"channels": 2, "span": 1.2}, design=design | {"opamp": "ideal"})
+    found = tune(huge, ["gain=10M:400M"], overshoot=0.9)
+    assert found.after.values["design.gain"] <= 1.05 * 40e6
 
 
 @pytest.mark.parametrize(
@@ -136,23 +147,6 @@ def test_values_are_those_of_the_series(monkeypatch: pytest.MonkeyPatch) -> None
     assert f"{farads:.1e}"[:3] in {"1.0", "1.5", "2.2", "3.3", "4.7", "6.8"}
     steps = [round(10 ** (k / 96), 2) for k in range(96)]  # IEC 60063
     assert min(abs(float(f"{ohms:.3e}"[:5]) - step) for step in steps) < 1e-9
-
-
-def test_a_range_is_kept_and_its_edge_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tune_module, "GRID", {1: 5})
-    found = tune(scene(), ["gain=100k:120k"], overshoot=0.02)
-    assert 1e5 <= found.after.values["design.gain"] <= 1.2e5
-    assert found.at_edges == {"design.gain": 1.2e5}
-    assert not tuned().at_edges
-
-
-def test_resistors_that_nobody_sells_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The gain would like to grow beyond the 40 Mohm that the scene has."""
-    monkeypatch.setattr(tune_module, "GRID", {1: 5})
-    design = DESIGN | {"gain": "40Mohm", "unit_conductance": "50nS", "capacitance": "100pF"}
-    huge = make_scene({"channels": 2, "span": 1.2}, design=design | {"opamp": "ideal"})
-    found = tune(huge, ["gain=10M:400M"], overshoot=0.9)
-    assert found.after.values["design.gain"] <= 1.05 * 40e6
 
 
 def shipped(name: str, opamp: str) -> Scene:
@@ -268,16 +262,13 @@ def value_of(found: Search | None, path: str = C) -> float:
     return float(trial.values[path])
 
 
-def test_the_nearest_value_that_passes_on_either_side() -> None:
+def test_the_nearest_value_that_passes_on_either_side_as_far_as_the_work_reaches() -> None:
     found = search(trials(lambda c, _: ["stable"] if c < 3.14159 else []), C)
     assert 3.14159 <= value_of(found) / 1e-11 < 3.14159 * 1.2
     found = search(trials(lambda c, _: ["fast"] if 0.8 < c < 2.0 else []), C)
     assert 0.72 < value_of(found) / 1e-11 <= 0.8
     found = search(trials(lambda c, _: ["stable"] if c < 2.0 else [], series="E6"), C)
     assert value_of(found) == 2.2e-11
-
-
-def test_work_that_ends_keeps_what_was_found() -> None:
     found = search(trials(lambda c, _: ["fast"] if c < 1.03 else [], most=1), C)
     assert found.found
     assert found.complete

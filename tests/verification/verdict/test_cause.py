@@ -137,15 +137,12 @@ def test_the_network_settles_with_its_last_channel_within_the_bounds_of_all() ->
     assert found.uncertainty == pytest.approx(2.01e-4)  # the true time is 1.2 ms
 
 
-def test_a_fragile_reading_comes_with_both_values() -> None:
+def test_a_fragile_reading_and_a_faint_damping_are_warnings() -> None:
     fragile = channel(3, rise_time=Reading(10.4e-6, 0.0, True, 4.3e-6))
     (found,) = all_warnings(evidence(fragile))
     assert found == (
         "channel 4: rise time 10.4 us is fragile: 4.3 us with the level shifted by 0.5% of the step"
     )
-
-
-def test_a_faint_damping_is_a_warning_for_a_stable_board_only() -> None:
     (found,) = all_warnings(evidence(poles=rounded_poles(np.array([-50.0 + 1e5j, -50.0 - 1e5j]))))
     assert found.startswith("damping ratio 0.0005: the board nearly oscillates")
     for others in (STABLE, UNSTABLE):

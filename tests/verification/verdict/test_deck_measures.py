@@ -79,14 +79,11 @@ def test_known_readings_are_measured_in_every_dialect(
     assert 21.97e-6 < found["t_rise_2"] < 22.10e-6
 
 
-def test_a_record_that_ends_too_early_has_not_settled(ngspice: str, tmp_path: Path) -> None:
+def test_what_moves_at_the_end_of_a_record_has_not_settled(ngspice: str, tmp_path: Path) -> None:
     deck = measured("known-readings")
     stop = re.search(r"(?m)^\.tran \S+ (\S+)", deck.text)
     text = deck.text.replace(stop[1], "5e-05").replace(repr(0.9 * float(stop[1])), "4.5e-05")
     assert results(replace(deck, text=text), tmp_path)["t_settle"] == 1e99
-
-
-def test_an_oscillation_that_ends_in_the_band_has_not_settled(ngspice: str, tmp_path: Path) -> None:
     scene = load_scene(SCENES / "paper-breadboard.toml")
     data = scene.model_dump(by_alias=True, exclude_unset=True)
     data["design"]["capacitance"] = "8.2pF"  # it oscillates: the paper

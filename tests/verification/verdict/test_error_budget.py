@@ -257,16 +257,13 @@ def test_a_record_states_what_the_verdict_states_and_leads_back() -> None:
         read(Record, {name: value for name, value in data.items() if name != "outcome"})
 
 
-def test_a_failed_verdict_says_why() -> None:
+def test_a_failed_verdict_says_why_and_without_a_verdict_there_is_a_record_too() -> None:
     scene = with_values(small_scene(), {"checks.settling_time.max": 1e-9})
     verdict = verify(scene)
     record = Record.of(verdict)
     assert verdict.outcome is Outcome.FAIL
     assert record.failed == ("settling_time",)
     assert re.fullmatch(r"settles to ±1 % in [\d.]+ [mu]s \(limit: at most 1 ns\)", record.reason)
-
-
-def test_without_a_verdict_there_is_a_record_too() -> None:
     record = Record.without_verdict(SimulationError("a"), "ngspice", "x" * 9000)
     assert (record.outcome, record.failure, len(record.reason)) == (ERROR, "SimulationError", 4000)
     assert set(record.figures.values()) == {None}

@@ -109,6 +109,15 @@ def test_nothing_of_the_users_surroundings_reaches_the_process(
     monkeypatch.setenv("SPICE_ASCIIRAWFILE", "1")
     monkeypatch.chdir(tmp_path)
     assert simulate(transient(), simulator, timeout=30.0).time[-1] == pytest.approx(5e-6)
+    monkeypatch.setenv("LD_LIBRARY_PATH", "/opt/lib")
+    monkeypatch.setenv("SPICE_LIB_DIR", "/elsewhere")
+    assert environment(str(tmp_path)) == {
+        "LC_ALL": "C",
+        "HOME": str(tmp_path),
+        "SPICE_SCRIPTS": ".",
+        "OMP_NUM_THREADS": "1",
+        "LD_LIBRARY_PATH": "/opt/lib",
+    }
 
 
 LOAD = "R9 x 0 1.0"
@@ -240,20 +249,6 @@ def test_variable_overrides_the_path_and_an_argument_overrides_both(
     assert find_simulator(given).version == 42
 
 
-def test_environment_inherits_only_the_loaders_path(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("LD_LIBRARY_PATH", "/opt/lib")
-    monkeypatch.setenv("SPICE_LIB_DIR", "/elsewhere")
-    assert environment(str(tmp_path)) == {
-        "LC_ALL": "C",
-        "HOME": str(tmp_path),
-        "SPICE_SCRIPTS": ".",
-        "OMP_NUM_THREADS": "1",
-        "LD_LIBRARY_PATH": "/opt/lib",
-    }
-
-
 def test_a_run_has_all_that_it_needs(tmp_path: Path) -> None:
     place = make_folder(transient(), "ngspice\n")
     assert place.parent == tmp_path
@@ -270,8 +265,11 @@ LINES = (".param r=1k", "v1 in 0 1", "r1 in out {2*r}", "c1 out 0 1n")
 FLAT = ("v1 in 0 1", "r1 in out 2.000000000000000e+03", "c1 out 0 1n")
 
 
-def test_a_deck_is_listed_flat(simulator: Simulator) -> None:
+def test_a_deck_is_listed_flat_with_little_memory(simulator: Simulator, tmp_path: Path) -> None:
     assert expand(LINES, simulator) == (FLAT,)
+    told = tmp_path / "kilobytes"
+    expand(LINES, wrapped(simulator, tmp_path, f"sleep 0.2; ulimit -v > {told}"))
+    assert int(told.read_text()) == MEMORY // 1024
 
 
 ENDINGS: dict[str, type[errors.SimulationError]] = {
@@ -285,12 +283,6 @@ def test_a_simulator_that_does_not_list_is_told_of(
 ) -> None:
     with pytest.raises(ENDINGS[ending]):
         expand(LINES, wrapped(simulator, tmp_path, ending), seconds=0.3)
-
-
-def test_a_listing_has_little_memory(simulator: Simulator, tmp_path: Path) -> None:
-    told = tmp_path / "kilobytes"
-    expand(LINES, wrapped(simulator, tmp_path, f"sleep 0.2; ulimit -v > {told}"))
-    assert int(told.read_text()) == MEMORY // 1024
 
 
 @pytest.mark.parametrize(

@@ -72,13 +72,10 @@ def test_the_pole_of_a_supply_stands_apart() -> None:
     assert any("no output shows these poles" in note for note in found.notes)
 
 
-def test_the_onset_of_a_wien_bridge() -> None:
+def test_an_onset_and_an_output_at_rest_are_those_of_ngspice() -> None:
     found = taction.check(CASES / "vendor-rdiff-wien.cir", ngspice=False)
     (row,) = [part for part in found.parts if part.name == "R4"]
     assert row.below == pytest.approx(20.001e3, rel=1e-4)
-
-
-def test_an_output_rests_where_ngspice_says() -> None:
     (row,) = taction.check(CASES / "vendor-rdiff-buffer.cir", ngspice=False).outputs
     assert row.rest == pytest.approx(0.99998, rel=1e-5)
     (row,) = taction.check(CASES / "midsupply-ac.cir", ngspice=False).outputs
@@ -255,10 +252,13 @@ def test_a_diode_is_its_conductance(tmp_path: Path) -> None:
     assert "linear about ngspice's operating point" in found.notes[0]
 
 
-def test_a_deck_of_one_node_has_its_voltage(tmp_path: Path) -> None:
+def test_nodes_and_outputs_are_found_by_their_names(tmp_path: Path) -> None:
     """ngspice writes the only vector of a plot as V(1), every other one as v(1)."""
     found = checked(tmp_path, ".model dd d(is=1e-14)\nD1 1 0 dd")
     assert [row.before for row in found.outputs] == pytest.approx([0.0], abs=1e-15)
+    text = "V1 in 0 dc 0 ac 1\nR1 in a 1k\nC1 a 0 1n\nR2 a out 1k\nC2 out 0 1n"
+    found = checked(tmp_path, f"{text}\n.print ac vdb(a) vp(a)")
+    assert [output.name for output in found.outputs] == ["a"]
 
 
 def test_a_charge_of_one_side_adds_no_pole(tmp_path: Path) -> None:
@@ -384,7 +384,7 @@ M4 b a d d p w=20u l=1u
 .print ac v(a)"""
 
 
-def test_a_latch_that_rests_says_where_else_it_would(tmp_path: Path) -> None:
+def test_a_latch_says_where_else_it_would_rest(tmp_path: Path) -> None:
     """One node at 3 V, the other at 0 V, or the other way round."""
     found = checked(tmp_path, INVERTERS)
     assert found.poles.stable is True
@@ -392,10 +392,7 @@ def test_a_latch_that_rests_says_where_else_it_would(tmp_path: Path) -> None:
     assert note.startswith(
         "at least 2 operating points: all that follows is of this one, with v(a)"
     )
-
-
-def test_the_node_that_several_points_differ_at_is_shown(tmp_path: Path) -> None:
-    """The output does not see the latch h, which rests at 0 V, and at -/+ 9.3 V."""
+    # The output does not see the latch h, which rests at 0 V, and at -/+ 9.3 V.
     found = checked(tmp_path, HIDDEN)
     (note,) = [note for note in found.notes if "operating points" in note]
     assert "v(out)" not in note
@@ -464,12 +461,6 @@ def test_the_reason_is_that_of_the_mode_that_reads_most(tmp_path: Path) -> None:
         checked(tmp_path, f"V1 in 0 1\nR1 in 0 1k\nE1 out 0 value={{if(v(in)>0,{terms},0)}}")
 
 
-def test_what_a_deck_prints_in_decibels_is_an_output(tmp_path: Path) -> None:
-    text = "V1 in 0 dc 0 ac 1\nR1 in a 1k\nC1 a 0 1n\nR2 a out 1k\nC2 out 0 1n"
-    found = checked(tmp_path, f"{text}\n.print ac vdb(a) vp(a)")
-    assert [output.name for output in found.outputs] == ["a"]
-
-
 @pytest.mark.parametrize("formula", ["500*i(e1)", "tanh(500*i(e1)+0.5)"])
 def test_the_current_of_a_source_with_gain_is_not_that_of_another_part(
     formula: str, tmp_path: Path
@@ -494,6 +485,9 @@ def test_a_capacitance_of_nothing_is_left_out(tmp_path: Path) -> None:
     found = checked(tmp_path, "V1 in 0 1\nR1 in out 1k\nC1 out 0 1n\nR2 in x 1\nC2 x 0 1e-30")
     assert [pole.real for pole in found.poles.poles] == pytest.approx([-1e6])
     assert "less than 1e-23 F, so left out: C2" in found.notes
+    found = checked(tmp_path, f"{AREA}\nD2 0 out m 400e-12")
+    assert any("left out: D1, D2" in note for note in found.notes)
+    assert found.poles.poles == pytest.approx([-1.0 / (1e3 * 6e-9)], rel=1e-6)
 
 
 AREA = """.model m d is=1e-8 cjo=10f
@@ -501,12 +495,6 @@ Vin in 0 DC 1 AC 1
 D1 0 in m 400e-12
 R1 in out 1k
 C1 out 0 6n"""  # 2 aF at the source, and so a pole of 1e17 times that of C1
-
-
-def test_a_capacitance_of_nothing_of_a_device_is_left_out(tmp_path: Path) -> None:
-    found = checked(tmp_path, f"{AREA}\nD2 0 out m 400e-12")
-    assert any("left out: D1, D2" in note for note in found.notes)
-    assert found.poles.poles == pytest.approx([-1.0 / (1e3 * 6e-9)], rel=1e-6)
 
 
 def test_a_capacitance_that_moves_an_output_is_not_left_out_in_silence(tmp_path: Path) -> None:

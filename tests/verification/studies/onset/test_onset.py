@@ -129,9 +129,6 @@ def test_an_exponential_board_is_taken_at_the_equilibrium_of_each_value(ngspice:
     assert finding.crossing.value == pytest.approx(6.829e6, rel=1e-3)
     check_sides(finding)
     assert found.outcome == "pass"
-
-
-def test_a_mode_hidden_by_a_faster_instability_is_left_undecided(ngspice: str) -> None:
     scene = load_scene(EXPONENTIAL)
     found = onset(scene, over="gain=10M:20M:7")
     (finding,) = found.findings

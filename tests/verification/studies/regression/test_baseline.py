@@ -133,14 +133,11 @@ def against(
     return compare_entry(entry(**now), entry(**then), table)
 
 
-def test_the_same_is_no_tolerance_off() -> None:
+def test_an_entry_is_off_by_its_distance_over_absolute_plus_relative() -> None:
     found = against({})
     assert not any(d.beyond for d in found)
     assert {d.group for d in found} == {"checks", "states", "channels", "figures"}
     assert max(d.off for d in found) == 0.0
-
-
-def test_a_level_is_off_by_its_distance_over_absolute_plus_relative() -> None:
     found = against(
         {"channels": [channel(final=1.01, overshoot=0.26)]},
         {"levels": {"relative": 0.01, "absolute": 0.001}},
@@ -154,9 +151,6 @@ def test_a_level_is_off_by_its_distance_over_absolute_plus_relative() -> None:
     assert overshoot.off == pytest.approx(0.01 / 0.0035)
     assert (final.beyond, overshoot.beyond) == (False, True)
     assert (final.unit, overshoot.unit) == ("V", "step")
-
-
-def test_a_pole_s_absolute_tolerance_counts_in_its_magnitude() -> None:
     found = against({"growth_rate": -0.5}, growth_rate=-1e-3, frequency=1e6 / math.tau)
     growth = find(found, "growth_rate")
     assert growth.allowed == pytest.approx(1e-6 * 1e6 + 1e-3 * 1e-3)

@@ -47,7 +47,7 @@ def put(store: Store, number: int, outcome: str = "pass") -> None:
     store.put(key(number), Row(outcome, number / 7))
 
 
-def test_a_result_comes_back_as_it_was_from_the_one_file(tmp_path: Path) -> None:
+def test_a_result_comes_back_as_it_was_and_only_an_error_is_replaced(tmp_path: Path) -> None:
     with Store(str(tmp_path / "a.sqlite")) as store:
         put(store, 1)
         assert store.record_of(key(1), Row) == Row("pass", 1 / 7)
@@ -57,14 +57,10 @@ def test_a_result_comes_back_as_it_was_from_the_one_file(tmp_path: Path) -> None
     (tmp_path / "copy.sqlite").write_bytes((tmp_path / "a.sqlite").read_bytes())
     with Store(str(tmp_path / "copy.sqlite")) as copy:
         assert copy.record_of(key(1), Row) == Row("pass", 1 / 7)
-
-
-def test_only_an_error_is_replaced(tmp_path: Path) -> None:
     with Store(str(tmp_path / "a.sqlite")) as store:
-        put(store, 1, "error")
-        put(store, 1, "fail")
-        put(store, 1, "pass")
-        assert store.outcome_of(key(1)) == "fail"
+        for outcome in ("error", "fail", "pass"):
+            put(store, 3, outcome)
+        assert store.outcome_of(key(3)) == "fail"
 
 
 def executed(statement: str, *values: str) -> Callable[[Path], None]:

@@ -270,16 +270,15 @@ def test_json_has_one_record_a_point(folder: Path) -> None:
     assert (again["ran"], again["points"]) == (0, document["points"])
 
 
-def test_a_strict_sweep_ends_with_1_if_a_point_fails(folder: Path) -> None:
+def test_the_status_is_1_if_a_point_fails_of_a_strict_sweep_and_3_without_a_verdict(
+    folder: Path,
+) -> None:
     failing = ("--over", "checks.steady_state.tolerance=1e-15,0.5", "-o", "a.sqlite")
     assert taction(*failing).exit_code == 0
     done = taction(*failing, "--strict")
     assert done.exit_code == 1, done.output
     assert "1 pass, 1 fail" in done.stdout
     assert taction("--over", "checks.steady_state.tolerance=0.4,0.5", "--strict").exit_code == 0
-
-
-def test_no_verdict_at_any_point_ends_with_3(folder: Path) -> None:
     done = taction("--over", "R=100M,200M", "--fix", "topology=passive")
     assert done.exit_code == 3, done.output
     assert "the same command computes the points without a verdict" in done.stdout
